@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from threading import Event, Lock, Thread
-from typing import Protocol
+from typing import Protocol, TextIO
 
 Report = Callable[[str, int, int], None]
 """Called with (what is being done, done, in all)."""
@@ -46,8 +46,9 @@ class State:
 
     def now(self) -> tuple[str, int, int]:
         """Return what is being done, the amount done and the whole amount: those of compilation while there is one."""
-        jit = sys.modules.get("mjsheaf.jit")  # not loaded for this: it takes long
-        compiled = jit.compiling() if jit else None
+        # It is not loaded for this, which takes long; while it is being loaded it lacks the function.
+        compiling = getattr(sys.modules.get("mjsheaf.jit"), "compiling", None)
+        compiled = compiling() if compiling else None
         if compiled:
             what = "compiling the loops for this machine, once"
             return f"{what}: function" if compiled[1] > 1 else what, *compiled
@@ -111,9 +112,10 @@ class Notebook:
 
 
 class Lines:
-    """Lines on stdout: one at once, then one every two seconds."""
+    """Lines on a stream: one at once, then one every two seconds."""
 
-    def __init__(self) -> None:
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
         self._due = 0.0
 
     def update(self, state: State) -> None:
@@ -124,7 +126,7 @@ class Lines:
         what, done, total = state.now()
         share = f" {done} of {total} ({100 * done // total} %)" if total > 1 else ""
         with suppress(OSError, ValueError):  # the reader went away, or the stream is closed
-            print(f"{what}{share}, {state.seconds:.0f} s since the start", flush=True)
+            print(f"{what}{share}, {state.seconds:.0f} s since the start", file=self._stream, flush=True)
 
     def close(self) -> None:
         """Leave the lines."""

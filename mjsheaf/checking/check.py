@@ -28,6 +28,7 @@ from mjsheaf.checking.theorem.certificate import Assumption, Certificate, Search
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
+from mjsheaf.checking.topology.connecting import suggest_edges
 from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
 from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho
@@ -165,6 +166,9 @@ class CheckRecord(Record):
     law: LawLoop
     links: LinkRecord | None = Field(description="what links do to the law; null without a held law")
     steady: SteadyError
+    topology_fix: str = Field(
+        description="edges that would make assumption 5 hold, the shortest ones; empty if it holds"
+    )
     proposals: list[Proposal] = Field(
         description="laws whose bound is at most the wanted radius, cheapest of each kind"
     )
@@ -412,6 +416,7 @@ def _examine_one(
         theorem=_theorem(search, certificate, radius),
         law=law,
         links=links,
+        topology_fix=suggest_edges(system.team, system.initial),
         steady=steady_error(system, certificate, law.rate),
         proposals=proposals,
         targets=targets,

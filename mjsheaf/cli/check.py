@@ -32,6 +32,7 @@ def check(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the record as JSON (see mjsheaf schema --check).")
     ] = False,
+    full: Annotated[bool, typer.Option("--full", help="Print the whole report, not only the answer.")] = False,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -66,18 +67,22 @@ def check(
     figures = _figures_of(plot, formats, title)
     import json
 
-    with progress_bars("checking", lines=not as_json):
+    with progress_bars("loading", lines=None):
         from mjsheaf.checking import examine_scenario
         from mjsheaf.checking.report import report
+        from mjsheaf.checking.screen import screen
         from mjsheaf.scenario import load_scenario
 
         loaded = load_scenario(scenario, changes_of(overrides))
+    with progress_bars("checking", lines="stderr"):  # the answer alone is on stdout
         examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
         record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
-    else:
+    elif full:
         make_console().print(report(record))
+    else:
+        print_lines(*screen(record, scenario))
     if plot is not None:
         drawn = _draw(examination, figures, plot)
         if not as_json:

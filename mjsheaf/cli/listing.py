@@ -162,7 +162,7 @@ def bench(
     Topics: ideal, loop, fused, threads, assembly, sheaf; with mjsheaf's source tree also startup, peers, hardware,
     video and memory.
     """
-    with progress_bars(lines=not as_json) as bars:
+    with progress_bars(lines=None if as_json else "stdout") as bars:
         from mjsheaf.bench import run_bench
 
         found = run_bench(topics, short=not full, peers=peers, progress=bars)

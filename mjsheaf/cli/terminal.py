@@ -13,8 +13,9 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from mjsheaf.errors import printable
 
@@ -160,20 +161,23 @@ def print_note(text: str) -> None:
 
 
 @contextmanager
-def progress_bars(what: str = "loading", *, lines: bool = True) -> Iterator[Callable[[str, int, int], None]]:
+def progress_bars(
+    what: str = "loading", *, lines: Literal["stdout", "stderr"] | None = "stdout"
+) -> Iterator[Callable[[str, int, int], None]]:
     """Yield a function of (what is being done, done, in all) that shows it: in a bar on stderr if that is a terminal.
 
-    Otherwise there are lines on stdout, if `lines` may stand there: stderr is for the one line of an error. Either
-    shows within a second that something is done, also that loops are being compiled. Each call ends the work if a
-    signal has asked for that.
+    Otherwise it writes lines. Either shows within a second that something is done, also that loops are being compiled.
+    Each call ends the work if a signal has asked for that.
 
     Args:
         what: What is being done until the first call.
-        lines: False if stdout is for something else.
+        lines: Stream for lines; None writes none.
     """
-    from mjsheaf.progress import Lines, Terminal, displaying
+    from mjsheaf.progress import Lines, Terminal, View, displaying
 
-    view = Terminal if sys.stderr.isatty() else Lines if lines else None
+    view: Callable[[], View] | None = partial(Lines, getattr(sys, lines)) if lines else None
+    if sys.stderr.isatty():
+        view = Terminal
     with displaying(view, what) as show:
 
         def report(what: str, done: int, total: int) -> None:

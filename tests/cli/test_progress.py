@@ -28,7 +28,7 @@ def test_there_is_a_line_within_a_second_and_every_two_seconds(monkeypatch: pyte
     assert progress.BETWEEN_LINES + progress._INTERVAL <= 2.2
     now = 100.0
     monkeypatch.setattr("time.monotonic", lambda: now)
-    state, lines = progress.State("working"), progress.Lines()
+    state, lines = progress.State("working"), progress.Lines(sys.stdout)
     printed: list[float] = []
     monkeypatch.setattr("builtins.print", lambda *_, **__: printed.append(now))
     for _ in range(100):
@@ -62,7 +62,7 @@ def test_what_is_short_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_prints_json_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     streams = redirect(monkeypatch)
     monkeypatch.setattr(progress, "DELAY", 0.0)
-    with terminal.progress_bars(lines=False) as report:
+    with terminal.progress_bars(lines=None) as report:
         for done in range(10):
             report("measuring", done, 10)
             time.sleep(0.03)

@@ -1,0 +1,185 @@
+"""The answer of `mjsheaf check` on one screen: the verdict, what fails and how to fix it, and five numbers."""
+
+from collections.abc import Iterator
+from textwrap import wrap
+
+from mjsheaf.checking.check import CheckRecord, PhaseRecord
+from mjsheaf.checking.proposals import Proposal
+from mjsheaf.checking.theorem.certificate import Assumption
+
+MAX_LINES = 45
+"""Largest number of lines of the answer."""
+
+WIDTH = 100
+"""Largest width of a line."""
+
+_MAX_FAILURES = 6
+_MAX_LINES_OF_A_FAILURE = 5
+_MAX_NOTES = 4
+_LABEL = 22
+
+
+def screen(record: CheckRecord, name: str) -> list[str]:
+    """Return the answer as lines of text.
+
+    Args:
+        record: Record of the check.
+        name: Scenario as the user named it, for the command that prints the whole report.
+    """
+    lines = _wrapped(f"{record.scenario}: {_headline(record)}", "")
+    failures = list(_failures(record))
+    for failure in failures[:_MAX_FAILURES]:
+        lines += ["", *failure[:_MAX_LINES_OF_A_FAILURE]]
+    if len(failures) > _MAX_FAILURES:
+        lines += ["", f"... and {len(failures) - _MAX_FAILURES} more"]
+    lines += ["", *_numbers(record)]
+    if later := [p for p in record.phases[1:] if not p.ok]:
+        lines += ["", *_phases(later, len(record.phases))]
+    notes = [line for note in record.notes[:_MAX_NOTES] for line in _wrapped(f"note: {note}", "  ")[:2]]
+    lines += ["", *notes] if notes else []
+    ending = ["", f"mjsheaf check {name} --full prints the whole report."]
+    return lines[: MAX_LINES - len(ending)] + ending
+
+
+def _headline(record: CheckRecord) -> str:
+    judged = [a for a in record.assumptions if a.applies]
+    failed = [a for a in judged if a.verdict == "fails"]
+    undecided = [a for a in judged if a.verdict == "undecided"]
+    problems = [f"{_count(failed)} fails" if len(failed) == 1 else f"{_count(failed)} fail"] if failed else []
+    problems += [f"{_count(undecided)} undecided"] if undecided else []
+    problems += [text for text, _ in _unstable(record)]
+    if problems:
+        return "NOT OK: " + "; ".join(problems)
+    if not record.ok:
+        return "NOT OK in a later phase"
+    every = "all assumptions that apply hold" if len(judged) < len(record.assumptions) else "all 7 assumptions hold"
+    where = "on ideal kinematics"
+    if record.margins.bodies.stable:
+        where += " and on the vehicles"
+    loop = f", and the loop is stable {where}" if record.law.stable else ""
+    return f"OK: {every}{loop}"
+
+
+def _count(assumptions: list[Assumption]) -> str:
+    numbers = ", ".join(str(a.number) for a in assumptions)
+    return f"assumption {numbers}" if len(assumptions) == 1 else f"assumptions {numbers}"
+
+
+def _unstable(record: CheckRecord) -> Iterator[tuple[str, str]]:
+    """Yield the loops that are not stable, and what would make them so."""
+    law = record.law
+    if law.unmodelled:
+        yield "the law is undecided", f"check has no model of {', '.join(law.unmodelled)}"
+    if law.stable is False:
+        gains = law.stable_gains
+        fix = f"set controller.gain between {gains[0]:.3g} and {gains[1]:.3g} 1/s" if gains else "no gain is stable"
+        yield "the sampled loop is unstable", fix
+    if record.links is not None and record.links.stable is False:
+        margin = record.links.delay_margin
+        fix = "lower controller.gain, or use links with less delay and loss"
+        yield "the loop over the links is unstable", fix if margin is None else f"{fix} (margin {margin:.3g} s)"
+    if record.margins.bodies.stable is False:
+        largest = record.margins.bodies.largest_gain
+        fix = "lower controller.gain" if largest is None else f"set controller.gain below {largest:.3g} 1/s"
+        yield "the loop of the vehicles is unstable", fix
+    if record.targets.unstable:
+        yield "the targets' own law is unstable", record.targets.verdict()
+
+
+def _failures(record: CheckRecord) -> Iterator[list[str]]:
+    """Yield what fails or is undecided, each with the reason and the smallest fix."""
+    for a in record.assumptions:
+        if a.verdict not in ("fails", "undecided"):
+            continue
+        lines = _wrapped(f"Assumption {a.number} {a.verdict}: {a.name}.", "  ")
+        lines += _wrapped(f"Why: {a.witness}.", "    ", "  ")
+        if fix := _fix(record, a.number):
+            lines += _wrapped(f"Fix: {fix}.", "    ", "  ")
+        yield lines
+    for problem, fix in _unstable(record):
+        yield [*_wrapped(problem[0].upper() + problem[1:] + ".", "  "), *_wrapped(f"Fix: {fix}.", "    ", "  ")]
+
+
+def _fix(record: CheckRecord, number: int) -> str:
+    """Return the smallest change that makes an assumption hold, or nothing."""
+    plan = record.relative_cohomology.mending
+    if number == 5:
+        return record.topology_fix
+    if number == 6 and plan is not None:
+        repairs = "; ".join(repair.description for repair in plan.repairs)
+        others = [f"; or {'; '.join(other)}" for other in plan.alternatives[:1]]
+        return repairs + "".join(others)
+    return ""
+
+
+def _numbers(record: CheckRecord) -> Iterator[str]:
+    """Yield the five numbers and the fragility."""
+    steady, law, bodies = record.steady, record.law, record.margins.bodies
+    as_if = "" if steady.exact_links else ", as if links were exact"
+    if steady.ideal is None:
+        error = f"not known: {steady.reason}"
+    else:
+        on_bodies = "not known" if steady.bodies is None else f"{steady.bodies:.3g} m"
+        error = f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles"
+        error += f" (RMS over agents, second half{as_if})"
+        if steady.bodies is None:
+            error += f"; vehicles: {steady.reason_on_bodies}"
+        if steady.limited:
+            error += f"; {_listed(steady.limited)} would exceed the speed limit, so expect more"
+    yield from _row("tracking error", error)
+    gains = [f"{law.largest_gain:.4g} 1/s on ideal kinematics" if law.largest_gain is not None else ""]
+    gains += [f"{bodies.largest_gain:.4g} 1/s on the vehicles" if bodies.largest_gain is not None else ""]
+    known = ", ".join(text for text in gains if text) or "not known"
+    yield from _row("largest gain", f"{known}; it is {record.theorem.gain:.4g} 1/s")
+    margin = None if record.links is None else record.links.delay_margin
+    delay = "not known" if margin is None else f"{margin:.3g} s on all links alike"
+    yield from _row("delay margin", delay)
+    yield from _row("better law", _better(record.proposals, record.theorem.wanted_radius, as_if))
+    critical = record.fragility.critical_count
+    first = [f"{loss.name} ({loss.kind})" for loss in record.fragility.critical[:3]]
+    fragile = "no single loss breaks an assumption"
+    if critical:
+        rest = f", or one of {critical - len(first)} more," if critical > len(first) else ""
+        fragile = f"losing {' or '.join(first)}{rest} breaks an assumption"
+    yield from _row("fragility", fragile)
+
+
+def _better(proposals: list[Proposal], radius: float, as_if: str) -> str:
+    """Return the law with the smallest bound among those that are stable on the vehicles."""
+    usable = [p for p in proposals if p.stable_on_bodies is not False]
+    if not usable:
+        return f"none found with a certified error of at most {radius:g} m"
+    best = min(usable, key=lambda p: p.bound_per_agent)
+    fields = ", ".join(f"{key}: {_value(value)}" for key, value in best.controller.items() if value is not None)
+    cost = f", {best.exchanges:.4g} exchanges a second" if best.exchanges else ""
+    return f"{fields} (error at most {best.bound_per_agent:.3g} m, RMS over agents{as_if}{cost})"
+
+
+def _value(value: object) -> str:
+    """Return a value as a scenario file has it, without fields that are 0 or false as they are by default."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_value(inner)}" for key, inner in value.items() if inner) + "}"
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else f"{value}"
+
+
+def _phases(later: list[PhaseRecord], count: int) -> Iterator[str]:
+    """Yield the phases in which the check does not hold."""
+    yield f"Not ok in {len(later)} of {count} phases:"
+    for phase in later[:3]:
+        failed = [str(a.number) for a in phase.assumptions if a.verdict in ("fails", "undecided")]
+        what = f"assumption {', '.join(failed)}" if failed else "a loop is unstable or undecided"
+        yield from _wrapped(f"from {phase.start:g} s ({', '.join(phase.events)}): {what}", "    ", "  ")[:2]
+
+
+def _listed(ids: list[str]) -> str:
+    shown = ", ".join(ids[:3])
+    return shown if len(ids) <= 3 else f"{shown} and {len(ids) - 3} others"
+
+
+def _row(label: str, text: str) -> list[str]:
+    return _wrapped(text, " " * _LABEL, f"{label:<{_LABEL}}")[:3]
+
+
+def _wrapped(text: str, indent: str, first: str = "") -> list[str]:
+    """Break a text into lines of at most WIDTH characters."""
+    return wrap(text, WIDTH, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False)

@@ -1,0 +1,60 @@
+"""The smallest set of edges that connects the agents and lets every target be sensed (Assumption 5)."""
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.spatial.distance import cdist
+
+from mjsheaf.arrays import Array
+from mjsheaf.team import Team
+
+_MAX_AGENTS = 1500  # of a team, for which distances of all pairs are computed
+_MAX_LISTED = 3
+
+
+def suggest_edges(team: Team, positions: Array) -> str:
+    """Return edges that would make Assumption 5 hold, the shortest ones, as a sentence; empty where it holds.
+
+    Args:
+        team: The team.
+        positions: Positions of all vehicles, padded, shape (V, 3), m.
+    """
+    N = len(team.agents)
+    if N > _MAX_AGENTS:
+        return ""
+    places = np.nan_to_num(positions)
+    distances = cdist(places, places)
+    edges = _between_parts(team, distances[:N, :N])
+    sensed = {e.head for e in team.sensing}
+    unseen = [t for t in team.target_ids if t not in sensed]
+    agents = np.flatnonzero(team.present)
+    senses = [f"[{team.agents[agents[distances[team.index[t], agents].argmin()]].id}, {t}]" for t in unseen]
+    parts = [f"add communication {_listed(edges)}" if edges else "", f"add sensing {_listed(senses)}" if senses else ""]
+    return " and ".join(part for part in parts if part)
+
+
+def _between_parts(team: Team, distances: Array) -> list[str]:
+    """Return the shortest edges that connect the parts of the agents' graph: one fewer than there are parts."""
+    N = len(distances)
+    ends = [(team.index[e.tail], team.index[e.head]) for e in team.communication]
+    tails, heads = np.array(ends, dtype=np.int64).reshape(-1, 2).T
+    graph = sparse.coo_array((np.ones(len(ends)), (tails, heads)), shape=(N, N))
+    count, part = connected_components(graph, directed=False)
+    present = team.present
+    apart = (part[:, None] != part) & present[:, None] & present
+    nearest: dict[tuple[int, int], tuple[float, int, int]] = {}
+    for i, j in zip(*np.nonzero(np.triu(apart)), strict=True):
+        pair = (min(part[i], part[j]), max(part[i], part[j]))
+        candidate = (float(distances[i, j]), int(i), int(j))
+        nearest[pair] = min(nearest.get(pair, candidate), candidate)
+    lengths = sparse.lil_array((count, count))
+    for (a, b), (length, _, _) in nearest.items():
+        lengths[a, b] = length + 1e-9
+    tree = minimum_spanning_tree(lengths.tocsr()).tocoo()
+    chosen = [nearest[min(a, b), max(a, b)] for a, b in zip(tree.row.tolist(), tree.col.tolist(), strict=True)]
+    return [f"[{team.agents[i].id}, {team.agents[j].id}]" for _, i, j in sorted(chosen)]
+
+
+def _listed(edges: list[str]) -> str:
+    shown = ", ".join(edges[:_MAX_LISTED])
+    return shown if len(edges) <= _MAX_LISTED else f"{shown} and {len(edges) - _MAX_LISTED} others"
