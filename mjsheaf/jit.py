@@ -24,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
+from mjsheaf.waiting import compile_in_one_process
+from mjsheaf.waiting import is_waiting as is_waiting
 
 try:
     from numba import config, njit
@@ -197,6 +199,7 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
         compiled = njit(**own)(function)
     if cached:
         _drop_stale_code(compiled.stats.cache_path, Path(inspect.getfile(function)).resolve())
+        compile_in_one_process(compiled, f"{function.__module__}.{function.__qualname__}")
     _link_into_callers(compiled, cached, options)
     return compiled
 

@@ -15,6 +15,8 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 
+from mjsheaf.waiting import compile_in_one_process
+
 
 class LinkedLibrary(JITCodeLibrary):
     """Intermediate code of a function and of all that it calls, without machine code."""
@@ -103,4 +105,5 @@ def linked(function: Any, cached: bool, **options: Any) -> Any:
     dispatcher: Any = njit(pipeline_class=_LinkedCompiler, **without)(function)
     if cached:
         dispatcher._cache = _LinkedCache(function)
+        compile_in_one_process(dispatcher, f"{function.__module__}.{function.__qualname__}, linked")
     return dispatcher

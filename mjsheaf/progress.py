@@ -46,8 +46,12 @@ class State:
 
     def now(self) -> tuple[str, int, int]:
         """Return what is being done, the amount done and the whole amount: those of compilation while there is one."""
-        # It is not loaded for this, which takes long; while it is being loaded it lacks the function.
-        compiling = getattr(sys.modules.get("mjsheaf.jit"), "compiling", None)
+        # It is not loaded for this, which takes long; while it is being loaded it lacks the functions.
+        jit = sys.modules.get("mjsheaf.jit")
+        waiting = getattr(jit, "is_waiting", None)
+        if waiting and waiting():
+            return "waiting for another process that compiles the same loops", 0, 0
+        compiling = getattr(jit, "compiling", None)
         compiled = compiling() if compiling else None
         if compiled:
             what = "compiling the loops for this machine, once"

@@ -1,6 +1,7 @@
 """Compiled code on disk: an edit drops the code of the edited file and of its callers, and of no other file."""
 
 import ast
+import os
 import shutil
 import subprocess
 import sys
@@ -65,3 +66,72 @@ def test_imports_are_found_as_the_parser_finds_them() -> None:
         ours = [node for node in nodes if not node.level and str(node.module).split(".")[0] == "mjsheaf"]
         expected = {jit._origin_of(str(node.module), alias.name) for node in ours for alias in node.names}
         assert expected <= jit._imports_of(path), path
+
+
+TWO = """
+import sys, time
+from numba.core import event
+from mjsheaf.jit import is_waiting, jit
+
+class Slow(event.Listener):
+    count = 0
+    def on_start(self, event):
+        Slow.count += 1
+        print("compiling", flush=True)
+        sys.stdin.readline()
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Slow())
+
+@jit
+def twice(x):
+    return 2.0 * x
+
+from threading import Thread
+def tell():
+    while not is_waiting():
+        time.sleep(0.01)
+    print("waiting", flush=True)
+Thread(target=tell, daemon=True).start()
+assert twice(4.0) == 8.0
+print(Slow.count, flush=True)
+"""
+
+
+def test_a_second_process_waits_for_the_code_of_the_first(tmp_path: Path) -> None:
+    """The first one compiles until it is told to go on; the second one compiles nothing."""
+    (tmp_path / "two.py").write_text(TWO)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(PACKAGE.parent)}
+    processes = []
+    for said in ("compiling", "waiting"):
+        process = subprocess.Popen(
+            [sys.executable, "two.py"], cwd=tmp_path, env=environment, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
+        processes.append(process)
+        assert process.stdout is not None
+        assert process.stdout.readline() == f"{said}\n"
+    assert [process.communicate("\n")[0] for process in processes] == ["1\n", "0\n"]
+
+
+def test_a_process_that_dies_leaves_no_lock(tmp_path: Path) -> None:
+    """The second one compiles in place of the first, which was killed."""
+    (tmp_path / "two.py").write_text(TWO)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(PACKAGE.parent)}
+    first, second = (
+        subprocess.Popen(
+            [sys.executable, "two.py"], cwd=tmp_path, env=environment, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )
+        for _ in range(2)
+    )  # fmt: skip
+    assert first.stdout is not None
+    assert second.stdout is not None
+    said = {first: first.stdout.readline(), second: second.stdout.readline()}
+    assert sorted(said.values()) == ["compiling\n", "waiting\n"]
+    killed, left = (first, second) if said[first] == "compiling\n" else (second, first)
+    killed.kill()
+    killed.wait()
+    assert left.communicate("\n")[0] == "compiling\n1\n"
+    killed.communicate()
