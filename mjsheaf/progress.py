@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal or in a notebook, lines where a command's output goes to a file.
+"""Progress of long work: a bar on a terminal or in a notebook, and lines where output goes to a file.
 
 It appears after half a second, so that short work shows nothing, and a bar disappears when the work ends. While numba
 compiles, it shows that, function by function: otherwise the first run on a machine would be silent.
@@ -174,7 +174,7 @@ def displaying(make: Callable[[], View] | None, what: str) -> Iterator[Report | 
         return
     state = State(what)
     ended = Event()
-    context = contextvars.copy_context()  # by which a notebook knows the cell
+    context = contextvars.copy_context()  # the notebook cell is part of it
     thread = Thread(target=context.run, args=(_show, state, make, ended), daemon=True)
     thread.start()
     try:

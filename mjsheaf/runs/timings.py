@@ -35,6 +35,6 @@ class Timings:
         self._parts[name] = self._parts.get(name, 0.0) + seconds
 
     def record(self) -> dict[str, float]:
-        """Return the duration of each part so far, of compilation, and of everything since the beginning, s."""
+        """Return the duration of each part until now, of compilation, and of everything since the beginning, s."""
         compilation = compilation_time() - self._compiled
         return {**self._parts, "compilation": compilation, "total": perf_counter() - self._begun}
