@@ -3,8 +3,8 @@ A policy on top of the law
 ==========================
 
 ``mjsheaf.envs.dm_env`` makes a scenario an environment of dm_control. An action is a velocity that is added to the
-law's command; an observation contains the agent's own measurements only. Here a policy moves along the sum of what its
-agent measures, and a search over its one parameter finds the largest return.
+law's command; an observation contains the agent's own measurements only. The policy moves along the sum of
+these measurements, and a search over its one parameter finds the largest return.
 """
 
 import matplotlib.pyplot as plt
