@@ -41,12 +41,12 @@ def check(
     ] = None,
     formats: Annotated[
         str | None,
-        typer.Option("--format", metavar="F1[,F2,...]", help="Of the plot, beside its own: png, svg, pdf."),
+        typer.Option("--format", metavar="F1[,F2,...]", help="More formats of the plot: png, svg, pdf."),
     ] = None,
     title: TitleOption = True,
     rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s; the best one unless given.")] = None,
     radius: Annotated[
-        float, typer.Option(help="Radius of |e|, the norm of the whole team, for which gain and laws are searched, m.")
+        float, typer.Option(help="Radius of |e|, norm of the whole team, for the search of gain and laws, m.")
     ] = 1.0,
     rho: Annotated[
         str | None,
@@ -56,7 +56,7 @@ def check(
         ),
     ] = None,
 ) -> None:
-    """Decide the paper's assumptions for a scenario, and say who is free to drift and what would mend it.
+    """Decide the paper's assumptions for a scenario, name the agents free to drift, and propose a fix.
 
     Computes Theorem 1 over the region to which its own bound confines the agents, the loop of the law as it is held,
     with its terms, and a bound on its run, laws that would do better, the margins that theory leaves out, and which

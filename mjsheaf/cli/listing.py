@@ -157,7 +157,7 @@ def bench(
         typer.Option(metavar="PYTHON", help="A Python that has crazyflow or gym-pybullet-drones.", show_default="this"),
     ] = None,
 ) -> None:
-    """Measure speed on this machine: each figure beside what it is held against, in about two minutes.
+    """Measure speed on this machine: each number next to its reference, in about two minutes.
 
     Topics: ideal, loop, fused, threads, assembly, sheaf; with mjsheaf's source tree also startup, peers, hardware,
     video and memory.

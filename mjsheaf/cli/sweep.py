@@ -43,7 +43,7 @@ WorkersOption = Annotated[
 ]
 DeviceOption = Annotated[
     Literal["cpu", "gpu"] | None,
-    typer.Option(help="gpu: many runs at once on a CUDA card, by the fused engine.", show_default="cpu"),
+    typer.Option(help="gpu: many runs at once on a CUDA GPU, by the fused engine.", show_default="cpu"),
 ]
 
 
@@ -77,10 +77,10 @@ def sweep(
     ] = False,
     controller: ControllerOption = None,
 ) -> None:
-    """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
+    """Run a scenario many times, on every core or a cluster; after a kill, the same command resumes.
 
     Writes table.csv and table.parquet with a row a run, plots and index.html. The table reports a run that fails, and
-    the others go on; the exit code is then still 0.
+    the others continue; the exit code is then still 0.
     """
     _take_one_thread_each()
     with progress_bars() as bars:

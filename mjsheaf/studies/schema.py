@@ -145,10 +145,10 @@ class StudyFile(Section):
         "scenario unless given",
     )
     device: Literal["cpu", "gpu"] = Field(
-        "cpu", description="gpu: runs of one team side by side on a CUDA card, engine fused, of which records keep less"
+        "cpu", description="gpu: runs of one team side by side on a CUDA GPU, engine fused; records contain less"
     )
     batch: bool = Field(
-        False, description="runs of one team together, on threads, engine fused; records keep less, as on a card"
+        False, description="runs of one team together, on threads, engine fused; records contain less, as on a GPU"
     )
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")

@@ -39,7 +39,7 @@ class Inertial(NamedTuple):
 
 
 class AttitudeHold(Section):
-    """The attitude that is wanted, held by the thrusters as a second-order system.
+    """Desired attitude, held by the thrusters as a second-order system.
 
     A boat at its hand point holds none; its numbers serve where underactuation is switched off.
     """

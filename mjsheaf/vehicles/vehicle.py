@@ -74,7 +74,7 @@ class VehicleDescription(Section):
 
     summary: str = Field(description="one line that `mjsheaf list --vehicles` shows")
     source: str = Field("", description="where the numbers come from")
-    mjcf: str = Field(description="MJCF file, beside this one")
+    mjcf: str = Field(description="MJCF file, in the same directory")
     domain: Literal["surface", "volume"] = Field(description="surface: controlled in the plane; volume: in space")
     drag: Drag = Field(description="what the medium takes")
     attitude: AttitudeHold = Field(description="hold of the attitude")
@@ -94,7 +94,7 @@ class VehicleDescription(Section):
             ),
         ]
         | None
-    ) = Field(None, description="how a vehicle that cannot push along every axis makes the velocity that is wanted")
+    ) = Field(None, description="steering of a vehicle that cannot push along every axis")
     added_mass: Six | None = Field(None, description="surge, sway, heave; roll, pitch, yaw [kg, kg m^2]")
     hydrostatics: Hydrostatics | None = Field(None, description="of a vehicle that floats")
     drifts: bool = Field(False, description="true for a buoy without thrusters, which can only be a target")
