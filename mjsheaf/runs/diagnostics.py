@@ -365,14 +365,14 @@ def _by_phase(values: Sequence[Any], phases: Sequence[Phase], first: int, count:
 def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
     """Find aircraft that go below the surface of the scene.
 
-    Lost ones rest on it, and targets that start below it are meant to be there.
+    Lost ones rest on it, and vehicles that start below it are meant to be there.
     """
     system = phases[0].system
     members = system.team.members
     N = len(system.team.agents)
     height = system.bodies.surface_height
     flying = np.array([member.dimension == 3 for member in members])
-    flying[N:] &= system.initial[N:, 2] >= height
+    flying &= system.initial[:, 2] >= height
     if system.bodies.surface == "none" or not flying.any():
         return []
     bodies = dataset.attrs["backend"] == "physics"
