@@ -76,7 +76,7 @@ class Tiered:
     ) -> None:
         self.compiled = compiled
         self._python: Callable[..., Any] | None = None
-        self._left = 0.0 if INTERPRETED else seconds
+        self._left = seconds
         self._taken = 0.0
         self._marked = False
         self._numbers = numbers
@@ -84,6 +84,8 @@ class Tiered:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the function, in Python or compiled."""
+        if INTERPRETED:
+            return self.compiled(*arguments)
         if self._python is None:
             self._python = in_python(self.compiled)
             self._mark = _file(self.compiled)

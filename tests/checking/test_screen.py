@@ -1,0 +1,64 @@
+"""The answer of `check` on one screen."""
+
+import pytest
+
+import mjsheaf
+from mjsheaf.checking import examine_scenario
+from mjsheaf.checking.screen import MAX_LINES, WIDTH, screen
+from mjsheaf.scenario import list_scenarios
+from tests.commands import answer_of
+
+NUMBERS = ("tracking error", "largest gain", "delay margin", "better law", "fragility")
+FEW = ("midpoint", "unseen_target", "split_team", "air_tracks_surface", "lost_thruster")
+
+
+def lines_of(name: str) -> list[str]:
+    return screen(examine_scenario(mjsheaf.load_scenario(name)).record, name)
+
+
+def assert_fits(name: str) -> str:
+    lines = lines_of(name)
+    assert len(lines) <= MAX_LINES
+    assert max(map(len, lines)) <= WIDTH
+    for label in NUMBERS:
+        assert any(line.startswith(label) for line in lines), label
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_the_answer_fits_on_a_screen(name: str) -> None:
+    assert_fits(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [n for n in list_scenarios() if n not in FEW and n != "swarm"])
+def test_every_answer_fits_on_a_screen(name: str) -> None:
+    assert_fits(name)
+
+
+def test_what_fails_is_named_with_agents_and_a_fix() -> None:
+    text = assert_fits("air_tracks_surface")
+    assert "NOT OK: assumption 6 fails" in text
+    assert "A1, A2, A3 are free along z" in text
+    assert "Fix: give A1 an altimeter" in text
+
+
+@pytest.mark.parametrize("name", ["unseen_target", "split_team"])
+def test_the_edges_that_are_suggested_make_assumption_5_hold(name: str) -> None:
+    scenario = mjsheaf.load_scenario(name)
+    record = mjsheaf.check(scenario)
+    assert record["assumptions"][4]["holds"] is False
+    fix = record["topology_fix"]
+    fields = scenario.model_dump(mode="json", exclude_none=True)
+    kind = "communication" if "communication" in fix else "sensing"
+    ends = fix.split("[")[1].split("]")[0].split(", ")
+    edges = fields.get(kind, [])
+    changed = mjsheaf.load_scenario(name, {kind: [*edges, ends]})
+    assert mjsheaf.check(changed)["assumptions"][4]["holds"] is True
+
+
+def test_the_command_prints_the_answer_alone_on_stdout() -> None:
+    short = answer_of("check", "midpoint")
+    assert len(short.out.splitlines()) <= MAX_LINES
+    assert "--full" in short.out
+    assert "assumptions of the paper" in answer_of("check", "midpoint", "--full").out
