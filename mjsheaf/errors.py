@@ -1,6 +1,6 @@
-"""What can go wrong, one class for each exit code of the command line.
+"""Errors, one class for each exit code of the command line.
 
-What errors say about a name that is not known: the names that are expected, and the closest of them.
+An error about an unknown name lists the expected names and suggests the closest.
 """
 
 import re
@@ -91,12 +91,12 @@ def printable(text: str) -> str:
 
 
 def shortened(text: str, most: int = 60) -> str:
-    """A text of at most so many characters: a longer one ends in '...'."""
+    """Return a text of at most `most` characters: a longer one ends in '...'."""
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def visible(part: object, most: int = 60) -> str:
-    """Return a text, key or name as one line of at most so many characters, none of which a terminal obeys."""
+    """Return a text, key or name as one line of at most `most` characters, free of control sequences."""
     line = " ".join(str(part).split())
     return shortened(printable(line), most) or "''"
 

@@ -3,14 +3,14 @@
 `compare`, `sweep` and `run` judge the ending by the team's tracking error E(t), the RMS over agents of |q*_i - q_i|,
 over the last quarters of a run:
 
-    settled    E keeps its level; what still swings is driven, by targets that move or by disturbances
-    growing    E, or the swing of a team that nothing drives, grows, and does not grow more slowly
-    circling   E keeps its level, but the team drives itself: nothing else moves, and the errors swing on undecayed; or
+    settled    E keeps its level; any remaining oscillation is driven, by targets that move or by disturbances
+    growing    E, or the oscillation of a team that nothing drives, grows, and does not grow more slowly
+    circling   E keeps its level, but the team drives itself: nothing else moves, and the errors oscillate undecayed; or
                the loop of its vehicles is unstable (see `margins`), and only their limits keep it where it is
     stuck      as settled, but an agent is commanded to move and does not, to the end (see `stuck`)
     moving     anything else: E still changes
 
-Whether an oscillation is the team's own cannot be seen where targets move. There the loop of the vehicles decides.
+Where targets move, E alone does not show that an oscillation is the team's own. There the loop of the vehicles decides.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,12 +47,12 @@ class RunBound:
     """The bound of a run.
 
     Attributes:
-        certificate: what the theory says of the system.
-        bodies: whether the run is one of bodies, whose inertia the theorem does not know.
+        certificate: Certificate of the system.
+        bodies: True for a run with bodies, whose inertia the theorem does not model.
         departure: largest distance of the run's targets from the certificate's path, m.
         accuracy: error of the run itself, which does not count, m: from its integrator's tolerance, and on bodies a
             share of the initial error.
-        blew_up: whether the run ended before its time.
+        blew_up: True if the run ended before its time.
         initial_error: measured |e| at the first sample, m.
         start: time of the first sample, s.
         law: what the run's law is where that is not the paper's, or empty.
@@ -90,12 +90,12 @@ class RunBound:
 
     @property
     def applies(self) -> bool:
-        """Whether the theorem applies to this run."""
+        """Return True if the theorem applies to this run."""
         return not self.reason
 
     @property
     def approximate(self) -> bool:
-        """Whether the run only approaches the theorem's setting: a held law, or bodies."""
+        """Return True if the run only approaches the theorem's setting: a held law, or bodies."""
         return self.certificate.approximate or self.bodies
 
     def at(self, time: Array) -> Array:
@@ -104,11 +104,11 @@ class RunBound:
 
     @property
     def wrong(self) -> bool:
-        """Whether the run exceeds a bound that applies, which bodies may and the ideal law cannot."""
+        """Return True if the run exceeds a bound that applies, which bodies may and the ideal law cannot."""
         return bool(self.violation()) and not self.bodies
 
     def violation(self) -> str:
-        """How the run exceeds a bound that applies, in a sentence; empty where it does not."""
+        """Describe how the run exceeds a bound that applies, in a sentence; empty where it does not."""
         if self.ratio is None or (self.ratio <= BROKEN and (self.bodies or not self.blew_up)):
             return ""
         if self.blew_up and not self.bodies:
@@ -142,7 +142,7 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: in
 
 
 def _accuracy(system: System, farthest: float, initial_error: float, bodies: bool) -> float:
-    """What does not count as an error of a run that goes so far from the origin, m: see `RunBound`."""
+    """Bound the numerical error of a run that reaches this distance from the origin, m: see `RunBound`."""
     rtol, atol = system.tolerance
     return max(_ACCURACY_IN_TOLERANCES * (atol + rtol * farthest), _ACCURACY_ON_BODIES * initial_error * bodies)
 
@@ -167,9 +167,9 @@ class HeldBound:
     """The bound of the held law on a run: see `held_law`.
 
     Attributes:
-        samples: on |e| at each sample, shape (T,), m; None where there is none.
+        samples: Bound on |e| at each sample, shape (T,), m; None where there is none.
         reason: why there is none, or empty.
-        ratio, settled_ratio, worst: as in `RunBound`.
+        ratio, settled_ratio, worst: See `RunBound`.
     """
 
     samples: Array | None
@@ -180,11 +180,11 @@ class HeldBound:
 
     @property
     def wrong(self) -> bool:
-        """Whether the run exceeds it."""
+        """Return True if the run exceeds the bound."""
         return self.ratio is not None and self.ratio > BROKEN
 
     def violation(self) -> str:
-        """How the run exceeds it, in a sentence; empty where it does not."""
+        """Describe how the run exceeds the bound, in a sentence; empty where it does not."""
         if not self.wrong:
             return ""
         where = f"|e| reaches {self.ratio:.4g} times the bound of the held law at t = {self.worst:.6g} s"
@@ -202,7 +202,7 @@ def held_bound_of_run(
     python = f"the run has {theorem.law}" if dataset.attrs.get("controller") else ""
     reason = "the run is one of bodies" if theorem.bodies else python or theorem.departed
     if not reason and which > 0 and system.law.extended:
-        reason = "terms remember the phase before, of which the bound knows nothing"
+        reason = "terms remember the phase before, which the bound does not cover"
     if reason:
         return HeldBound(None, reason)
     try:
@@ -232,7 +232,7 @@ def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) 
 
 
 def bounds_of_phases(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[tuple[RunBound, HeldBound]]:
-    """What Theorem 1 and the held law say of each phase that a run came to."""
+    """Compare each phase that a run reached with the bounds of Theorem 1 and of the held law."""
     end = float(dataset["time"][-1]) + 0.5 * phases[0].system.grid.period
     came = [k for k, phase in enumerate(phases) if k == 0 or phase.time < end]
     theorems = [bound_of_run(phases, dataset, k) for k in came]
@@ -242,7 +242,7 @@ def bounds_of_phases(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[tup
 
 
 def _other_law(system: System, controller: str) -> str:
-    """What the law of a run is where that is not the paper's, in words; or empty."""
+    """Name the law of a run where it is not the paper's, in words; or return an empty text."""
     if controller:
         return f"a law of its own, {controller}"
     if parts := unmodelled_parts(system):
@@ -287,25 +287,25 @@ def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, 
 LEVEL = (
     "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
     "before by at most 1e-9 m, or 1 % of the range that the error went through, or 5 % of both that range and the "
-    "mean, or by what the unfinished periods of an oscillation make, and if the team does not swing by itself."
+    "mean, or by the effect of the unfinished periods of an oscillation, and if the team drives no oscillation itself."
 )
 
 ROUNDING = 1e-9
-"""Errors, and their swings, that are no more than rounding, m."""
+"""Largest errors, and oscillations of them, that count as rounding, m."""
 
 _FEWEST_SAMPLES = 8
 _LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # by which the mean error of two quarters may differ
-_STEADY_SWING = 0.05  # by which the swing of two quarters may differ, relative, and be neither growth nor decay
-_STEADY_LOOP = 0.01  # by which a swing may fall in a quarter and not be said to decay, though the loop is stable
-_FAINT_SWING = 1e-4  # of the range of the error: a swing below it is over
-_FEWEST_REVERSALS = 3  # sign changes in a quarter that make a swing of a drift
-_STILL_SHARE = 0.01  # of the swing of the errors, by which q* may swing and count as at rest
+_STEADY_SWING = 0.05  # largest relative difference in amplitude of two quarters that is neither growth nor decay
+_STEADY_LOOP = 0.01  # largest relative fall in amplitude in a quarter that is not decay, though the loop is stable
+_FAINT_SWING = 1e-4  # smallest amplitude of an oscillation, relative to the range of the error
+_FEWEST_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation from a drift
+_STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to the amplitude of the errors
 _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
-_SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the late largest error, and of the largest of all: see settling_time
+_SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
 
 
 def ending_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Ending | None:
-    """How a finished run, as `simulate` gives it, ended, of one with events the last phase; None below 8 samples."""
+    """Judge the end of a finished run, as `simulate` gives it; with events, of the last phase; None below 8 samples."""
     system, last = of_phase(run, dataset, -1)
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
     ending = ending_of(system, last["time"].values, q_star, positions, on_bodies=last.attrs["backend"] == "physics")
@@ -318,7 +318,7 @@ def ending_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Endin
 
 
 def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, on_bodies: bool) -> Ending | None:
-    """How a run ended, from the agents' positions and harmonic extension, padded with 0, shape (T, N, 3), m."""
+    """Judge the end of a run from the agents' positions and harmonic extension, padded with 0, shape (T, N, 3), m."""
     offsets = q_star - positions
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
     still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
@@ -328,12 +328,12 @@ def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, o
 
 
 def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], bool] | None = None) -> Ending | None:
-    """How a run ended.
+    """Judge the end of a run.
 
     Args:
-        error: of the team, shape (T,), m.
-        offsets: of every agent from its q*, shape (T, N, 3), m, where nothing drives the team; else None.
-        unstable: whether the loop of its vehicles is unstable; called only where that decides.
+        error: Error of the team, shape (T,), m.
+        offsets: Offset of every agent from its q*, shape (T, N, 3), m, where nothing drives the team; else None.
+        unstable: Function that returns True if the loop of its vehicles is unstable; called only where that decides.
 
     Returns:
         None for fewer than 8 samples, or where the error is not finite.
@@ -349,9 +349,9 @@ def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], boo
 
 
 def _own_swing(error: Array, offsets: Array, unstable: Callable[[], bool] | None) -> Ending | None:
-    """The ending of a team that nothing drives, where it swings without decaying; None where it does not.
+    """Judge a team that nothing drives, where it oscillates without decay; None where it does not.
 
-    A swing that seems to decay a little does decay where the loop of the vehicles is known to be stable.
+    A slow decay counts as decay where the loop of the vehicles is known to be stable.
     """
     before, last = _quarters(offsets)[-2:]
     size = _swing(last)
@@ -366,10 +366,10 @@ def _own_swing(error: Array, offsets: Array, unstable: Callable[[], bool] | None
 
 
 def is_level(error: Array) -> bool:
-    """Whether the mean error of the last quarter is that of the quarter before: see LEVEL. Shape (T,), m.
+    """Return True if the mean error of the last quarter is that of the quarter before: see LEVEL. Shape (T,), m.
 
     An error that decays as exp(-r t) to nothing is level where r T is above 7.3; one that decays to a level once it
-    hardly changes beside that; one that swings about a level where a quarter holds a period of it or more.
+    changes little next to that level; one that oscillates about a level where a quarter holds a period of it or more.
     """
     quarters = _quarters(error)
     (first, _), (before, _), (level, _) = means = [_mean(quarter) for quarter in quarters]
@@ -377,7 +377,7 @@ def is_level(error: Array) -> bool:
     through, reversals = float(np.ptp(error)), _reversals(quarters[-1])
     allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level), ROUNDING)
     if reversals >= 2 and not trend:
-        # A sine of n half periods and a part of one has a mean of at most its swing over n pi.
+        # A sine of n half periods and a part of one has a mean of at most its amplitude over n pi.
         allowed = max(allowed, 2.0 * float(np.ptp(quarters[-1])) / reversals / np.pi)
     return abs(level - before) <= allowed
 
@@ -386,12 +386,12 @@ def settling_time(time: Array, error: Array) -> float | None:
     """When an error has become level, s after its start; None where it never does.
 
     It is the first sample from which on the error stays below 1.25 times the largest of the run's last half plus 2 % of
-    its largest of all: what is left of the transient is then small beside what remains, be that a constant, an
+    its largest of all: the transient is then small relative to the rest, be that a constant, an
     oscillation or noise.
 
     Args:
         time: shape (T,), s.
-        error: of the team, shape (T,), m.
+        error: Error of the team, shape (T,), m.
     """
     if len(time) < _FEWEST_SAMPLES or not np.isfinite(error).all() or not is_level(error):
         return None
@@ -422,7 +422,7 @@ def _swing(offsets: Array) -> float:
 
 
 def _reversals(values: Array) -> int:
-    """How often the component that varies most crosses its mean, (T, ...)."""
+    """Count how often the component that varies most crosses its mean, (T, ...)."""
     flat = values.reshape(len(values), -1)
     own = flat[:, int(flat.var(axis=0).argmax())]
     sign = np.sign(own - own.mean())

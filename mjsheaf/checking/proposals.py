@@ -1,4 +1,4 @@
-"""What would bring the error of a run below a wanted radius: which terms, rounds and gain, and what they cost."""
+"""Changes that bring the error of a run below a desired radius: terms, rounds and gain, and their cost."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ from mjsheaf.system import System
 
 _ROUNDS = (1, 2, 3, 5, 8, 13)
 _GAINS = (1.0, 2.0, 5.0, 10.0)  # times the scenario's
-_RESERVE = 2.0  # a gain so many times larger must be stable too
+_RESERVE = 2.0  # factor by which the gain can grow without instability
 _FILTER = 0.1  # s, of the drift's observer
 _MOST_NUMBERS = 3_000_000  # samples times states
 
 
 class Proposal(Record):
-    """A law whose bound on ideal kinematics is at most the wanted radius, and its cost."""
+    """A law whose bound on ideal kinematics is at most the desired radius, and its cost."""
 
     controller: dict[str, object] = Field(
         description="fields of the scenario's controller to set; null takes a term away, others stay as they are"
@@ -45,7 +45,7 @@ def propose(system: System, certificate: Certificate, radius: float) -> list[Pro
     None where nothing can be decided, where links are not exact, or where the run is long.
     """
     try:
-        loop_of(system)  # where it is undecided, as with rounds that can be late or lost, so are its variants
+        loop_of(system)  # where it is undecided, as with rounds that can be delayed or lost, so are its variants
     except UndecidedError:
         return []
     if len(system.law.links.table) or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS:
@@ -86,7 +86,7 @@ def _law(system: System, gain: float, terms: Terms) -> System:
 
 
 def _keeps(system: System, certificate: Certificate, radius: float) -> bool:
-    """Whether the law's bound is at most the radius, m, and its gain well inside what is stable."""
+    """Return True if the law's bound is at most the radius, m, and its gain well inside the stable range."""
     try:
         loop = loop_of(system)
         if not max(loop.radius, replace(loop, gain=_RESERVE * loop.gain).radius) < 1.0:

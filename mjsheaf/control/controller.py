@@ -34,7 +34,7 @@ class Controller:
         law: The law.
         name: Name in messages and results.
         seed: Seed of the random numbers that the law's `reset` is handed.
-        traffic: Communication so far.
+        traffic: Communication of the run up to now.
     """
 
     def __init__(self, law: Law, name: str = "", seed: int = 0) -> None:
@@ -92,7 +92,7 @@ class Controller:
             return ""
         speed = float(np.linalg.norm(command[vehicle]))
         return (
-            f"likely cause: controller {self.name}, which asks for {speed:.3g} m/s for {team.agent_ids[vehicle]}, "
+            f"likely cause: controller {self.name}, which commands {speed:.3g} m/s for {team.agent_ids[vehicle]}, "
             "or a flow too strong to integrate"
         )
 
@@ -125,16 +125,16 @@ class _AgentError(Exception):
 
 @dataclass(frozen=True)
 class LocalSample:
-    """What one agent may know at a sample.
+    """Local information of one agent at a sample.
 
     Attributes:
-        edges: of the agent, now; those of its `Agent.edges` up to a phase with other edges.
+        edges: Present edges of the agent; a subset of its `Agent.edges` in a phase with other edges.
         measurements: y_e of each of them, m; -b_e where nothing is received. See `Sample` for these and the next two.
         jacobians: dh/dz of each of them.
         residuals: What each measurement lacks of the desired one.
         disagreement: eta_i, padded, shape (3,), m.
         velocity: over ground, shape (3,), m/s.
-        displacement: of its controlled position since the sample before, zero at the first, shape (3,), m.
+        displacement: Change of its controlled position since the previous sample, zero at the first, shape (3,), m.
         attitude: quaternion (w, x, y, z), body to world, shape (4,).
     """
 
@@ -150,11 +150,11 @@ class LocalSample:
 
 @dataclass(frozen=True)
 class Agent:
-    """What one agent's law is made from.
+    """Description of an agent, from which its law is made.
 
     Attributes:
-        id: of the agent.
-        dimension: of its state, 2 or 3.
+        id: Id of the agent.
+        dimension: Dimension of its state, 2 or 3.
         edges: its own edges: communication, sensing, anchors.
         rng: its own random numbers.
     """
@@ -235,7 +235,7 @@ class PerAgent:
         )
 
     def _take_round(self, running: dict[int, Any], received: Sequence[Any], velocity: Array) -> dict[int, Array]:
-        """Let running generators go on with what they received; return what agents send, and drop those that end."""
+        """Resume running generators with the messages received; drop those that end, and return the messages sent."""
         sent: dict[int, Array] = {}
         for i, law in list(running.items()):
             with _naming(self._team.agent_ids[i]):

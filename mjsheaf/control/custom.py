@@ -89,7 +89,7 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
 
     Returns:
         A decorator of a function `term(residual, command, memory, parameters, period)`, which numba must be able to
-        compile without making arrays. `residual` is the agent's eta, shape (3,), m; `command` its velocity so far,
+        compile without allocating arrays. `residual` is the agent's eta, shape (3,), m; `command` its velocity so far,
         shape (3,), m/s, to be added to; `memory`, shape (memory,), what it remembers, to be written to; `period` the
         control period, s.
 
@@ -135,7 +135,7 @@ def _file_of(function: Term) -> bytes:
 
 
 def _meaning(value: Any, met: set[int]) -> Iterator[bytes]:
-    """Yield what decides what a value is in compiled code: of functions, also all that they refer to."""
+    """Yield the bytes that identify a value in compiled code; for functions, include everything they refer to."""
     value = getattr(value, "py_func", value)
     if id(value) in met:
         return
@@ -187,7 +187,7 @@ def _compiled(function: Term) -> Any:
 
 
 def __getattr__(name: str) -> Any:
-    """Return the type of a term by name, which the cache of compiled code asks for before a term is registered."""
+    """Return the type of a term by name. The cache of compiled code looks it up before the term is registered."""
     if re.fullmatch(rf"{_PREFIX}\w+_[0-9a-f]{{16}}", name):
         return _kind(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

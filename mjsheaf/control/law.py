@@ -8,7 +8,7 @@ and desired value b,
     deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.control.links`)
     compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.control.curved`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
-    terms       -k1 eta (eq. controller-1), or the velocities that a law in Python asks for
+    terms       -k1 eta (eq. controller-1), or the velocities that a law in Python commands
     custom      terms that users registered (see `mjsheaf.control.custom`)
     residual    velocities from outside, such as the action of an environment
     reference   targets' own motion
@@ -63,10 +63,10 @@ class EdgeArrays(NamedTuple):
 
     Attributes:
         tail, head: vehicles at the ends, shape (E,); an anchor's head is its tail.
-        listens: whether tail and head are moved by the edge, shape (E, 2).
+        listens: True where the edge moves its tail and head, shape (E, 2).
         first: where each edge's numbers begin in y, and m at the end, shape (E + 1,).
         F_tail, F_head: restriction maps, padded, shape (m, 3).
-        P_tail, P_head: K F, of which the transpose pulls back, shape (m, 3).
+        P_tail, P_head: K F, whose transpose pulls back, shape (m, 3).
         b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
         kinds: What edges compare; () where all compare positions.
     """
@@ -88,7 +88,7 @@ class LawArrays(NamedTuple):
 
     Attributes:
         edges: what they compare.
-        gain: of -gain eta, shape (V,), 1/s.
+        gain: Proportional gain k1 of each vehicle, shape (V,), 1/s.
         limit: largest commanded speed, shape (V,), m/s; infinite where there is none.
         supplied: how many vehicles, from the first on, take their velocity from `Memory.supplied` instead of -gain eta.
         terms: what is added to -gain eta.
@@ -116,12 +116,12 @@ class LawArrays(NamedTuple):
 
     @property
     def extended(self) -> bool:
-        """Whether there is more to it than -k1 eta."""
+        """Return True if the law has terms in addition to -k1 eta."""
         return bool(self.terms.agents or self.custom)
 
     @property
     def random(self) -> bool:
-        """Whether random numbers enter."""
+        """Return True if the law uses random numbers."""
         return bool(self.links.table["random"].any()) or self.terms.noisy or self.terms.rounds.lossy
 
 
@@ -162,14 +162,14 @@ def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
 
 
 class Memory(NamedTuple):
-    """What onboard computers hold from one sample to the next: views of one array, which is saved with the state.
+    """State of the onboard computers between samples: views of one array, which is saved with the state.
 
     Attributes:
         flat: all of it, shape (m + 9 V + what terms and links hold,).
-        y: measurements as delivered, -b where nothing is heard, shape (m,), m.
+        y: Delivered measurements, -b where nothing is received, shape (m,), m.
         residual: eta of the agents by these, L_T p - c_T of the targets, padded, shape (V, 3), m.
         command: commanded velocities, limited, shape (V, 3), m/s.
-        supplied: velocities that a law in Python asks for, shape (V, 3), m/s; without one, what is added to the
+        supplied: Velocities commanded by a law in Python, shape (V, 3), m/s; without one, velocities added to the
             compiled law's.
         terms: what the terms hold.
         links: what the links hold.
@@ -239,7 +239,7 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory
 
 
 def edges_kept(old: EdgeArrays, new: EdgeArrays) -> tuple[IntArray, IntArray]:
-    """Find the edges of a law that an earlier one had too: of the same kind and ends, with the same maps.
+    """Find the edges that two laws share: edges of the same kind and ends, with the same maps.
 
     Returns:
         The number of each new edge among the old ones, shape (E,), and where its numbers y_e were, shape (m,); -1 for
@@ -395,7 +395,7 @@ def pull_back(edges, y, residual):
 
 @inline_jit
 def proportional(law, residual, supplied, command):
-    """Write into command (V, 3) -gain eta, or of the first law.supplied vehicles what a law in Python asks for."""
+    """Write -gain eta, or for the first law.supplied vehicles the velocities of a law in Python, to command (V, 3)."""
     for v in range(residual.shape[0]):
         for i in range(3):
             command[v, i] = supplied[v, i] if v < law.supplied else -law.gain[v] * residual[v, i]
@@ -456,7 +456,7 @@ def pack_law(
         target_gain: gain of the targets' own consensus, 1/s; 0 where they have none.
         limits: largest commanded speed of each vehicle, m/s, shape (V,).
         terms: beyond the paper's law.
-        links: of its edges; exact unless given.
+        links: Links of its edges; exact unless given.
         custom: registered terms.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])

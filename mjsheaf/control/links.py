@@ -1,12 +1,12 @@
-"""Links and sensors in the loop: the stage after `measure`, which hands agents what they hear in place of the truth.
+"""Links and sensors in the loop: the stage after `measure`, which replaces the truth by what agents receive.
 
 Of every edge with a link, at sample n, in this order:
 
     loss       the link's chain changes state, and the measurement is lost with the probability of that state
-    range      beyond its range the link is silent
+    range      beyond its range the link receives nothing
     sensor     the tail's errors are added to y_e: white noise and bias, or those of range and bearing in its body frame
     delay      what was measured d periods ago arrives, if it was sent
-    hold       without an arrival the last one stays for up to so many periods; else y_e = -b_e, which pulls at nobody
+    hold       without an arrival the last measurement is held for a limited time; then y_e = -b_e, which has no effect
 
 Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks. A
 sample may be taken again: what changes from sample to sample is kept for n and for n - 1 in turn.
@@ -29,7 +29,7 @@ from mjsheaf.team import Edge, Team
 from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods
 
 SILENT, HELD, NEW = 0.0, 1.0, 2.0
-"""What an edge hears at a sample: nothing, the last measurement once more, a new one."""
+"""Reception of an edge at a sample: nothing, the last measurement held, or a new one."""
 
 _MOST_NUMBERS = 100_000_000  # in delay lines
 _HEADER = 2  # of what was received: state, last
@@ -62,11 +62,11 @@ class LinkArrays(NamedTuple):
         of: the link of each edge, or -1, shape (E,); empty without links.
         lift: what is added to z for the distance between bodies, shape (V,), m.
         facing: initial attitudes where a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
-        size: of LinkMemory.cells.
-        odometry: whether agents remember how they moved since they sensed a target, for feedforward.
+        size: Length of LinkMemory.cells.
+        odometry: True if agents store how they moved since they sensed a target, for feedforward.
         start, period: time of sample 0 and between samples, s.
-        seed: of the run.
-        record: whether measurements are recorded.
+        seed: Seed of the run.
+        record: True if measurements are recorded.
     """
 
     table: NDArray[np.void]
@@ -82,14 +82,14 @@ class LinkArrays(NamedTuple):
 
 
 class LinkMemory(NamedTuple):
-    """What links hold from sample to sample, views of the law's memory; of size 0 without links.
+    """State of the links between samples: views of the law's memory, of size 0 without links.
 
     Attributes:
-        heard: SILENT, HELD or NEW, of each link at the present sample, shape (L,).
+        heard: SILENT, HELD or NEW for each link at the present sample, shape (L,).
         velocity: F p' of targets by sensing edges that have links, shape (m,), m/s; empty without feedforward.
-        attitude: of the vehicles, shape (V, 4), where a sensor needs it.
+        attitude: Attitudes of the vehicles, shape (V, 4), where a sensor needs them.
         before: positions at the present sample and at the one before, in turn, shape (2, V, 3), m.
-        cells: of each link its delay line, a slot for each sample under way (1 + its number, 0 if lost; y, own
+        cells: Delay line of each link, a slot for each sample under way (1 + its number, 0 if lost; y, own
             displacement so far), then twice the last that was received, for samples of even and of odd number: state
             of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which it arrived (0 before
             any), y, displacement, filtered velocity.
@@ -103,18 +103,18 @@ class LinkMemory(NamedTuple):
 
 
 def no_links(record: bool = False) -> LinkArrays:
-    """All that is measured is heard at once, as it is."""
+    """Return exact links: every measurement is received at once, unchanged."""
     none, nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 4))
     return LinkArrays(as_records(np.zeros(0, dtype=LINK)), none, np.zeros(0), nobody, 0, False, 0.0, 1.0, 0, record)
 
 
 def size_of_link_memory(links: LinkArrays, m: int) -> int:
-    """How many numbers the links of edges with m numbers hold."""
+    """Count the numbers that the links of edges with m numbers store."""
     return len(links.table) + m * links.odometry + 10 * len(links.facing) + links.size
 
 
 def split_link_memory(flat: Array, links: LinkArrays, m: int) -> LinkMemory:
-    """Views of so many numbers."""
+    """Return views of the numbers that links store; `size_of_link_memory` counts them."""
     V = len(links.facing)
     ends = np.cumsum([len(links.table), m * links.odometry, 4 * V, 6 * V])
     heard, velocity, attitude, before, cells = np.split(flat, ends)
@@ -212,7 +212,7 @@ def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
 
 
 def _of_curved(edge: Edge, link: LinkModel) -> LinkModel:
-    """Return the link of a range or bearing edge, whose noise is of that: of a bearing in rad from degrees.
+    """Return the link of a range or bearing edge, with noise in its unit: rad for a bearing, given in degrees.
 
     Raises:
         InputError: a sensor of positions, or a bias of a bearing.
@@ -247,11 +247,11 @@ def pack_links(
         team: the team; its edges have their own link fields.
         links: those of all and of each kind.
         period: the control period, s; 0 where the law is continuous.
-        start: of the run, s.
-        seed: of the run.
-        height: of the surface on which planar vehicles are, m.
+        start: Start of the run, s.
+        seed: Seed of the run.
+        height: Height of the surface on which planar vehicles move, m.
         heading: initial, of all vehicles, shape (V,), rad.
-        feedforward: whether the law has it, in any phase of the run.
+        feedforward: True if the law has feedforward, in any phase of the run.
         run: the team with all edges that it has in any phase; it has no others unless given.
 
     Raises:
@@ -321,7 +321,7 @@ def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -
 
 
 def require_held(numbers: int) -> None:
-    """Raise an InputError if so many numbers are too many for delay lines."""
+    """Raise an InputError if delay lines cannot store this many numbers."""
     if numbers > _MOST_NUMBERS:
         raise InputError(f"delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
 
@@ -433,7 +433,7 @@ def take_in(law, link, n, m, slot, before, now, y, terms, memory):
         memory: Memory of the links.
 
     Returns:
-        NEW, HELD or SILENT.
+        Reception: NEW, HELD or SILENT.
     """
     cells, edges, first, last = memory.cells, law.edges, law.edges.first[link.edge], memory.cells[before + 1]
     heard = arrival(link, n, cells[slot], last)
@@ -456,7 +456,7 @@ def take_in(law, link, n, m, slot, before, now, y, terms, memory):
 
 @inline_jit
 def arrival(link, n, stamp, last):
-    """Return NEW, HELD or SILENT, by the stamp of the sample that is due at sample n and that of the last arrival."""
+    """Return NEW, HELD or SILENT, from the stamp of the sample due at sample n and that of the last arrival."""
     if n >= link.delay and stamp == n - link.delay + 1.0:
         return NEW
     if 0.0 < last <= n and n + 1.0 - last <= link.hold:  # above n: the delay has grown
@@ -487,7 +487,7 @@ def next_state(state, chance, to_bad, to_good, begins_bad):
 
 @inline_jit
 def receive(law, cells, slot, before, now, m, own, periods):
-    """Keep the m numbers that arrive, and mix what they say of a velocity since so many periods, if any, into the old.
+    """Store the m numbers that arrive, and mix the velocity they imply over the given periods, if any, into the old.
 
     It has that many periods' share in the filter, which begins at rest: else noise, which cancels in the sum of
     differences, would add up.

@@ -1,8 +1,8 @@
-"""Rounds over links: what neighbours send each other for terms of the law, where it can be late or lost.
+"""Rounds over links: messages of neighbours for terms of the law, where a message can be delayed or lost.
 
 Solving H x = b, agent i is sent F_j x_j by its neighbours. Where all of that arrives at once, rounds are Chebyshev's
 iteration (`terms.solve`). Over links with a delay, losses or a range, every agent instead takes its own numbers towards
-what solves its own rows, given the last that it was sent (damped block Jacobi), a round a period under a delay:
+the solution of its own rows, given the last message it received (damped block Jacobi), a round a period under a delay:
 
     x_i <- x_i + w D_i^-1 (b_i - D_i x_i + sum F_i^T K z_e),   D_i = H_ii,   z_e = the last F_j x_j that arrived
 
@@ -36,10 +36,10 @@ class RoundArrays(NamedTuple):
     """Links of the rounds of N agents with C communication edges, the first of a law; of size 0 where all is perfect.
 
     Attributes:
-        imperfect: whether a message can be late or lost, on any edge.
-        delay: of a message, periods; if positive, there is one round a period.
+        imperfect: True if a message can be delayed or lost, on any edge.
+        delay: Delay of a message, periods; if positive, there is one round a period.
         loss: to_bad, to_good, bad, loss_good, loss_bad of the chain of each edge, shape (5,).
-        streams: of random numbers, shape (C, 2).
+        streams: Random streams, shape (C, 2).
         range: beyond which an edge carries no messages, shape (C,), m.
         lift: what is added to z for the distance between bodies, shape (V,), m.
         own, inverse: D_i of each agent and its pseudo-inverse, shape (N, 3, 3).
@@ -58,12 +58,12 @@ class RoundArrays(NamedTuple):
 
     @property
     def lossy(self) -> bool:
-        """Whether a message can be lost at random."""
+        """Return True if a message can be lost at random."""
         bad, good_loss, bad_loss = self.loss[2:]
         return bool(good_loss > 0.0 or bad * bad_loss > 0.0)
 
     def settling(self, rounds: int, low: float) -> float:
-        """Share of the slowest error that a period of so many rounds takes away, nearly; `low` bounds H from below."""
+        """Fraction of the slowest error that the rounds of one period remove, nearly; `low` bounds H from below."""
         if self.stiffest == 0.0:  # no edge is left
             return 1.0
         bad, good_loss, bad_loss = self.loss[2:]
@@ -73,14 +73,14 @@ class RoundArrays(NamedTuple):
 
 
 class RoundMemory(NamedTuple):
-    """What agents were sent, and what is under way.
+    """Messages received by agents, and messages under way.
 
     Attributes:
-        held: of each edge the state of its chain (0 before it begins, 1 good, 2 bad), then, of either term and either
+        held: State of the chain of each edge (0 before it begins, 1 good, 2 bad), then, for either term and either
             end, whether and what that end has sent last, shape (5 C + 4 m,).
-        line: of each edge a slot for each sample under way, with, of either term and end, 1 + the number of the sample
-            where the message was sent and not lost, and its numbers, shape ((delay + 1) 4 (C + m),).
-        streams: of the edges, by which they are known again in another phase, shape (C, 2).
+        line: Slots of each edge, one for each sample under way, with, of either term and end, 1 + the number of the
+            sample where the message was sent and not lost, and its numbers, shape ((delay + 1) 4 (C + m),).
+        streams: Random streams of the edges, which identify them in another phase, shape (C, 2).
         first: where each edge's numbers begin, and m at the end, shape (C + 1,).
     """
 
@@ -104,7 +104,7 @@ def no_rounds() -> RoundArrays:
 
 
 def size_of_round_memory(rounds: RoundArrays, first: IntArray) -> tuple[int, int]:
-    """How many numbers `held` and `line` have, of edges whose numbers begin at `first`."""
+    """Count the numbers of `held` and of `line`, for edges whose numbers begin at `first`."""
     edges = len(rounds.streams)
     m = int(first[edges])
     return 5 * edges + 4 * m, (rounds.delay + 1) * 4 * (edges + m)
@@ -138,7 +138,7 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
         team: the team.
         links: those of all and of each kind; `links.rounds`, and the range of communication edges, count here.
         period: the control period, s; 0 where the law is continuous, which has no rounds.
-        height: of the surface on which planar vehicles are, m.
+        height: Height of the surface on which planar vehicles move, m.
 
     Raises:
         InputError: the delay is no whole number of periods, or too long; the message begins with the field.
@@ -178,15 +178,15 @@ def relax(edges, rounds, seed, n, term, count, first, b, x, positions, memory, r
     """Improve the solution x (V, 3) of H x = b (V, 3) by rounds over links.
 
     Args:
-        edges: of the law.
+        edges: Edges of the law.
         rounds: their links.
-        seed: of the run.
+        seed: Seed of the run.
         n: number of the sample.
         term: NEWTON or FEEDFORWARD.
         count: rounds; one under a delay.
-        first: rounds of this sample so far.
+        first: Number of rounds already done in this sample.
         b, x: shape (V, 3).
-        positions: of the vehicles, shape (V, 3), m.
+        positions: Positions of the vehicles, shape (V, 3), m.
         memory: see RoundMemory.
         residue: shape (V, 3), overwritten.
     """

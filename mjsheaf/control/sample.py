@@ -1,4 +1,4 @@
-"""What agents may know at a sample: the record that laws in Python, environments and viewers read."""
+"""Local information at a sample: the record that laws in Python, environments and viewers read."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,7 +31,7 @@ class Traffic:
 
 
 class ReadOnlyTeam(Team):
-    """A team as a law is handed it: the run's own, of which the law can change nothing."""
+    """Read-only view of the run's team, passed to a law."""
 
     def __init__(self, team: Team) -> None:
         """Take over all that a team has, with read-only views of its arrays and mappings and copies of its lists."""
@@ -71,7 +71,7 @@ def _read_only_edge(edge: Edge) -> Edge:
 
 
 class Perceived(NamedTuple):
-    """What an edge measures; see `Sample`."""
+    """Measurement of an edge; see `Sample`."""
 
     measurement: Array
     jacobian: Array
@@ -102,7 +102,7 @@ class View:
         edges: Edges at which agents measure: communication, sensing, anchors; E of them.
         places: Slice of `memory.y` with the numbers of each edge.
         linked: True for each edge that has a link, shape (E,).
-        links: Index in `memory.links.heard` of each edge that has a link.
+        links: Index in `memory.links.heard` of each edge with a link.
         neighbours: Indices of the agents that each agent communicates with.
     """
 
@@ -125,7 +125,7 @@ class View:
 
 @dataclass(frozen=True)
 class Truth:
-    """What no agent knows; for debugging, for rewards and for drawing.
+    """Quantities that no agent can measure; for debugging, for rewards and for drawing.
 
     Attributes:
         positions: Positions of agents, then targets, padded, shape (V, 3), m.
@@ -143,7 +143,7 @@ class Truth:
 
 
 class Sample:
-    """What N agents may know at a sample, with E edges at which they measure.
+    """Local information of N agents at a sample, with E edges at which they measure.
 
     Attributes:
         time: Time of the sample, s.

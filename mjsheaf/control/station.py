@@ -1,6 +1,6 @@
 """Station keeping: vehicles that have yet to join hold their position, each by itself.
 
-Vehicle v at x asks for gain (position - x) - w relative to the medium, whose velocity w about it it measures: over
+Vehicle v at x commands gain (position - x) - w relative to the medium, whose velocity w it measures there: over
 ground it returns to its position at the rate of the gain. The speed is limited as the vehicle's commands are.
 
 The gain is 1 / (4 (tau + h)), at most MAX_GAIN, with the time constant tau of the body and the control period h: the

@@ -3,16 +3,16 @@
 With H and B of the harmonic extension H q* = B p + c, an agent at a sample
 
     feedforward   adds v + lead (v - v_before), where H v = B p': how q* moves
-    newton        asks for k1 delta, where H delta = -eta, in place of -k1 eta
-    drift         takes off what carries it beside its command, as it sees by itself
+    newton        commands k1 delta, where H delta = -eta, in place of -k1 eta
+    drift         subtracts the velocity that adds to the command, as estimated by the agent itself
     integral      takes off k_I z, where z' = eta
 
 Both systems are solved by rounds of Chebyshev's iteration, begun with what the sample before left: a round is one
-exchange, in which agent i is sent F_j x_j by its neighbours j. Where the eigenvalues of H lie is fixed before the run.
-Over links on which messages can be late or lost, rounds are those of `mjsheaf.control.rounds`.
+exchange, in which agent i receives F_j x_j from its neighbours j. The range of the eigenvalues of H is fixed before the
+run. Over links on which messages can be delayed or lost, rounds are those of `mjsheaf.control.rounds`.
 An agent that senses a target knows the velocity of that from how its measurement changed and how it moved itself.
 
-What differences need is missing at times. In the first sample of a run feedforward and drift add nothing. On an edge
+Differences need earlier samples. In the first sample of a run feedforward and drift add nothing. On an edge
 that is new in a phase, a target is taken to move as v says for one sample. v is extrapolated once rounds have left a
 thousandth of what they began with; an agent whose edges change waits for that again, and no other does.
 """
@@ -65,7 +65,7 @@ class Newton(Section):
 
 
 class Drift(Section):
-    """An observer of what carries the agent beside its command."""
+    """Observer of the velocity that adds to the agent's command."""
 
     filter: NonNegative = Field(0.1, description="time constant of the observer [s]")
 
@@ -97,7 +97,7 @@ class Terms(NamedTuple):
 
     @property
     def any(self) -> bool:
-        """Whether the law is more than the paper's."""
+        """Return True if the law has terms in addition to the paper's."""
         return any(self[k] is not None for k, name in enumerate(self._fields) if name != "odometry")
 
 
@@ -106,18 +106,18 @@ class TermArrays(NamedTuple):
 
     Attributes:
         agents: N; 0 where the law is the paper's.
-        dimension: of each agent, shape (N,).
+        dimension: Dimension of each agent, shape (N,).
         period: between samples, s.
         sensing: first and last + 1 of the sensing edges, shape (2,).
         eigenvalues: lower and upper bound of those of H, shape (2,).
         feedforward, newton: rounds; 0 without.
         measured, drift: share of a new measurement that the filters of target velocity and drift take; drift 0 without.
-        lead: of feedforward, in samples, shape (N,).
+        lead: Lead of feedforward, in samples, shape (N,).
         settled: samples on the same edges after which an agent's feedforward leads.
         integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
-        noise, bias: of odometry, m and m/s.
-        seed: of its random numbers.
-        streams: of its random numbers, by the id of each agent, shape (N, 2).
+        noise, bias: Noise and bias of odometry, m and m/s.
+        seed: Seed of its random numbers.
+        streams: Random streams, by the id of each agent, shape (N, 2).
         rounds: links over which rounds go.
     """
 
@@ -142,7 +142,7 @@ class TermArrays(NamedTuple):
 
     @property
     def noisy(self) -> bool:
-        """Whether noise of odometry enters."""
+        """Return True if odometry has noise."""
         return self.noise > 0.0 and (self.feedforward > 0 or self.drift > 0.0)
 
     @property
@@ -153,17 +153,17 @@ class TermArrays(NamedTuple):
 
 
 class TermMemory(NamedTuple):
-    """What the terms of V vehicles hold from sample to sample; without terms V is 0.
+    """State of the terms of V vehicles between samples; V is 0 without terms.
 
     Attributes:
         now, before: all that follows, and the same before the present sample, shape (2 + 3 m + 34 V,) and
             `rounds.held`.
-        clock: samples so far and the time of the last, s, shape (2,).
+        clock: Number of past samples and time of the last, s, shape (2,).
         y: measurements of the sample before, shape (m,), m.
         rate: F p' of targets, filtered, of sensing edges without a link, shape (m,), m/s.
-        age: samples so far with the edge that measures each number, shape (m,).
+        age: Number of past samples with the edge that measures each number, shape (m,).
         since: samples since the edges of each vehicle last changed, shape (V,).
-        x: positions then, of which an agent knows the difference to its own now, shape (V, 3), m.
+        x: Positions at that sample, shape (V, 3), m; an agent knows only their difference to its present position.
         moved: displacement since then by odometry, shape (V, 3), m.
         walked: the sum of that since the start, shape (V, 3), m.
         seen: drift since then, as measured, shape (V, 3), m/s.
@@ -172,7 +172,7 @@ class TermMemory(NamedTuple):
         drift: the observer's, shape (V, 3), m/s.
         z: integral of eta, shape (V, 3), m s.
         right: a right side, shape (V, 3).
-        direction, residue: of Chebyshev's iteration, shape (V, 3).
+        direction, residue: Vectors of Chebyshev's iteration, shape (V, 3).
         rounds: what was sent in rounds; of it `now` and `before` have no line.
     """
 
@@ -198,13 +198,13 @@ class TermMemory(NamedTuple):
 
 
 def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> int:
-    """How many numbers the terms of V vehicles hold, whose edges' numbers begin at `first` (E + 1,)."""
+    """Count the numbers that the terms of V vehicles store, whose edges' numbers begin at `first` (E + 1,)."""
     held, line = size_of_round_memory(terms.rounds, first)
     return 2 * (2 + 3 * int(first[-1]) + 34 * V + held) + line if terms.agents else 0
 
 
 def split_memory(flat: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
-    """Views of so many numbers."""
+    """Return views of the numbers that terms store; `size_of_memory` counts them."""
     rounds = terms.rounds
     m, V, C = (int(first[-1]), V, len(rounds.streams)) if terms.agents else (0, 0, 0)
     line = size_of_round_memory(rounds, first)[1] * bool(terms.agents)
@@ -219,10 +219,10 @@ def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolA
     """Take over, under the law of another phase, all that the terms hold of vehicles and of edges that remain.
 
     Args:
-        old, new: of either phase.
+        old, new: Memory of either phase.
         rows: where the numbers of the new edges were among those of the old ones, -1 for edges that were not there,
             shape (m,).
-        changed: whether the edges of a vehicle are others than before, shape (V,).
+        changed: True where the edges of a vehicle differ from the phase before, shape (V,).
     """
     if not (len(old.now) and len(new.now)):
         return
@@ -293,7 +293,7 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: Round
         terms: the terms.
         team: the team.
         period: between samples, s; with terms it is positive.
-        seed: of the run.
+        seed: Seed of the run.
         rounds: links over which they go; perfect ones unless given.
     """
     forward = terms.feedforward
@@ -348,19 +348,19 @@ def cover(laws: Sequence[TermArrays]) -> list[TermArrays]:
 
 
 def contraction(rounds: int, low: float, high: float) -> float:
-    """What rounds leave of an error in the 2-norm, at most: 1 / T_r((kappa + 1) / (kappa - 1)), kappa = high / low."""
+    """Bound what rounds leave of an error in the 2-norm: 1 / T_r((kappa + 1) / (kappa - 1)), kappa = high / low."""
     if rounds == 0 or high <= low:
         return float(rounds == 0)
     return float(1.0 / np.cosh(min(rounds * np.arccosh((high + low) / (high - low)), 700.0)))
 
 
 class Traffic(NamedTuple):
-    """What agents send one another.
+    """Messages between agents.
 
     Attributes:
         rounds: exchanges, in each of which every agent sends to all its neighbours; measuring is none.
-        messages: from one agent to another.
-        numbers: in the messages.
+        messages: Number of messages from one agent to another.
+        numbers: Number of scalars in the messages.
     """
 
     rounds: int = 0
@@ -369,9 +369,9 @@ class Traffic(NamedTuple):
 
 
 def traffic_of(terms: TermArrays, team: Team) -> Traffic:
-    """What the whole team sends in a sample.
+    """Count the messages of the whole team in a sample.
 
-    A round of feedforward or of Newton is an exchange of its own: on each communication edge, of the dimension m, tail
+    A round of feedforward or of Newton is an exchange of its own: on each communication edge with m numbers, tail
     and head send each other F x, m numbers, which may be lost. Under a delay a term has one round a sample.
     """
     most = 1 if terms.rounds.delay else terms.feedforward + terms.newton
@@ -381,7 +381,7 @@ def traffic_of(terms: TermArrays, team: Team) -> Traffic:
 
 
 def _share(period: float, time_constant: float) -> float:
-    """What a first-order filter takes of a new measurement."""
+    """Return the weight of a new measurement in a first-order filter."""
     return float(-np.expm1(-period / time_constant)) if time_constant > 0.0 else 1.0
 
 
@@ -399,7 +399,7 @@ def limit_speed(limit, velocity):
 
 @inline_jit
 def apply_laplacian(edges, agents, x, out):
-    """Write H x into out (V, 3) for x (V, 3), of which the first `agents` rows count: one exchange between agents."""
+    """Write H x into out (V, 3) for x (V, 3), whose first `agents` rows count: one exchange between agents."""
     for v in range(agents):
         out[v, 0], out[v, 1], out[v, 2] = 0.0, 0.0, 0.0
     for e in range(edges.tail.shape[0]):
@@ -464,7 +464,7 @@ def navigate(stage, terms, t, x, drift, command, memory):
         t: Time of the sample, s.
         x: positions, shape (V, 3), m.
         drift: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
-            what the displacement has beside the command.
+            the part of the displacement that the command does not explain.
         command: since the sample before, as limited, shape (V, 3), m/s.
         memory: see TermMemory.
     """
@@ -564,7 +564,7 @@ def _feed_forward(stages, law, x, y, command, memory, links):
 def _sense_targets(law, y, memory, links):
     """Write B p', filtered, into memory.right, from how measurements of targets changed and how agents moved.
 
-    Links filter what they hear by themselves, as measurements may arrive at unlike times (see `mjsheaf.control.links`).
+    Links filter their measurements themselves, as these may arrive at unlike times (see `mjsheaf.control.links`).
     """
     edges, terms, measured, linked = law.edges, law.terms, memory.right, law.links.of.shape[0] > 0
     for v in range(terms.agents):

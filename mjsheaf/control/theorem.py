@@ -4,7 +4,7 @@ rho bounds the agents' drift: |f~| = |f_q(q*, t) - f_q(q, t)| <= rho(|e|) |e| wi
 e' = -k1 H e + f_B + f~ + Delta, |f_B| <= f_bar, |Delta| <= omega_bar. With V = |e|^2 / 2, completing the square gives
 V' <= -(k_min - rho(|e|)) |e|^2 + mu, in continuous time and while the run stays where rho and f_bar hold.
 
-Where rho is strictly increasing and unbounded this is the paper's theorem word for word (its proof writes rho once
+Where rho is strictly increasing and unbounded this is the paper's theorem unchanged (its proof writes rho once
 where it means rho_bar). Here rho need only not decrease. chi is then any radius with rho(chi) <= k_min - lambda_V, the
 largest that can be shown, and the argument survives:
 
@@ -159,7 +159,7 @@ class BoundRho(Rho):
             before, at = value, radius
 
     def __call__(self, radius: float) -> float:
-        """What the function says."""
+        """Evaluate the function at a radius."""
         try:
             value = float(self._function(radius))
         except (OverflowError, ZeroDivisionError):  # of plain floats at large or infinite radii
@@ -207,9 +207,9 @@ class Theorem:
         rho: bound of the drift's slope.
         k_min: k1 lambda_min / 2, 1/s.
         rate: lambda_V, 1/s; the best one unless given; 0 where none satisfies the gain condition.
-        applies: whether the gain condition holds for `rate`.
+        applies: True if the gain condition holds for `rate`.
         mu: (f_bar + omega_bar)^2 / (2 k1 lambda_min), m^2/s.
-        radius: of the ultimate set U, sqrt(mu / lambda_V), m; infinite where the condition fails.
+        radius: Radius of the ultimate set U, sqrt(mu / lambda_V), m; infinite where the condition fails.
         chi: radius of D, which no solution that starts in S leaves, m; 0 where the condition fails.
         radius_S: radius of S, chi - sqrt(mu / lambda_V), rounded down, m; 0 where the condition fails.
     """
@@ -233,7 +233,7 @@ class Theorem:
         return self.rho(self.chi)
 
     def contains(self, initial_error: float) -> bool:
-        """Whether the theorem speaks of a run that starts with this |e_0| in m: it applies, and e_0 lies in S."""
+        """Return True if the theorem bounds a run that starts with this |e_0| in m: it applies, and e_0 lies in S."""
         return self.applies and initial_error <= self.radius_S
 
     def bound(self, initial_error: float, elapsed: ArrayLike) -> Array:

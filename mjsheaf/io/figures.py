@@ -1,4 +1,4 @@
-"""How figures are written: formats, and with a title or not. Without matplotlib, which takes long to import."""
+"""Settings of figure files: formats and title. Without matplotlib, which takes long to import."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ VIEW = (-60.0, 35.0)
 """Azimuth and elevation of the eye in degrees, unless a scenario has its own (`video.eye`)."""
 
 MATPLOTLIB = RLock()
-"""Held by whoever draws with matplotlib, whose settings and parser of formulas belong to the process."""
+"""Lock of code that draws with matplotlib, whose settings and parser of formulas belong to the process."""
 
 
 @dataclass(frozen=True)
 class FigureOptions:
-    """How figures are written.
+    """Settings of figure files.
 
     Attributes:
-        formats: of their files, one for each; of FORMATS.
-        title: whether they have one; papers have captions instead.
+        formats: Formats of their files, one file for each; from FORMATS.
+        title: True for figures with a title; papers have captions instead.
     """
 
     formats: tuple[str, ...] = ("png",)

@@ -1,11 +1,11 @@
 """Files and directories that appear whole or not at all.
 
-Each is made beside its place, as a rename is atomic only within one file system, under a name such as
+Each is written next to its place, as a rename is atomic only within one file system, under a name such as
 `.summary.json.3f0a90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
 process ends: so what a killed process left differs from what another is writing, and the next one removes it.
 
 Paths in files are confined: a user may name any file on the command line or in Python; a file, which may come from
-anywhere, may name only what lies beside or below it, with links followed first.
+anywhere, may name only paths in or below its own directory, after links are resolved.
 
 Models, scenarios and studies are inside an installed package, or at the top of the repository.
 """
@@ -39,8 +39,8 @@ def naming(place: object, hint: str = "", kind: type[InputError] = InputError, v
 def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
     """Yield the place of a new, empty file that takes the place of `path` when the block ends without an exception.
 
-    Args:
-        path: of the file.
+    path: Path of the file.
+        tidy: True to remove first the remains of killed processes, which reads the whole directory.
         tidy: whether to remove first what killed processes have left of it, which reads the whole directory.
 
     Raises:
@@ -114,7 +114,7 @@ def require_writable(path: Path) -> None:
 
 
 def remove_stale(path: Path) -> None:
-    """Remove what killed processes have left beside a file or directory that they were writing."""
+    """Remove the remains that killed processes left next to a file or directory that they were writing."""
     pattern = re.compile(rf"\.{re.escape(path.name)}\.{_RANDOM}\.(part|old)")
     with suppress(OSError):
         for name in filter(pattern.fullmatch, os.listdir(path.parent)):
@@ -127,7 +127,7 @@ def remove_stale(path: Path) -> None:
 
 
 def is_part_of(name: str, names: Iterable[str]) -> bool:
-    """Whether a file's name is that of a part of one of these files."""
+    """Return True if a file's name is that of a part of one of these files."""
     return any(re.fullmatch(rf"\.{re.escape(of)}\.{_RANDOM}\.part", name) for of in names)
 
 
@@ -140,7 +140,7 @@ def _restore(old: Path, path: Path) -> None:
 
 @contextmanager
 def _part(path: Path, *, directory: bool, tidy: bool = True) -> Iterator[Path]:
-    """A new file or directory beside a path, locked; what is left of it at the end is removed."""
+    """Yield a new file or directory next to a path, locked; remove it at the end if it still exists."""
     if tidy:
         remove_stale(path)
     while True:
@@ -213,8 +213,8 @@ def confined(name: str, directory: Path, root: Path | None = None) -> Path:
     """The absolute path, with links resolved, of the file that a path in a file names; it need not exist.
 
     Args:
-        name: as written; relative to `directory`, or absolute.
-        directory: of the file in which it stands.
+        name: Name as written; relative to `directory`, or absolute.
+        directory: Directory of the file that contains the name.
         root: the directory in which it must lie; None takes `directory`.
 
     Raises:

@@ -114,7 +114,7 @@ def tagged(name: str) -> Callable[[dict[str, Any]], None]:
 def validation_problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """Describe everything that is wrong, a line 'field: what is wrong' each, unknown fields first.
 
-    The field is written as an override takes it. Where a value may be of several kinds pydantic tells for each why it
+    The field is written as an override takes it. For a value of several possible kinds, pydantic reports for each why
     is not of that kind: the kind that fits it best, which is the one whose error lies deepest, is reported. After
     `MAX_PROBLEMS` lines the last one says how many more there are. Names of fields that are legal stand in the first
     line for which they are.
@@ -152,8 +152,8 @@ class _Problem(NamedTuple):
 
     Attributes:
         kind: pydantic's name of it.
-        path: of the field, as an override takes it.
-        value: path of the value that may be of several kinds, of which this error is about one; else `path`.
+        path: Path of the field, as an override takes it.
+        value: Path of the value with several possible kinds, one of which this error is about; else `path`.
         text: what is wrong and, unless `legal` says so, what is expected.
         legal: names of fields that are expected; of an unknown field.
         close: the closest of these, in words.
@@ -168,7 +168,7 @@ class _Problem(NamedTuple):
 
     @classmethod
     def of(cls, detail: dict[str, Any], schema: dict[str, Any]) -> "_Problem":
-        """Read an error; the JSON Schema tells fields from pydantic's names for the branches of a union."""
+        """Read an error; the JSON Schema distinguishes fields from pydantic's names for the branches of a union."""
         kind, location, context = detail["type"], detail["loc"], detail.get("ctx", {})
         text = " ".join(str(detail["msg"]).removeprefix("Value error, ").split())
         unknown = location[-1:] if kind == "extra_forbidden" else ()

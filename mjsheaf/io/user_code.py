@@ -16,7 +16,7 @@ _MAX_MESSAGE = 300  # characters of an exception that a message repeats
 
 @contextmanager
 def in_this_directory() -> Iterator[None]:
-    """Come back to the working directory, by which the results' place and files are named."""
+    """Return to the working directory at the end: the results' place and files are named relative to it."""
     place = _working_directory()
     try:
         yield

@@ -140,12 +140,12 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
     """A YAML mapping with one of its fields replaced, or added at its end.
 
     Comments before and after the field stay; those inside its old value go with that. The field is written as the
-    file is: in lines where it stands in lines, in braces where the file or the field does.
+    file is: in lines where it uses lines, in braces where the file or the field does.
 
     Args:
-        text, source: of the file, and what errors call it.
-        key, value: of a field at the top.
-        comment: stands beside the key where the field is new.
+        text, source: Text of the file, and its name in errors.
+        key, value: Key and value of a field at the top.
+        comment: Comment next to the key where the field is new.
 
     Raises:
         ScenarioError: the text is not valid YAML, or of a form that cannot be edited in its place.
@@ -179,7 +179,7 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
 
 
 def _end(node: yaml.Node) -> int:
-    """Where the text of a node ends; PyYAML's own mark of a block lies after the comments that follow it."""
+    """Return the end of a node's text; PyYAML's own mark of a block lies after the comments that follow it."""
     if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
         last = node.value[-1]
         return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
@@ -187,9 +187,9 @@ def _end(node: yaml.Node) -> int:
 
 
 def _lines(value: dict[str, Any], column: int, newline: str) -> str:
-    """A mapping in lines, of which all but the first are indented.
+    """Write a mapping in lines, all but the first of them indented.
 
-    Mappings inside it are in braces, but for those that hold a list of mappings: of these each is, on its own line.
+    Mappings inside it are in braces, except those with a list of mappings, which are written one entry a line.
     """
 
     def dump(item: dict[str, Any], flow: bool) -> str:

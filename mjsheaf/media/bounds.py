@@ -5,7 +5,7 @@ at points inside limits it from below, and cells whose bound exceeds (1 + tolera
 cut again, those with the largest bounds first.
 
 A kernel is seen in the n = 2 or 3 coordinates that the vehicle has: r is the offset from its centre and u = |r|^2;
-what the plane leaves out is constant and goes into the kernel's numbers. There are then two kinds of kernel:
+the coordinates that the plane omits are constants of the kernel. There are then two kinds of kernel:
 
 - a pole, g (M r + v) / s^p with s = u + C, k = u / s, m = |M|. A source has M = 1, v = 0, p = 1 (in space 1.5); a
   vortex has M = [axis]_x, p = 1. A vehicle in a plane at offset h from the centre of a kernel in space sees
@@ -47,13 +47,13 @@ _ROUNDING = 1e-12  # of the sum of all kernels' bounds
 
 @dataclass(frozen=True, eq=False)
 class Supremum:
-    """What is known of the supremum of a field's speed (m/s) or slope (1/s) over a box.
+    """Bounds of the supremum of a field's speed (m/s) or slope (1/s) over a box.
 
     Attributes:
         upper: never exceeded in the box. Both are infinite where a kernel without a core has its centre in the box.
         seen: attained at `where`, so the supremum lies in [seen, upper].
         where: shape (2,) for a planar vehicle, else the box's own, m; read-only.
-        exact: whether upper <= (1 + tolerance) seen; if not, the cells ran out, and upper still holds.
+        exact: True if upper <= (1 + tolerance) seen; if not, the cells ran out, and upper still holds.
     """
 
     upper: float
@@ -63,7 +63,7 @@ class Supremum:
 
 
 def singular_points(flow: FlowField, *, planar: bool) -> Array:
-    """Where the field that a vehicle meets is not C^1, shape (k, 2) or (k, 3), m: centres of kernels without a core."""
+    """Find where the field of a vehicle is not C^1, shape (k, 2) or (k, 3), m: centres of kernels without a core."""
     return _Kernels(flow.table, flow.dimension, 2 if planar or flow.dimension == 2 else 3, drift=False).singular
 
 
@@ -86,10 +86,10 @@ def supremum(
         low: the box's lowest corner, shape (2,) or (3,), m, or those of k boxes, shape (k, 2) or (k, 3). A planar
             vehicle needs two numbers, and a third is not used; in space three are needed unless the field is planar.
         high: its highest corner, same shape; a box may be a point.
-        planar: whether the vehicle lives in the plane: points are (x, y, 0), and only the x and y of w count.
-        slope: whether the slope is wanted, not the speed.
-        drift: whether the uniform drift counts; it has no slope.
-        tolerance: the gap wanted between upper and seen, relative to seen.
+        planar: True if the vehicle lives in the plane: points are (x, y, 0), and only the x and y of w count.
+        slope: True for the slope, False for the speed.
+        drift: True if the uniform drift counts; it has no slope.
+        tolerance: The desired gap between upper and seen, relative to seen.
         most_cells: cells to bound before giving up on the tolerance.
 
     Returns:
@@ -126,7 +126,7 @@ class _Bytes:
         return hash(self._key)
 
 
-@lru_cache(16)  # runs of a study mostly ask for the same
+@lru_cache(16)  # runs of a study mostly need the same bounds
 def _supremum(
     table: _Bytes,
     low: _Bytes,
@@ -246,7 +246,7 @@ class _Kernels:
         self._m[is_vortex] = np.linalg.norm(axis, axis=1) if n == 3 else np.abs(axis[:, 2])
         self.singular = self.centre[: len(poles)][self._C <= _NO_CORE**2]
 
-        # Channels: strength exp(-A |n|^2 - B l^2) d, of which a planar vehicle sees the projection.
+        # Channels: strength exp(-A |n|^2 - B l^2) d, projected onto the plane of a planar vehicle.
         self._push = channels[:, 8, None] * channels[:, 5 : 5 + n]
         self._d, self._A, self._B = channels[:, 5:8], channels[:, 9], channels[:, 10]
         self._channel_centre = channels[:, 2:5]

@@ -127,9 +127,9 @@ def draw(kinds: Sequence[Disturbance | None], dimensions: Sequence[int], ids: Se
 
     Args:
         kinds: disturbance of each vehicle, length V.
-        dimensions: of each vehicle, 2 or 3.
-        ids: of the vehicles; each names its stream, so that no other vehicle changes what it meets.
-        seed: of the run.
+        dimensions: Dimension of each vehicle, 2 or 3.
+        ids: Ids of the vehicles; each names its stream, so that no other vehicle changes its disturbance.
+        seed: Seed of the run.
 
     Returns:
         Amplitude (3) in m/s, rate in rad/s and phase in rad of each, shape (V, K, 5).

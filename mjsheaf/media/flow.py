@@ -40,7 +40,7 @@ _NOTHING_LEFT = 600.0  # exp(-600) = 3e-261: beyond it exp underflows, which tak
 
 @inline_jit
 def _channel_place(c, rx, ry, rz):
-    """Where an offset (rx, ry, rz) from its centre lies in a channel: l along it, and |n|^2 across."""
+    """Return the place of an offset (rx, ry, rz) from a channel's centre: l along the channel, |n|^2 across."""
     along = rx * c[5] + ry * c[6] + rz * c[7]
     nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
     return along, nx * nx + ny * ny + nz * nz
@@ -148,7 +148,7 @@ class Source(Section):
     )
 
     def row(self, core2: float) -> list[float]:
-        """What the kernel's row in the table holds after its kind and whether it lies in space."""
+        """Return the kernel's row in the table after its kind and its plane or space."""
         return [*_padded(self.centre), 0.0, 0.0, 0.0, self.alpha, core2, 0.0]
 
 
@@ -158,7 +158,7 @@ class Vortex(Section):
     centre: Point = Field(description="position [m]")
     gamma: Number = Field(description="strength, positive to port about the axis [m^2/s]")
     axis: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = Field(
-        None, description="axis, of which the length counts; in space only [-]"
+        None, description="axis; its length counts; in space only [-]"
     )
 
     velocity: Point | None = Field(None, description="velocity of the centre; at rest unless given [m/s]")

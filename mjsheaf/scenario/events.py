@@ -1,8 +1,8 @@
 """Events: agents and targets are lost or join, links are cut or restored, fields of controller and links change.
 
 Each event happens at a sample and begins a phase of the run there (see `phases_of_events`). An agent or a target whose
-first event is to join is silent until then; such an agent holds its position, unless it is to drift. A lost agent is
-silent and its thrusters stop; a lost target moves on, and no agent senses it.
+first event is `join` is disconnected until then; such an agent holds its position, unless it is to drift. A lost agent
+is disconnected and its thrusters stop; a lost target continues, and no agent senses it.
 """
 
 import re
@@ -25,13 +25,13 @@ _CHANGING = re.compile(
     r"|flow\.(agents|targets|air|water)(\..+)?"
     r"|links\.(all|communication|sensing)\.(noise|bias|loss|range|hold)(\..+)?"
 )
-_ROUNDING = 1e-6  # of a period, by which a time may miss its sample
+_ROUNDING = 1e-6  # largest distance between a time and its sample, periods
 _Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
 
 
 @dataclass
 class State:
-    """What events have changed so far.
+    """Changes made by the events up to now.
 
     Attributes:
         team: with everybody present and all edges.
@@ -105,7 +105,7 @@ class Event(Section):
         raise NotImplementedError
 
     def touches(self, part: str) -> bool:
-        """Whether it changes that part of the controller."""
+        """Return True if the event changes that part of the controller."""
         return False
 
     @property
@@ -117,10 +117,10 @@ class Event(Section):
 
 
 class Lose(Event):
-    """An agent falls silent and its thrusters stop; or no agent senses a target any more."""
+    """Disconnect an agent and stop its thrusters; or stop the sensing of a target."""
 
     lose: Id = Field(
-        description="id of an agent, which falls silent and drifts, or of a target, which nobody senses any more"
+        description="id of an agent, which is disconnected and drifts, or of a target, which no agent senses any more"
     )
 
     def apply(self, state: State) -> None:
@@ -162,11 +162,11 @@ class Restore(Event):
 
 
 class Join(Event):
-    """An agent or a target joins: one that was lost, or that has been there from the start, silent until now."""
+    """Connect an agent or a target: one that was lost, or that was disconnected from the start."""
 
     join: Id = Field(
-        description="id of an agent or a target; one whose first event is this is silent until then, and such an agent "
-        "holds its position"
+        description="id of an agent or a target; if this is its first event, it is disconnected until then, and an "
+        "agent holds its position"
     )
 
     def apply(self, state: State) -> None:
@@ -213,7 +213,7 @@ class Change(Event):
             )
 
     def touches(self, part: str) -> bool:
-        """Whether it changes that part of the controller, or fields in it."""
+        """Return True if the event changes that part of the controller, or fields in it."""
         return any(f"{path}.".startswith(f"controller.{part}.") for path, _ in self.values())
 
     def values(self) -> Iterator[tuple[str, Any]]:
@@ -308,8 +308,8 @@ def phases_of_events(
     """The phases of a run: one that begins with the run, and one at each sample at which something happens.
 
     Args:
-        events: in any order; those at one time happen in the order given.
-        whole: the system with everybody present.
+        events: Events in any order; those at one time happen in the order given.
+        whole: The system with all agents and targets present.
         sections: Controller, links and flow at the start, by name.
         adapt: makes the system of another team, and of other sections.
         drifting: Ids of agents that drift with the medium until they join.

@@ -1,4 +1,4 @@
-"""Loading scenarios: by name or path, with overrides, checked as a whole."""
+"""Load scenarios by name or path, apply overrides, and check the whole."""
 
 import os
 import re
@@ -164,7 +164,7 @@ def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] 
     Args:
         node: plain values.
         change: what becomes of a path.
-        path: of the field; none for a whole scenario.
+        path: Path of the field; none for a whole scenario.
 
     Raises:
         InputError: `change` did; the message begins with the field.
@@ -204,7 +204,7 @@ def find_scenario(source: str | Path) -> Path:
 
 
 def origin(source: str | Path, directory: Path) -> str:
-    """Where a scenario comes from: its name in scenarios/, else its file's path relative to the run's directory.
+    """Return the source of a scenario: its name in scenarios/, else its path relative to the run's directory.
 
     Two runs of one file have one origin, also when the project that holds both is moved.
     """

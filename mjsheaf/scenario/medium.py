@@ -1,4 +1,4 @@
-"""The sections of a scenario file on the medium: what flows, and what disturbs the vehicles beside it."""
+"""Sections of a scenario file about the medium: the flow, and the disturbances of vehicles in addition to it."""
 
 from typing import Annotated, Any
 
@@ -27,7 +27,7 @@ AnyFlow = Annotated[
 
 
 class Flow(Section):
-    """The medium, in one of two ways: by dimension (air, water), or by role (agents, targets) as in the paper."""
+    """Flow of the medium, in one of two ways: by dimension (air, water), or by role (agents, targets), as the paper."""
 
     agents: AnyFlow | None = Field(
         None, description="flow that all agents meet, planar and spatial ones; not together with air or water"

@@ -146,7 +146,8 @@ class Controller(Section):
 
     gain: Positive = Field(1.0, description="k1 of u_i = -k1 g_i^+ eta_i [1/s]")
     control_period: NonNegative = Field(
-        0.01, description="time between samples, for which a command is held; 0 evaluates the law continuously [s]"
+        0.01,
+        description="time between samples; a command is held between samples; 0 evaluates the law continuously [s]",
     )
     record_period: Duration = Field(0.01, description="time between recorded samples where control_period is 0 [s]")
     velocity_limit: Positive | None = Field(
@@ -157,7 +158,7 @@ class Controller(Section):
         None, description="commands k1 (q* - q) instead of -k1 eta; not in the law unless given"
     )
     drift: Drift | None = Field(
-        None, description="takes off what carries an agent beside its command; not in the law unless given"
+        None, description="subtracts the velocity that adds to an agent's command; not in the law unless given"
     )
     integral: Integral | None = Field(None, description="adds the sum of eta over time; not in the law unless given")
     odometry: Odometry = Field(Odometry(), description="errors of odometry, on which feedforward and drift rest")
@@ -233,7 +234,7 @@ class Vehicles(Section):
 
 
 class Physics(Section):
-    """How the physics backend steps."""
+    """Steps of the physics backend."""
 
     timestep: Duration = Field(0.001, description="MuJoCo's step; the control period must be a multiple of it [s]")
     contacts: bool = Field(False, description="whether vehicles collide")
@@ -241,7 +242,7 @@ class Physics(Section):
 
 
 class Ideal(Section):
-    """How the ideal backend integrates."""
+    """Integration of the ideal backend."""
 
     rtol: Annotated[float, Field(ge=1e-13, le=1e-2)] = Field(
         1e-9, description="relative tolerance of the integrator [-]"
@@ -282,7 +283,7 @@ def scales_of(
 
 
 class Scene(Section):
-    """What the video shows beside the vehicles."""
+    """Objects that the video shows in addition to the vehicles."""
 
     surface: Literal["water", "ground", "none"] = Field("water", description="what is drawn at `height`")
     height: Number = Field(0.0, description="height of the surface; planar vehicles move at it [m]")
@@ -299,7 +300,7 @@ class Scene(Section):
 
 
 class Video(Section):
-    """How a run is filmed."""
+    """Settings of a run's video."""
 
     width: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = Field(1280, description="of a frame [px]")
     height: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = Field(720, description="of a frame [px]")
@@ -354,7 +355,7 @@ class Bounds(PhaseBounds):
 
 
 class Expect(Section):
-    """What a regression run must show, for each backend."""
+    """Largest errors of a regression run, for each backend."""
 
     ideal: Bounds | None = Field(None, description="bounds for the ideal backend")
     physics: Bounds | None = Field(None, description="bounds for the physics backend")
@@ -367,7 +368,7 @@ class Expect(Section):
 
 
 def _optional(schema: dict[str, Any]) -> None:
-    """What need not stand in a file: the name, which is then the file's, and agents where a swarm makes them."""
+    """Make fields optional that a file may omit: the name, which is then the file's, and agents of a swarm."""
     schema["required"] = [name for name in schema["required"] if name not in ("name", "agents")]
 
 
@@ -416,13 +417,13 @@ class Scenario(Section):
         default_factory=list, description="what happens during the run: losses, joins, cuts, changed fields"
     )
     flow: Flow = Field(Flow(), description="velocity of the medium; at rest unless given")
-    disturbance: Disturbances = Field(Disturbances(), description="bounded random velocities, beside the flow")
+    disturbance: Disturbances = Field(Disturbances(), description="bounded random velocities, in addition to the flow")
     spread: Spread = Field(Spread(), description="random initial conditions; none unless given")
     vehicles: Vehicles = Field(Vehicles(), description="bodies of the physics backend")
     physics: Physics = Field(Physics(), description="how the physics backend steps")
     ideal: Ideal = Field(Ideal(), description="how the ideal backend integrates")
-    scene: Scene = Field(Scene(), description="what pictures and videos show beside the vehicles")
-    video: Video = Field(Video(), description="how a run is filmed")
+    scene: Scene = Field(Scene(), description="objects that pictures and videos show in addition to the vehicles")
+    video: Video = Field(Video(), description="settings of a run's video")
     expect: Expect = Field(Expect(), description="largest errors for `run --expect`, `mjsheaf expect` and pytest")
 
     @model_validator(mode="before")
@@ -471,7 +472,7 @@ class Scenario(Section):
         """The same scenario under another seed; it shares the team, which no seed changes once a swarm is written out.
 
         Raises:
-            InputError: as for `phases`, which are built; or the seed is no whole number of at least 0.
+            InputError: See `phases`, which are built; or the seed is no whole number of at least 0.
         """
         require_whole("seed", seed, 0)
         other = self.model_copy(update={"seed": seed})
@@ -577,7 +578,7 @@ class Scenario(Section):
         )
 
     def uses_seed(self, backend: str) -> bool:
-        """Whether another seed would change anything on a backend."""
+        """Return True if another seed would change anything on a backend."""
         drawn = any(d is not None and d.bound > 0.0 for d in (self.disturbance.agents, self.disturbance.targets))
         drawn = drawn or any(phase.system.law.random or phase.system.moving for phase in self.phases)
         return drawn or self.spread.position > 0.0 or (backend == "physics" and self.spread.heading > 0.0)

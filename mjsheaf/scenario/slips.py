@@ -1,4 +1,4 @@
-"""Values that are valid and look like slips: an angle that was written in radians. `check` and `run` note them."""
+"""Warnings about valid but suspicious values: an angle that was written in radians. `check` and `run` print them."""
 
 import math
 
@@ -11,13 +11,13 @@ _LEAST_TILT = 2.0  # degrees; a multirotor that leans less makes no speed to spe
 
 
 def slips_of(scenario: Scenario) -> list[str]:
-    """What looks like a slip in a scenario and its vehicles, in sentences."""
+    """Return a warning for each suspicious value in a scenario and its vehicles, in sentences."""
     vehicles = {id(vehicle): vehicle for vehicle in scenario.system.vehicles}
     return [*_headings(scenario), *(slip for vehicle in vehicles.values() for slip in slips_of_vehicle(vehicle))]
 
 
 def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
-    """What looks like a slip in a vehicle's description, in sentences."""
+    """Return a warning for each suspicious value in a vehicle's description, in sentences."""
     if not isinstance(vehicle.steering, ThrustVector) or vehicle.steering.largest_tilt >= _LEAST_TILT:
         return []
     tilt = vehicle.steering.largest_tilt

@@ -57,7 +57,7 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
         raw: a scenario as a mapping; without a swarm it is returned as it is.
 
     Raises:
-        InputError: fields that a swarm makes are given beside it, its target is missing, or its degree fits no graph.
+        InputError: Fields that a swarm makes are given as well, its target is missing, or its degree fits no graph.
     """
     if raw.get("swarm") is None:
         return raw
@@ -173,7 +173,7 @@ def _nearest_before(places: Array, agents: IntArray, wanted: int) -> Edges:
         distance[near >= agents[:, None]] = np.inf
         order = np.lexsort((near, distance), axis=1)[:, :wanted]
         near, distance = np.take_along_axis(near, order, axis=1), np.take_along_axis(distance, order, axis=1)
-        # Whoever was not found is no nearer than `reach`, but for rounding.
+        # A neighbour that was not returned is no nearer than `reach`, up to rounding.
         certain = (asked == tree.n) | (distance < ((1.0 - 1e-9) * reach[:, -1:]) ** 2).all(axis=1)
         found = np.isfinite(distance) & certain[:, None]
         edges |= _ordered(zip(near[found], np.broadcast_to(agents[:, None], near.shape)[found], strict=True))
@@ -191,7 +191,7 @@ def _random_geometric(places: Array, swarm: Swarm, rng: np.random.Generator) -> 
     from scipy.spatial import cKDTree
 
     moved = places + rng.uniform(-swarm.spacing, swarm.spacing, places.shape)
-    reach = swarm.spacing * np.sqrt((swarm.degree + 1) / np.pi)  # a disc that holds so many places
+    reach = swarm.spacing * np.sqrt((swarm.degree + 1) / np.pi)  # radius of a disc that holds degree + 1 places
     return _connected(_ordered(cKDTree(moved).query_pairs(reach)), places)
 
 

@@ -37,7 +37,7 @@ class Member:
 
     Attributes:
         id: its id.
-        dimension: of its state space, 2 (planar) or 3 (spatial).
+        dimension: Dimension of its state space, 2 (planar) or 3 (spatial).
         attitude: roll, pitch and yaw of its local frame, rad.
         height: z of a planar member in space, m.
     """
@@ -85,7 +85,7 @@ class Edge:
 
     @property
     def b(self) -> Array:
-        """What is added to F_head x_head - F_tail x_tail: of positions the desired value, else the lift; (m,), m."""
+        """Term added to F_head x_head - F_tail x_tail: the desired value of positions, else the lift, shape (m,), m."""
         added = self.offset if self.measures == "position" else self.lift
         return np.zeros(len(self.F_tail)) if added is None else added
 
@@ -131,7 +131,7 @@ _Weight = Positive | Matrix | None
 class LinearEdge(Link):
     """An edge; a bare pair [tail, head] is short for {between: [tail, head]}.
 
-    What it has of a link's fields precedes that of `links`.
+    Its own link fields precede those of `links`.
     """
 
     between: _Ends = Field(description="ids of tail and head")
@@ -153,7 +153,9 @@ class LinearEdge(Link):
         description="desired F_tail x_tail - F_head x_head; of a range the distance, [r]; of a bearing the unit vector "
         "from tail to head, in the edge's frame; from the formations unless given [m]",
     )
-    parallel: bool = Field(False, description="a second sensor: it may repeat another edge, and counts beside it")
+    parallel: bool = Field(
+        False, description="a second sensor: it may repeat another edge, and counts in addition to it"
+    )
 
     def build(self, tail: Member, head: Member) -> Edge:
         """The edge between two members, in the tail's local frame where the map says so.
@@ -220,12 +222,14 @@ class Anchor(Section):
         None, description="F, one row for each measured number, one column for each coordinate; give this or axes [-]"
     )
     value: Annotated[list[Number], Field(min_length=1)] = Field(
-        description="wanted F q, one for each measured number [m]"
+        description="desired F q, one for each measured number [m]"
     )
     weight: _Weight = Field(
         None, description="inner product K of the edge stalk, a matrix or a number times I; 1 unless given [-]"
     )
-    parallel: bool = Field(False, description="a second sensor: it may repeat another anchor, and counts beside it")
+    parallel: bool = Field(
+        False, description="a second sensor: it may repeat another anchor, and counts in addition to it"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> "Anchor":
@@ -289,7 +293,7 @@ def require_ends(tail: str, head: str, roles: Mapping[str, str], wanted: tuple[s
     Args:
         tail, head: ids.
         roles: 'agent' or 'target' of every member by id.
-        wanted: role of tail and head; 'ground' is that of GROUND.
+        wanted: Expected role of tail and head; 'ground' is that of GROUND.
     """
 
     def unknown(end: str) -> str:

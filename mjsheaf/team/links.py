@@ -28,7 +28,7 @@ class Exact(Section):
 
 
 class RangeBearing(Section):
-    """Range and bearing in the frame of the tail's body, of which the tail knows the attitude.
+    """Range and bearing in the body frame of the tail, which knows its own attitude.
 
     On an edge with two rows the bearing is an angle in their plane, on one with three azimuth and elevation in the body
     frame as it turns: along the motion on ideal kinematics, the true attitude on bodies.
@@ -74,7 +74,7 @@ def chain_of(loss: float | GilbertElliott | None) -> GilbertElliott:
 
 
 class Link(Section):
-    """What a link does to the measurements of an edge; None leaves a field to a coarser section."""
+    """Effects of a link on the measurements of an edge; None leaves a field to a more general section."""
 
     noise: NonNegative | None = Field(
         None,
@@ -87,7 +87,9 @@ class Link(Section):
     loss: Probability | GilbertElliott | None = Field(
         None, description="probability that a sample is lost, or a chain of a good and a bad state [-]"
     )
-    range: Positive | None = Field(None, description="distance of the bodies beyond which the link is silent [m]")
+    range: Positive | None = Field(
+        None, description="distance of the bodies beyond which the link receives nothing [m]"
+    )
     hold: NonNegative | None = Field(
         None, description="how long the last measurement stands in for lost ones; after that the edge adds nothing [s]"
     )
@@ -98,7 +100,7 @@ class Link(Section):
     @model_validator(mode="after")
     def _one_noise(self) -> "Link":
         if self.noise and isinstance(self.sensor, RangeBearing):
-            raise ValueError("noise beside sensor range_bearing; expected its range_noise and bearing_noise, or exact")
+            raise ValueError("noise with sensor range_bearing; expected its range_noise and bearing_noise, or exact")
         return self
 
     @property
@@ -108,7 +110,7 @@ class Link(Section):
 
 
 class RoundLink(Section):
-    """What links do to the messages that agents send each other in rounds of feedforward and newton."""
+    """Effects of links on the messages of agents in rounds of feedforward and newton."""
 
     delay: NonNegative = Field(
         0.0, description="age of a message, a whole number of control periods; if positive, one round a period [s]"
@@ -133,7 +135,7 @@ class Links(Section):
         """The link of an edge of a kind, with its own fields.
 
         Raises:
-            InputError: a sensor range_bearing has a finer section's noise beside it.
+            InputError: A sensor range_bearing has noise from a more specific section.
         """
         return _model(self.all, getattr(self, kind), own)
 
@@ -149,7 +151,7 @@ class LinkModel(NamedTuple):
         bearing_noise: Standard deviation of its angles, rad.
         delay: Age of a measurement, s.
         hold: Time for which the last measurement stands in for lost ones, s.
-        range: Distance beyond which the link is silent, infinite without one, m.
+        range: Distance beyond which the link receives nothing, infinite without one, m.
         to_bad, to_good: Probabilities that the chain of losses changes its state, at each sample.
         bad: Probability that the chain begins in the bad state.
         loss_good, loss_bad: Probabilities of a loss in each state; equal where losses are independent.
@@ -202,7 +204,7 @@ def _model(*sections: Link | None) -> LinkModel:
     if isinstance(sensor, RangeBearing):
         if fields.get("noise"):
             raise InputError(
-                "noise beside a coarser section's sensor range_bearing; expected sensor: {kind: exact} with it"
+                "noise with the sensor range_bearing of a more general section; expected sensor: {kind: exact} with it"
             )
         angle = float(np.deg2rad(sensor.bearing_noise))
         fields |= {"bearing": True, "range_noise": sensor.range_noise, "bearing_noise": angle}

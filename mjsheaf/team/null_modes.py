@@ -25,7 +25,7 @@ _SAME_DIRECTION_COSINE = 0.94
 
 @dataclass(frozen=True)
 class NullMode:
-    """How agents move together.
+    """Free motion of agents, which no edge measures.
 
     Attributes:
         agents: numbers of the agents that move, ascending, shape (k,).
@@ -40,7 +40,7 @@ def sparsified(basis: sparse.csr_array, owner: IntArray) -> sparse.csc_array:
     """A basis of the same space in which few agents move, and along axes where that is possible.
 
     Independent parts come apart, and no vector's support contains that of another: they form a reduced echelon form.
-    Where a part is small, its pivots are exchanged as long as fewer agents, or else fewer coordinates, move.
+    Where a part is small, its pivots are exchanged while fewer agents, or else fewer coordinates, move.
 
     Args:
         basis: columns, shape (n, r), of full column rank.
@@ -117,7 +117,7 @@ def _exchanged(pivots: IntArray, block: Array, owner: IntArray) -> IntArray:
 
 
 def describe_null_modes(team: Team) -> list[str]:
-    """Which agents are free along what, a line for each basis vector of H^0(G, G_p; F)."""
+    """Describe the free directions of agents, a line for each basis vector of H^0(G, G_p; F)."""
     return [describe(team, mode) for mode in null_modes(team)]
 
 

@@ -85,7 +85,7 @@ class Team:
             )
 
     def changed(self, absent: Collection[str], speaks: Callable[[Edge], bool]) -> "Team":
-        """The same agents and targets, some of them absent, with those edges of the present that still speak."""
+        """Return the same agents and targets, some of them absent, with the edges for which `speaks` is true."""
 
         def kept(edges: Iterable[Edge]) -> list[Edge]:
             return [e for e in edges if not {e.tail, e.head} & set(absent) and speaks(e)]
@@ -104,7 +104,7 @@ class Team:
 
     @cached_property
     def present(self) -> BoolArray:
-        """Whether each agent is part of the team now, shape (N,)."""
+        """True for each agent that is part of the team now, shape (N,)."""
         return np.array([agent.id not in self.absent for agent in self.agents])
 
     @cached_property
@@ -145,7 +145,7 @@ class Team:
 
     @cached_property
     def first_state(self) -> IntArray:
-        """Where each agent's state begins in the stacked q, and its length at the end, shape (N + 1,)."""
+        """Start of each agent's state in the stacked q, and its length at the end, shape (N + 1,)."""
         return np.concatenate([[0], np.cumsum([a.dimension for a in self.agents])]).astype(np.int64)
 
     def pack(self, positions: Array) -> Array:
@@ -186,7 +186,7 @@ class Team:
     def extend(self, p: Array, q: Array | None = None) -> Array:
         """Stacked q* (..., n_q) of stacked targets (..., n_p), m; NaN for absent agents.
 
-        Where q* is not linear in p, or the team has no targets and no anchors, it is the one near the agents at q
+        Where q* is not linear in p, or the team has no targets and no anchors, the solution near the agents at q
         (..., n_q); see `mjsheaf.team.shapes`. Without q agents are at 0.
         """
         if self.plain:

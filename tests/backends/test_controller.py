@@ -304,7 +304,7 @@ def test_a_blow_up_under_a_law_in_python_names_the_law(backend: str) -> None:
     scenario = mixed_scenario(time={"end": 20.0}, controller={"gain": 1.0, "control_period": 5.0})
     result = mjsheaf.simulate(scenario, backend, controller=eager)
     assert result.attrs["status"] == "unstable"
-    for part in ("likely cause: controller eager, which asks for 1.", "e+08 m/s for "):
+    for part in ("likely cause: controller eager, which commands 1.", "e+08 m/s for "):
         assert part in result.attrs["message"]
 
 

@@ -319,7 +319,7 @@ def test_traffic_is_one_round_a_term_and_period_under_a_delay() -> None:
 )
 def test_check_does_not_claim_to_know_the_held_law(fields: dict[str, Any]) -> None:
     scenario = load_scenario("paper", {"controller.newton.rounds": 3, **fields})
-    with pytest.raises(UndecidedError, match="late or lost"):
+    with pytest.raises(UndecidedError, match="delayed or lost"):
         loop_of(scenario.system)
     assert loop_of(load_scenario("paper", fields).system).radius < 1.0  # the paper's law has no rounds
 

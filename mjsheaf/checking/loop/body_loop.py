@@ -49,7 +49,7 @@ MODE_AT_REST = 1e-6
 """m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it."""
 
 _CROSS_RESPONSE = 1e-3  # of a vehicle's response, across axes or in difference between axes, that is neglected
-_RESPONSE_DIFFERENCE = 0.02  # of a vehicle's response, by which the representatives of a large team may differ
+_RESPONSE_DIFFERENCE = 0.02  # largest difference between representatives of a large team, of a vehicle's response
 _TURNS = 3.0  # time constants l / |w| of turning into the current that a run must last for a boat to be turned by it
 _RESPONSE_TIME = 10.0  # s, over which responses are compared
 _GAIN_ACCURACY = 1e-3  # relative, of the largest gain
@@ -100,7 +100,7 @@ class _Modes(NamedTuple):
     Attributes:
         factor: growth over a period, complex, shape (k,).
         agent: number of the agent that moves most, -1 where unknown, shape (k,).
-        moves: whether positions take part, shape (k,).
+        moves: True where positions take part, shape (k,).
     """
 
     factor: NDArray[np.complex128]
@@ -126,7 +126,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
             raise UndecidedError("the gain is 0")
         links = system.law.links.table
         if links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
-            raise UndecidedError("measurements are late or lost")
+            raise UndecidedError("measurements are delayed or lost")
         if not spectrum.smallest.size:
             raise UndecidedError("nothing is held")
         if system.law.terms.rounds.imperfect:
@@ -149,7 +149,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
         period=period,
         largest_gain=loop.largest_gain(system.gain, none) if gain else None,
         least_damped=_least_damped(modes, loop.own, period, system),
-        reason="only eigenvalues between the smallest and the largest would swing up, if H has them" * perhaps,
+        reason="only eigenvalues between the smallest and the largest would be unstable, if H has them" * perhaps,
     )
 
 
@@ -300,7 +300,7 @@ def _difference(one: Array, other: Array) -> float:
 
 
 def _alike(models: list[LinearVehicle], period: float) -> bool:
-    """Whether vehicles respond to a command in nearly the same way."""
+    """Return True if vehicles respond to a command in nearly the same way."""
     first = _response(models[0], period)
     responses = (_response(model, period) for model in models[1:])
     return all(r.shape == first.shape and _difference(r, first) <= _RESPONSE_DIFFERENCE for r in responses)
@@ -328,7 +328,7 @@ class _Part(NamedTuple):
     """Alike vehicles whose loop falls apart into one small matrix for each eigenvalue.
 
     Attributes:
-        plant: of each vehicle along the axes of this part.
+        plant: Dynamics of each vehicle along the axes of this part.
         values: eigenvalues above zero, ascending, or a sampling of the interval that holds them, the largest exact.
         agent: number of the agent that moves most in each one's mode; -1 where the value need not be an eigenvalue.
     """
@@ -467,7 +467,7 @@ def _first_beyond(growth: Callable[[float], float], gain: float, most: float) ->
 
 
 def _bisect(unstable: Callable[[float], bool], low: float, high: float) -> float:
-    """Where a stable rate or gain becomes an unstable one."""
+    """Find where a stable rate or gain becomes an unstable one."""
     while high > (1.0 + _GAIN_ACCURACY) * low:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if unstable(middle) else (middle, high)
@@ -547,7 +547,7 @@ class _Whole:
 
 
 def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> Swing:
-    """The mode with the smallest damping: of those that the loop moves, where none grows.
+    """Find the mode with the smallest damping among those that the loop moves, where none grows.
 
     A hull's own rolling or pitching shows in the position a little, is hardly damped, and does not depend on the law.
     A mode is a vehicle's own if its logarithm is within _OWN_MODE of one that the vehicle has under a steady command.

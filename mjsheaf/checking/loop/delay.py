@@ -4,8 +4,8 @@ The loop is 1 + L(z) z^-d = 0 in each mode, L that of the loop without delay, wh
 circle. Where |L| = 1 at one frequency theta only, the loop is stable up to d theta = pi + arg L there, and unstable
 from there on (Nyquist). Of the paper's law that is k1 h lambda < 2 sin(pi / (2 (2 d + 1))).
 
-Where the edges of the paper's law have unlike delays up to d, that with lambda_max suffices. A root z = exp(i theta) of
-the team's loop, with x its vector and w_e = k1 h x* H_e x >= 0, has sum w_e cos(theta (d_e + 1/2)) = 0 and
+Where the edges of the paper's law have unlike delays up to d, the delay of lambda_max suffices. A root z = exp(i theta)
+of the team's loop, with x its vector and w_e = k1 h x* H_e x >= 0, has sum w_e cos(theta (d_e + 1/2)) = 0 and
 sum w_e sin(theta (d_e + 1/2)) = 2 sin(theta / 2). The first takes theta >= pi / (2 d + 1), so that by the second
 sum w_e >= 2 sin(pi / (2 (2 d + 1))), while sum w_e <= k1 h lambda_max. So no root crosses the circle as the gain rises
 from a small one, with which the loop is stable.
@@ -92,7 +92,7 @@ def spectral_radius(law: LinkedLaw, delay: IntArray) -> float:
 
 
 def is_stable(radius: float) -> bool | None:
-    """What a spectral radius says; None where it is too close to 1."""
+    """Return True if a spectral radius is stable; None where it is too close to 1."""
     return None if abs(radius - 1.0) < _ROUNDING else radius < 1.0
 
 
@@ -138,7 +138,7 @@ def largest_delay(law: LinkedLaw) -> int | None:
 
 
 def _limit(loop: Loop, one: int) -> float | None:
-    """Find the delay, in periods, from which on a mode is unstable; None where that is not the only one."""
+    """Find the delay, in periods, above which a mode is unstable; None where there is not exactly one such limit."""
     A, b, c, d = (part[one] for part in (loop.feedback.A, loop.feedback.b, loop.feedback.c, loop.feedback.d))
     if len(A) and np.abs(np.linalg.eigvals(A)).max() > 1.0 + _ROUNDING:
         return None  # Nyquist's count would need the poles outside the circle
@@ -165,7 +165,7 @@ def _characteristic(A: Array) -> Array:
 
 
 def papers_answer(gain: float, period: float, largest: float, delay: IntArray, linked: BoolArray) -> DelayAnswer:
-    """What lambda_max alone says of the paper's law, 1/s and s, with a delay in periods for each edge."""
+    """Answer for the paper's law from lambda_max alone, 1/s and s, with a delay in periods for each edge."""
     d, limit = int(delay.max(initial=0)), papers_limit(gain * period * largest)
     enough = limit is not None and d <= limit
     decided = enough or bool((delay == d).all())

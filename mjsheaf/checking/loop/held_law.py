@@ -12,8 +12,8 @@ and stand in d. So with x = (e, s, z), x+ = M x + h g d, and in 2-norms over the
 
     |e_k| <= max |(M^k)_ee| |e_0| + h sum_j max |(M^j g)_e| |d_{k-1-j}|,    max over the eigenvalues.
 
-What is known of d along the targets' path is computed: the path does not depend on agents, the disturbances are drawn.
-What is not is bounded: q* by the path's error, the flow between two samples and at q instead of q* by its slope over
+The known part of d along the targets' path is computed: the path is independent of agents, the disturbances are drawn.
+The rest is bounded: q* by the path's error, the flow between two samples and at q instead of q* by its slope over
 balls that hold both, odometry by its largest errors. The slope is not in M; it adds at most rho_k |e| to |F_k|, which
 needs a bound on |e| itself. One comes from the largest speed of the flow, |f(q) - f(q*)| <= 2 sup |f|, or else, where a
 field is unbounded, from a radius that the bound made with it does not reach: before a first instant at which |e| comes
@@ -101,7 +101,7 @@ class LawLoop(Record):
         description="no agent's command exceeds it over the last half of the run, before its last sample, m/s"
     )
     unlimited: Finite = Field(description="`radius` of the same law without limits of speed and integral, m")
-    left: list[Share] = Field(description="what is left of d, the largest first")
+    left: list[Share] = Field(description="residual disturbance d by cause, the largest first")
     exchanges: float = Field(description="rounds of exchange between neighbours a second")
     numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
     noise: Finite = Field(
@@ -111,12 +111,12 @@ class LawLoop(Record):
     reason: str = Field(description="why a number is missing, or empty")
 
 
-UNKNOWN_ROUNDS = "messages of rounds can be late or lost, by links.rounds or a range of communication"
+UNKNOWN_ROUNDS = "messages of rounds can be delayed or lost, by links.rounds or a range of communication"
 """Why the loop of feedforward or newton is not known."""
 
 
 def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> Array:
-    """What `control.terms.solve` leaves of an error in eigenvectors of these values after some rounds, shape (L,).
+    """Evaluate the factor of an error after some rounds of `control.terms.solve`, by eigenvalue, shape (L,).
 
     By its own recurrence, so that the eigenvalues may also lie outside [low, high], or low be high.
     """
@@ -157,7 +157,7 @@ def loop_of(system: System) -> Loop:
 
     Raises:
         UndecidedError: a part of the law is not modelled (see `modelled`), the law is continuous, something is free, H
-            is too large for its eigenvalues, or rounds can be late or lost.
+            is too large for its eigenvalues, or rounds can be delayed or lost.
     """
     require_model(system)
     values = eigen_of(system)[0]
@@ -169,7 +169,7 @@ def loop_of(system: System) -> Loop:
 
 @dataclass(frozen=True)
 class _Drive:
-    """What drives the loop along the targets' path, in K periods, and the errors of that.
+    """Inputs of the loop along the targets' path, in K periods, and their errors.
 
     Attributes:
         left: W - v, what feedforward leaves, shape (K, n_q), m/s.
@@ -179,7 +179,7 @@ class _Drive:
         middle: q* in the middle of each period, shape (K, n_q), m.
         moves: how far each agent's may be from there in the period, shape (K, N), m.
         ripple: how far q*' - omega may be from some constant in each period, shape (K,), m/s.
-        share: of a new measurement in the drift's filter; 0 without.
+        share: Weight of a new measurement in the drift's filter; 0 without.
     """
 
     left: Array
@@ -197,7 +197,7 @@ class _Drive:
 
 
 def _filtered(values: Array, share: float) -> Array:
-    """A first-order filter, a sample late: nothing, then the first value, then a share of each; shape (K, n)."""
+    """Filter by a first-order lag, one sample delayed: 0, the first value, then averages; shape (K, n)."""
     from scipy.signal import lfilter  # which takes a third of a second to load
 
     found = np.zeros_like(values)
@@ -303,10 +303,10 @@ class Envelope:
     """A bound on a run of K periods on ideal kinematics, 2-norms over the team.
 
     Attributes:
-        samples: on |e| at samples, shape (K + 1,), m.
-        within: on |e| within each period, shape (K,), m.
-        command: on every agent's command, shape (K, N), m/s.
-        integral: on the size of an agent's k_I z, m/s.
+        samples: Bound on |e| at samples, shape (K + 1,), m.
+        within: Bound on |e| within each period, shape (K,), m.
+        command: Bound on every agent's command, shape (K, N), m/s.
+        integral: Bound on the size of an agent's k_I z, m/s.
         left: the parts of d that it was made from, by name, shape (K,) each, m/s.
         clipped: why a limit may be met, so that this bounds the law without limits only; or empty.
     """
@@ -352,7 +352,7 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
         most, allowed = f"{found.command[:, i].max():.3g} m/s", f"speed limit of {limit[i]:.3g} m/s"
         return replace(found, clipped=f"the law may ask {agents[i].id} for {most}, beyond its {allowed}")
     if found.integral > system.law.terms.largest:
-        return replace(found, clipped=f"the integral may reach its limit: it may ask for {found.integral:.3g} m/s")
+        return replace(found, clipped=f"the integral may reach its limit: it may need {found.integral:.3g} m/s")
     return found
 
 
@@ -432,7 +432,7 @@ def _parts_of_d(system: System, drive: _Drive, apart: Array, change: Array) -> d
 def law_loop(system: System, certificate: Certificate, *, carried: bool = False) -> LawLoop:
     """The loop of a system's law, and a bound on its run where there is one.
 
-    `carried` says that the law's terms remember a phase before: then the bound, in which they begin with nothing, is
+    `carried` marks a law whose terms remember a phase before: then the bound, in which they begin with nothing, is
     only of the paper's law.
     """
     terms, h = system.law.terms, system.grid.period
@@ -458,7 +458,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
         found["error_per_disturbance"] = loop.error_per_disturbance
         found["noise"] = _noise(system, loop) if loop.radius < 1.0 else None
         if carried and system.law.extended:
-            raise UndecidedError("terms remember the phase before, of which the bound knows nothing")
+            raise UndecidedError("terms remember the phase before, which the bound does not cover")
         bound = envelope(system, certificate)
         late = slice(len(bound.within) // 2, None)
         found["unlimited"], found["reason"] = bound.late(), bound.clipped
@@ -476,7 +476,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
 
 
 def directed_law_loop(system: System) -> LawLoop:
-    """The loop of the law of a team with directed edges, of which no bound along the targets' path is known."""
+    """Return the loop of a team with directed edges, without a bound along the targets' path."""
     found: dict[str, Any] = dict.fromkeys(LawLoop.model_fields)
     found |= {"terms": list(system.law.term_names), "unmodelled": unmodelled_parts(system), "norm": TEAM_NORM}
     found |= {"exchanges": 0.0, "numbers": 0.0, "left": []}

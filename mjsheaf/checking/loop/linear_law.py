@@ -9,8 +9,9 @@ for every input, with that one moved from rest and nothing else. The differences
 with u the command, x what the agent remembers, and w its inputs (see `INPUTS`). No formula of a term is written here:
 whatever the stages do is in the model. It is read off along one axis. Nothing is claimed of a law whose answers to
 motions of many sizes, along all axes at once over many samples, are not those of the model along each axis; nor of one
-with registered terms that go on changing at rest, whose memory is not in proportion to the motion, or keeps what it met
-at the start and no input reaches later.
+with registered terms that keep changing at rest, whose memory is not in proportion to the motion, or stores its input
+with registered terms that keep changing at rest, whose memory is not in proportion to the motion, or stores only its
+initial state, which no later input reaches.
 
 The agent has two edges to points that rest, each with half of the weight. Feedforward learns velocities over the first
 alone, so that errors of measurements on it and on the other edge differ by what feedforward makes of them.
@@ -38,7 +39,7 @@ INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 """Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the
 agent's own displacement as that sum sees it (each in units of eta, m), and as the agent itself sees it, m."""
 
-_MOTION = 2.0**-20  # m, from rest: a power of two, by which a linear law scales without rounding
+_MOTION = 2.0**-20  # m, from rest: a power of two, so that a linear law scales without rounding
 _OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**-12, -(2.0**-6), 1.0, -(2.0**5), 2.0**10)  # m: answered in proportion
 _LINEAR = 1e-9  # relative difference of two answers of a linear law
 _NEGLIGIBLE = 1e-11  # relative size of a new direction that is rounding
@@ -46,7 +47,7 @@ _SETTLING = 4  # samples after which counters of samples no longer matter
 _MOST_SETTLING = 1000  # samples, for what registered terms remember
 _TESTED = 40  # samples over which the model of registered terms is held against the law
 _TESTED_SHIPPED = 8  # and that of the shipped terms alone, which have no counters that end later
-_GENERIC_GAIN = 0.7390851332  # 1/s, at which terms do not cancel -k1 eta by chance
+_GENERIC_GAIN = 0.7390851332  # 1/s; terms do not cancel -k1 eta by chance at this gain
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
 _MOST_MODELS = 200
@@ -75,7 +76,7 @@ class Feedback:
     def closed(self, period: float, delay: int = 0) -> Array:
         """Return the loop around an ideal agent, q_{k+1} = q_k + h u_k, shape (L, 1 + delay + r, 1 + delay + r).
 
-        It acts on the positions q_k, ..., q_{k-delay}, of which the law sees the last, and on x.
+        It acts on the positions q_k, ..., q_{k-delay}, the last of them as measured by the law, and on x.
         """
         L, r = self.b.shape
         M = np.zeros((L, 1 + delay + r, 1 + delay + r))
@@ -126,7 +127,7 @@ class LinearLaw:
 def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
     """Return an orthonormal basis of the least space that holds all of b (L, n) and that all of A (L, n, n) keep.
 
-    What is small beside the sizes of the parts that it is the sum of, of b given by `size` (L, n), is rounding.
+    A value counts as rounding if it is small relative to its summands; those of b have `size` (L, n).
     """
     n = b.shape[1]
     basis = np.zeros((n, 0))
@@ -170,7 +171,7 @@ class LawModel:
         period: Control period, s.
 
     Attributes:
-        plain: Whether the law is that of the paper, u = -k1 eta.
+        plain: True if the law is that of the paper, u = -k1 eta.
 
     Raises:
         UndecidedError: The law is not linear.
@@ -237,7 +238,7 @@ class LawModel:
         """Find what the law remembers at rest, and then a sample later.
 
         Raises:
-            UndecidedError: Registered terms go on changing.
+            UndecidedError: Registered terms keep changing.
         """
         self._end = np.zeros_like(self._memory.flat)
         none = np.zeros(0, dtype=np.int64)
@@ -260,7 +261,7 @@ class LawModel:
             control: The law.
             cells: Numbers of the memory, shape (n,).
             points: Positions of the agent and of the points, shape (K, 3, 3), m.
-            weights: Of the two edges, shape (L, 2).
+            weights: Weights of the two edges, shape (L, 2).
 
         Returns:
             Memories, shape (L, n + K, m), and commands, shape (L, n + K, 3), m/s.
@@ -428,7 +429,7 @@ def _one_agent(law: LawArrays) -> ControlArrays:
 def _answer(control, t, start, cells, size, points, weights, still, memory, ends, commands):
     """Write memories (L, n + K, m) and commands (L, n + K, 3) of one evaluation of the law each.
 
-    With each pair of `weights` (L, 2), the law begins with `start` (m,), of which one of the `cells` (n,) is moved by
+    For each pair of `weights` (L, 2), the law begins with `start` (m,), with one of the `cells` (n,) changed by
     `size`, at positions `still` (3, 3); then with `start` itself at the positions in each of `points` (K, 3, 3).
     """
     edges = control.law.edges

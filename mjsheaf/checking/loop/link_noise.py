@@ -20,12 +20,12 @@ from mjsheaf.io.section import Finite, Record
 from mjsheaf.team import Team
 
 _MAX_ITERATIONS = 8  # of the fixed point of frames that noise turns
-_SETTLED = 1e-4  # change of E|e|^2 in an iteration, relative, at which it ends
+_SETTLED = 1e-4  # tolerance of the iteration: relative change of E|e|^2
 _CHUNK = 4_000_000  # numbers of covariances at once
 
 
 class AgentNoise(Record):
-    """What noise alone does to an agent."""
+    """Effect of noise alone on an agent."""
 
     agent: str
     error: float = Field(description="RMS in time of |e_i| about its mean, m")
@@ -54,7 +54,7 @@ class NoiseAnswer(Record):
 
 
 def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
-    """What noise of measurements and odometry does in the long run, nobody being clipped."""
+    """Compute the effect of noise of measurements and odometry in the long run, without saturation."""
     linearised = law.links.linearised
     try:
         mean = mean_error(law)

@@ -8,7 +8,7 @@ zero given the frame (to first order in s), so that noises of different samples 
 follows from the mean over the frames alone.
 
 Frames are random where noise moves the agent. d is the motion of q* over a period plus h times the command that noise
-makes, of which the linear law has the covariance. `SpatialBearing.covariance` takes the mean over normal d, and
+makes, whose covariance the linear law has. `SpatialBearing.covariance` takes the mean over normal d, and
 `link_noise` iterates, as the covariance of the command depends on the noise. (d is a sum of noises with different
 frames, so that it is only nearly normal. Where q* rests, a heading that nothing turns was wrong by up to 7 %.)
 """
@@ -31,7 +31,7 @@ from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 
 _MOST_INSTANTS = 200  # along q* at which noise of range and bearing is linearised
-_TURNED_INSTANTS = 20  # of these, at which the mean over frames that noise turns is taken
+_TURNED_INSTANTS = 20  # number of these instants with the mean over frames that noise turns
 _NODES = 8  # of Gauss-Hermite quadrature in each direction of a displacement
 _STILL = 1e-9  # m in a period: no direction of motion
 
@@ -53,17 +53,17 @@ class MeasuredEdge(NamedTuple):
 
     @property
     def sensing(self) -> bool:
-        """Whether feedforward learns a target's velocity from it."""
+        """Return True if feedforward learns a target's velocity from it."""
         return self.kind == "sensing"
 
     @property
     def linked(self) -> bool:
-        """Whether it has a link; anchors measure at once, without error."""
+        """Return True if it has a link; anchors measure at once, without error."""
         return self.kind != "anchor"
 
     @property
     def pull(self) -> Array:
-        """What turns its numbers into a part of eta on its slots, D^T K, shape (k, m)."""
+        """Matrix from its numbers to a part of eta on its slots, D^T K, shape (k, m)."""
         return self.D.T @ self.K
 
     @property
@@ -100,13 +100,13 @@ class LinkParameters:
     Attributes:
         delay: ages of measurements in whole periods, shape (E,).
         noise: covariance of each edge's numbers, shapes (m_e, m_e), m^2.
-        bias: of each edge's numbers, shapes (m_e,), m.
+        bias: Bias of each edge's numbers, shapes (m_e,), m.
         loss: probabilities a sample to turn bad and to turn good, and of loss while good and while bad, shape (E, 4);
             without bursts (0, 1, p, p).
-        held: whether a lost sample is replaced by an older one, shape (E,).
-        linearised: whether a covariance is that of range and bearing.
+        held: True where a lost sample is replaced by an older one, shape (E,).
+        linearised: True if a covariance is that of range and bearing.
         spatial: edges with range and bearing in space, whose noise depends on how the tail turns.
-        ranged: whether a link falls silent beyond some range.
+        ranged: True if a link receives nothing beyond some range.
     """
 
     delay: IntArray
@@ -120,17 +120,17 @@ class LinkParameters:
 
     @property
     def lossy(self) -> BoolArray:
-        """Whether an edge loses measurements, shape (E,)."""
+        """True for each edge that loses measurements, shape (E,)."""
         return np.asarray((self.loss[:, 2:] > 0.0).any(axis=1))
 
     @property
     def noisy(self) -> bool:
-        """Whether an edge has noise or bias."""
+        """Return True if an edge has noise or bias."""
         return any(x.any() for x in (*self.noise, *self.bias))
 
     @property
     def exact(self) -> bool:
-        """Whether all is measured at once, without error."""
+        """Return True if everything is measured at once, without error."""
         return not (self.lossy.any() or self.delay.any() or self.noisy or self.ranged)
 
     @property
@@ -156,11 +156,11 @@ class LinkedLaw:
     """A law over its links, linear about q*, on ideal kinematics.
 
     Attributes:
-        loop: of the law as if its links were exact.
+        loop: Loop of the law as if its links were exact.
         vectors: eigenvectors of H, shape (n, n), in the order of the loop's eigenvalues.
         edges: that agents listen to.
         links: theirs.
-        terms: of the law.
+        terms: Terms of the law.
     """
 
     loop: Loop
@@ -171,7 +171,7 @@ class LinkedLaw:
 
     @property
     def paper(self) -> bool:
-        """Whether the loop itself, but for what stands beside it, is that of the paper's law."""
+        """Return True if the loop itself, apart from additive terms, is that of the paper's law."""
         return not (self.terms.newton or self.terms.integral)
 
     def spread(self, parts: Sequence[Array]) -> Array:

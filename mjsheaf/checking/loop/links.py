@@ -1,4 +1,4 @@
-"""What links do to the held law on ideal kinematics: delay, noise and loss, answered exactly where an answer is known.
+"""Effects of links on the held law on ideal kinematics: delay, noise and loss, exact where an exact answer is known.
 
 All of it is linear about q*: within limits of speed, while bodies are within range of one another, without the slope of
 the flow. See `linked_law` for what each edge measures, and `delay`, `link_noise` and `loss` for the answers.
@@ -36,7 +36,7 @@ UNSTABLE_LINKS = "over its links the law is unstable"
 
 
 class LinkRecord(Record):
-    """What links do to the law, on ideal kinematics and linear about q*; null wherever no exact answer is known."""
+    """Effects of links on the law, on ideal kinematics and linear about q*; null wherever no exact answer is known."""
 
     exact: bool = Field(description="whether every link is: then only the margin of delay is new")
     stable: bool | None = Field(
@@ -59,11 +59,11 @@ class LinkRecord(Record):
 
 
 def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
-    """What links do to the law of a system, and how much delay it bears; None if links are exact and that is unknown.
+    """Compute the effects of links on a law, and its delay margin; None if links are exact and the margin is unknown.
 
     Args:
         system: the system.
-        path: of its targets.
+        path: Path of its targets.
     """
     law, team = system.law, system.team
     try:
@@ -82,7 +82,7 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
 
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
-    """What the links of a law do to it, for a team."""
+    """Compute the effects of a law's links, for a team."""
     links, terms = law.links, law.terms
     loss = loss_answer(law) if links.lossy.any() else None
     noise = noise_answer(law, team) if links.noisy or _strays(terms) else None
@@ -90,7 +90,7 @@ def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
 
 
 def _of_directed_team(system: System) -> LinkRecord:
-    """What the complex eigenvalues of H say of a team with directed edges.
+    """Answer from the complex eigenvalues of H, for a team with directed edges.
 
     Raises:
         UndecidedError: Nothing.
@@ -119,7 +119,7 @@ def _of_directed_team(system: System) -> LinkRecord:
 
 
 def _of_large_team(system: System, path: TargetPath) -> LinkRecord:
-    """What lambda_max says of a team of which the other eigenvalues are not known.
+    """Answer from lambda_max, for a team whose other eigenvalues are not known.
 
     Raises:
         UndecidedError: nothing.
@@ -172,7 +172,7 @@ def _square(radius: float | None) -> float | None:
 
 
 def _strays(terms: TermArrays) -> bool:
-    """Whether errors of odometry enter the law."""
+    """Return True if errors of odometry enter the law."""
     return (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)
 
 

@@ -1,4 +1,4 @@
-"""How fast errors fall in mean square while measurements are lost, a lost one being skipped.
+"""Decay rate of errors in mean square while measurements are lost, a lost one being skipped.
 
 E[x x^T] goes to E[A x x^T A^T], a linear operator on matrices that keeps the positive semidefinite ones, so that its
 spectral radius is an eigenvalue. With bursts (Gilbert and Elliott) it acts on one matrix for each state of the
@@ -41,9 +41,9 @@ _ROUNDING = 1e-9  # of a factor: closer to 1 nothing is decided
 
 
 class LossAnswer(Record):
-    """How fast errors fall in mean square while measurements are lost, a lost one being skipped.
+    """Decay rate of errors in mean square while measurements are lost, a lost one being skipped.
 
-    Where edges disagree at q*, or where e does not go to zero, each loss moves agents: the errors that this leaves are
+    Where edges disagree at q*, or where e does not go to zero, each loss moves agents: the resulting errors are
     not counted.
     """
 
@@ -62,7 +62,7 @@ class LossAnswer(Record):
 
 
 def loss_answer(law: LinkedLaw) -> LossAnswer:
-    """How fast E|e|^2 falls."""
+    """Compute the decay rate of E|e|^2."""
     found: dict[str, Any] = {}
     try:
         moments = SecondMoments(law)
@@ -92,7 +92,7 @@ def _chances(loss: Array) -> tuple[Array, list[int]]:
 
 
 class SecondMoments:
-    """What a period does to the second moments of the states x of `team_loop`, x+ = (M + L C) x, under losses.
+    """Map of the second moments of the states x of `team_loop`, x+ = (M + L C) x, over a period, under losses.
 
     In a state of the channels in which the numbers of edges arrive with probabilities r, with B = M + L r C,
 
@@ -140,7 +140,7 @@ class SecondMoments:
                 self._lost.append((C[rows], L.T[rows], (p * (1.0 - p))[:, chosen, None, None]))
 
     def _within(self, X: Array) -> Array:
-        """What the loop does to X (S, n, n) while the channels keep their state."""
+        """Apply the loop to X (S, n, n) while the channels keep their state."""
         out = self._mean @ X @ self._mean.swapaxes(1, 2)
         for C, L, weight in self._lost:
             n = X.shape[1]

@@ -1,4 +1,4 @@
-"""What theory leaves out and practice needs: sampling, inertia, the loop of the real vehicles, speed limits, lag."""
+"""Effects outside the theory: sampling, inertia, the loop of the real vehicles, speed limits, lag."""
 
 import numpy as np
 from pydantic import Field
@@ -45,8 +45,8 @@ class Inertia(Record):
     """
 
     tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
-    damping_slowest: Finite = Field(description="ratio of the slowest mode, by inertia alone; null: it does not swing")
-    damping_fastest: Finite = Field(description="ratio of the fastest mode, by inertia alone; null: it does not swing")
+    damping_slowest: Finite = Field(description="ratio of the slowest mode, by inertia alone; null: no oscillation")
+    damping_fastest: Finite = Field(description="ratio of the fastest mode, by inertia alone; null: no oscillation")
 
 
 class BodyMargins(BodyLoop, Inertia):
@@ -54,7 +54,7 @@ class BodyMargins(BodyLoop, Inertia):
 
 
 class SpeedDemand(Record):
-    """How fast an agent must be, and can be, m/s."""
+    """Required and possible speed of an agent, m/s."""
 
     agent: str
     asked: float = Field(description="by the law at the start, k1 |eta_i|")
@@ -88,7 +88,7 @@ class OneSided(Record):
 
 
 class Margins(Record):
-    """What theory leaves out."""
+    """Margins of effects outside the theory."""
 
     hold: HoldMargin | None = Field(description="null where the law is continuous")
     bodies: BodyMargins
@@ -148,7 +148,7 @@ def body_margin(system: System, spectrum: Spectrum, tau: Array) -> Inertia:
     `tau` is the time constant m / D of each agent along its most sluggish controlled axis, shape (N,), s.
     """
     k, low, high = system.gain, float(tau.min()), float(tau.max())
-    if not spectrum.smallest.size:  # nothing is held, so nothing swings
+    if not spectrum.smallest.size:  # no mode is controlled, so none oscillates
         damping = np.array([np.inf])
     elif high - low <= 1e-9 * high:
         damping = 1.0 / (2.0 * np.sqrt(k * np.array([spectrum.smallest[0], spectrum.lambda_max]) * low))
@@ -172,7 +172,7 @@ def _damping_of_unlike(system: System, spectrum: Spectrum, tau: Array) -> Array:
 
 
 def _speed_demands(system: System, difference: Difference, able: Array, forward: Array) -> list[SpeedDemand]:
-    """The speeds that are asked of agents, at the start or along q*, the largest share of their limit first."""
+    """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
     # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
     steady = np.linalg.norm(team.unpack(difference.values + difference.shaken), axis=2).max(axis=0)

@@ -1,7 +1,7 @@
 """Parts of a law that `check` has no model of.
 
-What the law's stages make of their measurements is read off the stages themselves (see `linear_law`), so that a new
-term needs nothing here. What that cannot see is named here, field by field: what edges measure, what links do to it,
+The response of the law's stages to their measurements is computed from them (see `linear_law`), so a new
+term needs nothing here. Everything else is named here, field by field: what edges measure, what links do to it,
 who has which gain. A law with a field that is not named, or with terms that are not linear, is undecided.
 """
 

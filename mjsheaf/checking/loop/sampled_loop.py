@@ -51,7 +51,7 @@ class Loop:
 
     @cached_property
     def feedback(self) -> Feedback:
-        """What the law makes of the error."""
+        """Return the law's response to the error."""
         return self.model.feedback(self.gain, self.values)
 
     def matrices(self, gain: float | None = None) -> Array:
@@ -92,13 +92,13 @@ class Loop:
         Only the first row of `change` is not zero, so that the characteristic polynomial is a(z) + k b(z). A root
         passes the unit circle only at a gain -a(z) / b(z) with z on it, where the imaginary part of a(z) times the
         conjugate of b(z) is zero. With z = exp(i theta) that is a sum of s_m sin(m theta), and so sin(theta) times a
-        polynomial in cos(theta). Every gain so found is tried between its neighbours, so one too many does no harm.
+        polynomial in cos(theta). Every such gain is tried between its neighbours, so an extra one does not matter.
         """
         a = np.poly(M)[::-1]  # ascending powers of z
         b = np.poly(M + change)[::-1] - a
         n = len(a) - 1
         sines = np.array([a[m:] @ b[: n + 1 - m] - a[: n + 1 - m] @ b[m:] for m in range(1, n + 1)])
-        # sin(m theta) / sin(theta) is U_{m-1} = 2 (T_{m-1} + T_{m-3} + ...), in which T_0 counts once.
+        # sin(m theta) / sin(theta) is U_{m-1} = 2 (T_{m-1} + T_{m-3} + ...), with T_0 counted once.
         cosines = np.array([2.0 * sines[m::2].sum() for m in range(n)])
         cosines[0] *= 0.5
         roots = chebroots(np.trim_zeros(cosines, "b")) if cosines[1:].any() else np.zeros(0)
@@ -134,7 +134,7 @@ class Loop:
     def responses(self, count: int) -> Array:
         """Return the largest sizes over the eigenvalues, shape (6, count), of powers j = 0, 1, ...
 
-        After e_0: e; what feedback asks for, 1/s; z, s. After h d: e, s; what feedback asks for; z, s^2.
+        After e_0: e; the feedback's command, 1/s; z, s. After h d: e, s; the feedback's command; z, s^2.
         """
         feedback = self.feedback
         L, r = feedback.c.shape

@@ -213,7 +213,7 @@ def _follow(
     q_star = path.q_star - path.q_star[0]
     s = q_star @ system.team.dirichlet.H.toarray()
     carried = system.grid.period * path.flow
-    seen = np.vstack([carried[:1], carried])  # over the period before, which is what an agent knows of
+    seen = np.vstack([carried[:1], carried])  # over the period before, as an agent knows it
     by_inputs = s @ physical.targets.T + seen @ physical.flow.T
     inputs = np.hstack(
         [by_inputs @ D.T, by_inputs @ B.T, s @ physical.learnt[1].T + seen @ physical.learnt[2].T],
