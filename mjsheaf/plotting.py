@@ -1,4 +1,4 @@
-"""What figures have in common: size, type, colours (the same in videos), names that never overlap, PNG, SVG and PDF.
+"""Common style of figures: size, type, colours (the same in videos), names that never overlap, PNG, SVG and PDF.
 
 Figures are drawn at the width of two columns of a journal, with type of the size that is printed. Groups differ by
 colour, marker and dash at once, so that they can be told apart without colour too.
@@ -250,7 +250,7 @@ def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
 def place_names(
     axis: Any, names: Sequence[str], places: Array, obstacles: Array | None = None, colour: str = "black"
 ) -> int:
-    """Write names beside points of a panel, none over another; call it after `settle`.
+    """Write names next to points of a panel without overlap; call it after `settle`.
 
     Each name takes the first place about its point, near ones first, that is free of other text and covers the fewest
     points; one that is farther off is joined to its point. A name for which there is no place is left out.
@@ -258,9 +258,9 @@ def place_names(
     Args:
         axis: the panel.
         names: those of more importance first.
-        places: of their points, shape (K, 2), in data coordinates; NaN where there is none.
+        places: Coordinates of their points, shape (K, 2), in data coordinates; NaN where there is none.
         obstacles: further points that names should not cover, shape (M, 2).
-        colour: of the names.
+        colour: Colour of the names.
 
     Returns:
         How many were placed.
@@ -312,7 +312,7 @@ def _spot_for(
 
 
 def label_ends(axis: Any, ends: Sequence[tuple[float, str, Any]]) -> None:
-    """Name lines at their right ends beside a panel, in their colours; make room with `spread_ends` after `settle`.
+    """Name lines at their right ends next to a panel, in their colours; make room with `spread_ends` after `settle`.
 
     Args:
         axis: the panel, its limits final.
@@ -344,7 +344,7 @@ def spread_ends(axis: Any) -> None:
 
 
 def spread(wanted: Array, gap: float, low: float, high: float) -> Array:
-    """Places near the wanted ones, shape (K,), in the same order and `gap` apart, within a range if there is room."""
+    """Return places near the given ones, shape (K,), in order and `gap` apart, within a range if there is room."""
     order = np.argsort(wanted, kind="stable")
     steps = gap * np.arange(len(order))
     # Without the gaps, places only have to ascend: the nearest that do are found by pooling those that do not.
@@ -381,11 +381,11 @@ def _inside(frame: Array, room: Array) -> bool:
 
 
 def _overlapping(boxes: Array, frame: Array) -> NDArray[np.bool_]:
-    """Which of some boxes, shape (K, 4), overlap with one."""
+    """Find the boxes, shape (K, 4), that overlap with one."""
     return np.asarray((boxes[:, :2] < frame[2:]).all(axis=1) & (boxes[:, 2:] > frame[:2]).all(axis=1))
 
 
-_NARROW = 5.0  # ratio of largest to smallest value below which a logarithmic axis would have no labels to speak of
+_NARROW = 5.0  # ratio of largest to smallest value below which a logarithmic axis would have almost no labels
 
 
 def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> None:

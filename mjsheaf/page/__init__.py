@@ -1,4 +1,4 @@
-"""One HTML file that replays a run in three dimensions beside its curves, on one clock, and asks for nothing else.
+"""One HTML file that replays a run in three dimensions next to its curves, on one clock, and loads nothing else.
 
 Where to look:
 

@@ -1,4 +1,4 @@
-"""The page of a run: what it is told beside the samples, and the file."""
+"""The page of a run: the data that it receives in addition to the samples, and the file."""
 
 import base64
 import hashlib
@@ -56,9 +56,9 @@ def page_of(
 
     Args:
         scenario: what was run.
-        phases: of the run.
+        phases: Phases of the run.
         dataset: its data, in memory or opened.
-        summary: as summary.json, as far as it is known.
+        summary: Contents of summary.json, as far as they are known.
         bounds: what they say of each phase of the run: see `finished.bounds_of_phases`.
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
@@ -128,7 +128,7 @@ def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> d
 def _scene(
     scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, replay: dict[str, Any]
 ) -> dict[str, Any]:
-    """Names, groups, shapes, flow and events; places are told from the replay's origin."""
+    """Names, groups, shapes, flow and events; places are relative to the replay's origin."""
     from mjsheaf.page.geometry import kinds_of
 
     system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"

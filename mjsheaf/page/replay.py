@@ -1,11 +1,11 @@
-"""What a page replays: samples of a run, resampled to what is seen, rounded and packed.
+"""Data that a page replays: samples of a run, resampled to the visible detail, rounded and packed.
 
 Samples are kept more densely where vehicles turn or speed up. Between two kept samples, g sampling periods apart, the
 page interpolates linearly, which misses a path of second difference a by at most g^2 a / 8: so the density of kept
 samples is (a / 8 tolerance)^(1/2), at least some hundreds in all and at most as many as the size of the page allows.
-What this and rounding come to is measured over every sample of the run, and stated in the page.
+The error of this and of rounding is measured over every sample of the run, and stated in the page.
 
-Places are told from an origin near the run, a whole number of kilometres each way, so that those of a team far from
+Places are relative to an origin near the run, a whole number of kilometres each way, so that those of a team far from
 zero keep their digits; `record["origin"]` has it.
 
 An array is packed as integers: positions in steps of a quarter of the tolerance, attitudes in 2^-13, everything else as
@@ -32,19 +32,19 @@ from mjsheaf.system import Phase
 from mjsheaf.team import Edge
 from mjsheaf.video.from_run import RecordedRun
 
-_TOLERANCE = 2e-4  # of the scene's size, by which a path may be missed
+_TOLERANCE = 2e-4  # largest error of a path, relative to the scene's size
 _FEWEST, _MOST = 400, 3000  # samples
 _MOST_POSITIONS = 500_000  # vehicles times samples, where that allows _FEWEST
 _MOST_HELD = 6_000_000  # positions that are kept between passes over a run
 _OUTLIER = 100.0  # times the scene's size: what is farther out has blown up, and is drawn no farther
 _ORIGINS = 1000.0  # m between places that may be an origin
-_FARTHEST = 1e12  # m from zero, where a number of 64 bits still tells a tenth of a millimetre
+_FARTHEST = 1e12  # m from zero; a number of 64 bits still resolves a tenth of a millimetre there
 _ROOM_OF_BLOWN_UP = 4.0  # of the scene of such a run, times the size at its start
 REQUIRED = frozenset(
     {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
     | {"formation_error", "centering_error"}
 )
-"""Variables of every run that a page shows, beside positions."""
+"""Variables of every run that a page shows, in addition to positions."""
 _WHERE_THERE = (
     *("agent_saturation", "group_formation_error", "group_centering_error", "heard"),
     *("agent_orientation", "target_orientation"),
@@ -98,7 +98,7 @@ class Packer:
 
 @dataclass(frozen=True)
 class Scene:
-    """Where a run takes place.
+    """Place of a run.
 
     Attributes:
         centre: median position. Shape (3,), m.
@@ -142,7 +142,7 @@ class Replay:
     """A run, packed.
 
     Attributes:
-        record: what the page is told: times, names, arrays, scene and errors.
+        record: Data for the page: times, names, arrays, scene and errors.
         data: the arrays of `record["arrays"]`.
     """
 
@@ -162,9 +162,9 @@ def pack(
 
     Args:
         dataset: the run, in memory or opened.
-        phases: of the run.
+        phases: Phases of the run.
         surface_height: z of the surface that planar vehicles lie on where they have no height, m.
-        bounds: by name, on the team's RMS tracking error at every sample of the run, shape (T,), m.
+        bounds: Bounds by name, on the team's RMS tracking error at every sample of the run, shape (T,), m.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
         ghosts: Other runs, drawn translucent.
     """
@@ -282,7 +282,7 @@ def _positions_at(pieces: Iterable[Array], rows: IntArray) -> Array:
 
 
 def _survey(pieces: Iterable[Array], samples: int, phases: Sequence[Phase]) -> tuple[Scene, Array]:
-    """Where the present agents and the targets of a run are, and the largest second difference of a path, (T,), m."""
+    """Positions of the present agents and the targets, and the largest second difference of a path, (T,), m."""
     every, done = max(1, samples // 400), 0
     seen, bends, before = [], [], np.zeros((0, 1, 3))
     starts = [phase.start for phase in phases]

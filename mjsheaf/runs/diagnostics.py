@@ -172,7 +172,7 @@ def notes_of_run(
 
 
 def _about_the_end(dataset: "xr.Dataset", ending: str | None) -> list[Note]:
-    """Whether the error still changes, or the team swings by itself."""
+    """Return True if the error still changes, or the team oscillates without being driven."""
     if ending in (None, "settled", "stuck"):  # a note names the agents that are stuck
         return []
     time = dataset["time"].values
@@ -206,7 +206,7 @@ def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
 
 @dataclass(frozen=True)
 class _Limits:
-    """How long agents are at their limits, and where the medium is too fast for them.
+    """Report the time that agents spend at their limits, and a medium too fast for them.
 
     Attributes:
         saturated: Fraction of the time with a thruster at a limit, shape (N,).
@@ -327,7 +327,7 @@ def _calmer(dataset: "xr.Dataset") -> str:
 
 
 def _chance(phases: Sequence[Phase]) -> list[str]:
-    """What makes commands jump at random, in words."""
+    """Describe the cause of random jumps of commands, in words."""
     laws = [phase.system.law for phase in phases]
     links = np.concatenate([law.links.table for law in laws])
     lossy = links["lossy"].any() or any(law.terms.rounds.lossy for law in laws)
@@ -340,7 +340,7 @@ def _chance(phases: Sequence[Phase]) -> list[str]:
 
 
 def _own_speed(system: System, bodies: bool) -> Array:
-    """How fast each agent's vehicle can be in its slowest direction, shape (N,), m/s; infinite without limits."""
+    """Compute the speed of each agent's vehicle in its slowest direction, shape (N,), m/s; infinite without limits."""
     from mjsheaf.vehicles.effects import capability_of, of_each
 
     if not bodies:
@@ -471,7 +471,7 @@ def _close_pairs(x: Array, apart: Array, sizes: Array) -> "list[tuple[int, int, 
 
 
 def _overlap(vehicles: "list[Any]", positions: Array, quaternions: Array) -> bool:
-    """Whether two vehicles at positions (2, 3), m, and attitudes (2, 4) share space; geoms count as convex."""
+    """Return True if two vehicles at positions (2, 3), m, and attitudes (2, 4) overlap; geoms count as convex."""
     from mjsheaf.engine import mujoco
     from mjsheaf.simulation.arena import compose
 
@@ -553,7 +553,7 @@ def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:
 
 
 def _cause(system: System, terms: TermArrays, on: tuple[str, ...]) -> str:
-    """Which terms make commands jump, and what to change."""
+    """Name the terms that make commands jump, and the change that fixes it."""
     noise = _noise(terms)
     largest = max(noise.values(), default=0.0)
     if largest > 0.0:

@@ -34,7 +34,7 @@ class Trial:
         message: why it was refused or blew up; else empty.
         final: the final errors, m, by measure, and those at the end of each phase of a run with events, by
             phases.NUMBER.MEASURE; empty where it was refused.
-        checks: as in summary.json, one record for each thing expected: measure, bound, found, met.
+        checks: Checks of summary.json, one record for each: measure, bound, found, met.
         law: Law in Python that was in control, or None.
     """
 
@@ -47,7 +47,7 @@ class Trial:
 
     @property
     def met(self) -> bool | None:
-        """Whether all that is expected is met; None where nothing is."""
+        """Return True if all expectations are met; None where there are none."""
         return all(check["met"] for check in self.checks) if self.checks else None
 
 
@@ -56,7 +56,7 @@ def expected_law(scenario: Scenario, directory: Path) -> LawFile | None:
 
     Args:
         scenario: the scenario.
-        directory: Directory of its file, in which the law's file must lie.
+        directory: Directory of its file, which must contain the law's file.
 
     Raises:
         InputError: there is no such law.
@@ -81,7 +81,7 @@ def try_scenario(
         scenario: the scenario.
         backend: 'ideal' or 'physics'.
         law: Law in Python that is in control, constructed anew; None for the scenario's own.
-        progress: as for `simulate`.
+        progress: See `simulate`.
 
     Raises:
         InputError: the scenario cannot be simulated for any other reason, such as a vehicle that does not fit.
@@ -154,8 +154,8 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
     """An `expect:` block that runs meet.
 
     Args:
-        trials: of one scenario, on one backend each.
-        margin: by which bounds lie above what was found.
+        trials: Trials of one scenario, on one backend each.
+        margin: Margin of the bounds above the measured values.
         old: the previous block as a mapping; its bounds for backends that were not tried stay, as does the text of a
             refusal that still fits.
 
@@ -180,7 +180,7 @@ def replace_expectation(path: Path, data: bytes, source: str, block: dict[str, A
         data: Content of the file when the runs began.
         source: Name of the file in errors.
         block: As `expectation_from` returns it.
-        margin: By which its bounds lie above what was found.
+        margin: Margin of its bounds above the measured values.
 
     Raises:
         InputError: The file has changed since.
@@ -215,7 +215,7 @@ def miss(check: Mapping[str, Any]) -> str:
 
 
 def describe(trial: Trial, name: str, watch: str) -> str:
-    """What was expected and found, line by line, and the command that shows the run, where `watch` is the scenario."""
+    """Format expected and measured values, line by line, and the command that shows the run of scenario `watch`."""
     verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]
     law = f" --controller {trial.law.here}" if trial.law else ""
     under = f" under {trial.law.label}" if trial.law else ""

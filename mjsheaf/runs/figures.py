@@ -296,7 +296,7 @@ def mark_times(axis: Any, times: list[float]) -> None:
 
 
 def _events_in_words(dataset: xr.Dataset) -> str:
-    """What happens in a run, by number, in lines that fit below a figure; empty where nothing does."""
+    """List the events of a run, by number, in lines that fit below a figure; empty where there are none."""
     found = [phase for phase in phases_in(dataset) if phase["events"]]
     told = [f"{k}: {', '.join(p['events'])} ({p['time']:.6g} s)" for k, p in enumerate(found[:_MOST_EVENTS], 1)]
     told += [f"and {len(found) - _MOST_EVENTS} more"] * (len(found) > _MOST_EVENTS)

@@ -39,11 +39,11 @@ def simulate_many(
     engine runs of one team lie side by side in memory: see `mjsheaf.simulation.rows`.
 
     Args:
-        scenarios: for example one scenario with many seeds or gains.
+        scenarios: Scenarios, for example one with many seeds or gains.
         backend: 'physics' or 'ideal'.
-        engine: as for `simulate`.
+        engine: See `simulate`.
         workers: how many run at a time; None takes one for each processor that this process may use.
-        allow_drift: as for `simulate`.
+        allow_drift: See `simulate`.
         progress: True shows a bar on a terminal or in a notebook, False nothing; a function is called from the calling
             thread with (runs done, runs in all).
 
@@ -118,7 +118,7 @@ def fused_session(scenario: Scenario, *, allow_drift: bool = False) -> "tuple[Se
     """A run at its start, on the fused engine and one thread, and that engine.
 
     Raises:
-        InputError, NotUniqueError: as for `simulate`.
+        InputError, NotUniqueError: See `simulate`.
     """
     from mjsheaf.simulation.fused import Fused
 

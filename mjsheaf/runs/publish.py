@@ -1,4 +1,4 @@
-"""One run as a directory: its data, plots, video and summary, and the resolved scenario, by which it runs again."""
+"""One run as a directory: its data, plots, video and summary, and the resolved scenario, which reproduces it."""
 
 import shlex
 import shutil
@@ -33,7 +33,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.video import VideoOptions, available_backend
 
-_TERMS = "terms"  # folder of the files of registered terms, beside those of vehicles
+_TERMS = "terms"  # folder of the files of registered terms, next to those of vehicles
 _FLOWS = "flows"  # folder of the files of gridded flow
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class Outcome:
 
     Attributes:
         directory: where it is.
-        summary: as summary.json; its notes are of the run.
+        summary: Contents of summary.json; its notes are of the run.
         notes: what else to report.
         replaced: says which earlier run it replaced; None where there was none.
     """
@@ -212,7 +212,7 @@ def publish(
             `TimedIterator` says how long the simulation took; else summary.json has null for it.
         scenario: what was run.
         simulated: the scenario's system, or its phases.
-        directory: of the results.
+        directory: Directory of the results.
         video: how to film it, or None for no video.
         origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
         figures: how the plots are written.
@@ -271,7 +271,7 @@ def _write_data(
 def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progress: Progress = no_progress) -> Outcome:
     """Draw the video of a published run into its directory.
 
-    The video appears when it is complete, and summary.json then tells of it. Until then, and after an interruption,
+    The video appears when it is complete, and summary.json then names it. Until then, and after an interruption,
     the directory is a complete run without a video, which `mjsheaf video DIR` draws.
 
     Args:
@@ -313,12 +313,12 @@ def without_video(directory: Path) -> str:
 
 @dataclass(frozen=True)
 class Account:
-    """What there is to say of a run.
+    """Contents of a run's report.
 
     Attributes:
-        summary: as summary.json; without what only its directory knows.
-        bounds: of each phase, those of Theorem 1 and of the held law.
-        drawn: at most a few thousand of its samples, in memory.
+        summary: Contents of summary.json; without the fields that only its directory knows.
+        bounds: Bounds of each phase, those of Theorem 1 and of the held law.
+        drawn: Samples for the plots, at most a few thousand, in memory.
     """
 
     summary: dict[str, Any]
@@ -363,11 +363,11 @@ def save(
     """Write all that `mjsheaf run` writes, from a result in memory: data, plots, page, video, summary, scenario.
 
     Args:
-        result: from `simulate`; on bodies or ideal, with a law in Python or without.
+        result: Result of `simulate`; on bodies or ideal, with a law in Python or without.
         directory: where it goes, whole or not at all; one that mjsheaf did not write is not replaced.
-        video: whether to draw the video.
-        formats: of the plots: png, svg, pdf.
-        title: whether the plots have one.
+        video: True to draw the video.
+        formats: Formats of the plots: png, svg, pdf.
+        title: True for plots with a title.
         progress: True shows a bar on a terminal or in a notebook, False and None nothing.
 
     Raises:
@@ -421,7 +421,7 @@ def _summary_of(
     theorem: "RunBound",
     of_law: "HeldBound",
 ) -> dict[str, Any]:
-    """What summary.json says, in its order, of a run of `periods` sample periods; None where the data do not tell."""
+    """Return the fields of summary.json in order for a run of `periods` sample periods; None where data are missing."""
     from mjsheaf.checking.finished import ending_of_run
 
     backend, status, controller = drawn.attrs["backend"], drawn.attrs["status"], drawn.attrs.get("controller")
@@ -473,7 +473,7 @@ def _expectation(
 
 
 def _bounds_summary(theorem: "RunBound", of_law: "HeldBound") -> dict[str, Any]:
-    """What summary.json says of the bounds of a run, or of one of its phases."""
+    """Return the fields of summary.json on the bounds of a run, or of one of its phases."""
     return {
         "theorem": {
             "applies": theorem.applies,
@@ -557,7 +557,7 @@ def _plot(
 
 
 def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
-    """What summary.json says about a video."""
+    """Return the fields of summary.json on a video."""
     return {"frames": frames, "width": options.width, "height": options.height, "fps": options.fps}
 
 

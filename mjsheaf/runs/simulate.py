@@ -37,7 +37,7 @@ def simulate(
     """Run a scenario and return its data, as result.nc holds them.
 
     Args:
-        scenario: from `load_scenario`.
+        scenario: Scenario from `load_scenario`.
         backend: 'physics' or 'ideal'.
         engine: what moves bodies: 'mujoco', or 'fused', which has no contacts, ends within rounding of it and takes a
             fraction of the time.
@@ -96,7 +96,7 @@ def stream(
     Args:
         run: a system that has passed `require_simulable`, or phases whose systems have.
         seed: seed of the scenario.
-        samples: at most in each piece; a few megabytes of them unless given.
+        samples: Largest number of samples in a piece; a few megabytes of them unless given.
     """
     from mjsheaf.simulation.trajectory import samples_in_piece
 
@@ -120,7 +120,7 @@ def datasets_of(
     samples: int,
     controller: "Controller | None" = None,
 ) -> "Iterator[xr.Dataset]":
-    """The Datasets of a run that comes in pieces, so many samples each; arguments as of `stream`."""
+    """Yield the Datasets of a run in pieces of the given number of samples; arguments as of `stream`."""
     from mjsheaf.results.dataset import in_pieces, make_datasets
 
     datasets = make_datasets(pieces, backend, seed, phases)

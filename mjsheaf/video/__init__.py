@@ -1,9 +1,9 @@
 """Draws a finished run to an MP4, without a display.
 
-Where to look:
+Modules:
 
-- film: a team over time, the viewer's options, and what each frame shows of them;
-- from_run: a film of a run's data, or of two runs side by side;
+- film: the content of a video: a team over time, the viewer's options, and the content of each frame;
+- from_run: the content of a run's video, or of two runs side by side;
 - draw: the whole of it, film and model in, video file out;
 - camera, scene, overlay: where the camera is, vehicles and decoration as pixels, what is written over them;
 - sizes, flow: scales of vehicles and colours of speeds, which the page shares;

@@ -27,11 +27,11 @@ SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, i
 
 @dataclass(frozen=True)
 class View:
-    """Where the camera is for one frame, in MuJoCo's terms.
+    """Camera of one frame, in MuJoCo's terms.
 
     Attributes:
         lookat: the point that it looks at. Shape (3,), in m.
-        distance: from the eye to that point, in m.
+        distance: Distance from the eye to that point, m.
         azimuth: direction of view about z, from x, in degrees.
         elevation: angle above the horizon, in degrees; negative looks down.
         fovy: vertical angle of view, in degrees.
@@ -52,7 +52,7 @@ class View:
 
         Args:
             points: Shape (n, 3), in m.
-            width, height: of the frame, in pixels.
+            width, height: Size of the frame, pixels.
 
         Returns:
             Columns and rows from the top left corner, shape (n, 2), in pixels; and depths along the view,
@@ -111,9 +111,9 @@ def camera_path(
             in m, and finite.
         azimuth, elevation, fovy: see `View`.
         aspect: width of the picture over its height.
-        radius: of the ball about each point that must be in the picture, in m; positive.
+        radius: Radius of the ball about each point that must be in the picture, m; positive.
         window: frames on either side over which motion is smoothed.
-        distance: from the eye to the middle of the team, in m, if it is not to be found from the points.
+        distance: Distance from the eye to the centre of the team, m; None computes it from the points.
         fill: Fraction of the half-width or half-height to fill at the left, right, bottom and top.
     """
     rotation = axes(azimuth, elevation)

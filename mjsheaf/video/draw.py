@@ -1,4 +1,4 @@
-"""Films, drawn frame by frame and written to an MP4: H.264, yuv420p, which plays everywhere."""
+"""Videos, drawn frame by frame and written to an MP4: H.264, yuv420p, which plays everywhere."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -103,7 +103,7 @@ class Painter(AbstractContextManager["Painter"]):
     """Draws a film frame by frame. It is a context manager; `close` frees the GL resources.
 
     Attributes:
-        times: of the frames. Shape (F,), in s.
+        times: Times of the frames, shape (F,), s.
         camera: where the camera is at each of them.
         model, data: MuJoCo's, for drawing alone.
     """
@@ -112,7 +112,7 @@ class Painter(AbstractContextManager["Painter"]):
         """Set everything up; the model is not changed.
 
         Args:
-            beside: other films, as long and with as many vehicles, that the camera keeps in view too.
+            beside: Other runs' films, as long and with as many vehicles, that the camera keeps in view too.
 
         Raises:
             InputError: the film does not fit the model.
@@ -243,7 +243,7 @@ def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float)
         fps=fps,
         codec="libx264",
         quality=QUALITY,
-        macro_block_size=2,  # no other size than asked for: it is even, which is all that yuv420p needs
+        macro_block_size=2,  # keep the given size: it is even, as yuv420p needs
         output_params=["-preset", PRESET, "-x264-params", X264, *CONTAINER],
     )
     count = 0

@@ -1,4 +1,4 @@
-"""A film: a team over time, how the viewer wants to see it, and what is seen in each frame."""
+"""Content of a video: a team over time, the viewer's options, and the content of each frame."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -78,13 +78,13 @@ class Run(Protocol):
 
 @dataclass(frozen=True)
 class Stage:
-    """What holds from some time on.
+    """State that holds from some time on.
 
     Attributes:
-        start: in s.
-        edges: as of a Film.
+        start: Start time, s.
+        edges: Edges, as in a Film.
         absent: numbers of the agents that are lost or have yet to join, which are drawn in grey and not followed.
-        name: what happened, drawn beside the time.
+        name: Name of the event, drawn next to the time.
     """
 
     start: float
@@ -95,13 +95,13 @@ class Stage:
 
 @dataclass(frozen=True)
 class Medium:
-    """What moves about some of the vehicles, and is drawn as arrows.
+    """Medium that moves about some of the vehicles, drawn as arrows.
 
     Attributes:
         name: such as 'wind'.
         velocity: Velocities at the start of the run, shape (K, 3), m/s, at points, shape (K, 3), m.
         vehicles: numbers of those that meet it. Shape (M,).
-        level: whether it moves in the plane alone, at the surface.
+        level: True if it moves in the plane alone, at the surface.
         scale: Number of the scale of colours that shows its speed; see `flow.STOPS`.
         top: End of that scale, m/s.
         changes: Times at which events change the velocities, s, and the velocities from there on; in order.
@@ -230,7 +230,7 @@ class Film:
 
 
 class VideoOptions(Video):
-    """How the viewer wants to see a run: a scenario's section `video`, and how large the vehicles are.
+    """Viewer's options for a run: a scenario's section `video`, and the scale of the vehicles.
 
     With quality 'draft' the scene is drawn with half as many pixels each way and hard edges, and enlarged; the writing
     is as sharp as ever.
@@ -377,10 +377,10 @@ class Extent:
 
 @dataclass(frozen=True)
 class Moment:
-    """What one frame shows.
+    """Content of one frame.
 
     Attributes:
-        time: in s.
+        time: Time of the frame, s.
         positions: Shape (V, 3), in m.
         quaternions: Shape (V, 4).
         harmonic_extension: Shape (N, 3), in m.
@@ -413,7 +413,7 @@ class Frames:
 
     Attributes:
         film: the film.
-        times: of the frames. Shape (F,), in s.
+        times: Times of the frames, shape (F,), s.
         extent: where it takes place.
         step: frames that are read together.
         trail: how far back trails go, in s.
@@ -443,7 +443,7 @@ class Frames:
         return points
 
     def moment(self, number: int) -> Moment:
-        """Return what a frame shows; frames are best asked for in order."""
+        """Return the content of a frame; frames are read fastest in order."""
         chunk, row = divmod(number, self.step)
         if chunk != self._chunk:
             self._samples, self._chunk = self.chunk(chunk), chunk

@@ -1,4 +1,4 @@
-"""A run's data as a film; and two runs', side by side."""
+"""Content of a video from a run's data, or from two runs side by side."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -220,7 +220,7 @@ class RecordedRun:
     and face where they go.
 
     Attributes:
-        time: of all samples, shape (T,), s.
+        time: Times of all samples, shape (T,), s.
     """
 
     def __init__(self, dataset: xr.Dataset, surface_height: float) -> None:
@@ -237,7 +237,7 @@ class RecordedRun:
 
     def _interpolate(self, times: FloatArray, *, horizontal: bool = False) -> Samples:
         """Interpolate as `at`, without headings; `horizontal` leaves out all but positions x and y."""
-        # Of the samples only the two beside each time are kept.
+        # Only the two samples around each time are stored.
         after = np.searchsorted(self.time, times, side="right").clip(0, len(self.time) - 1)
         rows = np.unique([after, np.maximum(after - 1, 0)])
         pieces = [

@@ -1,4 +1,4 @@
-"""Which offscreen OpenGL works on this machine, and a context of it.
+"""Find an offscreen OpenGL that works on this machine, and make a context of it.
 
 MuJoCo chooses its GL library when it is imported, from the variable MUJOCO_GL. Here the choice is made when a
 video is drawn, so it does not matter what was imported or set before; the environment is left as it was.

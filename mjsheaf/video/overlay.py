@@ -1,6 +1,6 @@
 """The writing over the picture: title, time, error, legend, labels.
 
-What stays the same is one matplotlib figure, drawn once when the overlay is made. A frame costs a few pastes.
+The constant part is one matplotlib figure, drawn once when the overlay is made. A frame costs a few pastes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -117,7 +117,7 @@ class Overlay:
         return self._px(MARGIN) if self._panel else self._px(MARGIN + PAD)
 
     def _write_scale(self, draw: ImageDraw.ImageDraw, view: View) -> None:
-        """Draw a bar of a round length at the bottom right, as long as that is at the team's middle."""
+        """Draw a bar of a round length at the bottom right, as long as that is at the team's centre."""
         metre = 1.0 / view.metres_per_pixel(self._height)
         length = round_length(self._px(SCALE_BAR) / metre)
         right, row, width = self._width - self._px(2 * MARGIN), self._height - self._px(2 * MARGIN), self._px(2)
@@ -126,7 +126,7 @@ class Overlay:
         for thickness, colour in ((width + 2 * self._px(1), PLATE[:3]), (width, WHITE)):  # an outline, then the bar
             for ends in ((left, row, right, row), *marks):
                 draw.line(ends, to_hex(colour), thickness)
-        words = f"{length:g} m at the team's middle"
+        words = f"{length:g} m at the team's centre"
         outline: dict[str, Any] = {"stroke_width": self._px(2), "stroke_fill": to_hex(PLATE[:3])}
         draw.text((right, row - self._px(10)), words, to_hex(WHITE), font(self._px(13)), anchor="rs", **outline)
 

@@ -34,7 +34,7 @@ FEW_DASHED = 60  # sensing edges; more are fainter, not to hide all else
 
 ARROW_REACH = 9  # arrows from the middle of the picture to where they fade
 
-# Sizes in pixels of a 1000x720 frame, at the team's middle.
+# Sizes in pixels of a 1000x720 frame, at the team's centre.
 ARROW_SPACING = 75.0
 LONGEST_ARROW = 0.95  # of the spacing,
 SLOWEST_ARROW = 0.03  # and the slowest flow with an arrow, as fractions of the scale's end
@@ -52,7 +52,7 @@ class Lines:
     Attributes:
         ends: where each begins and ends. Shape (n, 2, 3), in m.
         rgba: colour and opacity of each. Shape (n, 4), 0..1.
-        width: in pixels.
+        width: Width in pixels.
     """
 
     ends: Float32Array
@@ -265,8 +265,8 @@ class Renderer:
         """Open a GL context and upload the model's meshes and textures to it; its offscreen buffer is resized.
 
         Args:
-            model: to draw.
-            width, height: of the frames, in pixels.
+            model: MuJoCo model to draw.
+            width, height: Size of the frames, pixels.
             backend: which GL, as `mjsheaf.video.gl.available_backend` returns.
             extra_geoms: how many geoms may be added to the scene in a frame.
 
@@ -391,8 +391,8 @@ def set_detail(model: mujoco.MjModel, camera: CameraPath, radius: float, height:
     Args:
         model: changed.
         camera: decides how large vehicles look.
-        radius: of the largest vehicle, in m.
-        height: of the frames, in pixels.
+        radius: Radius of the largest vehicle, m.
+        height: Height of the frames, pixels.
     """
     # MuJoCo's own range comes from the model's first pose, not from this run; both are in units of the model's extent.
     model.vis.map.znear = NEAR * float(camera.distance.min()) / model.stat.extent
