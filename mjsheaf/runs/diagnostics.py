@@ -65,6 +65,7 @@ MAX_LIMITED_FRACTION = 0.1
 MAX_GUST_FRACTION = 0.01
 """Fraction of the time for which a medium may be too fast."""
 
+_DIVING = "submersible"  # the vehicle that is at home under water
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
 _MOSTLY, _HARDLY = 0.5, 0.05  # of the velocity that is missing, mean square, that jumps are
 EXHAUSTIVE_LIMIT = 100
@@ -365,14 +366,15 @@ def _by_phase(values: Sequence[Any], phases: Sequence[Phase], first: int, count:
 def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
     """Find aircraft that go below the surface of the scene.
 
-    Lost ones rest on it, and vehicles that start below it are meant to be there.
+    Lost ones rest on it; submersibles, and targets that start below it, are meant to be there.
     """
     system = phases[0].system
     members = system.team.members
     N = len(system.team.agents)
     height = system.bodies.surface_height
     flying = np.array([member.dimension == 3 for member in members])
-    flying &= system.initial[:, 2] >= height
+    flying[N:] &= system.initial[N:, 2] >= height
+    flying &= np.array([name != _DIVING for name in system.bodies.vehicle])
     if system.bodies.surface == "none" or not flying.any():
         return []
     bodies = dataset.attrs["backend"] == "physics"

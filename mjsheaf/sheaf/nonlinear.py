@@ -182,15 +182,9 @@ class NonlinearSheaf:
         Raises:
             SheafError: An unknown vertex, a loop, a wrong shape, no desired range or bearing, or a bad value.
         """
-        where = f"edge ({tail!r}, {head!r})"
-        self._stalks.numbers([tail, head])
-        if tail == head:
-            raise SheafError(f"{where} is a loop; the ends of an edge must differ")
+        m = self._require_fitting(tail, head, [np.shape(F_tail), np.shape(F_head)])
         maps = [np.asarray(F, dtype=np.float64) for F in (F_tail, F_head)]
-        m = len(maps[0]) if maps[0].ndim == 2 else 0
-        shapes = [(m, self._dimension[end]) for end in (tail, head)]
-        if [F.shape for F in maps] != shapes:
-            raise SheafError(f"{where}: maps have shapes {[F.shape for F in maps]}; expected {shapes}")
+        where = f"edge ({tail!r}, {head!r})"
         if measures not in MEASURES:
             raise SheafError(f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}")
         if desired is None and measures != "position":
@@ -215,6 +209,21 @@ class NonlinearSheaf:
         )
         self.__dict__.pop("_arrays", None)
         return len(self.edges) - 1
+
+    def _require_fitting(self, tail: Hashable, head: Hashable, shapes: list[tuple[int, ...]]) -> int:
+        """Return the dimension of an edge's stalk.
+
+        Raises:
+            SheafError: A vertex is unknown, both are the same, or the maps' shapes do not fit them.
+        """
+        self._stalks.numbers([tail, head])
+        if tail == head:
+            raise SheafError(f"edge ({tail!r}, {head!r}) is a loop; the ends of an edge must differ")
+        m = shapes[0][0] if len(shapes[0]) == 2 else 0
+        expected = [(m, self._dimension[end]) for end in (tail, head)]
+        if shapes != expected:
+            raise SheafError(f"edge ({tail!r}, {head!r}): maps have shapes {shapes}; expected {expected}")
+        return m
 
     @cached_property
     def _arrays(self) -> "_Arrays":
@@ -371,32 +380,49 @@ def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
     sizes = np.array([len(e.lift) for e in edges], dtype=np.int64)
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     m = int(first[-1])
-    columns = {v: stalks.columns_of(stalks.numbers([v])) for v in {end for e in edges for end in (e.tail, e.head)}}
     rows = [np.arange(begin, end) for begin, end in itertools.pairwise(first)]
+    columns = _columns(stalks, edges)
     tails = [(r[:, None], columns[e.tail][None], -e.F_tail) for r, e in zip(rows, edges, strict=True)]
     heads = [(r[:, None], columns[e.head][None], e.F_head) for r, e in zip(rows, edges, strict=True)]
-    pulled_heads = [block for block, e in zip(heads, edges, strict=True) if not e.directed]
-    linear = [(r, e) for r, e in zip(rows, edges, strict=True) if e.measures == "position"]
-    curved = [r for r, e in zip(rows, edges, strict=True) if e.measures != "position"]
-    pairs = [np.meshgrid(r, r, indexing="ij") for r in curved]
-    none = [np.zeros(0, dtype=np.int64)]
-    desired = [np.broadcast_to(e.desired, e.lift.shape) for e in edges]
-    weights = [np.full(len(e.lift), 0.0 if e.measures == "position" else e.weight[0, 0]) for e in edges]
+    pulled = [block for block, e in zip(heads, edges, strict=True) if not e.directed]
+    code = np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64)
     return _Arrays(
         D=assembled(tails + heads, (m, n)).tocsr(),
-        pulled=assembled(tails + pulled_heads, (m, n)).tocsr(),
-        lift=np.concatenate([np.zeros(0), *(e.lift for e in edges)]),
+        pulled=assembled(tails + pulled, (m, n)).tocsr(),
+        lift=_joined([e.lift for e in edges]),
         first=first,
-        code=np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64),
-        desired=np.concatenate([np.zeros(0), *desired]),
-        weight=np.concatenate([np.zeros(0), *weights]),
-        K=assembled([(r[:, None], r[None], e.weight) for r, e in linear], (m, m)).tocsr(),
-        pairs=(
-            np.concatenate(none + [a.ravel() for a, _ in pairs]),
-            np.concatenate(none + [b.ravel() for _, b in pairs]),
-        ),
+        code=code,
+        desired=_joined([np.broadcast_to(e.desired, e.lift.shape) for e in edges]),
+        weight=np.where(code > 0, _joined([np.diag(e.weight) for e in edges]), 0.0),
+        K=_position_weights(edges, rows, m),
+        pairs=_pairs(edges, rows),
         conservative=not any(e.directed or e.measures == "bearing" for e in edges),
     )
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return np.concatenate([np.zeros(0), *parts])
+
+
+def _columns(stalks: Cochains, edges: Sequence[NonlinearEdge]) -> dict[Hashable, IntArray]:
+    """Return the columns of every vertex that has an edge."""
+    ends = dict.fromkeys(end for e in edges for end in (e.tail, e.head))
+    return {end: stalks.columns_of(stalks.numbers([end])) for end in ends}
+
+
+def _position_weights(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray], m: int) -> sparse.csr_array:
+    """Return K of the edges that compare positions, shape (m, m)."""
+    linear = [(r[:, None], r[None], e.weight) for r, e in zip(rows, edges, strict=True) if e.measures == "position"]
+    return assembled(linear, (m, m)).tocsr()
+
+
+def _pairs(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
+    """Return rows and columns of the blocks of range and bearing edges."""
+    none = np.zeros(0, dtype=np.int64)
+    curved = [r for r, e in zip(rows, edges, strict=True) if e.measures != "position"]
+    across = [np.repeat(r, len(r)) for r in curved]
+    down = [np.tile(r, len(r)) for r in curved]
+    return np.concatenate([none, *across]), np.concatenate([none, *down])
 
 
 class Settled(NamedTuple):
