@@ -13,6 +13,11 @@ MAX_LINES = 45
 WIDTH = 100
 """Largest width of a line."""
 
+_FIXES = {
+    1: "give singular parts of the flow a `core` radius",
+    2: "give this vehicle thrusters, or `steering`, that push along every axis",
+    4: "as for assumption 2",
+}
 _MAX_FAILURES = 6
 _MAX_LINES_OF_A_FAILURE = 5
 _MAX_NOTES = 4
@@ -109,7 +114,7 @@ def _fix(record: CheckRecord, number: int) -> str:
         repairs = "; ".join(repair.description for repair in plan.repairs)
         others = [f"; or {'; '.join(other)}" for other in plan.alternatives[:1]]
         return repairs + "".join(others)
-    return ""
+    return _FIXES.get(number, "")
 
 
 def _numbers(record: CheckRecord) -> Iterator[str]:

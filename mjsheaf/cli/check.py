@@ -69,8 +69,6 @@ def check(
 
     with progress_bars("loading", lines=None):
         from mjsheaf.checking import examine_scenario
-        from mjsheaf.checking.report import report
-        from mjsheaf.checking.screen import screen
         from mjsheaf.scenario import load_scenario
 
         loaded = load_scenario(scenario, changes_of(overrides))
@@ -79,15 +77,24 @@ def check(
         record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
-    elif full:
-        make_console().print(report(record))
     else:
-        print_lines(*screen(record, scenario))
+        _print_record(record, scenario, full=full)
     if plot is not None:
         drawn = _draw(examination, figures, plot)
         if not as_json:
             print_lines(*drawn)
     _require_ok(scenario, record)
+
+
+def _print_record(record: "CheckRecord", scenario: str, *, full: bool) -> None:
+    """Print the answer, or the whole report."""
+    from mjsheaf.checking.report import report
+    from mjsheaf.checking.screen import screen
+
+    if full:
+        make_console().print(report(record))
+    else:
+        print_lines(*screen(record, scenario))
 
 
 def _figures_of(plot: Path | None, formats: str | None, title: bool) -> FigureOptions:
