@@ -24,15 +24,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
-from mjsheaf.waiting import compile_in_one_process
-from mjsheaf.waiting import is_waiting as is_waiting
 
 try:
     from numba import config, njit
     from numba import types as types
     from numba.core import event
+    from numba.core.dispatcher import Dispatcher as Dispatcher
     from numba.core.errors import NumbaError as NumbaError
     from numba.extending import overload as overload
+
+    from mjsheaf.waiting import compile_in_one_process
+    from mjsheaf.waiting import is_waiting as is_waiting
 except ValueError:  # numba reads its environment variables as it is imported
     raise InputError(
         f"NUMBA_NUM_THREADS: {os.environ.get('NUMBA_NUM_THREADS', '')[:40]!r}; expected a whole number from 1 on"

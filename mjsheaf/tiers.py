@@ -16,9 +16,8 @@ from types import FunctionType
 from typing import Any
 
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 
-from mjsheaf.jit import INTERPRETED
+from mjsheaf.jit import INTERPRETED, Dispatcher
 
 _MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
 _NOTICEABLE = 0.1  # s: after so much in one process, the next one compiles the function

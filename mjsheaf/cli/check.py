@@ -72,7 +72,7 @@ def check(
         from mjsheaf.scenario import load_scenario
 
         loaded = load_scenario(scenario, changes_of(overrides))
-    with progress_bars("checking", lines="stderr"):  # the answer alone is on stdout
+    with progress_bars("checking", lines=None if as_json else "stderr"):  # the answer alone is on stdout
         examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
         record = examination.record
     if as_json:

@@ -64,7 +64,7 @@ def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) ->
 def test_command_and_function_say_the_same(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     call("check", name, "--json")
     assert json.loads(capsys.readouterr().out) == mjsheaf.check(mjsheaf.load_scenario(name))
-    call("check", name)
+    call("check", name, "--full")
     assert "margins in practice" in capsys.readouterr().out
 
 

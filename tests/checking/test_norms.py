@@ -100,7 +100,7 @@ def test_the_noise_of_check_is_that_of_runs_in_the_same_measure(capsys: pytest.C
 
 
 def test_the_terminal_gives_the_rms_and_calls_the_norm_one(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("check", "certified") == 0
+    assert call("check", "certified", "--full") == 0
     printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
     theorem = mjsheaf.check(mjsheaf.load_scenario("certified"))["theorem"]
     assert f"{theorem['radius_U_per_agent']:.4g} m" in printed

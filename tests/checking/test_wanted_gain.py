@@ -121,5 +121,5 @@ def test_a_bound_of_ones_own_is_certified_too() -> None:
 
 
 def test_the_terminal_says_it(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("check", "certified", "--radius", "0.4") == 0
+    assert call("check", "certified", "--full", "--radius", "0.4") == 0
     assert "in its own region" in " ".join(capsys.readouterr().out.split())

@@ -126,6 +126,9 @@ def base(name: str) -> dict[str, Any]:
     for field in ("communication", "sensing", "target_edges"):
         ends = [(edge if isinstance(edge, list) else edge["between"], edge) for edge in raw.get(field, [])]
         raw[field] = [edge for (tail, head), edge in ends if {tail, head} <= kept]
+    for edge in raw.get("communication", []):  # their formations may be gone
+        if isinstance(edge, dict) and edge.pop("measures", "") == "range":
+            edge |= {"measures": "range", "offset": [5.0]}
     for medium, flow in raw.get("flow", {}).items():
         if "path" in flow:  # a file of data is not a part of a scenario's text
             raw["flow"][medium] = {"dimension": 2, "drift": [0.1, 0.0]}

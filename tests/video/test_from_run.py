@@ -220,7 +220,7 @@ def test_the_bar_is_as_long_as_it_says(distance: float) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ImageDraw.ImageDraw, "text", lambda self, place, words, *_, **__: written.append(words))
         Overlay(film, options, Frames(film, options).extent.survey).write(image, Frames(film, options).moment(0), view)
-    (length,) = [float(words.split()[0]) for words in written if "middle" in words]
+    (length,) = [float(words.split()[0]) for words in written if "centre" in words]
     assert float(f"{length:.0e}"[0]) in (1, 2, 5)
     bright = np.flatnonzero((np.asarray(image)[692] > 250).all(axis=1))
     pixels, _ = view.project(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), 1000, 720)
