@@ -1,10 +1,10 @@
 """One HTML file that replays a run in three dimensions next to its curves, on one clock, and loads nothing else.
 
-Where to look:
+Modules:
 
-- replay: which samples of a run are kept, and how they are packed;
+- replay: selection and packing of the samples of a run;
 - geometry: the vehicles' shapes, from MuJoCo's compiled model;
-- page: what else the page is told, and the file;
+- page: the other data of the page, and the file;
 - page.html and bundle.js: the page itself. The bundle is built from web/ by `make bundle`, with three.js and uPlot in
   it, whose licences it carries.
 

@@ -9,7 +9,7 @@ Places are relative to an origin near the run, a whole number of kilometres each
 zero keep their digits; `record["origin"]` has it.
 
 An array is packed as integers: positions in steps of a quarter of the tolerance, attitudes in 2^-13, everything else as
-32-bit floats of which 12 bits of the mantissa are kept (a relative error below 2^-12). Differences along time, with
+32-bit floats with the mantissa rounded to 12 bits (a relative error below 2^-12). Differences along time, with
 their sign in the lowest bit, byte plane by byte plane, then compress well; the browser undoes it (web/src/data.js).
 """
 
@@ -59,8 +59,8 @@ class Packer:
     """Arrays over time, packed one after the other.
 
     Attributes:
-        index: of each array its shape (samples, columns), where its bytes begin once unpacked, and the step of its
-            integers; a step of 0 says that they are the bits of floats.
+        index: Shape (samples, columns) of each array, offset of its unpacked bytes, and step of its integers. A step
+            of 0 means that they are the bits of floats.
     """
 
     index: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -304,7 +304,7 @@ def _survey(pieces: Iterable[Array], samples: int, phases: Sequence[Phase]) -> t
 
 
 def _kept(bend: Array, tolerance: float, vehicles: int, events: list[int]) -> IntArray:
-    """The samples that are kept, the first, the last and those beside events among them: see the module."""
+    """Select the samples to keep, including the first, the last and those at events (see the module)."""
     T = len(bend)
     most = int(np.clip(_MOST_POSITIONS // vehicles, _FEWEST, _MOST))
     if most >= T:
@@ -312,7 +312,7 @@ def _kept(bend: Array, tolerance: float, vehicles: int, events: list[int]) -> In
     wide = np.maximum.reduce([bend, np.roll(bend, 1), np.roll(bend, -1)])
     wanted, least = 1.4 * np.sqrt(wide / (8.0 * tolerance)), 0.7 * min(most, 2000) / T
     low, high = 0.0, 1.0
-    for _ in range(30):  # as much of the wanted density as there is room for
+    for _ in range(30):  # bisect for the largest fraction of the desired density that fits
         share = 0.5 * (low + high)
         low, high = (share, high) if np.clip(share * wanted, least, 1.0).sum() < most else (low, share)
     steps = np.floor(np.cumsum(np.clip(high * wanted, least, 1.0)))
@@ -366,10 +366,10 @@ def _largest_error(pieces: Iterable[Array], every: Array, scene: Scene, time: Ar
 def _add_edges(
     packer: Packer, phases: Sequence[Phase], positions: Array, own: xr.Dataset, rows: IntArray
 ) -> list[dict[str, Any]]:
-    """Add every edge's residual at every kept sample: NaN while it is not there, negative while it is silent.
+    """Add every edge's residual at every kept sample: NaN while it does not exist, negative while nothing is received.
 
     Returns:
-        What each edge is: its ends, kind, name, and the dimension of what it compares.
+        Description of each edge: ends, kind, name, and dimension of its residual.
     """
     found: dict[tuple[str, str], Edge] = {}
     for phase in phases:

@@ -5,8 +5,8 @@ right, y up, z forward) and for an eye at e, a point is left of the picture's ri
 
     x - e_x <= right (z - e_z),    that is    e_x - right e_z >= x - right z,
 
-and the other three sides are alike: each asks that something linear in the eye exceed something known. The
-known parts are four *bounds* per frame, the largest over all points. Smoothing the bounds from above (a
+and the other three sides are alike: each requires a linear function of the eye to exceed a constant. The
+constants are four *bounds* per frame, each the maximum over all points. Smoothing the bounds from above (a
 moving maximum, then a moving average over the same window) smooths the eye, and no point leaves the picture.
 """
 
@@ -44,7 +44,7 @@ class View:
     fovy: float
 
     def metres_per_pixel(self, height: int) -> float:
-        """Return the size of a pixel at the point looked at, in m, for a frame so many pixels high."""
+        """Return the size of a pixel at `lookat`, in m, for a frame of the given height in pixels."""
         return 2 * self.distance * float(np.tan(np.radians(self.fovy) / 2)) / height
 
     def project(self, points: FloatArray, width: int, height: int) -> tuple[FloatArray, FloatArray]:
@@ -79,7 +79,7 @@ def axes(azimuth: float, elevation: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class CameraPath:
-    """The camera over a film of F frames: see `View`, but `lookat` has shape (F, 3) and `distance` (F,)."""
+    """The camera over a video of F frames: see `View`, but `lookat` has shape (F, 3) and `distance` (F,)."""
 
     lookat: FloatArray
     distance: FloatArray

@@ -53,17 +53,17 @@ def draw_video(
     """Draw a run to an MP4 file, without a display; or several runs side by side, in step, seen by one camera.
 
     Args:
-        films: the runs, of one length and with as many vehicles, each with its model: arena and vehicles, each vehicle
-            with a free joint. A model is not changed.
-        path: the file to write; it appears, or is replaced, when it is complete.
-        options: size of one run's picture, camera, speed and so on.
-        progress: called after each frame with the frames done and how many there will be.
+        films: Runs of equal length and equal numbers of vehicles, each with its model: arena and vehicles, each
+            vehicle with a free joint. Models are not changed.
+        path: File to write. It appears, or is replaced, when it is complete.
+        options: Size of one run's picture, camera, speed and so on.
+        progress: Callback after each frame, with the numbers of frames drawn and of all frames.
 
     Returns:
-        How many frames were written, at least one.
+        Number of frames written, at least one.
 
     Raises:
-        InputError: a film does not fit its model.
+        InputError: The vehicles do not fit their model.
         UnwritableError: the file cannot be written.
         MjsheafError: no offscreen OpenGL works here (the message says what to install), or ffmpeg failed.
     """
@@ -100,19 +100,19 @@ def _side_by_side(halves: Sequence[Callable[[], Image.Image]]) -> Image.Image:
 
 
 class Painter(AbstractContextManager["Painter"]):
-    """Draws a film frame by frame. It is a context manager; `close` frees the GL resources.
+    """Draws a video frame by frame. It is a context manager; `close` frees the GL resources.
 
     Attributes:
         times: Times of the frames, shape (F,), s.
-        camera: where the camera is at each of them.
-        model, data: MuJoCo's, for drawing alone.
+        camera: Path of the camera over the frames.
+        model, data: MuJoCo's model and data, used for drawing only.
     """
 
     def __init__(self, film: Film, model: mujoco.MjModel, options: VideoOptions, beside: Sequence[Film] = ()) -> None:
         """Set everything up; the model is not changed.
 
         Args:
-            beside: Other runs' films, as long and with as many vehicles, that the camera keeps in view too.
+            beside: Other runs of the same length and number of vehicles, which the camera keeps in view too.
 
         Raises:
             InputError: the film does not fit the model.
@@ -196,7 +196,7 @@ class Painter(AbstractContextManager["Painter"]):
 
 
 def _check_fit(film: Film, model: mujoco.MjModel) -> None:
-    """Raise InputError if a vehicle's body or joint is not where the film says."""
+    """Raise InputError if a vehicle's body or joint is not at its given index."""
     for vehicle, (body, address) in enumerate(zip(film.body_id, film.qpos_address, strict=True)):
         joint = model.body_jntadr[body] if 0 <= body < model.nbody else -1
         free = joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE.value
@@ -250,7 +250,7 @@ def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float)
     sent: deque[Future[None]] = deque()
 
     def wait(most: int) -> None:
-        """Wait until so many frames, at most, are not yet taken."""
+        """Wait until at most this number of frames is pending."""
         while len(sent) > most:
             try:
                 sent.popleft().result()

@@ -82,8 +82,8 @@ class Stage:
 
     Attributes:
         start: Start time, s.
-        edges: Edges, as in a Film.
-        absent: numbers of the agents that are lost or have yet to join, which are drawn in grey and not followed.
+        edges: Edges, in the format of `Film.edges`.
+        absent: Indices of the agents that failed or have yet to join. They are drawn in grey and not followed.
         name: Name of the event, drawn next to the time.
     """
 
@@ -121,26 +121,26 @@ class Film:
     """A finished run, ready to be drawn.
 
     Attributes:
-        name: the scenario, drawn as the title.
-        subtitle: one line under the title, such as "physics, gain 10".
-        run: where every vehicle is at any time.
-        agent_ids: labels of the N agents.
-        target_ids: labels of the V - N targets.
-        qpos_address: where each vehicle's free joint begins in qpos. Shape (V,).
-        body_id: the body that has that free joint. Shape (V,).
-        group: index of each vehicle's group, which gives its colour. Shape (V,).
-        group_names: names of the G groups, for the legend.
-        colours: colour of each group, RGB in 0..1. Shape (G, 3).
-        edges: pairs of vehicles (i, j, kind) that exchange states or see each other.
-        error_range: lowest and highest value of the error's axis, above 0; None takes them from the error.
-        surface: the plane that the model has, if any; what is off it gets a stem to it.
-        surface_height: z of that plane, in m.
-        grid: side of the squares on that plane, in m; None where it has none.
-        end: time up to which the film lasts, in s; None for the run's end. After that everything stands still.
-        stages: what changes, in order, where events do; the first is what the film begins with.
-        kinds: of each vehicle, by which a viewer may scale them; none where that is not wanted.
-        automatic: scale of each vehicle unless the viewer gives one; none for their true size. Shape (V,).
-        media: what moves about the vehicles.
+        name: Name of the scenario, drawn as the title.
+        subtitle: One line under the title, such as "physics, gain 10".
+        run: Poses of all vehicles over time.
+        agent_ids: Labels of the N agents.
+        target_ids: Labels of the V - N targets.
+        qpos_address: Index in qpos of each vehicle's free joint, shape (V,).
+        body_id: Body of each vehicle's free joint, shape (V,).
+        group: Index of each vehicle's group, which gives its colour, shape (V,).
+        group_names: Names of the G groups, for the legend.
+        colours: Colour of each group, RGB in 0..1, shape (G, 3).
+        edges: Pairs of vehicles (i, j, kind) that exchange states or measure each other.
+        error_range: Limits of the error's axis, above 0. None derives them from the error.
+        surface: Plane in the model, if any. Vehicles off it are joined to it by a vertical line.
+        surface_height: z of that plane, m.
+        grid: Side of the squares on that plane, m. None if it has no squares.
+        end: Time at which the video ends, s. None for the run's end. After that everything stands still.
+        stages: States between events, in order. The first one holds at the start.
+        kinds: Kind of each vehicle, for scaling by kind. Empty if the viewer cannot scale them.
+        automatic: Default scale of each vehicle, shape (V,). Empty for their true size.
+        media: Moving media around the vehicles.
     """
 
     name: str
@@ -172,7 +172,7 @@ class Film:
         """
         time, vehicles, groups = self.run.time, self.vehicles, len(self.group_names)
         if vehicles == 0:
-            raise InputError("film has no vehicles; expected at least one agent or target")
+            raise InputError("video has no vehicles; expected at least one agent or target")
         if not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
             raise InputError("film.run.time: expected at least one time; all finite and increasing")
         run = self.run if isinstance(self.run, Samples) else self.run.at(time[:1])
@@ -206,17 +206,17 @@ class Film:
         return len(self.agent_ids) + len(self.target_ids)
 
     def scales(self, options: "VideoOptions") -> FloatArray:
-        """How many times larger each vehicle is drawn, shape (V,).
+        """Return the scale at which each vehicle is drawn, shape (V,).
 
         Raises:
-            InputError: the options name what is not there.
+            InputError: The options name an unknown vehicle or kind.
         """
         ids = [*self.agent_ids, *self.target_ids]
         automatic = np.ones(self.vehicles) if self.automatic is None else self.automatic
         return scales_of(options.vehicle_scale, options.vehicle_scales, ids, self.kinds or ids, automatic)
 
     def stage(self, time: float) -> int:
-        """Number of the stage at a time in s, 0 where the film has none."""
+        """Return the index of the stage at a time in s, 0 if there are no stages."""
         return max(sum(stage.start <= time + 1e-9 for stage in self.stages) - 1, 0)
 
     def absent(self, time: float) -> frozenset[int]:
@@ -258,7 +258,7 @@ class VideoOptions(Video):
 
     @property
     def unit(self) -> float:
-        """Pixels of this frame in one of a 1000x720 frame, for which sizes of writing and lines are given."""
+        """Size of one pixel of a 1000x720 frame in this frame. Text and line sizes are given for 1000x720."""
         return min(self.width / 1000, self.height / 720)
 
     @property
@@ -299,17 +299,17 @@ _SURVEYED_POSITIONS = 400_000  # positions in them, for large teams
 
 @dataclass(frozen=True)
 class Extent:
-    """Where a film takes place, measured robustly against the run itself, and which vehicles leave it.
+    """Region that a video shows, estimated robustly from the run, and the vehicles that leave it.
 
-    A run that blew up has positions that no picture can hold, or none at all.
+    A diverged run has positions too far apart for any picture, or non-finite ones.
 
     Attributes:
-        survey: the film at a number of its frames' times, first and last among them.
-        centre: the middle of everything at all times. Shape (3,), in m.
-        size: the distance from it within which three quarters of everything lies, at least 1, in m.
-        last: the last finite position of each vehicle, then of each q*. Shape (V + N, 3), in m.
-        unfollowed: time from which the camera no longer follows each; infinite where it always does. Shape (V + N,).
-        left: where each was then. Shape (V + N, 3), in m.
+        survey: Samples of the run at some of the frames' times, including the first and last.
+        centre: Centre of all positions at all times, shape (3,), m.
+        size: Distance from the centre within which three quarters of all positions lie, at least 1, m.
+        last: Last finite position of each vehicle, then of each q*, shape (V + N, 3), m.
+        unfollowed: Time from which the camera no longer follows each, shape (V + N,), s. Infinite if it always does.
+        left: Position of each at that time, shape (V + N, 3), m.
     """
 
     survey: Samples
@@ -321,7 +321,7 @@ class Extent:
 
     @classmethod
     def of(cls, film: Film, times: FloatArray) -> "Extent":
-        """Measure a film with frames at these times."""
+        """Measure the extent of a video with frames at these times."""
         count = min(len(times), _SURVEYED, max(_SURVEYED_POSITIONS // film.vehicles, 2))
         survey = film.run.at(times[np.linspace(0, len(times) - 1, count).round().astype(np.int64)])
         points = np.concatenate([survey.positions, survey.harmonic_extension], axis=1)
@@ -409,14 +409,14 @@ TRAIL_BUDGET = 2000
 
 
 class Frames:
-    """A film at the times of its frames, read some hundred frames at a time: a long run takes no more memory.
+    """Content of each frame, read a few hundred frames at a time so that memory does not grow with the run.
 
     Attributes:
-        film: the film.
+        film: Content of the video.
         times: Times of the frames, shape (F,), s.
-        extent: where it takes place.
-        step: frames that are read together.
-        trail: how far back trails go, in s.
+        extent: Region that the video shows.
+        step: Number of frames read together.
+        trail: Duration of the trails, s.
     """
 
     def __init__(self, film: Film, options: VideoOptions) -> None:
@@ -459,7 +459,7 @@ class Frames:
         """Return when the trails at these times have joints, from their ends to now. Shape (K, J), in s."""
         if not self._pieces:
             return times[:, None]
-        # Joints stand at multiples of one interval, so that a trail does not shiver as time goes on.
+        # Joints stand at multiples of one interval, so that a trail does not flicker over time.
         interval = self.trail / self._pieces
         oldest = np.maximum(times - self.trail, self.film.span[0])[:, None]
         multiples = np.floor(oldest / interval) + np.arange(self._pieces + 2)

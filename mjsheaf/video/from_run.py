@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 DRAFT_FPS = 15
 HALF_FPS = 24  # most, where two runs are drawn side by side,
 LONGEST_HALF = 30.0  # and the longest such video, s: two pictures a frame cost twice as much
-HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, at which the heading of a body without attitude is found
-_POSITIONS = 2**18  # of vehicles at instants, at once: memory does not grow with the length of a film
+HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, offsets for estimating the heading of a body without attitude
+_POSITIONS = 2**18  # positions read at once, so that memory does not grow with the length of a video
 
 
 def film_run(
@@ -73,9 +73,9 @@ def film_side_by_side(
 def both_films(
     scenario: Scenario, ideal: xr.Dataset, physics: xr.Dataset, options: VideoOptions
 ) -> "list[tuple[Film, mujoco.MjModel]]":
-    """The films of both runs, each with its model: of one length, and with one axis for the curves of their errors.
+    """Return the content of both videos, each with its model, with equal lengths and a common axis for the errors.
 
-    A run that ends early stands still from there on.
+    A run that ends early stands still until the other one ends.
     """
     films = [film_of(scenario, dataset) for dataset in (ideal, physics)]
     end = max(film.span[1] for film, _ in films)
@@ -88,9 +88,9 @@ def both_films(
 
 
 def half_options(scenario: Scenario, quality: str | None = None) -> VideoOptions:
-    """Return how each half is drawn: as the scenario's video, no wider than 4 by 3, and in at most 30 s.
+    """Return the options of each half: the scenario's, but no wider than 4 by 3 and at most 30 s long.
 
-    `quality` replaces the scenario's.
+    `quality` overrides the scenario's.
     """
     video = scenario.video
     quality = quality or video.quality
@@ -103,12 +103,12 @@ def half_options(scenario: Scenario, quality: str | None = None) -> VideoOptions
 def film_of(
     scenario: Scenario, dataset: xr.Dataset, phases: "Sequence[Phase] | None" = None
 ) -> "tuple[Film, mujoco.MjModel]":
-    """What is drawn of a run, and the model that it is drawn with.
+    """Build the content of a run's video, and the model to draw it with.
 
     Args:
-        scenario: the scenario that was run.
-        dataset: its data, in memory or opened: they are read as they are drawn.
-        phases: the scenario's, where they were built already.
+        scenario: Scenario that was run.
+        dataset: Data of the run, in memory or an open file. They are read frame by frame.
+        phases: Phases of the scenario, if they were built already.
     """
     from mjsheaf.simulation.world import arena_of
 
@@ -120,7 +120,7 @@ def film_of(
     backend = "MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics"
     surface, grid = scenario.scene.surface, None
     if surface != "none":
-        # MuJoCo repeats a uniform texture so many times in two metres; that of the ground has four squares.
+        # texrepeat counts the repetitions of a uniform texture in two metres. The ground's texture has four squares.
         grid = 2.0 / float(arena.model.mat(surface).texrepeat[0]) / (2 if surface == "ground" else 1)
     run = RecordedRun(dataset, scenario.scene.height)
     places = places_of(run, phases)
@@ -187,14 +187,14 @@ def media_of(phases: "Sequence[Phase]", places: FloatArray) -> list[Medium]:
 
 
 def _edges(team: Team) -> list[Edge]:
-    """The edges of a team, as a film has them."""
+    """Return the edges of a team, in the format of `Film.edges`."""
     return [(team.index[e.tail], team.index[e.head], "communication") for e in team.communication] + [
         (team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing
     ]
 
 
 def _stage(phase: "Phase") -> Stage:
-    """A phase, as a film has it."""
+    """Convert a phase of the scenario to a stage of the video."""
     team = phase.system.team
     absent = frozenset(np.flatnonzero(~team.present).tolist())
     return Stage(phase.time, _edges(team), absent, ", ".join(phase.events))

@@ -68,7 +68,7 @@ def legend_rows(film: Film, options: VideoOptions, survey: Samples) -> list[Row]
     Args:
         film: The run to be drawn.
         options: Speed, trail and scales of vehicles.
-        survey: The film at some times.
+        survey: Samples of the run.
     """
     return [*_team_rows(film), *_edge_rows(film), *_notes(film, options, survey)]
 

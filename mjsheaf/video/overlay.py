@@ -27,7 +27,7 @@ MARGIN, PAD, CORNER = 14, 12, 8
 SCALE_BAR = 150  # longest
 STATUS_WIDTH = (330, 460)  # of the status plate: as wide as its title needs, within these
 TITLE, SUBTITLE, TIME, ERROR, CURVE, STATUS_HEIGHT = 8, 40, 66, 93, 120, 202  # rows in the status plate
-CURVE_HEIGHT, TICKS = 58, 56  # of the curve; width of the numbers beside it
+CURVE_HEIGHT, TICKS = 58, 56  # height of the curve; width of the numbers next to it
 
 
 class Overlay:
@@ -48,10 +48,10 @@ class Overlay:
         """Draw everything that stays the same.
 
         Args:
-            film: what is written about.
-            options: size of the frame and so on.
-            survey: the film at some times, for the curve of its error.
-            beside: films whose pictures stand beside this one; their curves are of one size with its own.
+            film: Content of the video.
+            options: Size of the frame and so on.
+            survey: Samples of the run, for the curve of its error.
+            beside: Content of the pictures next to this one, whose curves get the same size.
             arrows: End of the scale of speeds, m/s, and number of the scale of colours of each medium by name.
         """
         self._film, self._unit = film, options.unit

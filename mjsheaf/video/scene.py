@@ -1,4 +1,4 @@
-"""The scene: vehicles and, beside them, trails, edges, where each agent should be, depth; and how it becomes pixels.
+"""The scene (vehicles, trails, edges, desired positions, depth) and its rendering.
 
 Balls are geoms of MuJoCo's scene, sized to look as large at any distance. Lines keep their width in pixels. There are a
 thousand of them, each of which would take twenty microseconds as a geom: they are drawn apart, in one call of OpenGL.
@@ -41,8 +41,8 @@ SLOWEST_ARROW = 0.03  # and the slowest flow with an arrow, as fractions of the 
 DASH = 10.0  # length of a dash and of the gap after it
 MARKER = 10.5  # radius of the ball at q*
 SMALL_TEAM = 50  # agents; in a larger team the balls are smaller, not to cover each other
-FOOT = 2.5  # radius of the ball at the foot of a stem
-STEM = 17.0  # shortest stem worth drawing
+FOOT = 2.5  # radius of the ball at the foot of a vertical line
+STEM = 17.0  # minimum length of a vertical line
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Decorator:
     """
 
     def __init__(self, film: Film, options: VideoOptions, owners: IntArray | None = None) -> None:
-        """Prepare; `owners` has the vehicle of each geom of the model, -1 for none, by which absent ones turn grey."""
+        """Prepare the scene. `owners`: vehicle of each geom of the model, or -1, for drawing absent ones in grey."""
         self._film, self._owners = film, owners
         self._colours = film.colours[film.group].astype(np.float32)  # (V, 3)
         self._unit = options.drawn_unit
@@ -83,11 +83,11 @@ class Decorator:
         self._trail = min(options.trail, film.span[1] - film.span[0])
         stages = [stage.edges for stage in film.stages] or [film.edges]
         self._edges = [(_pairs(edges, "communication"), _pairs(edges, "sensing")) for edges in stages]
-        self.most_geoms = 2 * film.vehicles  # for a vehicle at most the foot of its stem and a ball at q*
+        self.most_geoms = 2 * film.vehicles  # per vehicle: the foot of its vertical line and a ball at q*
         self._spacing = 0.0
 
     def lay_out_arrows(self, view: View) -> None:
-        """Choose the spacing of arrows for a view, one of the film's."""
+        """Choose the spacing of arrows for one of the camera's views."""
         self._spacing = ARROW_SPACING * self._unit * view.metres_per_pixel(self._height)
 
     def add(self, scene: mujoco.MjvScene, moment: Moment, view: View) -> list[Lines]:
@@ -109,7 +109,7 @@ class Decorator:
         return [*media, *stems, self._trails(moment), edges, self._dashed(moment, sensing, size), links]
 
     def _arrows(self, moment: Moment, view: View, number: int) -> Lines:
-        """Show how a medium moves, on a level grid that stays where it is: at the surface, or as high as its vehicles.
+        """Draw a medium's velocity on a fixed horizontal grid, at the surface or at the height of its vehicles.
 
         Colour and length show the speed. Arrows fade towards the edge of the picture.
         """

@@ -25,7 +25,7 @@ def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 
 
 def text(words: str, size: int, colour: Colour, bold: bool = False, outline: int = 0) -> Image.Image:
-    """Write words on nothing, RGBA; with a dark outline, so many pixels wide, they are legible over anything."""
+    """Draw text on a transparent RGBA image. A dark outline, in pixels, makes it legible on any background."""
     left, top, right, bottom = font(size, bold).getbbox(words, stroke_width=outline)
     image = Image.new("RGBA", (int(right - left) + 1, int(bottom - top) + 1))
     ImageDraw.Draw(image).text(
