@@ -1,7 +1,7 @@
 """Progress of long work: a bar on a terminal or in a notebook, and lines where output goes to a file.
 
 It appears after half a second, so that short work shows nothing, and a bar disappears when the work ends. While numba
-compiles, it shows that, function by function: otherwise the first run on a machine would be silent.
+compiles, it shows that, function by function: otherwise the first run on a machine would print nothing.
 """
 
 import contextvars

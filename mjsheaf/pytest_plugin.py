@@ -75,7 +75,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioF
 
 
 def _expects(path: Path) -> bool | None:
-    """Whether a scenario has an `expect:` block; None for other files, which are ignored."""
+    """Return True if a scenario has an `expect:` block, and None for other files, which are ignored."""
     from mjsheaf.errors import ScenarioError
     from mjsheaf.io.yaml import read_yaml
 
@@ -95,8 +95,8 @@ class ScenarioFile(pytest.File):
     """A scenario file.
 
     Attributes:
-        expects: whether it has an `expect:` block.
-        named: whether the user named this very file: then it fails where a file that was only found is skipped.
+        expects: True if it has an `expect:` block.
+        named: True if the user named this file. It then fails where a file from a directory is skipped.
     """
 
     expects = True
@@ -147,7 +147,7 @@ class Expectation(pytest.Item):
         self._test(self)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """Where it is: pytest writes scenarios/paper.yaml::physics."""
+        """Return the location of the item: pytest writes scenarios/paper.yaml::physics."""
         return self.path, None, self.name
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:

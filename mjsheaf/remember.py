@@ -17,7 +17,7 @@ def remember_last(key: Callable[P, Any]) -> Callable[[Callable[P, T]], Callable[
     is shared, and must not be written to.
 
     Args:
-        key: of the arguments: everything on which the result depends.
+        key: Function of the arguments that returns everything on which the result depends.
     """
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:

@@ -1,4 +1,4 @@
-"""How many threads; imports no numpy, before which the environment's variables are to be set.
+"""Number of threads. Imports no numpy, since the environment's variables must be set before that.
 
 Threads of linear algebra that wait for one another on busy cores take up to a hundred times as long on matrices of some
 hundred states, and more of them gain little there.
@@ -26,7 +26,7 @@ _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
 def usable_processors() -> int:
-    """How many processors this process may use: those it may run on, and no more than a container's quota is worth."""
+    """Return the number of processors that this process may use, limited by its affinity and its container's quota."""
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         quota, period = map(float, _QUOTA.read_text().split())
@@ -40,7 +40,7 @@ _BUSY = 50.0  # %
 
 
 def free_processors() -> int:
-    """How many of the processors that this process may use are idle just now; at least 1."""
+    """Return how many of the processors that this process may use are idle now, at least 1."""
     import psutil
 
     usable = usable_processors()

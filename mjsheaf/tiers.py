@@ -1,9 +1,9 @@
 """Functions that run in Python at first, and compiled once they have enough to do.
 
-Compiling a function takes seconds, and a check of a few vehicles asks some of them for milliseconds of work. Python and
+Compiling a function takes seconds, and a check of a few vehicles needs some of them for milliseconds only. Python and
 compiled code carry out the same operations in the same order, so that results have the same bits whichever is taken;
 tests hold the functions that use this to it. A function is compiled when Python has taken a while in one process, or
-when a second process asks for it after a first one in which Python took noticeable time. Machine code on disk is used
+when a second process needs it after a first one in which Python took noticeable time. Machine code on disk is used
 at once.
 """
 
@@ -132,7 +132,7 @@ def _in_python(compiled: Any, made: dict[int, Callable[..., Any]]) -> Callable[.
 
 
 def _file(compiled: Any) -> Path:
-    """Return a file beside the machine code of a function, which marks that a process has needed it."""
+    """Return a file next to the machine code of a function, which marks that a process has needed it."""
     function = compiled.py_func
     return (
         Path(compiled.stats.cache_path or "")

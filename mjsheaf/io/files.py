@@ -39,12 +39,12 @@ def naming(place: object, hint: str = "", kind: type[InputError] = InputError, v
 def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
     """Yield the place of a new, empty file that takes the place of `path` when the block ends without an exception.
 
-    path: Path of the file.
+    Args:
+        path: Path of the file.
         tidy: True to remove first the remains of killed processes, which reads the whole directory.
-        tidy: whether to remove first what killed processes have left of it, which reads the whole directory.
 
     Raises:
-        OSError: it cannot be written; nothing is left, and what was there before still is.
+        OSError: The file cannot be written. No new file remains, and an earlier one is unchanged.
     """
     with _part(path, directory=False, tidy=tidy) as part:
         yield part

@@ -73,14 +73,14 @@ class SweptAxis:
     """A swept field with more than one value.
 
     Attributes:
-        path: of the field.
-        name: what figures call it.
-        numeric: whether all values are numbers; else each value has a place of its own.
-        drawn: whether the values were drawn at random, so that few runs share one.
-        log: whether the axis is logarithmic.
-        places: of the distinct values, ascending, shape (K,): the numbers themselves, or 0 to K - 1.
-        labels: of the distinct values.
-        index: of each run's value among them, shape (R,).
+        path: Path of the field.
+        name: Name of the field in figures.
+        numeric: True if all values are numbers.
+        drawn: True if the values were drawn at random, so that few runs share one.
+        log: True if the axis is logarithmic.
+        places: Positions of the distinct values, ascending, shape (K,). The values if numeric, else 0 to K - 1.
+        labels: Labels of the distinct values.
+        index: Index of each run's value among them, shape (R,).
     """
 
     path: str
@@ -93,7 +93,7 @@ class SweptAxis:
     index: IntArray
 
     def alike(self, other: "SweptAxis") -> bool:
-        """Whether both fields have the same value in every run."""
+        """Return True if both fields have the same value in every run."""
         return self.labels == other.labels and np.array_equal(self.index, other.index)
 
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
@@ -104,7 +104,7 @@ class SweptAxis:
 
     @property
     def upright(self) -> bool:
-        """Whether labels of the values stand upright below a panel, as they have no room side by side."""
+        """Return True if the labels below a panel must be vertical because they have no room side by side."""
         shown = self.labels[:: -(-len(self.places) // _MOST_TICKS)]
         return sum(map(len, shown)) + 2 * len(shown) > _UNROTATED
 
@@ -258,7 +258,7 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
 
 
 def _panels(count: int, columns: int, title: str, below: float = 0.0) -> tuple[Figure, list[Any]]:
-    """Return a figure and its panels, in rows of so many columns, with room below each, in."""
+    """Return a figure and its panels, in rows of `columns`, with room below each, in."""
     rows = -(-count // columns)
     width = max(WIDTH if columns > 1 else 0.65 * WIDTH, _PANEL * columns)
     figure = new_figure(width, 0.6 + (2.7 + below) * rows, title)
@@ -331,7 +331,7 @@ def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], 
 
 
 def _draw_bound(title: str, ratios: dict[str, Array]) -> Figure:
-    """How many runs used which share of Theorem 1's bound, with the bound itself."""
+    """Draw a histogram of the fraction of Theorem 1's bound that runs use, with the bound itself."""
     figure, panels = _panels(len(ratios), len(ratios), title)
     for panel, (label, known) in zip(panels, ratios.items(), strict=True):
         middle, half = 0.5 * (known.min() + known.max()), max(0.5 * np.ptp(known), _NARROWEST)
@@ -357,7 +357,7 @@ def _handles_of(panels: Iterable[Any]) -> dict[str, Any]:
 
 
 def _fill_a_grid(axes: list[SweptAxis]) -> bool:
-    """Whether two axes fill a table well enough to be drawn as one."""
+    """Return True if two axes fill a table well enough to be drawn as one."""
     sizes = [len(axis.places) for axis in axes]
     filled = len(set(zip(*(axis.index.tolist() for axis in axes), strict=True)))
     return max(sizes) <= _MOST_CELLS and filled > 0.6 * sizes[0] * sizes[1]

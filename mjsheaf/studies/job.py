@@ -49,18 +49,18 @@ class ForeignWorkerError(InputError):
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker gets.
+    """Input of a worker.
 
     Attributes:
-        point: which run.
-        source: the scenario's name, for messages.
-        scenario: the scenario as read, without overrides.
-        overrides: field path to value, for all runs of the study.
-        directory: to which paths of vehicles in overrides are relative.
+        point: Point of the study.
+        source: Name of the scenario, for messages.
+        scenario: Scenario as read, without overrides.
+        overrides: Field path to value, for all runs of the study.
+        directory: Directory to which paths of vehicles in overrides are relative.
         backend: 'physics' or 'ideal'.
-        engine: what moves bodies.
-        trajectories: whether result.nc is wanted.
-        versions: of the mjsheaf that asks and of its libraries.
+        engine: Engine that moves bodies.
+        trajectories: True to return result.nc.
+        versions: Versions of the submitting mjsheaf and of its libraries.
         law: Law in Python that is in control, or None.
     """
 
@@ -114,13 +114,13 @@ def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str)
 
 @dataclass(frozen=True)
 class JobResult:
-    """What a worker answers.
+    """Output of a worker.
 
     Attributes:
-        record: see `new_record`; a function of the job alone.
-        seconds: that it took.
-        dataset: bytes of result.nc, where wanted and the run began.
-        page: the same as a page to look at: see `mjsheaf.page`.
+        record: Record of the run (see `new_record`), a function of the job alone.
+        seconds: Duration of the job, s.
+        dataset: Bytes of result.nc, if requested and if the run started.
+        page: Page that shows the same data (see `mjsheaf.page`).
     """
 
     record: dict[str, Any]
