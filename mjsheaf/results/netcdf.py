@@ -156,7 +156,12 @@ class NetCDF:
 
     def write(self, chunk: xr.Dataset) -> None:
         """Write a chunk after those that the file holds already."""
-        self._beside.submit(_append, self._netcdf.result(), chunk, self._packing).result()
+        try:
+            self._beside.submit(_append, self._netcdf.result(), chunk, self._packing).result()
+        except RuntimeError as error:
+            if "new thread" not in str(error):
+                raise
+            raise MemoryError("no thread can be started") from error
         if isinstance(self._file, EnduringFile):
             self._file.raise_refusal()
 

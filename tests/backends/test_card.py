@@ -124,7 +124,8 @@ class Card:
 def here(tree: Any) -> Any:
     """A tree of a card's arrays as this machine's."""
     if isinstance(tree, tuple):
-        return type(tree)(*map(here, tree))
+        values = tuple(map(here, tree))
+        return type(tree)._make(values) if hasattr(tree, "_make") else values
     return tree.values if isinstance(tree, CardArray) else tree
 
 

@@ -56,7 +56,7 @@ def test_run_of_every_scenario(name: str, backend: str, tmp_path: Path, capsys: 
         assert not out.exists()
         return
     assert code == 0, printed.err
-    assert {p.name for p in out.iterdir()} == DATA_FILES
+    assert {p.name for p in out.iterdir()} - {"vehicles"} == DATA_FILES  # which has a copy of the file of a flow
     summary = json.loads((out / "summary.json").read_text())
     assert summary.keys() >= {"scenario", "backend", "status", "seed", "steps", "wall_time_s", "realtime_factor"}
     assert summary.keys() >= {"expect", "final"}
@@ -81,7 +81,7 @@ def test_run_of_every_scenario(name: str, backend: str, tmp_path: Path, capsys: 
 def test_run_and_video_of_every_scenario(name: str, backend: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert call("run", name, "--backend", backend, "--set", "time.end=0.5", *SMALL, "--out", out) == 0
-    assert {p.name for p in out.iterdir()} == (set(FILES) if CAN_DRAW else RUN_FILES)
+    assert {p.name for p in out.iterdir()} - {"vehicles"} == (set(FILES) if CAN_DRAW else RUN_FILES)
     if CAN_DRAW:
         film_again(out)
 
