@@ -20,14 +20,21 @@ from mjsheaf.cli.options import (
     figure_options,
     prepare,
 )
+from mjsheaf.cli.outcome import describe_files
 from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars, saying_what_is_kept
 from mjsheaf.errors import UnstableError, in_field
 
 if TYPE_CHECKING:
     from mjsheaf.comparing.overlay import RunsRecord
     from mjsheaf.comparing.report import Published
+    from mjsheaf.comparing.verdict import CompareRecord
 
 _WIDTH = 120  # least on a terminal, as numbers must not be cut; that of report.txt
+_FILES = {
+    "report.html": "replay of both runs, for any browser",
+    "report.txt": "the whole report, which --full prints",
+    "compare.json": "every number",
+}
 
 
 def compare(
@@ -44,6 +51,7 @@ def compare(
     quality: Annotated[
         Literal["good", "draft"], typer.Option(help="Quality of the video; a draft takes a fraction of the time.")
     ] = "draft",
+    full: Annotated[bool, typer.Option("--full", help="Print the whole report, not only the answer.")] = False,
 ) -> None:
     """Compare ideal kinematics with bodies: what each effect costs, and what to change.
 
@@ -53,7 +61,7 @@ def compare(
     bodies right) into the directory, runs/NAME-compare unless given. The video comes last.
     """
     with progress_bars() as bars:
-        from mjsheaf.comparing.report import publish, report
+        from mjsheaf.comparing.report import publish
         from mjsheaf.control.source import find_law
 
         figures = figure_options(formats, title)
@@ -71,13 +79,24 @@ def compare(
                 progress=bars,
             )
     record = published.comparison.record
-    make_console(_WIDTH).print(report(record))
-    print_lines(*filter(None, [published.replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
+    _print_comparison(record, full=full)
+    print_lines(*filter(None, [published.replaced]), *describe_files(directory, _FILES))
     if video:
         _draw_video(published, quality)
     for rung in map(record.rung, ("ideal", "all")):
         if rung.status != "finished":
             raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")
+
+
+def _print_comparison(record: "CompareRecord", *, full: bool) -> None:
+    """Print the answer, or the whole report."""
+    from mjsheaf.comparing.report import report
+    from mjsheaf.comparing.summary import summary
+
+    if full:
+        make_console(_WIDTH).print(report(record))
+    else:
+        print_lines(*summary(record))
 
 
 def _draw_video(published: "Published", quality: str) -> None:

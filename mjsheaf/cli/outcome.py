@@ -1,10 +1,12 @@
 """Print a run on the terminal: how well it went first, then the numbers, then what needs attention."""
 
+from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjsheaf.cli.terminal import make_console, make_table, print_lines
-from mjsheaf.errors import printable
+from mjsheaf.errors import printable, shortened
 
 if TYPE_CHECKING:
     from mjsheaf.runs.publish import Outcome
@@ -18,6 +20,10 @@ _NORMS = {
     "formation_error": "RMS over edges",
     "centering_error": "largest group",
 }
+_FILES = {"report.html": "replay, for any browser", "video.mp4": "video"}
+_MAX_NOTES = 4  # lines
+_MAX_ROWS = 5  # of the table
+_MAX_EVENTS = 36  # characters
 
 
 def announcing(scenario: "Scenario", backend: str, progress: "Progress") -> "Progress":
@@ -54,12 +60,34 @@ def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
     print_lines(_headline(summary), *_verdict(summary["expect"], overridden))
     make_console().print(_table(summary))
     print_lines(
-        *(f"note: {note['text']}" for note in summary["notes"]),
+        *_notes(summary),
         *(f"DRIFTS: {direction}; errors are against the q* of least norm" for direction in summary["free_directions"]),
         *_effort(summary),
         *replaced,
-        *(f"  {path}" for path in sorted(outcome.directory.iterdir())),
+        *describe_files(outcome.directory, _FILES),
     )
+
+
+def describe_files(directory: Path, about: Mapping[str, str]) -> list[str]:
+    """Return where the files of a run or a comparison are.
+
+    Args:
+        directory: Their directory.
+        about: What is in the most important ones, by name; they get lines of their own, if they exist.
+    """
+    names = sorted(path.name for path in directory.iterdir())
+    lines = [f"  {directory / name}: {text}" for name, text in about.items() if name in names]
+    others = [name for name in names if name not in about]
+    return [*lines, f"  {directory}: {', '.join(others)}"] if others else lines
+
+
+def _notes(summary: dict[str, Any]) -> list[str]:
+    """Return the most important notes, and how many more there are."""
+    lines = [f"note: {note['text']}" for note in summary["notes"]]
+    if len(lines) <= _MAX_NOTES:
+        return lines
+    shown = _MAX_NOTES - 1
+    return [*lines[:shown], f"and {len(lines) - shown} more notes in summary.json"]
 
 
 def _headline(summary: dict[str, Any]) -> str:
@@ -98,14 +126,19 @@ def _table(summary: dict[str, Any]) -> Any:
     final = summary["final"]
     headings = {measure: f"{_words(measure)}\n{norm}" for measure, norm in _NORMS.items()}
     title = f"{summary['scenario']} on {summary['backend']}, errors in m at t = {final['time']:.6g} s"
-    table = make_table("", *headings.values(), numbers=[*headings.values()], title=title)
-    for name, values in {"team": final, **final["groups"]}.items():
-        table.add_row(name, *_numbers(values))
+    rows = list({"team": final, **final["groups"]}.items())
     for number, phase in enumerate(summary["phases"]):
         if phase["final"] is None:
             continue
-        events = ", ".join(phase["events"]) or "start"
-        table.add_row(f"phase {number}, {events}, at {phase['final']['time']:.6g} s", *_numbers(phase["final"]))
+        events = shortened(", ".join(phase["events"]) or "start", _MAX_EVENTS)
+        rows.append((f"phase {number}, {events}, at {phase['final']['time']:.6g} s", phase["final"]))
+    columns = list(headings.values())
+    table = make_table("", *columns, numbers=columns, title=title, box=None, padding=(0, 2, 0, 0))
+    shown = len(rows) if len(rows) <= _MAX_ROWS else _MAX_ROWS - 1
+    for name, values in rows[:shown]:
+        table.add_row(name, *_numbers(values))
+    if len(rows) > shown:
+        table.add_row(f"and {len(rows) - shown} more in summary.json")
     return table
 
 

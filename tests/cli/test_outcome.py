@@ -11,12 +11,18 @@ from pathlib import Path
 
 import pytest
 
-from mjsheaf.cli.outcome import print_start
+from mjsheaf.cli.outcome import print_outcome, print_start
+from mjsheaf.runs.publish import Outcome
 from mjsheaf.scenario import load_scenario
 from tests.commands import RUN_FILES, answer_of, heed_interrupts, one_line
 
 pytestmark = pytest.mark.usefixtures("without_plots")
 RUN = ("run", "midpoint", "--backend", "ideal", "--set", "time.end=0.5")
+
+
+def without_progress(text: str) -> list[str]:
+    """Return the lines of a text that are not about progress; a busy machine prints more of those."""
+    return [line for line in text.splitlines() if not line.endswith(" s since the start")]
 
 
 def place_of(lines: list[str], begin: str) -> int:
@@ -26,7 +32,7 @@ def place_of(lines: list[str], begin: str) -> int:
 
 def test_the_result_comes_first_and_notes_after_the_numbers(tmp_path: Path) -> None:
     answer = answer_of(*RUN, "--set", "controller.velocity_limit=0.1", "--no-video", "--out", tmp_path / "out")
-    lines = answer.out.splitlines()
+    lines = without_progress(answer.out)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert lines[0] == "midpoint: 1 agent and 2 targets on ideal kinematics, 0.5 s"
     assert lines[1].startswith(f"finished: at 0.5 s the agents are {summary['final']['tracking_error']:.3g} m from")
@@ -45,7 +51,7 @@ def test_the_result_comes_first_and_notes_after_the_numbers(tmp_path: Path) -> N
 
 def test_what_holds_is_told_with_its_bounds(tmp_path: Path) -> None:
     changes = ["--set", "expect.ideal={tracking_error: 100, mean_disagreement: 200}", "--no-video"]
-    lines = answer_of(*RUN, *changes, "--out", tmp_path / "out").out.splitlines()
+    lines = without_progress(answer_of(*RUN, *changes, "--out", tmp_path / "out").out)
     assert lines[2].startswith("as expected: ")
     assert "tracking " in lines[2]
     assert "at most 100" in lines[2]
@@ -53,13 +59,13 @@ def test_what_holds_is_told_with_its_bounds(tmp_path: Path) -> None:
 
 def test_without_an_expectation_it_says_so(tmp_path: Path) -> None:
     changes = ["--set", "expect.ideal=null", "--no-video"]
-    lines = answer_of(*RUN, *changes, "--out", tmp_path / "out").out.splitlines()
+    lines = without_progress(answer_of(*RUN, *changes, "--out", tmp_path / "out").out)
     assert lines[2].startswith("no expectation")
 
 
 def test_bounds_for_another_law_are_said_to_be(tmp_path: Path) -> None:
     changes = ["--set", "expect.controller=mylaw.py:mine", "--no-video"]
-    lines = answer_of(*RUN, *changes, "--out", tmp_path / "out").out.splitlines()
+    lines = without_progress(answer_of(*RUN, *changes, "--out", tmp_path / "out").out)
     assert lines[2] == "no expectation: the bounds are for the law mylaw.py:mine"
 
 
@@ -109,3 +115,30 @@ def test_a_signal_during_the_video_leaves_the_run_and_says_how_to_draw_it(
     assert {path.name for path in out.iterdir()} == RUN_FILES
     assert json.loads((out / "summary.json").read_text())["video"] is None
     assert "finished: " in done.stdout
+
+
+def test_many_notes_groups_and_phases_leave_twenty_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "report.html").touch()
+    for name in ("video.mp4", "result.nc", "errors.png"):
+        (tmp_path / name).touch()
+    numbers = dict.fromkeys(("mean_disagreement", "tracking_error", "formation_error", "centering_error"), 1.0)
+    summary = {
+        "scenario": "many",
+        "backend": "ideal",
+        "status": "finished",
+        "expect": {"met": None},
+        "final": {"time": 9.0, **numbers, "groups": {f"group {k}": numbers for k in range(9)}},
+        "phases": [{"final": {"time": 1.0, **numbers}, "events": ["lose A1"]}] * 9,
+        "notes": [{"text": f"note number {k}"} for k in range(9)],
+        "free_directions": [],
+        "steps": 1,
+        "wall_time_s": 1.0,
+        "realtime_factor": 1.0,
+        "communication": {"exchanges_per_second": 5.0, "numbers_per_agent_second": 7.0},
+    }
+    print_outcome(Outcome(tmp_path, summary, [], replaced="replaced the run of yesterday"))
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 20
+    assert "and 6 more notes in summary.json" in lines
+    assert any(line.startswith("and 15 more in summary.json") for line in lines)
+    assert lines[-2:] == [f"  {tmp_path / 'video.mp4'}: video", f"  {tmp_path}: errors.png, result.nc"]
