@@ -1,15 +1,19 @@
-"""Ideal kinematics against bodies: what each effect costs, and what to change.
+"""Comparison of ideal kinematics with bodies: what each effect costs, and what to change.
 
-Where to look:
+Modules:
 
-- recording: runs in memory, with their phases; gains: what limits the gain, and runs at higher ones;
-- overlay: finished runs compared with the first of them;
-- ladder: the variants of a scenario, from ideal kinematics to its own bodies, and their runs;
-- measures: errors, distances and saturation of a run, and how much of an error each effect adds;
-- demands: speeds asked against speeds possible, and what the velocity limit costs;
-- convergence: bodies whose time constant shrinks; ringing: damping predicted and measured, how far to raise the gain;
-- verdict: what compare.json holds, and what to change, in sentences; compare: all of the above together;
-- report: the page and the directory; figures: its plots.
+- recording: Runs in memory, with their phases.
+- ladder: Variants of a scenario, from ideal kinematics to its own bodies, and their runs.
+- measures: Errors, distances and saturation of a run, and the budget of an error by effect.
+- demands: Commanded speeds against the vehicles' speeds, and the cost of the velocity limit.
+- convergence: Bodies with a shrinking time constant.
+- ringing: Damping predicted and measured, and the usable gain.
+- gains: Limits of the gain, and runs at higher gains.
+- verdict: Contents of compare.json, and the verdict in sentences.
+- compare: The whole comparison.
+- report: The page and the directory.
+- figures: Plots of the comparison.
+- overlay: Finished runs compared with the first of them.
 """
 
 from mjsheaf.comparing.compare import Comparison, compare

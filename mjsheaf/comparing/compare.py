@@ -1,4 +1,4 @@
-"""The whole comparison: ladder, budgets, ringing, convergence, demands and a verdict, as one record."""
+"""The whole comparison as one record: ladder, budgets, ringing, convergence, demands and verdict."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from mjsheaf.system import Phase, phases_of
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison, as compare.json holds it, and the runs of its ladder by key."""
+    """A comparison as compare.json records it, and the runs of its ladder by key."""
 
     record: CompareRecord
     runs: dict[str, Run]
@@ -41,20 +41,20 @@ def compare(
 ) -> Comparison:
     """Compare a scenario's ideal kinematics with its bodies.
 
-    Every variant of a scenario with events runs the same phases. Ringing is measured in the phase whose least damped
-    mode is predicted to have the smallest damping ratio; convergence is that of the team with which the run begins.
+    Every variant of a scenario with events runs the same phases. Ringing is measured in the phase with the smallest
+    predicted damping ratio. Convergence is measured for the team of the first phase.
 
     Args:
-        scenario: from `load_scenario`.
-        progress: called with (what is being done, done, in all).
-        engine, threads: that move bodies; see `simulate`. Beside another engine's runs is MuJoCo's of the scenario as
-            it stands.
-        law: Law in Python in place of the scenario's; it is constructed anew for every run.
+        scenario: Scenario from `load_scenario`.
+        progress: Callback, called with the name of the activity, the steps done and the number of steps.
+        engine: Engine of the bodies; see `simulate`. If it is not MuJoCo, the scenario as given also runs in MuJoCo.
+        threads: Number of threads of the engine; see `simulate`.
+        law: Law in Python that replaces the scenario's. It is constructed anew for every run.
 
     Raises:
-        InputError: an engine that lacks what the scenario asks for, a vehicle that does not fit its agent, a g that is
-            not of full row rank, or a law in Python that fails.
-        NotUniqueError: the harmonic extension is not unique, in some phase.
+        InputError: The engine does not support the scenario, a vehicle does not fit its agent, a g does not have full
+            row rank, or a law in Python fails.
+        NotUniqueError: The harmonic extension is not unique in some phase.
     """
     begun = working_time()
     phases = phases_of(moved_by(scenario.phases, "physics", engine, threads))
@@ -92,7 +92,7 @@ def compare(
 def _about_law(
     phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None, seed: int, progress: Progress
 ) -> dict[str, Any]:
-    """Return the fields of a `CompareRecord` about the law; a law in Python has no more than a name."""
+    """Return the fields of a `CompareRecord` about the law; a law in Python has only a name."""
     if law is not None:
         return {"law": law.label, "controller": law.label, "gain": None, "usable_gain": None, "ringing": None}
     system = phases[0].system
@@ -146,7 +146,7 @@ def _phase(
 
 
 def _least_damped_phase(phases: Sequence[Phase]) -> int:
-    """The number of the phase whose least damped mode is predicted to have the smallest damping ratio."""
+    """Return the number of the phase with the smallest predicted damping ratio."""
     if len(phases) == 1:
         return 0
     dampings = [predicted_damping(phase.system.remaining) for phase in phases]
@@ -154,11 +154,11 @@ def _least_damped_phase(phases: Sequence[Phase]) -> int:
 
 
 def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Progress) -> ConvergenceRecord:
-    """Convergence of the team with which the run begins, under the paper's law."""
+    """Measure the convergence of the first phase's team under the paper's law."""
     if law is None:
         return converge(phases[0].system.remaining, progress)
     grid = phases[0].system.grid
-    why = f"the law is {law.label}, and theory is about the paper's"
+    why = f"the law is {law.label}, and the theory covers only the paper's law"
     return ConvergenceRecord(points=[], start_s=grid.start, end_s=grid.start, slope=None, constant=None, reason=why)
 
 
@@ -187,7 +187,7 @@ def _loops(phases: Sequence[Phase], ideal: Run) -> Iterator[BodyLoop]:
 
 
 def _harm(phases: Sequence[Phase], run: Run, seed: int) -> list[str]:
-    """What the terms of the law do wrong in the run of the scenario as it stands."""
+    """Return warnings about the law's terms in the run of the scenario as given."""
     if not any(phase.system.law.extended for phase in phases):
         return []
     found = examine_terms(phases, run.recording.dataset("physics", seed))

@@ -1,4 +1,4 @@
-"""Bodies whose time constant shrinks: their distance to the ideal run is of first order in it."""
+"""Bodies with a shrinking time constant: their distance to the ideal run is of first order in it."""
 
 from dataclasses import replace
 
@@ -32,27 +32,27 @@ class PointRecord(FiniteRecord):
 class ConvergenceRecord(FiniteRecord):
     """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies.
 
-    Both under the paper's law alone and over perfect links, of which theory speaks: terms and sensors know bodies from
-    ideal kinematics.
+    Both runs are under the paper's law alone and over perfect links, which are what the theory covers: terms and
+    sensors respond differently to bodies and to ideal kinematics.
     """
 
     points: list[PointRecord]
     start_s: float
     end_s: float
-    slope: float | None = Field(description="log-log, by least squares; theory: 1")
+    slope: float | None = Field(description="least-squares slope on log-log axes; theory: 1")
     constant: float | None = Field(description="distance = constant tau^slope, m and s")
-    reason: str = Field(description="why there is none, or empty")
+    reason: str = Field(description="why there is no slope, or empty")
 
 
 def converge(system: System, progress: Progress = no_progress) -> ConvergenceRecord:
     """Run bodies with inertia as their only effect, at time constants halved from one to the next.
 
-    Agents start at q*, in the scenario's flow and behind its targets: from anywhere else the law's first command is a
-    jump, whose kick lets boats pitch and roll however small tau is.
+    Agents start at q*, in the scenario's flow and following its targets. From anywhere else the law's first command
+    would be a jump, which makes boats pitch and roll however small tau is.
 
-    The largest is half of the quickest vehicle's own, and at most a quarter of the time 1 / (k1 lambda_max) in which
-    the law's fastest mode moves: beyond that, first order has not begun. Underactuated vehicles have thrusters along
-    every axis. The timestep is at most a tenth of tau, and a whole number of them makes a period.
+    The largest time constant is half of the quickest vehicle's, and at most a quarter of 1 / (k1 lambda_max), the time
+    constant of the law's fastest mode; above that, the distance is not yet of first order. Underactuated vehicles get
+    thrusters along every axis. The timestep is at most a tenth of tau, and divides the period.
     """
     system = _with_inertia(replace(system, initial=positions_at_q_star(system, system.initial[None])[0]), None)
     grid, own = system.grid, min(float(inertial_tau(v).min()) for v in system.vehicles)
@@ -74,7 +74,7 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
 
     smallest = taus[-1] / _STEPS_PER_TAU
     if smallest < _SHORTEST_STEP:
-        return record([], f"it would take timesteps of {smallest:.2g} s, as bodies or law are so fast")
+        return record([], f"bodies or law are so fast that timesteps of {smallest:.2g} s would be needed")
     system = replace(system, grid=replace(grid, steps=steps))
     ideal = engine_of(system, "ideal").run()
     if ideal.status != "finished" or end <= start:
@@ -92,7 +92,10 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
 
 
 def _with_inertia(system: System, tau: float | None) -> System:
-    """The system under the paper's law over perfect links, on bodies with inertia alone; tau, s, their own if None."""
+    """Return the system under the paper's law over perfect links, on bodies with inertia alone.
+
+    `tau` is their time constant, s; None keeps each vehicle's own.
+    """
     plan = system.bodies
     only = Effects(inertia=True, drag_law=False, limits=False, lag=False, underactuation=False)
     constant = plan.time_constant if tau is None else tau

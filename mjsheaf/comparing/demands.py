@@ -1,6 +1,6 @@
-"""Speeds that the law and the motions ask for, against what vehicles can do.
+"""Speeds that the law and the motions command, against the speeds that vehicles reach.
 
-What the law's velocity limit costs: the ideal run and the scenario as it stands, run again without it.
+The cost of the law's velocity limit follows from the ideal run and the scenario as given, both run again without it.
 """
 
 from collections.abc import Sequence
@@ -23,42 +23,42 @@ from mjsheaf.vehicles.loading import list_vehicles
 Domain = Literal["the plane", "space"]
 
 JUDGED: tuple[Literal["ideal"], Literal["all"]] = ("ideal", "all")
-"""Keys of the runs whose demands and limits are looked at."""
+"""Keys of the runs whose demands and limits are examined."""
 
 _DOMAIN: dict[int, Domain] = {2: "the plane", 3: "space"}
-_MOST_SAMPLES = 20_000  # of a run that are looked at
+_MOST_SAMPLES = 20_000  # approximate maximum number of samples of a run that are examined
 _AT_LIMIT = 1.0 - 1e-9  # of the limit
 
 
 class UnlimitedRecord(FiniteRecord):
-    """A run with the law's velocity limit, and the same without."""
+    """A run with the law's velocity limit, and the same run without it."""
 
     run: Literal["ideal", "all"]
     share_at_limit: float = Field(
-        description="of agents and samples in the last half of the run, or phase, with the limit"
+        description="fraction of agents and samples at the limit, in the last half of the run or phase"
     )
     status_without: str
     errors_without: dict[str, ScopeRecord] = Field(description="by scope, as in the ladder")
 
 
 class VelocityLimitRecord(FiniteRecord):
-    """The law's velocity limit (controller.velocity_limit, or that of single agents) and what it costs."""
+    """The law's velocity limit (controller.velocity_limit, or that of single agents) and its cost."""
 
     lowest_m_s: float
     highest_m_s: float
     asked_m_s: float = Field(
-        description="largest speed in the last half of the ideal run, or phase, without it: it would do"
+        description="maximum speed in the last half of the ideal run or phase without a limit; it would suffice as one"
     )
     who: str
     runs: list[UnlimitedRecord]
 
     def run(self, key: str) -> UnlimitedRecord:
-        """The ideal run ('ideal') or that of the scenario as it stands ('all')."""
+        """Return the record of the ideal run ('ideal') or of the scenario as given ('all')."""
         return next(run for run in self.runs if run.run == key)
 
 
 class DemandRecord(FiniteRecord):
-    """What the vehicles of one kind are asked for in the last half of a run, relative to the medium."""
+    """Speeds commanded to the vehicles of one kind in the last half of a run, relative to the medium."""
 
     run: Literal["ideal", "all"]
     role: Role
@@ -67,7 +67,7 @@ class DemandRecord(FiniteRecord):
     asked_m_s: float
     who: str
     time_s: float
-    share_beyond: float = Field(description="time share in which who is asked for more than least_speed")
+    share_beyond: float = Field(description="fraction of the time in which `who` is commanded beyond least_speed_m_s")
     least_speed_m_s: Finite = Field(
         description="steady speed through the medium at full thrust in the slowest horizontal direction; null: no limit"
     )
@@ -85,7 +85,7 @@ class FastestRecord(FiniteRecord):
 
 
 def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[DemandRecord]:
-    """What each kind of the system's vehicles is asked for in the last half of a run; nothing where it blew up."""
+    """Return the speeds commanded to each kind of vehicle in the last half of a run; none if it blew up."""
     if not run.finished:
         return []
     time = run.trajectory.time
@@ -112,7 +112,7 @@ def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[D
 
 
 def fastest_vehicles(system: System) -> list[FastestRecord]:
-    """The fastest vehicle with limits on the surface, then in the air."""
+    """Return the fastest vehicle with limits in the plane, then in space."""
     fastest: dict[Domain, FastestRecord] = {}
     for name in list_vehicles():
         vehicle = system.described_vehicle(name)
@@ -124,18 +124,18 @@ def fastest_vehicles(system: System) -> list[FastestRecord]:
 
 @dataclass(frozen=True)
 class UnlimitedRuns:
-    """Runs with the law's velocity limit and the same without it.
+    """Runs with the law's velocity limit, and the same runs without it.
 
     Attributes:
         limited: Runs of the ladder by key.
-        without: The same without velocity limits, those of JUDGED.
+        without: Runs without velocity limits by key, those of JUDGED.
     """
 
     limited: dict[str, Run]
     without: dict[str, Run]
 
     def record(self, phase: int | None = None) -> VelocityLimitRecord | None:
-        """Compare them over the whole run, or over a phase; None if no agent has a limit then."""
+        """Compare them over the whole run, or over a phase; None if no agent has a limit there."""
         ideal = self.limited["ideal"]
         system, phases = ideal.system, ideal.recording.phases
         span = whole_run(system) if phase is None else span_of_phase(phases, phase)
@@ -169,7 +169,7 @@ class UnlimitedRuns:
 def run_without_limits(
     phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None = None, seed: int = 0
 ) -> UnlimitedRuns | None:
-    """Run a scenario without its velocity limits; None if no agent has one. Other arguments are of `run_ablation`."""
+    """Run a scenario without its velocity limits; None if no agent has one. See `run_ablation` for `law` and `seed`."""
     agents = len(phases[0].system.team.agents)
     if not any(np.isfinite(phase.system.law.limit[:agents]).any() for phase in phases):
         return None
@@ -185,15 +185,18 @@ def _without_limits(system: System) -> System:
 
 
 def _late_speeds(run: Run, span: Span) -> tuple[Array, Array]:
-    """|v_c| of every agent in the last half of a span, thinned, and its limit, 0 if it is absent, (T, N) each, m/s."""
+    """Return |v_c| of every agent in the last half of a span, thinned, and its limit, shapes (T, N), m/s.
+
+    The limit of an absent agent is 0.
+    """
     chosen, speeds = _commanded_speeds(run, span.last_half(len(run.trajectory.time)))
     return speeds[:, : len(run.system.team.agents)], run.recording.limits[chosen]
 
 
 def _commanded_speeds(run: Run, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
-    """Indices of the wanted samples, at most about _MOST_SAMPLES, and |v_c| of every vehicle there, (T, V), m/s.
+    """Return the indices of the selected samples, thinned, and |v_c| of every vehicle there, shape (T, V), m/s.
 
-    The command is that of the law, relative to the medium.
+    At most about _MOST_SAMPLES are returned. v_c is the law's command, relative to the medium.
     """
     chosen = np.flatnonzero(wanted)
     chosen = chosen[:: max(1, len(chosen) // _MOST_SAMPLES)]

@@ -1,4 +1,4 @@
-"""The figures of a comparison: errors of the rungs over time, the error budget, convergence in the time constant."""
+"""Figures of a comparison: errors of the variants over time, the error budget, convergence in the time constant."""
 
 from operator import attrgetter
 from pathlib import Path
@@ -33,15 +33,15 @@ from mjsheaf.results.netcdf import thin
 from mjsheaf.runs.figures import mark_times
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
-_GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # of the first three rungs, which have no effect yet
-_line_of = attrgetter("status", "errors", "distance")  # what the line of a rung depends on
+_GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # colours of the first three variants, which have no effect yet
+_line_of = attrgetter("status", "errors", "distance")  # the fields that determine the line of a variant
 _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 1500, 4
 
 
 def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options: FigureOptions = AS_USUAL) -> None:
-    """Tracking and formation error of the team and distance to the ideal run over time, a line for each rung.
+    """Plot the team's tracking and formation error and its distance to the ideal run over time, one line per variant.
 
-    Each line differs from all others in colour, dashes and marker, and is named where it ends.
+    Lines differ in colour, dashes and marker, and are labelled at their ends.
     """
     ideal = runs["ideal"]
     drawn = {
@@ -62,7 +62,7 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
             apart = farthest(run, ideal)
             keep = thin(len(apart), _MOST_POINTS)
             y = (run.series[TEAM] | {"distance": apart})[name][keep]
-            y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
+            y = np.where(y > 0.0, y, np.nan)  # a logarithmic axis has no zero
             if rung.status == "finished":
                 values.append(y)
             label = rung.label if rung.status == "finished" else f"{rung.label} (BLOWS UP)"
@@ -77,7 +77,7 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
         axis.set_xlim(float(ideal.trajectory.time[0]), end)
         mark_times(axis, [phase.start for phase in record.phases if phase.events])
         label_ends(axis, ends)
-    words = "time (s); the error budget of the whole run counts the shaded half\n" + fill(footnote, 80)
+    words = "time (s); the error budget of the whole run covers the shaded half\n" + fill(footnote, 80)
     eventful = [phase for phase in record.phases if phase.events]
     happened = [f"{k}: {', '.join(phase.events)} ({phase.start:.6g} s)" for k, phase in enumerate(eventful, 1)]
     words += "\n" + fill("   ".join(happened), 100)
@@ -90,15 +90,15 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
 
 
 def plot_budget(record: CompareRecord, path: Path, options: FigureOptions = AS_USUAL) -> None:
-    """Bars: what each effect adds alone and gives back when it is removed, for the team and its groups."""
+    """Plot bars of what each effect adds alone, and what removing it gives back, for the team and its groups."""
     known = record.scopes
-    scopes = known[:1] if len(known) == 2 else known[: _MOST_PANELS + 1]  # an only group is the team over again
+    scopes = known[:1] if len(known) == 2 else known[: _MOST_PANELS + 1]  # a single group repeats the team
     budgets = [record.budget(scope, record.measure, "late") for scope in scopes]
     order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
     names = ["targets become bodies", "agents become bodies", "interaction of effects"]
     rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
     what = f"{display_name(record.measure)} ({RMS_OVER[record.measure]} and the last half)"
-    title = f"{record.scenario}: what makes the {what}"
+    title = f"{record.scenario}: causes of the {what}"
     figure = new_figure(max(WIDTH, 1.9 + 1.75 * len(scopes)), 1.2 + 0.36 * len(rows), title, options)
     panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))
     for axis, scope, budget in zip(panels, scopes, budgets, strict=True):
@@ -109,7 +109,7 @@ def plot_budget(record: CompareRecord, path: Path, options: FigureOptions = AS_U
 
 
 def plot_convergence(record: CompareRecord, path: Path, options: FigureOptions = AS_USUAL) -> None:
-    """Distance to the ideal run against the time constant, on logarithmic axes, with fitted and predicted slope."""
+    """Plot the distance to the ideal run against the time constant, with fitted and predicted slope."""
     title = f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks"
     figure = new_figure(0.65 * WIDTH, 3.6, title, options)
     axis: Any = figure.add_subplot()
@@ -119,27 +119,27 @@ def plot_convergence(record: CompareRecord, path: Path, options: FigureOptions =
         tau, distance = np.array(known).T
         span = np.array([tau.min() / 1.3, tau.max() * 1.3])
         first = distance[-1] / tau[-1]
-        axis.loglog(span, first * span, color=_GREY, linewidth=5, label="slope 1, as theory has it")
+        axis.loglog(span, first * span, color=_GREY, linewidth=5, label="slope 1, predicted by theory")
         axis.loglog(span, found.constant * span**found.slope, color=_ALL, label=f"fitted slope {found.slope:.3f}")
         axis.loglog(tau, distance, "o", color="black", label="bodies with inertia alone")
         axis.legend(frameon=False, fontsize=TICK)
         log_axis(axis, "x", span)
         log_axis(axis, "y", np.concatenate([distance, first * span]))
     else:
-        why = fill(found.reason or "too few runs came to their end", 60)
+        why = fill(found.reason or "too few runs finished", 60)
         axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", fontsize=NORMAL)
         axis.set(xticks=[], yticks=[])
-    watched = f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
+    watched = f"both start at q*; from {found.start_s:.2g} s to {found.end_s:.2g} s"
     y = f"largest distance of an agent to its ideal run (m)\n{watched}"
     label_axes(axis, "", "time constant tau of every vehicle (s)", y)
     save_figure(figure, path, options)
 
 
 def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
-    """The rungs that are drawn, and a footnote on those that are not.
+    """Return the variants that are drawn, and a footnote on the others.
 
-    All with one effect are drawn but those whose line is that of ideal thrusters, and, beyond 10 lines, those that do
-    least.
+    Variants with one effect are drawn, except those with the same line as ideal thrusters. If there would be more than
+    10 lines, those closest to the ideal run are left out.
     """
     keys = {rung.key for rung in record.ladder}
     begin = [record.rung(key) for key in ("targets", "agents", "base")]
@@ -157,12 +157,12 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
 
 
 def _weight(rung: RungRecord) -> float:
-    """Return how far a rung is from the ideal run, m; infinite if it blew up."""
+    """Return the largest distance of a variant to the ideal run, m; infinite if it blew up."""
     return np.inf if rung.distance is None or rung.status != "finished" else rung.distance.distance_m
 
 
 def _named(rungs: list[RungRecord], reason: str) -> list[str]:
-    """Return the effects of rungs that are not drawn and the reason, if there are any."""
+    """Describe the effects of variants that are not drawn, with the reason; empty if there are none."""
     effects = [display_name(rung.effect or "") for rung in rungs]
     return [f"{', '.join(effects)} ({reason})"] if effects else []
 
@@ -174,7 +174,7 @@ def farthest(run: Run, ideal: Run) -> Array:
 
 
 def _style(rung: RungRecord, k: int) -> dict[str, Any]:
-    """Colour, dashes, marker and width of a rung's line, the k-th; the two that matter most have no markers."""
+    """Return the style of the k-th variant's line; those of 'ideal' and 'all' have no markers."""
     if rung.kind == "ideal":
         return {"color": "black", "linewidth": 1.5, "linestyle": (0, (4, 2)), "zorder": 4}
     if rung.kind == "all":
@@ -183,7 +183,7 @@ def _style(rung: RungRecord, k: int) -> dict[str, Any]:
 
 
 def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None:
-    """The panel of one scope: at_q_star in words, three bars, then two bars for each effect, in mm."""
+    """Draw the panel of one scope: at_q_star as text, three bars, then two bars for each effect, in mm."""
     items = {item.effect: item for item in budget.effects}
     effects, y = [items[name] for name in order], 4.0 + np.arange(len(order))
     _barh(axis, np.arange(1, 4), [budget.targets_m, budget.agents_m, budget.interaction_m], 0.5, _BASE)
@@ -202,14 +202,14 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
     reach = max(high - low, 1.0)
     label_axes(axis, "", "part of the error (mm)")
     axis.grid(False, axis="y")
-    axis.set_title(f"{title}\nideal {ideal}\nas it stands {whole}", fontsize=TICK)
-    room = 0.35 * reach  # for numbers beside the bars
+    axis.set_title(f"{title}\nideal {ideal}\nas given {whole}", fontsize=TICK)
+    room = 0.35 * reach  # for the numbers next to the bars
     axis.set(xlim=(low - (room if low < 0.0 else 0.1 * reach), high + room), ylim=(-0.6, 3.6 + len(order)))
     axis.locator_params(axis="x", nbins=4)
 
 
 def _barh(axis: Any, y: Any, values: list[float | None], height: float, colour: str, label: str | None = None) -> None:
-    """Bars with their values, m; drawn in mm."""
+    """Draw bars with their values, given in m and drawn in mm."""
     lengths = [1000.0 * (value or 0.0) for value in values]
     texts = ["0" if abs(x) < 0.05 else f"{x:+.1f}" if abs(x) < 10 else f"{x:+.0f}" for x in lengths]
     bars = axis.barh(y, lengths, height=height, color=colour, label=label if values else None)

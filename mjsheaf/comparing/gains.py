@@ -1,4 +1,4 @@
-"""The gain of the law: what limits it, and what raising it gives on the bodies as given, measured."""
+"""Limits of the law's gain, and runs of the bodies at higher gains."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,24 +15,24 @@ from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.system import Phase, System
 
-_FACTORS = (2.0, 4.0)  # of the present gain, that are tried
-_BELOW_UNSTABLE = 0.9  # of the gain from which the loop is unstable, up to which gains are tried
-_WORTH_TRYING = 1.05  # of the present gain
+_FACTORS = (2.0, 4.0)  # multiples of the present gain that are tried
+_BELOW_UNSTABLE = 0.9  # largest gain that is tried, as a fraction of the gain that makes the loop unstable
+_WORTH_TRYING = 1.05  # smallest multiple of the present gain that is tried
 
 
 class GainLimitRecord(FiniteRecord):
-    """A gain from which on something goes wrong."""
+    """A gain above which the team rings or is unstable."""
 
     gain: float = Field(description="k1, 1/s")
     kind: Literal["rings", "unstable"] = Field(
         description="rings: the damping ratio of the least damped mode falls to 0.3, or the sampled law begins to "
-        "oscillate; unstable: the vehicles' loop is"
+        "oscillate; unstable: the vehicles' loop becomes unstable"
     )
     effect: Literal["inertia", "lag", "underactuation", "hold", "links", "loop"] = Field(
-        description="what limits it: the bodies' inertia, thrusters that lag, vehicles that turn first, the hold of "
-        "the law over its control period, the age of measurements, or all of the vehicles' loop"
+        description="cause of the limit: inertia, thruster lag, vehicles that turn before they thrust, the hold of the "
+        "law over its control period, the age of measurements, or the vehicles' loop as a whole"
     )
-    agent: str = Field(description="agent that moves most in the mode; empty if all do, or it is not known")
+    agent: str = Field(description="agent that moves most in the mode; empty if all do, or if unknown")
 
 
 class GainTrialRecord(FiniteRecord):
@@ -42,14 +42,14 @@ class GainTrialRecord(FiniteRecord):
     status: str
     ending: Ending | None
     late: ErrorsRecord = Field(description="errors of the team, RMS over the last half, m")
-    saturated: Finite = Field(description="share of time and thrusters of agents at a limit, 0 to 1")
+    saturated: Finite = Field(description="fraction of time and of agents' thrusters at a limit, 0 to 1")
 
 
 class GainRecord(FiniteRecord):
-    """The gain, what limits it, and runs at higher ones."""
+    """Limits of the gain, and runs at higher gains."""
 
-    limits: list[GainLimitRecord] = Field(description="the lowest first")
-    trials: list[GainTrialRecord] = Field(description="the present gain first, then higher ones; empty if none is")
+    limits: list[GainLimitRecord] = Field(description="limits of the gain, lowest first")
+    trials: list[GainTrialRecord] = Field(description="runs at the present gain, then at higher ones; may be empty")
 
 
 def examine_gain(
@@ -63,11 +63,11 @@ def examine_gain(
     """Find what limits the gain, and run the bodies as given at 2 and 4 times the gain.
 
     Args:
-        phases: What was run.
+        phases: Phases of the scenario.
         runs: Runs of the ladder.
         part: System for which `ringing` was measured.
         ringing: See `ringing_of`.
-        largest_stable: Gain from which on the vehicles' loop is unstable, 1/s; None if it is not known.
+        largest_stable: Gain above which the vehicles' loop is unstable, 1/s; None if unknown.
         progress: See `Progress`.
     """
     limits = [
@@ -87,7 +87,7 @@ def examine_gain(
 
 
 def _factors(gain: float, largest_stable: float | None) -> list[float]:
-    """Choose by how much the gain is raised; not at all if there is none, or the loop is unstable just above it."""
+    """Choose the factors to raise the gain by; none if the gain is 0, or the loop is unstable just above it."""
     if gain <= 0.0:
         return []
     most = np.inf if largest_stable is None else _BELOW_UNSTABLE * largest_stable / gain

@@ -1,29 +1,27 @@
 """The ladder: variants of a scenario from ideal kinematics to its own bodies, one effect at a time, and their runs.
 
-    ideal      agents and targets move as the theory says
-    targets    only targets are bodies, with ideal thrusters; agents are ideal and track where those bodies were
-    agents     only agents are bodies, with ideal thrusters; targets are where the ideal run had them
+    ideal      ideal kinematics: agents and targets move as in the theory
+    targets    targets are bodies with ideal thrusters; agents are ideal and track the recorded targets
+    agents     agents are bodies with ideal thrusters; targets follow their positions in the ideal run
     base       both are bodies with ideal thrusters: every effect off, no contacts
     +EFFECT    base with one effect
     all        the scenario as given
     -EFFECT    the scenario with one effect switched off
-    X-terms    ideal kinematics and the scenario as it stands under the paper's law alone, without its terms
-    X-links    the same two over perfect links: no noise, delay or loss
-    all-mujoco the scenario as it stands, moved by MuJoCo
+    X-terms    X (ideal or all) under the paper's law alone, without its terms
+    X-links    X (ideal or all) over perfect links: no noise, delay or loss
+    all-mujoco the scenario as given, with MuJoCo as its engine
 
-The ladder has variants only for effects that some vehicle of the scenario has and that the scenario leaves on, for
-the paper's law only where the scenario's has terms beyond it, for perfect links only where its own are not, and for
-MuJoCo only where another engine moves the bodies.
+The ladder leaves out variants that could not differ. An effect must be on in the scenario, and some vehicle must have
+it. X-terms need a law with terms, X-links need links that are not perfect, and all-mujoco needs another engine.
 
-A scenario may be worse without an effect than with it, as effects are not independent:
+Effects are not independent, so a scenario may be worse without an effect than with it:
 
-- -underactuation is no better vehicle but a stand-in: it holds its heading, is controlled at its origin, and has as
-  much force abeam as ahead, which makes it only as fast abeam as its sway drag lets it be. A boat that turns its bows
-  to where it goes is faster.
-- -drag_law takes, beside the drag, the damping that quadratic drag gives at the speeds and rates of the run. The Otter
-  of `otters`, whose only quadratic drag is in yaw, loses the larger part of its drag in yaw: with the lag of its
-  propellers it swings its bows (yaw rate 0.51 rad/s RMS, not 0.17). Its thrusters are then at a limit 30% of the time;
-  that is a consequence, as it swings without limits too, but hardly without lag.
+- -underactuation replaces the vehicle by a stand-in that holds its heading, is controlled at its origin, and has as
+  much force abeam as ahead. Its sway drag limits its speed abeam. A boat that turns its bows into its course is faster.
+- -drag_law also removes the damping that quadratic drag gives at the speeds and rates of the run. The only quadratic
+  drag of the Otter in `otters` is in yaw, so it loses most of its yaw damping, and with the lag of its propellers the
+  heading oscillates (yaw rate 0.51 rad/s RMS instead of 0.17). Its thrusters are then at a limit 30% of the time. The
+  limits are not the cause: it oscillates without them too, but hardly without lag.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -68,50 +66,49 @@ Kind = Literal["ideal", "part", "base", "alone", "all", "without", "law", "links
 CONTACTS = "contacts"
 _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
 EFFECTS = (*_OF_VEHICLES, CONTACTS)
-"""What makes bodies real, by the name that the scenario's physics section has for it."""
+"""Effects of real bodies, named as in the scenario's physics section."""
 
-_TIMESTEP_DIVISOR = 10  # for a second try of bodies that blow up
+_TIMESTEP_DIVISOR = 10  # of the second attempt with bodies that blow up
 
 
 class RungRecord(FiniteRecord):
-    """One rung of the ladder."""
+    """One variant of the ladder."""
 
     key: str
     label: str
     kind: Kind
-    effect: str | None = Field(description="what it adds to base ('alone') or takes from all ('without')")
+    effect: str | None = Field(description="effect that it adds to base ('alone') or removes from all ('without')")
     status: str
     message: str
-    timestep_s: float | None = Field(description="of the physics; null on ideal kinematics")
+    timestep_s: float | None = Field(description="timestep of the physics; null on ideal kinematics")
     errors: dict[str, ScopeRecord] = Field(description="by scope: 'team', then the groups by name")
     ending: Ending | None = Field(
         None,
-        description="how it ends, by the team's tracking error: at a level; still changing; growing; or swinging by "
-        "itself without end; of the scenario as given also at a level with an agent that is stuck; null where it blew "
-        "up or has fewer than 8 samples",
+        description="state of the team's tracking error at the end: converged (settled), transient (moving), diverging "
+        "(growing), in a limit cycle (circling), or, for the scenario as given, converged with an agent that does not "
+        "move (stuck); null if it blew up or has fewer than 8 samples",
     )
     settling_time_s: float | None = Field(
-        description="first time after the start from which the team's formation error (or that of tracking, in a "
-        "team without formations) stays below 1.25 times the largest of the last half plus 2% of the largest of "
-        "all; null where it is not level in the end, or the run has not settled"
+        description="time after which the team's formation error (or, in a team without formations, its tracking "
+        "error) stays below 1.25 times its maximum over the last half plus 2% of its maximum over the run; null if the "
+        "run has not converged"
     )
-    distance: DistanceRecord | None = Field(description="from the ideal run, over all time")
-    distance_late: DistanceRecord | None = Field(
-        description="the same over the last half of the run, by which a run has settled that ever does"
-    )
+    distance: DistanceRecord | None = Field(description="largest distance to the ideal run")
+    distance_late: DistanceRecord | None = Field(description="largest distance to the ideal run over the last half")
     saturation: list[SaturationRecord]
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Who is a body, and what bodies have.
+    """The vehicles that are bodies, and the effects of those bodies.
 
     Attributes:
-        agents, targets: whether they are bodies.
-        effects: those of EFFECTS that are on; without a meaning where nobody is a body.
-        terms: whether the law is the run's own: with its terms, or in Python; else it is the paper's.
-        links: whether links are as they are, or perfect.
-        mujoco: whether MuJoCo moves the bodies, whatever else does.
+        agents: True if agents are bodies.
+        targets: True if targets are bodies.
+        effects: Names out of EFFECTS that are on; meaningless if there are no bodies.
+        terms: True if the law is the run's own, with its terms or in Python; False if it is the paper's.
+        links: True if links are the scenario's; False if they are perfect.
+        mujoco: True if the engine is MuJoCo, whatever the scenario's engine is.
     """
 
     agents: bool
@@ -122,7 +119,7 @@ class Setup:
     mujoco: bool = False
 
     def apply(self, system: System) -> System:
-        """The system with these bodies."""
+        """Return the system with these bodies."""
         effects = system.bodies.effects.model_copy(update={name: name in self.effects for name in _OF_VEHICLES})
         bodies = replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects)
         bodies = replace(bodies, engine="mujoco") if self.mujoco else bodies
@@ -130,20 +127,20 @@ class Setup:
         return replace(lawful if self.links else without_links(lawful), bodies=bodies)
 
     def apply_to_all(self, phases: Sequence[Phase]) -> tuple[Phase, ...]:
-        """Apply it to a run; phases that share a system still do."""
+        """Apply the setup to the phases of a run; phases that share a system still share one."""
         return changed_systems(phases, self.apply)
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One rung of the ladder, to be run.
+    """A variant of a scenario.
 
     Attributes:
-        key: short and unique, such as 'base' or '+lag'.
-        label: the same, human-readable.
-        kind: its place in the ladder.
-        setup: who is a body, and what bodies have.
-        effect: the effect that it adds or takes away, or None.
+        key: Short unique name, such as 'base' or '+lag'.
+        label: Human-readable name.
+        kind: Place in the ladder.
+        setup: Vehicles that are bodies, and effects of the bodies.
+        effect: Effect that it adds or removes, or None.
     """
 
     key: str
@@ -158,9 +155,9 @@ class Run:
     """The run of a variant.
 
     Attributes:
-        variant: the variant.
-        recording: Samples, and what was simulated.
-        series: errors over time.
+        variant: Variant that was run.
+        recording: Samples, and the phases that were simulated.
+        series: Errors over time.
     """
 
     variant: Variant
@@ -169,7 +166,7 @@ class Run:
 
     @property
     def trajectory(self) -> Trajectory:
-        """All samples, under the system of the first phase."""
+        """Samples of the whole run, under the system of the first phase."""
         return self.recording.trajectory
 
     @property
@@ -179,16 +176,16 @@ class Run:
 
     @property
     def finished(self) -> bool:
-        """Whether it reached its end."""
+        """True if the run reached its end."""
         return self.recording.finished
 
     @property
     def errors(self) -> dict[str, ScopeRecord]:
-        """Final errors and those of the last half, by scope."""
+        """Errors at the end and over the last half, by scope."""
         return errors_by_scope(self.series, whole_run(self.system), complete=self.finished)
 
     def finished_phase(self, number: int) -> bool:
-        """Return True if it reached the end of a phase."""
+        """Return True if the run reached the end of a phase."""
         return self.finished or number + 1 < len(self.recording.pieces)
 
     def errors_in_phase(self, number: int) -> dict[str, ScopeRecord]:
@@ -197,10 +194,10 @@ class Run:
         return errors_by_scope(self.series, span, complete=self.finished_phase(number))
 
     def record(self, ideal: "Run") -> RungRecord:
-        """The run as compare.json has it.
+        """Return the record of the run for compare.json.
 
         Args:
-            ideal: the run of ideal kinematics, from which distances are taken.
+            ideal: Run of ideal kinematics, the reference for distances.
         """
         system, trajectory, variant = self.system, self.trajectory, self.variant
         bodies = [role for role in ROLES if getattr(variant.setup, role)]
@@ -223,11 +220,11 @@ class Run:
         )
 
     def ending(self) -> Ending | None:
-        """Judge how the run ended; of a run with events, its last phase. None for a run that blew up."""
+        """Classify the end of the run, or of its last phase if it has events; None if it blew up."""
         if not self.finished:
             return None
         piece = self.recording.pieces[-1]
-        if self.recording.controller:  # a law whose loop is not known
+        if self.recording.controller:  # the loop of a law in Python is unknown
             return judge(self.series[TEAM][TRACKING][-len(piece.time) :])
         there = np.flatnonzero(piece.system.team.present)
         q_star = positions_at_q_star(piece.system, piece.positions)[:, there]
@@ -239,7 +236,7 @@ class Run:
         return ending
 
     def _settling_time(self) -> float | None:
-        """Time from the start of the last phase until the error stays near its last level, s."""
+        """Return the time from the start of the last phase until the error stays near its final level, s."""
         piece = self.recording.pieces[-1]
         team = {name: values[-len(piece.time) :] for name, values in self.series[TEAM].items()}
         settles = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
@@ -254,7 +251,7 @@ def span_of_phase(phases: Sequence[Phase], number: int) -> Span:
 
 
 def changed_systems(phases: Sequence[Phase], change: Callable[[System], System]) -> tuple[Phase, ...]:
-    """Change the system of every phase; phases that share one still do."""
+    """Change the system of every phase; phases that share a system still share one."""
     made: dict[int, System] = {}
     for phase in phases:
         if id(phase.system) not in made:
@@ -263,24 +260,24 @@ def changed_systems(phases: Sequence[Phase], change: Callable[[System], System])
 
 
 def without_terms(system: System) -> System:
-    """The system under the paper's law alone."""
+    """Return the system under the paper's law alone."""
     return replace(system, law=system.law.without_terms)
 
 
 def without_links(system: System) -> System:
-    """The system over perfect links."""
+    """Return the system over perfect links."""
     return replace(system, law=system.law._replace(links=no_links()))
 
 
 def display_name(effect: str) -> str:
-    """Human-readable name of an effect."""
+    """Return the human-readable name of an effect or measure."""
     return effect.replace("_", " ")
 
 
 def inertial_tau(vehicle: Vehicle) -> Array:
-    """M / (M k_v + D) of the controlled velocity along body axes at low speed, shape (n,), s; thrusters do not lag.
+    """Compute M / (M k_v + D) of the controlled velocity along body axes at low speed, shape (n,), s.
 
-    `ReducedModel.tau` has their lag too.
+    Thrusters do not lag here; `ReducedModel.tau` includes their lag.
     """
     rows = vehicle.steering.velocity_rows[: vehicle.dimension]
     mass, drag = vehicle.moving_mass[rows], np.concatenate([vehicle.drag, vehicle.angular_drag])[rows]
@@ -288,13 +285,13 @@ def inertial_tau(vehicle: Vehicle) -> Array:
 
 
 def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
-    """The effects that are on in a scenario and that some of its vehicles has, in the order of EFFECTS.
+    """Return the effects that are on in a scenario and that some of its vehicles have, in the order of EFFECTS.
 
-    A vehicle without an autopilot has inertia where its time constant exceeds `massless_tau`.
+    A vehicle without an autopilot has inertia if its time constant exceeds `massless_tau`.
 
     Args:
-        system: the scenario's system.
-        names: of the vehicles to look at; None for all.
+        system: System of the scenario.
+        names: Names of the vehicles to consider; None for all.
     """
     plan, found = system.bodies, {CONTACTS}
     for name in dict.fromkeys(plan.vehicle if names is None else names):
@@ -307,16 +304,16 @@ def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
 
 
 def _switched_on(system: System) -> frozenset[str]:
-    """The effects that a scenario leaves on, whether a vehicle has them or not."""
+    """Return the effects that a scenario leaves on, including those that none of its vehicles has."""
     plan = system.bodies
     return frozenset([e for e in _OF_VEHICLES if getattr(plan.effects, e)] + [CONTACTS] * plan.contacts)
 
 
 def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> list[Variant]:
-    """The variants of a scenario: ideal to all, without one effect, by the paper's law, on perfect links, by MuJoCo.
+    """List the variants of a scenario, in the order of the module's table.
 
     Args:
-        run: the scenario's system, or its phases.
+        run: System of the scenario, or its phases.
         controlled: True if a law in Python is in control.
     """
     phases = phases_of(run)
@@ -343,7 +340,7 @@ def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> lis
         Variant("agents", "only agents are bodies", "part", Setup(agents=True, targets=False)),
         Variant("base", "bodies, ideal thrusters", "base", bodies(frozenset())),
         *(Variant(f"+{e}", f"base + {display_name(e)}", "alone", bodies(frozenset([e])), e) for e in effects),
-        Variant("all", "all: as it stands", "all", bodies(own)),
+        Variant("all", "all: as given", "all", bodies(own)),
         *(Variant(f"-{e}", f"all - {display_name(e)}", "without", bodies(own - {e}), e) for e in effects),
         *(law if has_terms else []),
         *(links if has_links else []),
@@ -359,20 +356,20 @@ def run_ablation(
     law: LawFile | None = None,
     seed: int = 0,
 ) -> dict[str, Run]:
-    """Run every variant of a ladder, equal setups once. One that blows up ends early and is marked; the others go on.
+    """Run every variant of a ladder; equal setups run once. A run that blows up is marked, and the others continue.
 
-    Bodies without mass can be too stiff for the timestep of the scenario's own. So bodies that blow up, except those of
-    the scenario as it stands, are run again with a tenth of it: what blows up then is not the integrator's fault.
+    Bodies without mass can be too stiff for the timestep of the scenario. If they blow up, they run again with a tenth
+    of it, so that the integrator is ruled out as the cause. The scenario as given never runs again.
 
     Args:
-        run: the scenario's system, or its phases.
-        ladder: its variants.
-        progress: called with ('simulating variants', variants done, variants in all).
-        law: Law in Python that is in control, constructed anew for every run; None for the scenario's own.
+        run: System of the scenario, or its phases.
+        ladder: Variants to run.
+        progress: Callback, called with 'simulating variants', the variants done and the number of variants.
+        law: Law in Python, constructed anew for every run; None for the scenario's own.
         seed: Seed of the law's random numbers.
 
     Returns:
-        The runs by key.
+        Runs by key.
     """
     phases = phases_of(run)
     whole = {variant.setup for variant in ladder if variant.kind == "all"}
@@ -407,7 +404,7 @@ def _simulate(
     law: LawFile | None,
     seed: int,
 ) -> Recording:
-    """Run one setup; where only some are bodies, the targets are placed where another run had them."""
+    """Run one setup; if only agents or only targets are bodies, the targets follow their positions in another run."""
     controller = law.load(seed) if law else None
     if setup.agents == setup.targets:
         return record_run(phases, bodies=setup.agents, controller=controller)
@@ -417,5 +414,5 @@ def _simulate(
         return replace(source, phases=phases)
     found = record_run(phases, bodies=setup.agents, targets=targets, controller=controller)
     if not source.finished and found.finished:
-        return found.with_message(f"the run that gives its targets ends: {source.trajectory.message}")
+        return found.with_message(f"the run that provides its targets ended: {source.trajectory.message}")
     return found

@@ -1,4 +1,4 @@
-"""What is measured of a run: errors, distance to the ideal run, saturation; and the budget of an error by effect."""
+"""Measures of a run (errors, distance to the ideal run, saturation) and the budget of an error by effect."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ TRACKING: Literal["tracking_error"] = "tracking_error"
 FORMATION: Literal["formation_error"] = "formation_error"
 
 RMS_OVER = {TRACKING: "RMS over agents", FORMATION: "RMS over edges"}
-"""How an error of the team is measured at a sample."""
+"""Norm of a team's error at a sample."""
 TEAM = "team"
-"""The scope of an error that is the whole team's; the other scopes are names of groups."""
+"""Scope of the whole team's errors; the other scopes are names of groups."""
 
 Series = dict[str, dict[str, Array]]
-"""Errors over time, shape (T,), m: by scope, then by field of ErrorsRecord. NaN where they have no meaning."""
+"""Errors over time by scope, then by field of ErrorsRecord, shape (T,), m; NaN where undefined."""
 
 
 class ErrorsRecord(FiniteRecord):
@@ -44,17 +44,17 @@ class ErrorsRecord(FiniteRecord):
 class ScopeRecord(FiniteRecord):
     """Errors of the team or of a group, at the end and on average."""
 
-    final: ErrorsRecord = Field(description="at the last sample of run or phase, as summary.json has them")
-    late: ErrorsRecord = Field(description="RMS over the last half of run or phase")
+    final: ErrorsRecord = Field(description="at the last sample of the run or phase, as in summary.json")
+    late: ErrorsRecord = Field(description="RMS over the last half of the run or phase")
 
     def error(self, measure: str, statistic: Statistic = "late") -> float | None:
-        """One error by its field, m."""
+        """Return one error by its field, m."""
         found: float | None = getattr(getattr(self, statistic), measure)
         return found
 
 
 class DistanceRecord(FiniteRecord):
-    """The largest distance of an agent from where it was in the ideal run."""
+    """Largest distance of an agent from its position in the ideal run."""
 
     distance_m: float
     agent: str
@@ -62,26 +62,26 @@ class DistanceRecord(FiniteRecord):
 
 
 class SaturationRecord(FiniteRecord):
-    """How much of the time thrusters are at a limit."""
+    """Fraction of the time that thrusters spend at a limit."""
 
     role: Role
     vehicle: str = Field(description="empty: all agents")
-    share: float = Field(description="of time and thrusters, 0 to 1")
+    share: float = Field(description="fraction of time and thrusters at a limit, 0 to 1")
 
 
 def error_series(system: System, positions: Array) -> Series:
-    """Errors of positions (T, V, 3): of the team first, then of its groups."""
+    """Compute the errors of positions, shape (T, V, 3), m: the team's first, then its groups'."""
     team, groups = metrics.error_series(system.team, positions)
     return {TEAM: team, **groups}
 
 
 @dataclass(frozen=True)
 class Span:
-    """Samples of a run over which errors are measured: those of the whole run, or of a phase.
+    """Range of samples over which errors are measured: the whole run, or a phase.
 
     Attributes:
         first: Number of the first sample.
-        end: Number after that of the last sample.
+        end: Number of the last sample, plus 1.
     """
 
     first: int
@@ -99,12 +99,12 @@ def whole_run(system: System) -> Span:
 
 
 def errors_by_scope(series: Series, span: Span, *, complete: bool) -> dict[str, ScopeRecord]:
-    """Measure errors over a span: at its last sample, and RMS over its last half.
+    """Measure errors at the last sample of a span, and RMS over its last half.
 
     Args:
         series: Errors over the whole run.
-        span: Samples that are measured.
-        complete: False if the run blew up within the span, so that its last sample means nothing: all is then null.
+        span: Range of samples.
+        complete: False if the run blew up within the span, which makes all its errors null.
     """
     chosen = span.last_half(len(series[TEAM][TRACKING]))
 
@@ -127,7 +127,7 @@ def unknown_errors(like: Mapping[str, ScopeRecord]) -> dict[str, ScopeRecord]:
 
 
 def positions_at_q_star(system: System, positions: Array) -> Array:
-    """The positions (T, V, 3) of a run with its agents at the harmonic extension of its targets, m."""
+    """Return positions of a run with its agents moved to the harmonic extension of its targets, shape (T, V, 3), m."""
     team = system.team
     placed = positions.copy()
     placed[:, : len(team.agents)] = team.harmonic_extension(positions)  # NaN for absent agents
@@ -135,25 +135,25 @@ def positions_at_q_star(system: System, positions: Array) -> Array:
 
 
 def formation_size(system: System) -> float:
-    """RMS over the edges inside groups of the distance that they ask for, m; NaN where there is none."""
+    """Compute the RMS desired length of the edges inside groups, m; NaN if there are none."""
     team = system.team
     asked = [float(e.b @ e.b) for f in team.formations for e in team.formation_edges(f)]
     return float(np.sqrt(np.mean(asked))) if asked else float("nan")
 
 
 def middle_of(system: System) -> float:
-    """The time at which the last half of the requested run begins, s."""
+    """Return the time at which the last half of the requested run begins, s."""
     return system.grid.start + 0.5 * system.grid.period * system.grid.steps
 
 
 def root_mean_square(values: Array, chosen: BoolArray) -> float:
-    """RMS over the chosen samples whose values have a meaning; NaN where there are none."""
+    """Compute the RMS of the chosen samples, ignoring NaN; NaN if there are none."""
     known = values[chosen][~np.isnan(values[chosen])]
     return float(np.sqrt((known**2).mean())) if known.size else float("nan")
 
 
 def distances(one: Trajectory, other: Trajectory) -> Array:
-    """Distance of each agent in one run from itself in another, over the samples of both, shape (T, N), m."""
+    """Compute each agent's distance between two runs, over the samples that both have, shape (T, N), m."""
     N, samples = len(one.system.team.agents), min(len(one.time), len(other.time))
     return np.asarray(np.linalg.norm(one.positions[:samples, :N] - other.positions[:samples, :N], axis=2))
 
@@ -161,9 +161,9 @@ def distances(one: Trajectory, other: Trajectory) -> Array:
 def largest_distance(
     one: Trajectory, other: Trajectory, start: float, present: BoolArray | None = None
 ) -> DistanceRecord | None:
-    """The largest of `distances` from time `start` on, s; None without samples, or where it is not finite.
+    """Find the largest of `distances` after time `start`, s; None without samples, or if it is not finite.
 
-    `present` marks the agents that count at each sample of `one`, shape (T, N); None counts all.
+    Only agents that are `present` at a sample of `one` count, shape (T, N); None counts all.
     """
     apart = distances(one, other)
     apart[one.time[: len(apart)] < start - 1e-9] = -1.0
@@ -176,7 +176,7 @@ def largest_distance(
 
 
 def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
-    """Numbers of the vehicles of each kind, by role and name; agents first."""
+    """Return the numbers of the vehicles of each kind by role and name, agents first."""
     found: dict[tuple[Role, str], list[int]] = {}
     for v, name in enumerate(system.bodies.vehicle):
         found.setdefault((ROLES[v >= len(system.team.agents)], name), []).append(v)
@@ -184,9 +184,9 @@ def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
 
 
 def saturation_of(trajectory: Trajectory, roles: list[Role], present: BoolArray) -> list[SaturationRecord]:
-    """Time share of thrusters at a limit: of all agents, then by role and vehicle; only of roles that are bodies.
+    """Measure the fraction of time that thrusters are at a limit, for all agents, then by role and vehicle.
 
-    Agents count while they are `present`, shape (T, N).
+    Only the given `roles` are reported, which are bodies. Agents count while they are `present`, shape (T, N).
     """
     if not trajectory.log.saturation.size:  # ideal kinematics
         return []
@@ -204,7 +204,7 @@ def saturation_of(trajectory: Trajectory, roles: list[Role], present: BoolArray)
 
 
 def saturated_share(trajectory: Trajectory, present: BoolArray) -> Array:
-    """Compute the share of time and thrusters at a limit for every vehicle, shape (V,); NaN for agents never present.
+    """Compute the fraction of time and thrusters at a limit of every vehicle, shape (V,); NaN for agents never present.
 
     Agents count while they are `present`, shape (T, N).
     """
@@ -217,36 +217,37 @@ def saturated_share(trajectory: Trajectory, present: BoolArray) -> Array:
 
 
 class ItemRecord(FiniteRecord):
-    """One effect's part in an error."""
+    """Part of an error that is due to one effect."""
 
     effect: str
-    alone_m: Finite = Field(description="what it adds to bodies with ideal thrusters")
-    give_back_m: Finite = Field(description="what the scenario as it stands would lose without it")
+    alone_m: Finite = Field(description="error that it adds to bodies with ideal thrusters")
+    give_back_m: Finite = Field(description="error that removing it from the scenario as given saves")
 
 
 class BudgetRecord(FiniteRecord):
-    """Where one error comes from: ideal + targets + agents + together + alone of all effects + interaction = all."""
+    """Budget of one error: ideal + targets + agents + together + alone of all effects + interaction = all."""
 
     scope: str
     measure: Measure
     statistic: Statistic
     norm: Norm = Field(PER_AGENT_RMS, description=OF_NONE)
     at_q_star_m: Finite = Field(
-        description="with the agents at q* along the ideal run: no law or vehicle mends that; no part of the sum"
+        description="error with the agents at q* along the ideal run, which no law or vehicle can reduce; not part of "
+        "the sum"
     )
     ideal_m: Finite
-    targets_m: Finite = Field(description="what targets add as bodies with ideal thrusters")
-    agents_m: Finite = Field(description="what agents add likewise")
-    together_m: Finite = Field(description="what both have beyond that")
+    targets_m: Finite = Field(description="error that targets add as bodies with ideal thrusters")
+    agents_m: Finite = Field(description="error that agents add as bodies with ideal thrusters")
+    together_m: Finite = Field(description="error that both together add beyond the sum of the two")
     effects: list[ItemRecord]
-    interaction_m: Finite = Field(description="what all effects have beyond the sum of each alone")
+    interaction_m: Finite = Field(description="error that all effects together add beyond the sum of each alone")
     all_m: Finite
 
 
 def budgets_of(
     errors: Mapping[str, Mapping[str, ScopeRecord]], at_q_star: Mapping[str, ScopeRecord]
 ) -> list[BudgetRecord]:
-    """The budget of every error, by scope, measure and statistic; see `budget_of`."""
+    """Compute the budget of every error, by scope, measure and statistic; see `budget_of`."""
     return [
         budget_of(
             (scope, measure, statistic),
@@ -262,17 +263,17 @@ def budgets_of(
 def budget_of(
     kind: tuple[str, Measure, Statistic], errors: Mapping[str, float | None], at_q_star: float | None
 ) -> BudgetRecord:
-    """The budget of one error. With E(key) the error of a variant of the ladder:
+    """Compute the budget of one error. With each key standing for the error of that variant of the ladder:
 
         all = ideal + (targets - ideal) + (agents - ideal) + together + sum over effects (+EFFECT - base) + interaction
 
-    Removing an effect gives back all - (-EFFECT). With interaction that is not what the effect adds alone, and it is
-    what tells the user what to change.
+    Removing an effect gives back all - (-EFFECT). Because of the interaction this differs from what the effect adds
+    alone. It is what the advice is based on.
 
     Args:
-        kind: scope, measure and statistic of the error.
-        errors: of each variant of the ladder by key, m; None where it blew up, which leaves every sum with it null.
-        at_q_star: the same error with the agents at q* along the ideal run, m.
+        kind: Scope, measure and statistic of the error.
+        errors: Error of each variant of the ladder by key, m; None if it blew up, which makes its sums null.
+        at_q_star: Error with the agents at q* along the ideal run, m.
     """
     value = {key: np.nan if error is None else error for key, error in errors.items()}
     ideal, base, whole = value["ideal"], value["base"], value["all"]

@@ -1,4 +1,4 @@
-"""Finished runs on top of one another: their errors on one axis, a table of differences, and a page with ghosts."""
+"""Comparison of finished runs: their errors on one axis, a table of differences, and a page with ghosts."""
 
 import os
 from collections import Counter
@@ -43,7 +43,7 @@ from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 
 MAX_RUNS = 8
-"""Largest number of runs on one axis: more lines look alike."""
+"""Maximum number of runs on one axis; more lines look alike."""
 
 _COLOURS = ("#000000", "#7b2cbf", "#d81b60", "#6d4c41", "#827717", "#1a237e", "#00796b", "#607d8b")
 """Colours of the runs on plots and page, the first run's first; none is that of a group."""
@@ -66,13 +66,13 @@ class ErrorsRecord(FiniteRecord):
 
 
 class RunRecord(FiniteRecord):
-    """One of several runs, and how it differs from the first."""
+    """One of several runs, and its differences from the first."""
 
     name: str
     directory: str = Field(description="relative to this directory")
     scenario: str
     backend: str
-    engine: str | None = Field(description="what moved bodies; null on ideal kinematics")
+    engine: str | None = Field(description="physics engine; null on ideal kinematics")
     law: str
     gain: float | None = Field(description="k1, 1/s; null under a law in Python, which ignores it")
     seed: int
@@ -81,22 +81,24 @@ class RunRecord(FiniteRecord):
     end_s: float
     final: ErrorsRecord = Field(description="at the last time that all runs reach")
     late: ErrorsRecord = Field(description="RMS over the last half of the time that all runs cover")
-    final_difference: ErrorsRecord = Field(description="final, minus that of the first run")
-    late_difference: ErrorsRecord = Field(description="late, minus that of the first run")
-    agents_in_common: int = Field(description="number of agents that the first run has too")
-    norm: Norm = Field(PER_AGENT_RMS, description="which norm `distance_m` is")
-    distance_m: Finite = Field(description="of these agents from the first run's, RMS over agents and the last half")
+    final_difference: ErrorsRecord = Field(description="`final` minus that of the first run")
+    late_difference: ErrorsRecord = Field(description="`late` minus that of the first run")
+    agents_in_common: int = Field(description="number of agents shared with the first run")
+    norm: Norm = Field(PER_AGENT_RMS, description="norm of `distance_m`")
+    distance_m: Finite = Field(
+        description="their distance to the first run's agents, RMS over agents and the last half"
+    )
     largest_distance_m: Finite = Field(description="largest of these distances at any time that all runs cover")
     farthest: str = Field(description="agent whose distance that is, or empty")
 
 
 class RunsRecord(FiniteRecord):
-    """Several finished runs, as runs.json has them."""
+    """Several finished runs, as recorded in runs.json."""
 
     mjsheaf_version: str
-    start_s: float = Field(description="of the time that all runs cover")
+    start_s: float = Field(description="start of the time that all runs cover")
     end_s: float
-    notes: list[str] = Field(description="where the runs are unlike")
+    notes: list[str] = Field(description="differences between the runs")
     runs: list[RunRecord] = Field(description="in the order given; differences are from the first")
 
 
@@ -107,9 +109,9 @@ class OpenRun:
     Attributes:
         name: Name in tables and legends.
         directory: Directory of the run.
-        scenario: What was run.
-        dataset: Its data; read where they are looked at.
-        summary: Its summary.json.
+        scenario: Scenario of the run.
+        dataset: Data of the run, read on access.
+        summary: Contents of its summary.json.
     """
 
     name: str
@@ -135,13 +137,13 @@ class OpenRun:
 
     @property
     def law(self) -> str:
-        """Name of its law."""
+        """Name of the run's law."""
         attrs = self.dataset.attrs
         return str(attrs.get("law") or attrs.get("controller") or law_of(self.scenario.system))
 
     @property
     def gain(self) -> float | None:
-        """Gain of its law, 1/s; None under a law in Python."""
+        """Gain of the run's law, 1/s; None under a law in Python."""
         attrs = self.dataset.attrs
         return None if attrs.get("controller") or "gain" not in attrs else float(attrs["gain"])
 
@@ -151,8 +153,8 @@ def open_runs(directories: Sequence[Path]) -> Iterator[list[OpenRun]]:
     """Open finished runs that can be compared with the first of them.
 
     Raises:
-        InputError: There are fewer than two or more than 8, one is given twice or holds no run, or one has no agent
-            or no time in common with the first.
+        InputError: There are fewer than 2 or more than 8 directories, one is given twice or holds no run, or a run has
+            no agent or no time in common with the first.
     """
     if not 2 <= len(directories) <= MAX_RUNS:
         raise InputError(f"DIR: {len(directories)} given; expected 2 to {MAX_RUNS} directories of finished runs")
@@ -172,7 +174,7 @@ def open_runs(directories: Sequence[Path]) -> Iterator[list[OpenRun]]:
 
 
 def _names_of(directories: Sequence[Path]) -> list[str]:
-    """Name runs by their directories: the shortest end of each path that no other has."""
+    """Name runs by the shortest unique ends of their paths."""
     paths = [path.resolve().parts for path in directories]
     names = []
     for path in paths:
@@ -187,7 +189,7 @@ def _require_comparable(run: OpenRun, first: OpenRun) -> None:
     """Refuse a run that has nothing in common with the first.
 
     Raises:
-        InputError: naming both.
+        InputError: The message names both.
     """
     for one in (run, first):
         missing = sorted(REQUIRED - set(one.dataset.variables))
@@ -300,20 +302,20 @@ def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> tuple[
 
 
 def _paths(run: OpenRun) -> Array:
-    """Positions of the agents, shape (T, N, 3), m; NaN while they are absent."""
+    """Return the positions of the agents, shape (T, N, 3), m; NaN while they are absent."""
     present = np.isfinite(run.dataset["tracking_error"].values)
     return np.where(present[..., None], run.dataset["agent_position"].values, np.nan)
 
 
 def _interpolated(time: Array, values: Array, at: Array) -> Array:
-    """Values (T, n) at other times within them, shape (K, n)."""
+    """Interpolate values, shape (T, n), at other times within their range, shape (K, n)."""
     if len(time) == len(at) and np.array_equal(time, at):
         return values
     return np.column_stack([np.interp(at, time, column) for column in values.T])
 
 
 def _unlike(runs: Sequence[OpenRun], end: float) -> list[str]:
-    """Say where the runs are unlike."""
+    """Describe differences between the runs in time, team and scenario."""
     first, notes = runs[0], []
     if len({float(run.time[-1]) for run in runs}) > 1:
         notes.append(f"the runs end at different times; errors are those at {end:g} s, the last that all of them reach")
@@ -331,7 +333,7 @@ def _unlike(runs: Sequence[OpenRun], end: float) -> list[str]:
 
 
 def table_of(record: RunsRecord) -> pd.DataFrame:
-    """The runs as a table: a row a run, errors and differences in columns named by statistic and measure, m."""
+    """Make a table with one row per run; columns of errors and differences are named by statistic and measure, m."""
     rows = []
     for run in record.runs:
         plain = run.model_dump(exclude={"final", "late", "final_difference", "late_difference"})
@@ -343,7 +345,7 @@ def table_of(record: RunsRecord) -> pd.DataFrame:
 
 
 def plot_runs(runs: Sequence[OpenRun], path: Path, options: FigureOptions = AS_USUAL) -> None:
-    """Draw the errors of all runs on one axis each: tracking error, and formation error where some run has one."""
+    """Draw the tracking errors of all runs on one axis, and the formation errors on another if some run has one."""
     errors = [run.errors() for run in runs]
     drawn = [name for name in _TEAM_ERRORS if any(np.isfinite(own[name]).any() for own in errors)]
     scenarios = " and ".join(dict.fromkeys(run.scenario.name for run in runs))
@@ -371,14 +373,14 @@ def _legend(run: OpenRun) -> str:
 
 
 def _below(first: OpenRun) -> str:
-    """The label below the last panel: time, and what happens in the first run."""
+    """Return the label below the last panel: time, and the events of the first run."""
     events = [phase for phase in phases_in(first.dataset) if phase["events"]]
     told = [f"{k}: {', '.join(phase['events'])} ({phase['time']:.6g} s)" for k, phase in enumerate(events, 1)]
     return "time (s)" + (f"\nevents of {plain(first.name)}:   " + "   ".join(told) if told else "")
 
 
 def page_of_runs(runs: Sequence[OpenRun], record: RunsRecord) -> bytes:
-    """The page of the first run, with the agents of the others drawn translucent."""
+    """Make the page of the first run, with the agents of the others drawn translucent."""
     first, *others = runs
     phases = first.scenario.phases
     ghosts = [
@@ -412,11 +414,11 @@ def publish_runs(
     Args:
         directories: Directories of the runs; the others are compared with the first.
         out: Directory of the results; runs/SCENARIO-runs if None.
-        figures: How the plots are written.
+        figures: Formats and style of the plots.
         progress: See `Progress`.
 
     Returns:
-        What runs.json holds, the directory, and which earlier comparison it replaced, if any.
+        The contents of runs.json, the directory, and a sentence about an earlier comparison that was replaced, if any.
 
     Raises:
         InputError: Runs cannot be compared: see `open_runs`.

@@ -1,4 +1,4 @@
-"""Runs in memory, with events or without: their samples as one, phase by phase, and as the dataset of a plain run."""
+"""Runs in memory, with or without events: all samples, samples by phase, and the dataset of a plain run."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from mjsheaf.system import Phase
 if TYPE_CHECKING:
     import xarray as xr
 
-_OF_LINKS = ("heard", "measurements")  # fields of a log whose width changes from phase to phase
+_OF_LINKS = ("heard", "measurements")  # log fields whose width differs between phases
 _LEFT_OUT = (*_OF_LINKS, "extra")
 
 
@@ -38,7 +38,7 @@ class Recording:
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """All samples under the first phase's system; without those of links where there are several phases."""
+        """Samples under the first phase's system; with several phases, without the log fields of links."""
         if len(self.pieces) == 1:
             return self.pieces[0]
         samples = sum(len(piece.time) for piece in self.pieces)
@@ -53,20 +53,20 @@ class Recording:
 
     @cached_property
     def present(self) -> BoolArray:
-        """Agents that are part of the team at each sample, shape (T, N)."""
+        """True for agents that are part of the team at each sample, shape (T, N)."""
         rows = [np.tile(piece.system.team.present, (len(piece.time), 1)) for piece in self.pieces]
         return np.concatenate(rows)
 
     @cached_property
     def limits(self) -> Array:
-        """Velocity limit of each agent at each sample, 0 where it is absent, shape (T, N), m/s."""
+        """Velocity limit of each agent at each sample, 0 if it is absent, shape (T, N), m/s."""
         agents = self.present.shape[1]
         rows = [np.tile(piece.system.law.limit[:agents], (len(piece.time), 1)) for piece in self.pieces]
         return np.concatenate(rows)
 
     @property
     def finished(self) -> bool:
-        """True if it reached its end."""
+        """True if the run reached its end."""
         return self.trajectory.status == "finished"
 
     def series(self) -> Series:
@@ -83,7 +83,7 @@ class Recording:
         return dataset_of(self.pieces, self.phases, backend, seed, self.controller)
 
     def with_message(self, message: str) -> "Recording":
-        """Return the same run, whose end has another message."""
+        """Return the same run with another message at its end."""
         *before, last = self.pieces
         return replace(self, pieces=(*before, replace(last, message=message)))
 
@@ -91,14 +91,14 @@ class Recording:
 def record_run(
     phases: Sequence[Phase], *, bodies: bool, targets: Array | None = None, controller: Controller | None = None
 ) -> Recording:
-    """Simulate phases on bodies or ideal kinematics; `targets` are those of `Engine.record`."""
+    """Simulate phases on bodies or ideal kinematics; see `Engine.record` for `targets`."""
     with engine_of(phases, "physics" if bodies else "ideal", controller=controller) as engine:
         pieces = tuple(engine.record(phases[0].system.grid.steps + 1, targets))
     return Recording(tuple(phases), pieces, controller)
 
 
 def _joined(parts: Iterable[Series]) -> Series:
-    """Join errors over time that follow one another."""
+    """Concatenate errors over consecutive times."""
     first, *others = parts
     return {
         scope: {name: np.concatenate([x, *(part[scope][name] for part in others)]) for name, x in own.items()}

@@ -1,4 +1,4 @@
-"""A comparison as a page (what to change, then ladder, budget, ringing, speeds, convergence) and as a directory."""
+"""The page of a comparison (verdict, ladder, budget, ringing, speeds, convergence) and its directory."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,16 +26,17 @@ from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 
-WIDTH = 120  # of report.txt, and the least on a terminal, as numbers must not be cut
+WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 
-_TEAM_COLUMNS = 62  # characters of the budget's first three columns at their widest
-_LEAST_WORSENING = 0.05  # of the error, by which removing an effect must make it worse to be explained
-_SENTENCES_A_PHASE = 2  # that the page shows
-_RESOLUTION = 0.0005  # m, below which the page shows 0
+_TEAM_COLUMNS = 62  # maximum width of the budget's first three columns, characters
+_LEAST_WORSENING = 0.05  # fraction of the error; the page explains why removing an effect adds more than this
+_SENTENCES_A_PHASE = 2  # maximum number of sentences on the page for each phase
+_RESOLUTION = 0.0005  # m; the page shows smaller values as 0
 _WORSE = {
-    "underactuation": "the stand-in holds its heading, is controlled at its origin, and goes only as fast abeam as its "
-    "sway drag lets it",
-    "drag_law": "quadratic drag damps too; without it bodies swing longer where thrusters lag, and meet their limits",
+    "underactuation": "the stand-in holds its heading, is controlled at its origin, and its speed abeam is limited by "
+    "its sway drag",
+    "drag_law": "quadratic drag also damps; without it, bodies with lagging thrusters oscillate longer and reach their "
+    "limits",
 }
 _BEFORE_EFFECTS = {
     "at_q_star_m": "at q* already",
@@ -44,14 +45,14 @@ _BEFORE_EFFECTS = {
     "agents_m": "agents become bodies",
     "together_m": "both beyond that",
 }
-_AFTER_EFFECTS = {"interaction_m": "interaction", "all_m": "as it stands"}
+_AFTER_EFFECTS = {"interaction_m": "interaction", "all_m": "as given"}
 """Fields of a budget in the order of its table, with their labels."""
 
 _SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2, "law": 3, "links": 4, "engine": 5}
 
 
 def report(record: CompareRecord) -> Group:
-    """The comparison as a page."""
+    """Render the comparison as a page."""
     tables = [_ladder(record), _budget(record), *_gains(record), _ringing(record), _speeds(record)]
     lines = [Padding(Text(f"- {sentence}"), (0, 0, 0, 2)) for sentence in record.verdict]
     title = f"{record.scenario}: ideal kinematics against bodies, {record.law_in_words}, {record.time_s:.6g} s"
@@ -59,7 +60,7 @@ def report(record: CompareRecord) -> Group:
 
 
 def report_text(record: CompareRecord) -> str:
-    """The page as plain text."""
+    """Render the page as plain text."""
     console = Console(width=WIDTH, color_system=None, force_terminal=False, file=StringIO(), record=True)
     console.print(report(record))
     return console.export_text()
@@ -71,7 +72,7 @@ def _table(*columns: str) -> Table:
 
 
 def _under(title: str, table: Table, *notes: str) -> Group:
-    """A table under its title, with notes below; a table's own title would be as narrow as the table."""
+    """Put a table under its title, with notes below it; rich would wrap a table's own title to the table's width."""
     below = [Padding(Text(note, style="dim"), (0, 0, 0, 2)) for note in notes]
     return Group(Text(f"\n{title}", style="bold"), table, *below)
 
@@ -81,7 +82,7 @@ def _number(value: float | None, form: str = ".3g") -> str:
 
 
 def _phases(record: CompareRecord) -> list[Group]:
-    """The errors of each phase on ideal kinematics and as it stands, and what to change in it."""
+    """Tabulate the errors of each phase on ideal kinematics and as given, with what to change."""
     if not record.phases:
         return []
     names = {TRACKING: "tracking"} if record.measure == TRACKING else {TRACKING: "tracking", FORMATION: "formation"}
@@ -94,7 +95,7 @@ def _phases(record: CompareRecord) -> list[Group]:
         table.add_row(f"{k}: {shortened(what, 36)}", f"{phase.start:.6g}", f"{phase.end:.6g}", *cells)
         notes += [f"phase {k}: {sentence}" for sentence in phase.levers[:_SENTENCES_A_PHASE]]
     title = "phases: errors of the team in m (RMS over agents or edges, and over the last half of the phase)"
-    notes.append("compare.json has the budget and every sentence of each phase")
+    notes.append("compare.json has the budget of each phase and all of its sentences")
     return [_under(title, table, *notes)]
 
 
@@ -109,7 +110,7 @@ def _gains(record: CompareRecord) -> list[Group]:
         saturated = "" if trial.saturated is None else f"{100 * trial.saturated:.1f}%"
         table.add_row(f"{trial.gain:.4g}", *errors, saturated, (trial.ending or "") if finished else "BLOWS UP")
     notes = [
-        f"from {limit.gain:.3g} 1/s on {'it rings' if limit.kind == 'rings' else 'the loop is unstable'}"
+        f"above {limit.gain:.3g} 1/s {'the team rings' if limit.kind == 'rings' else 'the loop is unstable'}"
         f": {LIMITED_BY[limit.effect]}{f', mode about {limit.agent}' if limit.agent else ''}"
         for limit in record.gains.limits
     ]
@@ -118,7 +119,7 @@ def _gains(record: CompareRecord) -> list[Group]:
 
 
 def _ladder(record: CompareRecord) -> Group:
-    table = _table("rung", "tracking", "formation", "settles (s)", "distance", "last half", "who, when", "limited")
+    table = _table("variant", "tracking", "formation", "settles (s)", "distance", "last half", "who, when", "limited")
     for _, rungs in groupby(record.ladder, key=lambda rung: _SECTION[rung.kind]):
         for rung in rungs:
             bold = rung.kind in ("ideal", "all") and rung.status == "finished"
@@ -128,22 +129,22 @@ def _ladder(record: CompareRecord) -> Group:
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
     telling = record.measure.removesuffix("_error")
     notes = [
-        "tracking: RMS over agents; formation: RMS over edges; over the last half: RMS in time too",
-        f"settles: since when the team's {telling} error stays within a quarter above its largest of the last half;",
-        "moving: not yet; growing: it only gets worse; circling: the team swings by itself, without end",
-        "stuck: at a level, but an agent is commanded to move and does not",
-        "limited: time share of agents' thrusters at a limit",
+        "tracking: RMS over agents; formation: RMS over edges; over the last half: RMS over time too",
+        f"settles: time after which the team's {telling} error stays below 1.25 times its maximum over the last half;",
+        "moving: not converged yet; growing: diverging; circling: the team is in a limit cycle",
+        "stuck: converged, but an agent does not move although it is commanded to",
+        "limited: fraction of the time that agents' thrusters are at a limit",
     ]
     notes += [f"paper's law: without {joined(record.terms)}"] if record.terms else []
     notes += [f"paper's law: at the scenario's gain, instead of {record.controller}"] if record.controller else []
-    notes += [f"with a tenth of the timestep, else it blows up: {finer}"] if finer else []
+    notes += [f"with a tenth of the timestep, as it blows up otherwise: {finer}"] if finer else []
     notes += [f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"]
     title = "ladder: errors in m, over the last half / at the end; largest distance to the ideal run in m"
     return _under(title, table, *notes)
 
 
 def _cells(rung: RungRecord) -> list[Text | str | None]:
-    """Return the cells of a rung in the table of the ladder."""
+    """Return the cells of a variant in the table of the ladder."""
     if rung.status != "finished":
         return [Text("BLOWS UP", style="bold red"), *[""] * 6]
     near = rung.distance_late
@@ -182,12 +183,11 @@ def _budget(record: CompareRecord) -> Group:
     rows(_AFTER_EFFECTS if team.effects else {"all_m": _AFTER_EFFECTS["all_m"]})
     title = (
         f"error budget in mm: {display_name(record.measure)}, {RMS_OVER[record.measure]} and the last half: "
-        "what it adds alone / what removing it gives back"
+        "what an effect adds alone / what removing it gives back"
     )
     notes = [
-        "at q* already: with the agents of the ideal run at q*; no part of the sum",
-        "compare.json has both statistics, over the last half and at the end, of tracking and formation error and of "
-        "every group",
+        "at q* already: error with the agents of the ideal run at q*; not part of the sum",
+        "compare.json has the tracking and formation error of every group, over the last half and at the end",
     ]
     return _under(title, table, *notes, *_worse_without([team, *groups]))
 
@@ -197,7 +197,7 @@ def _alone_and_back(item: ItemRecord) -> str:
 
 
 def _that_fit(groups: list[BudgetRecord]) -> list[BudgetRecord]:
-    """The first groups whose columns fit beside those of the team."""
+    """Return the first groups whose columns fit next to those of the team."""
     widths = [
         max(map(len, [b.scope, *map(_alone_and_back, b.effects), _millimetres(b.ideal_m), _millimetres(b.all_m)])) + 2
         for b in groups
@@ -206,7 +206,7 @@ def _that_fit(groups: list[BudgetRecord]) -> list[BudgetRecord]:
 
 
 def _worse_without(budgets: list[BudgetRecord]) -> list[str]:
-    """Why removing an effect makes an error worse, where it does so notably."""
+    """Explain why removing an effect makes an error worse, if it does so notably."""
     worse = {
         item.effect
         for b in budgets
@@ -214,7 +214,7 @@ def _worse_without(budgets: list[BudgetRecord]) -> list[str]:
         if (item.give_back_m or 0.0) < -max(_LEAST_WORSENING * (b.all_m or 0.0), _RESOLUTION)
     }
     reasons = [f"{display_name(effect)}: {why}" for effect, why in _WORSE.items() if effect in worse]
-    return ["; ".join(["given back below 0: worse without it", *reasons])] if worse else []
+    return ["; ".join(["below 0: worse without it", *reasons])] if worse else []
 
 
 def _millimetres(value: float | None) -> str:
@@ -232,19 +232,19 @@ def _ringing(record: CompareRecord) -> Group | Text:
     if held != ratio:
         table.add_row("predicted with the law's hold", held, "", "")
     for m in r.measured:
-        found = "does not swing" if m.damping_ratio is None else f"{m.damping_ratio:.3f}"
+        found = "no oscillation" if m.damping_ratio is None else f"{m.damping_ratio:.3f}"
         found = found if m.status == "finished" else "BLOWS UP"
         table.add_row(f"bodies {m.bodies}", found, _number(m.frequency_rad_s), f"{m.overshoot:.1%}")
-    note = "the prediction knows M / (M k_v + D) alone: no lag of thrusters and no turning" + (
-        "; no mode is predicted to swing" if r.overdamped else ""
-    )
+    note = "the prediction includes M / (M k_v + D) only: no lag of thrusters and no turning"
+    if r.overdamped:
+        note += "; no mode is predicted to oscillate"
     when = "" if record.ringing_phase is None else f", phase {record.ringing_phase}"
-    title = f"ringing: the least damped mode (about {r.agent}{when}), released from rest with all else still"
+    title = f"ringing: the least damped mode (about {r.agent}{when}), released from rest with everything else at rest"
     return _under(title, table, note)
 
 
 def _speeds(record: CompareRecord) -> Group:
-    table = _table("", "ideal run", "as it stands", "who, when (s)", "holds: slowest way", "holds: ahead")
+    table = _table("", "ideal run", "as given", "who, when (s)", "sustained: slowest way", "sustained: ahead")
     bodies = {(d.role, d.vehicle): d for d in record.demands if d.run == "all"}
     for d in (d for d in record.demands if d.run == "ideal"):
         there = bodies.get((d.role, d.vehicle))
@@ -257,18 +257,16 @@ def _speeds(record: CompareRecord) -> Group:
             *("no limit" if v is None else f"{v:.3g}" for v in (d.least_speed_m_s, d.forward_speed_m_s)),
         )
     best = ", ".join(f"in {f.moves_in} {f.vehicle} {f.speed_m_s:.3g}" for f in record.fastest)
-    title = "largest speeds commanded in the last half, relative to the medium, m/s"
-    holds = (
-        "holds: steady speed through the medium at full thrust, in the slowest horizontal direction and straight ahead"
-    )
+    title = "maximum speeds commanded in the last half, relative to the medium, m/s"
+    holds = "sustained: steady speed through the medium at full thrust, in the slowest horizontal direction and ahead"
     return _under(title, table, holds, f"fastest real vehicles (slowest way): {best}")
 
 
 def _convergence(record: CompareRecord) -> str:
     c = record.convergence
     if c.slope is None:
-        return f"\nconvergence: none measured; {c.reason or 'too few runs came to their end'}"
-    law = ", by the paper's law alone" if record.terms else ""
+        return f"\nconvergence: none measured; {c.reason or 'too few runs finished'}"
+    law = ", under the paper's law alone" if record.terms else ""
     points = ", ".join(f"{_number(p.distance_m)} m at {p.tau_s:.2g} s" for p in c.points)
     return (
         f"\nconvergence to the ideal run with the bodies' time constant tau{law}: slope {c.slope:.3f} (theory: 1); "
@@ -304,14 +302,14 @@ def publish(
     figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
 ) -> Published:
-    """Compare a scenario's ideal kinematics with its bodies and write the directory, also where bodies blow up.
+    """Compare a scenario's ideal kinematics with its bodies and write the directory, even if bodies blow up.
 
-    Arguments are those of `runs.publish.publish` and `compare`. `add_video` draws the video afterwards.
+    For the arguments see `runs.publish.publish` and `compare`. `add_video` draws the video afterwards.
 
     Raises:
-        InputError: a scenario that cannot be simulated; nothing is written.
-        PlaceError: the directory may not be replaced or cannot be written.
-        NotUniqueError: the harmonic extension is not unique; nothing is written.
+        InputError: The scenario cannot be simulated. Nothing is written.
+        PlaceError: The directory may not be replaced or cannot be written.
+        NotUniqueError: The harmonic extension is not unique. Nothing is written.
     """
     replaced = replaced_run(directory)
     with staging(directory) as fresh:
@@ -323,7 +321,7 @@ def publish(
         progress("writing the page", 0, 1)
         (fresh / "report.html").write_bytes(_page(scenario, comparison))
         (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
-        progress("publishing", 0, 1)  # the last moment at which the user can stop it
+        progress("publishing", 0, 1)  # the user can interrupt up to here
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
     return Published(directory, scenario, replace(comparison, record=record), replaced)
 
@@ -365,7 +363,7 @@ def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
 
 
 def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, xr.Dataset]:
-    """The runs on ideal kinematics and on the bodies as they stand."""
+    """Return the runs on ideal kinematics and on the bodies as given."""
     return (
         comparison.runs["ideal"].recording.dataset("ideal", scenario.seed),
         comparison.runs["all"].recording.dataset("physics", scenario.seed),
@@ -373,7 +371,7 @@ def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, x
 
 
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
-    """The run on bodies, with the ideal one as its ghost."""
+    """Make the page of the run on bodies, with the ideal run as its ghost."""
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.page import page_of
 

@@ -1,19 +1,20 @@
-"""Ringing: the damping ratio that inertia predicts, against the one that bodies show in a free-decay test.
+"""Ringing: the damping ratio predicted from inertia, against the one measured on bodies in a free-decay test.
 
 A body that follows its commanded velocity with time constants T = M / (M k_v + D) turns q' = -k1 H e into
-T e'' + e' + k1 H e = 0. Its least damped mode has the predicted damping ratio. For the measured one everything else is
-still (no flow, no disturbance, targets at rest), the agents start at rest, displaced from q* along that mode, and a
-second-order response is fitted.
+T e'' + e' + k1 H e = 0. The prediction is the damping ratio of the least damped mode of this equation. For the
+measurement, flow, disturbance and targets are at rest. The agents start at rest, displaced from q* along that mode, and
+a second-order response is fitted to their decay.
 
-The prediction knows inertia alone, and beside that the hold of the law. Thrusters that lag, and attitudes that must
-turn first, come on top: so the test is repeated without them, where prediction and measurement must meet.
+The prediction includes inertia alone, and in a second version the law's hold. Lagging thrusters and vehicles that have
+to turn first lower the damping further. The test is therefore repeated without them, and there prediction and
+measurement must agree.
 
-With the Newton direction H is the identity in all of this: the prediction takes it for exact. Feedforward and drift add
-nothing while targets and medium are still; their odometry has no noise here. The integral, which is slow and which the
-prediction does not know, is off. So is what links do at random, noise and losses: measurements are only as old as they
-are, which predictions do not know either.
+Under the Newton direction, H is replaced by the identity: the prediction assumes that the direction is exact.
+Feedforward and drift add nothing while targets and medium are at rest, and their odometry has no noise in the test. The
+integral is switched off, because it is slow and not part of the prediction. Noise and losses of links are switched off
+too. Their delays stay on, although the predictions do not include them.
 
-How far the gain may be raised before bodies, lag or the law's hold make the team ring.
+The module also computes how far the gain can be raised before inertia, lag or the law's hold makes the team ring.
 """
 
 from dataclasses import dataclass, replace
@@ -40,41 +41,41 @@ from mjsheaf.vehicles.vehicle import Vehicle
 
 Complex = NDArray[np.complex128]
 
-_SHARE_OF_ABILITY = 0.2  # of speed or thrust that the displacement may ask for
+_SHARE_OF_ABILITY = 0.2  # maximum fraction of speed or thrust that the displacement commands
 _LARGEST_DISPLACEMENT = 0.5  # m
 _TRIES = 4
-_DECAYS = 4.0  # time constants of the mode over which it is watched
+_DECAYS = 4.0  # length of the test, in time constants of the mode
 _LONGEST = 300.0  # s
 _POINTS_PER_PERIOD = 12  # of the fitted recurrence
-_REAL_ROOT = 1e-6  # imaginary part of a root, relative, below which it is real
-_LEAST_DAMPING = 0.3  # of a usable gain
-_MOSTLY_INERTIA = 0.8  # of the gain that inertia alone allows, above which nothing else limits it
+_REAL_ROOT = 1e-6  # relative imaginary part below which a root counts as real
+_LEAST_DAMPING = 0.3  # minimum damping ratio at a usable gain
+_MOSTLY_INERTIA = 0.8  # fraction of the gain that inertia alone allows; above it, inertia is the limit
 
 
 class ReleaseRecord(FiniteRecord):
     """One free-decay experiment on bodies."""
 
     bodies: str
-    damping_ratio: float | None = Field(description="of the fitted second-order response; null: it does not swing")
+    damping_ratio: float | None = Field(description="damping ratio of the fitted response; null without oscillation")
     frequency_rad_s: float | None
-    overshoot: float = Field(description="beyond q*, of the displacement")
+    overshoot: float = Field(description="overshoot beyond q*, as a fraction of the displacement")
     amplitude_m: float = Field(description="displacement of the farthest agent")
     saturation: float
     status: str
 
 
 class RingingRecord(FiniteRecord):
-    """The least damped mode: what inertia predicts, and what bodies do."""
+    """The least damped mode, as predicted from inertia and as measured on bodies."""
 
-    agent: str = Field(description="who moves most in it")
+    agent: str = Field(description="agent that moves most in the mode")
     predicted_damping_ratio: float = Field(
-        description="of T e'' + e' + k1 H e = 0, T = M / (M k_v + D); no hold, no lag"
+        description="damping ratio of T e'' + e' + k1 H e = 0, T = M / (M k_v + D); no hold, no lag"
     )
     predicted_damping_ratio_held: float = Field(description="the same under the held law")
     predicted_frequency_rad_s: float
-    predicted_overshoot: float = Field(description="in the same experiment, of the displacement")
-    overdamped: bool = Field(description="whether no mode is predicted to swing")
-    delay_s: float = Field(0.0, description="age of the oldest measurements, which the predictions do not know")
+    predicted_overshoot: float = Field(description="overshoot of the same test, as a fraction of the displacement")
+    overdamped: bool = Field(description="true if no mode is predicted to oscillate")
+    delay_s: float = Field(0.0, description="maximum age of measurements, which the predictions do not include")
     measured: list[ReleaseRecord]
 
 
@@ -83,14 +84,14 @@ class Mode:
     """The least damped mode of a team whose bodies follow commanded velocities with their time constants.
 
     Attributes:
-        damping: its damping ratio; over 1 it does not swing.
-        frequency: its natural frequency |s|, rad/s.
-        rate: how fast it decays, 1/s.
-        displacement: of the agents' stacked positions, the farthest agent's by 1, shape (n,).
-        swings: whether its root is complex.
-        left: the row that takes (e, e') to the mode's own coordinate, shape (2n,); of an overdamped mode, that along
-            the displacement.
-        who: the agent that moves most.
+        damping: Damping ratio; above 1 the mode does not oscillate.
+        frequency: Natural frequency |s|, rad/s.
+        rate: Decay rate, 1/s.
+        displacement: Displacement of the agents' stacked positions, scaled to 1 for the farthest agent, shape (n,).
+        swings: True if the mode oscillates, that is, if its root is complex.
+        left: Row that maps (e, e') to the mode's coordinate, shape (2n,). For an overdamped mode, the coordinate is
+            along the displacement.
+        who: Agent that moves most.
     """
 
     damping: float
@@ -103,7 +104,7 @@ class Mode:
 
 
 def ringing_of(system: System) -> RingingRecord | None:
-    """Predict and measure; None for teams of too many states, or without a mode."""
+    """Predict and measure the least damped mode; None for teams of too many states, or without a mode."""
     if not 0 < system.team.dirichlet.H.shape[0] <= LARGEST_SECOND_ORDER:
         return None
     matrix = second_order(system)
@@ -136,9 +137,9 @@ def predicted_damping(system: System) -> float:
 
 
 def second_order(system: System) -> Array:
-    """The matrix of (e, e')' for T e'' + e' + k1 H e = 0, shape (2n, 2n).
+    """Compute the matrix A in (e, e')' = A (e, e') for T e'' + e' + k1 H e = 0, shape (2n, 2n).
 
-    Time constants are those of inertia alone along each vehicle's axes, at its initial heading.
+    T comes from inertia alone, along each vehicle's axes at its initial heading.
     """
     H = _stiffness(system)
     blocks = []
@@ -152,13 +153,13 @@ def second_order(system: System) -> Array:
 
 
 def _stiffness(system: System) -> Array:
-    """What the law turns e into: H, or the identity with the Newton direction, shape (n, n)."""
+    """Return the matrix that the law multiplies e by: H, or the identity with the Newton direction, shape (n, n)."""
     H = system.team.dirichlet.H.toarray()
     return np.eye(len(H)) if system.law.terms.newton else np.asarray(H)
 
 
 def least_damped(system: System, matrix: Array) -> Mode:
-    """The mode with the smallest -Re s / |s|; where none swings, the one that comes nearest to it."""
+    """Find the mode with the smallest -Re s / |s|; if none oscillates, the one closest to oscillating."""
     n = len(matrix) // 2
     roots, right = linalg.eig(matrix)
     ratio = -roots.real / np.abs(roots)
@@ -182,12 +183,12 @@ def least_damped(system: System, matrix: Array) -> Mode:
 
 
 def _held_damping(system: System, matrix: Array, mode: Mode) -> float:
-    """The least -Re s / |s| over exp(s h) of the bodies under a law that is held over h, exactly."""
+    """Compute the smallest -Re s / |s| of the bodies under a law held over h, exactly, from eigenvalues exp(s h)."""
     n, h = len(matrix) // 2, system.grid.period
     if system.grid.continuous or not mode.swings:
         return mode.damping
     free = matrix.copy()
-    push = free[:, :n].copy()  # what the law does with e; it reads e as it was when the period began
+    push = free[:, :n].copy()  # effect of the law, which holds the e measured at the start of the period
     free[:, :n] = 0.0
     held = linalg.expm(h * np.block([[free, push], [np.zeros((n, 3 * n))]]))
     roots = np.log(linalg.eigvals(held[: 2 * n, : 2 * n] + np.pad(held[: 2 * n, 2 * n :], ((0, 0), (0, n))))) / h
@@ -195,13 +196,13 @@ def _held_damping(system: System, matrix: Array, mode: Mode) -> float:
 
 
 def fit_roots(signals: Array, period: float) -> Complex:
-    """The two roots s of the second-order response that all signals share, by Prony's method.
+    """Fit the two roots s of a second-order response that all signals share, by Prony's method.
 
-    Samples m apart obey y(t + 2 m h) = a y(t + m h) + b y(t), whose characteristic roots are exp(s m h).
+    Samples a period h apart obey y(t + 2 h) = a y(t + h) + b y(t), whose characteristic roots are exp(s h).
 
     Args:
-        signals: shape (K, T).
-        period: h, m times of which two samples of the recurrence are apart, s.
+        signals: Samples of K signals, shape (K, T).
+        period: Time h between samples, s.
     """
     later, now, before = signals[:, 2:].ravel(), signals[:, 1:-1].ravel(), signals[:, :-2].ravel()
     a, b = np.linalg.lstsq(np.column_stack([now, before]), later, rcond=None)[0]
@@ -210,7 +211,7 @@ def fit_roots(signals: Array, period: float) -> Complex:
 
 
 def _displaced_at_rest(system: System, mode: Mode) -> System:
-    """The system with everything at rest and its agents displaced from q* along the mode."""
+    """Return the system with everything at rest and its agents displaced from q* along the mode."""
     team, grid = system.team, system.grid
     V, N = len(team.members), len(team.agents)
     asked = system.gain * np.linalg.norm(team.unpack(_stiffness(system) @ mode.displacement), axis=1)
@@ -219,7 +220,7 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
     initial = positions_at_q_star(system, system.initial[None])[0]
     initial[:N] += amplitude * team.unpack(mode.displacement)
     span = _DECAYS / mode.rate
-    if mode.swings:  # the first swing to the other side is seen too
+    if mode.swings:  # long enough for the first overshoot
         span = max(span, 1.5 * np.pi / np.sqrt(mode.frequency**2 - mode.rate**2))
     steps = int(np.ceil(min(span, _LONGEST) / grid.period))
     return replace(
@@ -242,12 +243,12 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
 
 
 def _late(system: System) -> int:
-    """Age of the oldest measurements, in periods."""
+    """Return the maximum age of measurements, in periods."""
     return int(np.max(system.law.links.table["delay"], initial=0))
 
 
 def _only_late(links: LinkArrays) -> LinkArrays:
-    """The links with their delays alone."""
+    """Return the links with their delays alone."""
     table = links.table.copy()
     for name in ("lossy", "bursts", "bearing", "noise", "bias", "range_noise", "bearing_noise"):
         table[name] = 0
@@ -256,23 +257,23 @@ def _only_late(links: LinkArrays) -> LinkArrays:
 
 
 def _ability(vehicle: Vehicle) -> float:
-    """The commanded speed from rest that a vehicle's thrust can answer at once, m/s."""
+    """Compute the commanded speed that a vehicle at rest can follow without saturating its thrust, m/s."""
     able, mass = capability_of(vehicle), vehicle.moving_mass[: vehicle.dimension]
     return min(able.least_speed, able.least_thrust / float((mass * vehicle.rate + vehicle.drag[: len(mass)]).max()))
 
 
 def _decay_variants(system: System) -> list[tuple[str, Effects]]:
-    """Labels and effects of the experiments: what the prediction does not know is switched off in turn."""
+    """List labels and effects of the experiments, which switch off effects outside the prediction in turn."""
     present = effects_of(system, system.bodies.vehicle[: len(system.team.agents)])
     unknown = [effect for effect in ("lag", "underactuation") if effect in present]
-    return [("as it stands", system.bodies.effects)] + [
+    return [("as given", system.bodies.effects)] + [
         (f"without {' and '.join(off)}", system.bodies.effects.model_copy(update=dict.fromkeys(off, False)))
         for off in accumulate([effect] for effect in unknown)
     ]
 
 
 def _release(system: System, mode: Mode, bodies: str) -> ReleaseRecord:
-    """Let the agents move from where they are; where a thruster meets a limit, again from half as far."""
+    """Release the agents from rest; if a thruster saturates, repeat from half the displacement."""
     team, N = system.team, len(system.team.agents)
     targets = np.broadcast_to(system.initial[N:], (system.grid.steps + 1, len(team.targets), 3)).copy()
     q_star = positions_at_q_star(system, system.initial[None])[0]
@@ -299,11 +300,11 @@ def _release(system: System, mode: Mode, bodies: str) -> ReleaseRecord:
 
 
 def _fit_decay(e: Array, mode: Mode, period: float) -> tuple[float | None, float | None]:
-    """Damping ratio and natural frequency of errors (T, n) along the mode; None where they do not swing."""
+    """Fit damping ratio and natural frequency to errors, shape (T, n), m; None if they do not oscillate."""
     own = np.concatenate([e, np.gradient(e, period, axis=0, edge_order=2)], axis=1) @ mode.left
     step = max(1, round(2.0 * np.pi / mode.frequency / _POINTS_PER_PERIOD / period))
     signals = np.stack([own.real, own.imag])[: 2 if mode.swings else 1]
-    # Every offset gives another recurrence with the same roots; a common length lets them share one fit.
+    # The samples at each offset satisfy the same recurrence. They are cut to one length and share one fit.
     count = signals.shape[1] // step
     if count < 5:
         return None, None
@@ -316,7 +317,7 @@ def _fit_decay(e: Array, mode: Mode, period: float) -> tuple[float | None, float
 
 
 def _overshoot(e: Array, mode: Mode) -> float:
-    """How far errors (T, n) go to the other side along the displacement, of where they began; 0 if they do not."""
+    """Compute the overshoot of errors along the displacement, shape (T, n), as a fraction of their initial value."""
     along = e @ mode.displacement
     return max(0.0, float(-along.min() / along[0]))
 
@@ -327,8 +328,8 @@ class GainLimit:
 
     Attributes:
         gain: k1, 1/s.
-        effect: What limits it, as `gains.GainLimitRecord` has it.
-        agent: Agent that moves most in the mode; empty if that is not known.
+        effect: Effect that limits the gain; see `gains.GainLimitRecord`.
+        agent: Agent that moves most in the mode; empty if unknown.
     """
 
     gain: float
@@ -337,29 +338,29 @@ class GainLimit:
 
 
 def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
-    """The lowest of `gain_limits`, 1/s, which may be below the present gain; None where any gain will do."""
+    """Return the lowest of `gain_limits`, 1/s, which may be below the present gain; None if every gain is usable."""
     return min((limit.gain for limit in gain_limits(system, ringing)), default=None)
 
 
 def gain_limits(system: System, ringing: RingingRecord | None) -> list[GainLimit]:
     """Find the gains at which the least damped mode's damping ratio falls to 0.3 and the held law begins to ring.
 
-    With inertia alone the damping ratio of a mode falls as zeta / sqrt(k), k the gain as a share of the present one.
-    A delay l, such as the hold's h / 2, a link's or a thruster's lag, takes about omega l / 2 of it, which grows as
-    sqrt(k):
+    Let k be the gain relative to the present one. With inertia alone, the damping ratio of a mode falls as
+    zeta / sqrt(k). A delay l (h / 2 of the hold, a link's delay, a thruster's lag) lowers it by about omega l / 2. This
+    reduction grows as sqrt(k):
 
         zeta / sqrt(k) - delta sqrt(k) = 0.3
 
-    where delta is the larger of hold's and links', and of what the experiment on bodies lacks of zeta.
-    On measurements d periods old the held law does not ring up to k1 h lambda_max = d^d / (d + 1)^(d + 1).
+    Here delta is the larger of two reductions: that of hold and links, and zeta minus the ratio measured on bodies.
+    With measurements d periods old, the held law does not ring up to k1 h lambda_max = d^d / (d + 1)^(d + 1).
 
     Args:
-        system: the scenario's system.
-        ringing: prediction and experiments; None for a team of too many states, where the largest eigenvalue and the
-            slowest agent bound the damping of every mode.
+        system: System of the scenario.
+        ringing: Prediction and experiments. None for a team of too many states: the largest eigenvalue and the slowest
+            agent then bound the damping of every mode.
 
     Returns:
-        One for bodies and, of a held law, one for the hold; none where any gain will do.
+        One limit for bodies and, if the law is held, one for the hold; none if every gain is usable.
     """
     stiffest = 1.0 if system.law.terms.newton else system.largest_eigenvalue
     if system.gain <= 0.0 or stiffest <= 0.0:
@@ -376,7 +377,7 @@ def gain_limits(system: System, ringing: RingingRecord | None) -> list[GainLimit
     of_hold = frequency * period * (1.0 + 2.0 * delayed) / 4.0
     of_bodies = 0.0 if measured is None else damping - measured
     delta = max(of_hold, of_bodies)
-    # The root sqrt(k) of delta k + 0.3 sqrt(k) - damping = 0, in the form that knows delta = 0.
+    # The root sqrt(k) of delta k + 0.3 sqrt(k) - damping = 0, in the form that is valid for delta = 0 too.
     root = 2.0 * damping / (_LEAST_DAMPING + sqrt(_LEAST_DAMPING**2 + 4.0 * delta * damping))
     sampling: Literal["links", "hold"] = "links" if delayed else "hold"
     effect: Literal["inertia", "lag", "underactuation", "hold", "links"] = "inertia"

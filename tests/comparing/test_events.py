@@ -139,7 +139,7 @@ def test_the_report_has_a_row_for_each_phase_and_fits(record: CompareRecord) -> 
     page = report_text(record)
     assert max(map(len, page.splitlines())) <= WIDTH
     assert "1: lose A3" in page
-    assert "phase 2: largest lever" in page
+    assert "phase 2: dominant cause" in page
     assert "…" not in page
 
 

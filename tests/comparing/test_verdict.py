@@ -72,7 +72,7 @@ def test_what_terms_bring_is_said_with_both_errors() -> None:
     (sentence,) = (s for s in record.verdict if s.startswith("feedforward and drift"))
     assert f"{paper:.3g}" in sentence
     assert f"{now:.3g}" in sentence
-    assert "HARM" not in sentence
+    assert "WARNING" not in sentence
     assert "without feedforward and drift" in report_text(record)
     drawn, _ = choose_rungs(record)
     assert [rung.key for rung in drawn][-3:] == ["all-terms", "all", "ideal"]
@@ -81,10 +81,10 @@ def test_what_terms_bring_is_said_with_both_errors() -> None:
 def test_terms_that_harm_come_first_with_what_to_change() -> None:
     record = with_terms(noise=3.0)
     assert record.harm
-    assert "HARM" in record.verdict[0]
+    assert "WARNING" in record.verdict[0]
     assert record.verdict[1] == record.harm[0]
     assert "controller.drift.filter" in record.harm[0]
-    assert report_text(record).index("HARM") < report_text(record).index("largest lever")
+    assert report_text(record).index("WARNING") < report_text(record).index("dominant cause")
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
 
 def test_a_link_without_offset_is_the_sheafs_fault_and_spares_who_has_none(torn: CompareRecord) -> None:
     told = torn.verdict
-    assert told[0].startswith("largest lever: the sheaf, not law or vehicles: q* itself is")
+    assert told[0].startswith("dominant cause: the sheaf, not the law or the vehicles: q* itself is")
     assert "`offset`" in told[0]
     for scope in ("line_T1", "line_T2"):
         assert any(s.startswith(f"{scope}: the sheaf") for s in told)
@@ -138,13 +138,13 @@ def test_where_the_law_lags_the_tracking_error_is_told() -> None:
     motion = {"kind": "lissajous", "amplitude": [3, 3], "rate": [0.5, 0.5], "phase": [1.57, 0]}
     record = compare(two_boats("hull", "hull", targets=[{"id": "T1", "position": [0, 0], "motion": motion}])).record
     (told,) = [s for s in record.verdict if s.startswith("tracking error")]
-    assert "the law's own lag; a higher controller.gain (up to" in told
+    assert "the law's lag; a higher controller.gain (up to" in told
     assert record.usable_gain is not None
     assert record.gain is not None
     assert record.usable_gain > record.gain
     poor = record.model_copy(update={"usable_gain": 0.5 * record.gain})
     (told,) = [s for s in verdict_of(poor) if s.startswith("tracking error")]
-    assert "(a higher gain rings: from" in told
+    assert "(a higher gain rings, above" in told
     assert "a higher controller.gain" not in " ".join(verdict_of(poor))
 
 
@@ -193,9 +193,9 @@ def test_inertia_is_the_reduced_model_without_lag() -> None:
         (2.0, 1.5, "(-25.0%)"),
         (0.1, 1.2, "(12 times the ideal)"),
         (1e-15, 1.2, "(nearly all of it)"),
-        (0.0, 0.0, "ideal zero to rounding, as it stands zero to rounding: nothing to gain"),
-        (3e-16, 4e-16, "ideal zero to rounding, as it stands zero to rounding: nothing to gain"),
-        (0.5, 4e-16, "ideal 0.5 m, as it stands zero to rounding: nothing to gain"),
+        (0.0, 0.0, "ideal zero to rounding, as given zero to rounding: nothing to gain"),
+        (3e-16, 4e-16, "ideal zero to rounding, as given zero to rounding: nothing to gain"),
+        (0.5, 4e-16, "ideal 0.5 m, as given zero to rounding: nothing to gain"),
     ],
 )
 def test_what_bodies_add_reads_well_beside_any_ideal_error(
@@ -205,7 +205,7 @@ def test_what_bodies_add_reads_well_beside_any_ideal_error(
     told = verdict_of(torn.model_copy(update={"budgets": changed}))
     (cost,) = [sentence for sentence in told if sentence.startswith("formation error, RMS")]
     assert cost.endswith(words)
-    assert any("lever" in sentence for sentence in told) != ("nothing to gain" in words)
+    assert any("dominant cause" in sentence for sentence in told) != ("nothing to gain" in words)
 
 
 @pytest.mark.parametrize(("share", "named"), [(1e-16, False), (0.01, False), (0.1, True)])
@@ -215,7 +215,7 @@ def test_only_effects_that_matter_are_named(share: float, named: bool, torn: Com
     changed = [b.model_copy(update={"ideal_m": 0.0, "all_m": 1.0, "effects": [item]}) for b in torn.budgets]
     told = verdict_of(torn.model_copy(update={"budgets": changed}))
     (tracking,) = [sentence for sentence in told if sentence.startswith("tracking error")]
-    assert ("lag first, without which it would be 0.1 m less" in tracking) == named
+    assert ("mainly lag: without it the error would be 0.1 m less" in tracking) == named
     assert ("lag" in " ".join(told)) == named
 
 
@@ -231,8 +231,8 @@ def test_a_team_at_rest_has_no_lever() -> None:
     assert now < 1e-9
     told = " ".join(record.verdict)
     assert "nothing to gain" in told
-    assert "lever" not in told
-    assert "HARM" not in told
+    assert "dominant cause" not in told
+    assert "WARNING" not in told
 
 
 def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRecord) -> None:
@@ -246,7 +246,7 @@ def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRec
 
     assert "worse without it; underactuation: the stand-in" in " ".join(report_text(with_item(-0.2)).split())
     assert "worse without it" not in report_text(with_item(-0.01))
-    for words in ("team, at the end", "at q* already", "settles (s)", "settles:", "compare.json has both"):
+    for words in ("team, at the end", "at q* already", "settles (s)", "settles:", "compare.json has the tracking"):
         assert words in report_text(torn)
 
 
