@@ -1,4 +1,4 @@
-"""Studies: many runs of one scenario, on every core or a cluster, that survive being killed."""
+"""Studies: many runs of one scenario, on every core or a cluster, that resume after an interruption."""
 
 from mjsheaf.studies.plan import Plan, load_plan
 from mjsheaf.studies.schema import Point

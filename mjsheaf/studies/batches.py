@@ -1,4 +1,4 @@
-"""Runs of a study as worlds of a batch, side by side on threads or on a card."""
+"""Runs of a study as worlds of a batch, in parallel on threads or on a GPU."""
 
 import pickle
 import time
@@ -25,19 +25,19 @@ from mjsheaf.studies.job import TRAFFIC, Job, JobResult, failed_record, new_reco
 from mjsheaf.system import System
 from mjsheaf.threads import usable_processors
 
-_MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; all are prepared before the first begins
+_MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; all are prepared before the first one starts
 
 
 class Batches:
-    """Runs jobs together; a record is what the run's scores say.
+    """Runner that puts the jobs of one team into batches.
 
-    Of a run only what its batch scores is known: the team's tracking error and disagreement at the end and over the
-    last half, and the ratio to Theorem 1's bound. How it ended is not judged, which takes the whole run.
+    Records contain only what a batch computes: the team's tracking error and disagreement at the end and over the last
+    half, and the ratio to Theorem 1's bound. Their ending is unknown, because that requires all samples of the run.
 
     Args:
-        run: runs a batch, and yields the number of each world at its end.
-        order: how batches are laid out for that.
-        most: worlds of a batch.
+        run: Function that runs a batch and yields the number of each world when it ends.
+        order: Memory layout of the batches for `run`.
+        most: Maximum number of worlds in a batch.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Batches:
         self._run, self._order, self._most = run, order, most
 
     def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
-        """Do jobs and yield the result of each."""
+        """Run jobs and yield the result of each."""
         waiting = iter(jobs)
         while several := list(islice(waiting, self._most)):
             alike = dict[bytes, list[Job]]()
@@ -56,7 +56,7 @@ class Batches:
                 yield from self._together(group)
 
     def _together(self, jobs: list[Job]) -> Iterator[JobResult]:
-        """The results of jobs that look like one team; of those that are none, one by one."""
+        """Yield the results of jobs that may share a team; jobs that do not are split into groups that do."""
         begun, known = time.perf_counter(), list[tuple[Job, Fused, int]]()
         for job in jobs:
             try:
@@ -64,7 +64,7 @@ class Batches:
                 _, run = fused_session(scenario)
                 require_world(run)
                 known.append((job, run, scenario.seed))
-            except Exception as error:  # as `run_job` has it: one bad point must not end the study
+            except Exception as error:  # as in `run_job`, one bad point must not end the study
                 yield JobResult(failed_record(job, error))
         for group in groups_of_one_team([run for _, run, _ in known]):
             left = {w: known[k] for w, k in enumerate(group)}
@@ -84,7 +84,7 @@ class Batches:
 
 @contextmanager
 def on_card() -> Iterator[Batches]:
-    """The card of this machine."""
+    """Run batches on this machine's GPU."""
     from mjsheaf.simulation.card import run_on_card
 
     yield Batches(run_on_card, "F", _MOST_ON_CARD)
@@ -92,18 +92,18 @@ def on_card() -> Iterator[Batches]:
 
 @contextmanager
 def on_threads(count: int | None = None) -> Iterator[Batches]:
-    """Threads of this process; None takes one for each processor that it may use."""
+    """Run batches on threads of this process; None starts one for each processor that it may use."""
     threads = count or usable_processors()
     yield Batches(lambda batch: batch.each(threads), "C")
 
 
 def _of_team(job: Job) -> list[tuple[str, Any]]:
-    """What a job changes of its scenario that worlds of a batch share."""
+    """Return the overrides of a job that all worlds of a batch must share."""
     return [(path, value) for path, value in job.changes.items() if path not in ("seed", "controller.gain")]
 
 
 def _bounds_of(systems: list[System]) -> list[Array]:
-    """Theorem 1's bound for each run, computed once for runs that differ in the agents' disturbances alone."""
+    """Compute Theorem 1's bound for each run, once for all runs that differ only in the agents' disturbances."""
     found, alike = list[Array](), dict[bytes, Array]()
     for system in systems:
         usual = _rounded_up(system)
@@ -116,10 +116,10 @@ def _bounds_of(systems: list[System]) -> list[Array]:
 
 
 def _rounded_up(system: System) -> System:
-    """The system with disturbances of the agents of which only the size is kept, rounded up: the theorem asks no more.
+    """Return the system with the agents' disturbances replaced by their sizes, rounded up; the theorem needs no more.
 
-    Seeds draw directions and shares whose sum is the bound asked for but for rounding, which would make each bound
-    another; and what a record says must not depend on the runs beside it.
+    The components that seeds draw add up to the requested bound except for rounding, which would make every bound
+    different. The rounding also keeps a record independent of the other runs in its batch.
     """
     N, harmonics = len(system.team.agents), np.zeros_like(system.harmonics)
     harmonics[N:] = system.harmonics[N:]
@@ -130,7 +130,7 @@ def _rounded_up(system: System) -> System:
 
 
 def _record_of(job: Job, system: System, seed: int, outcome: Outcome) -> dict[str, Any]:
-    """See `job.new_record`."""
+    """Make the record of a run from its scores; see `job.new_record`."""
     unknown = dict.fromkeys(MEASURES)
     grid, traffic = system.grid, traffic_of(system.law.terms, system.team)
     final: dict[str, Any] = {

@@ -1,12 +1,12 @@
-"""The directory of a study: what was asked, what is done, and one command at a time.
+"""The directory of a study, used by one command at a time.
 
-- study.json: what was asked. With it the same command resumes, and another one is refused.
-- scenario.yaml: the scenario as read, to look at any run by itself; not where it has vehicles of its own.
-- runs/000017.json: one file a run, written whole as it ends.
-- trajectories/000017.nc, .html: its result.nc and its page, where wanted; written before the run's file, which
-  says that they are there.
-- timings.csv: how long runs took; the only file that differs between equal studies.
-- table.csv, table.parquet, plots, index.html: written when all runs have ended.
+- study.json: Contents of the study. The same command resumes it, and a different one is refused.
+- scenario.yaml: Scenario as read, to repeat single runs; missing if it has vehicle files of its own.
+- runs/000017.json: Record of a run, written whole when it ends.
+- trajectories/000017.nc, .html: result.nc and page of a run, if they are kept. They are written before its record,
+  which contains the checksum of result.nc.
+- timings.csv: Wall times of runs, the only file that differs between equal studies.
+- table.csv, table.parquet, plots, index.html: Results, written when all runs have ended.
 """
 
 import fcntl
@@ -36,30 +36,30 @@ _SEALS = ("result_sha256", "record_sha256")
 
 _FIGURES = names_of(("error", "success", "messages", "over_time"))
 RESULT_FILES = {"table.csv", "table.parquet", "index.html", *_FIGURES}
-"""What is made of the runs once all have ended."""
+"""Names of the files that are written when all runs have ended."""
 
 
 class BusyError(InputError):
-    """Another command works on the study's directory."""
+    """Another command uses the study's directory."""
 
 
 class StudyDirectory:
-    """A study's directory, locked by this process; made by `open_directory`."""
+    """Directory of a study, locked by this process; created by `open_directory`."""
 
     def __init__(self, path: Path, plan: Plan, made: list[Path]) -> None:
         self.path = path
         self._plan, self._made = plan, made
 
     def ended(self) -> dict[int, dict[str, Any]]:
-        """Records of the runs that have ended, by number. A file that is no record of its point is not counted."""
+        """Return the records of runs that have ended, by number, ignoring files that do not match their point."""
         records = {point.number: self._record(point) for point in self._plan.points}
         return {number: record for number, record in records.items() if record is not None}
 
     def save(self, result: JobResult) -> None:
-        """Keep a run: whole, or not at all.
+        """Save a run, completely or not at all.
 
         Raises:
-            PlaceError: it cannot be written.
+            PlaceError: A file cannot be written.
         """
         number = result.record["run"]
         with self.writing():
@@ -72,10 +72,10 @@ class StudyDirectory:
                 file.write(f"{number},{result.seconds:.6f}\n")
 
     def publish(self, files: dict[str, bytes]) -> None:
-        """Write the files of results, each whole, and remove those that an earlier end of this study left.
+        """Write the result files, each completely or not at all, and remove those of an earlier command.
 
         Raises:
-            PlaceError: one cannot be written.
+            PlaceError: A file cannot be written.
         """
         with self.writing():
             for name in RESULT_FILES - set(files):
@@ -84,7 +84,7 @@ class StudyDirectory:
                 write_whole(self.path / name, content)
 
     def leave(self) -> None:
-        """Remove the directory, if it was made for this study and no run has ended."""
+        """Remove the directory if this command created it and no run has ended."""
         if self.path in self._made and not _has_runs(self.path):
             for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
                 with suppress(OSError):
@@ -93,13 +93,13 @@ class StudyDirectory:
 
     def writing(self) -> AbstractContextManager[None]:
         """Turn an error of the file system into one that names the directory."""
-        return naming(self.path, "runs that have ended are kept, the same command goes on", PlaceError)
+        return naming(self.path, "runs that have ended are kept; the same command resumes", PlaceError)
 
     def _file(self, folder: str, number: int) -> Path:
         return self.path / folder / f"{number:06d}.{'json' if folder == _RUNS else 'nc'}"
 
     def _record(self, point: Point) -> dict[str, Any] | None:
-        """The record of a run; None where there is none, or it or its result.nc is not as it was written."""
+        """Return the record of a run; None if there is none, or if it or its result.nc was changed."""
         record = read_mapping(self._file(_RUNS, point.number))
         if record is None or record.get("status") not in STATUSES:
             return None
@@ -112,18 +112,18 @@ class StudyDirectory:
 
 
 def page_of_run(number: int) -> str:
-    """Where the page of a run is in the directory of its study."""
+    """Return the path of a run's page, relative to the directory of its study."""
     return f"{_TRAJECTORIES}/{number:06d}.html"
 
 
 def sealed(result: JobResult) -> dict[str, Any]:
-    """A record with checksums of itself and of its result.nc: one that was damaged or edited is not taken for a run."""
+    """Add checksums of a record and of its result.nc, so that damaged or edited files are detected."""
     kept = None if result.dataset is None else hashlib.sha256(result.dataset).hexdigest()
     return {**result.record, "result_sha256": kept, "record_sha256": _digest(result.record)}
 
 
 def canonical(value: Any) -> bytes:
-    """JSON, equal for equal values."""
+    """Return JSON bytes that are equal for equal values."""
     return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
@@ -133,13 +133,13 @@ def _digest(record: dict[str, Any]) -> str:
 
 @contextmanager
 def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
-    """Lock a study's directory, new or with the same study in it, for as long as the block lasts.
+    """Lock a study's directory, which is new or holds the same study, for the duration of the block.
 
-    The kernel releases the lock when the process ends, however it ends.
+    The kernel releases the lock when the process ends, for whatever reason.
 
     Raises:
-        PlaceError: the directory holds something else, another study, or cannot be written.
-        BusyError: another command works on it.
+        PlaceError: The directory holds something else or another study, or cannot be written.
+        BusyError: Another command uses it.
     """
     _check_place(path)
     missing = [place for place in (path, *path.absolute().parents) if not place.exists()]
@@ -152,7 +152,7 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
         raise
     with lock:
         _take(lock, path)
-        _check_place(path)  # again: only now does nobody else write
+        _check_place(path)  # again, because only the lock excludes other writers
         directory = StudyDirectory(path, plan, missing)
         with directory.writing():
             _begin(path, plan)
@@ -160,20 +160,18 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
 
 
 def _take(lock: IO[str], path: Path) -> None:
-    with naming(path, "choose another --out", PlaceError, "locked"):  # as on a file system without locks
+    with naming(path, "choose another --out", PlaceError, "locked"):  # for example on a file system without locks
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise BusyError(
-                f"{path}: another command works on this study; wait for it, or choose another --out"
-            ) from None
+            raise BusyError(f"{path}: another command uses this study; wait for it, or choose another --out") from None
 
 
 def _check_place(path: Path) -> None:
-    """Refuse a place that holds anything but a study, or lies inside the directory of a run or of a study.
+    """Refuse a path that holds anything but a study, or lies inside the directory of a run or of a study.
 
     Raises:
-        PlaceError: naming what is in the way.
+        PlaceError: The message names the obstacle.
     """
     obstacle = _obstacle_around(path) or _obstacle_inside(path)
     if obstacle:
@@ -181,7 +179,7 @@ def _check_place(path: Path) -> None:
 
 
 def _obstacle_around(path: Path) -> str:
-    """Return in which other directory a place lies; empty if in none."""
+    """Describe the directory of a run or study that a path lies inside of; empty if there is none."""
     run = enclosing_run(path)
     if run is not None:
         return f"lies inside {run}, the directory of a run"
@@ -190,21 +188,21 @@ def _obstacle_around(path: Path) -> str:
 
 
 def _obstacle_inside(path: Path) -> str:
-    """Return what a place is or holds that is no study; empty if there is nothing."""
+    """Describe what is at a path instead of a study; empty if nothing is in the way."""
     if not path.is_dir():
         return "exists and is not a directory" if path.exists() or path.is_symlink() else ""
     if (path / _STUDY).exists():
-        return f"its {_STUDY} is no study of mjsheaf" if _study_in(path) is None else ""
-    # Without study.json, which is written first, nothing else can be ours.
+        return f"its {_STUDY} is not a study of mjsheaf" if _study_in(path) is None else ""
+    # study.json is written first. Without it, no file can come from a study.
     strange = sorted(p.name for p in path.iterdir() if p.name != _LOCK and not is_part_of(p.name, [_STUDY]))
     return f"holds {strange[0]!r} and no study" if strange else ""
 
 
 def _begin(path: Path, plan: Plan) -> None:
-    """Begin the study, or require that it is the one that was begun; one of which no run has ended may differ.
+    """Start the study, or require that the directory holds the same one; it may differ if no run has ended.
 
     Raises:
-        PlaceError: it is another one.
+        PlaceError: The directory holds another study.
     """
     asked = json.loads(canonical(plan.record()))
     before = _study_in(path)
@@ -221,10 +219,10 @@ def _begin(path: Path, plan: Plan) -> None:
             stale.unlink()
     if found or before is None:
         write_whole(path / _STUDY, canonical(asked))
-    # A scenario file could not name a vehicle's own files from here.
+    # A scenario file in this directory could not refer to a vehicle's own files.
     if not plan.files and not (path / _SCENARIO).exists():
         write_whole(path / _SCENARIO, dump_yaml(plan.scenario).encode())
-    # Only now: a directory with runs and no study is not taken for ours.
+    # After study.json, because a directory with runs but without it would be refused.
     (path / _RUNS).mkdir(exist_ok=True)
     if plan.study.trajectories:
         (path / _TRAJECTORIES).mkdir(exist_ok=True)
@@ -237,13 +235,13 @@ def _has_runs(path: Path) -> bool:
 
 
 def _study_in(path: Path) -> dict[str, Any] | None:
-    """What the directory's study.json holds; None where there is none that mjsheaf wrote."""
+    """Return the contents of the directory's study.json; None unless mjsheaf wrote one."""
     study = read_mapping(path / _STUDY)
     return study if study is not None and "mjsheaf_version" in study else None
 
 
 def _remove_parts(path: Path) -> None:
-    """Remove what a command that was killed had half written; other files may be the user's."""
+    """Remove incomplete files of a command that was killed; other files may be the user's."""
     for folder in (path, path / _RUNS, path / _TRAJECTORIES):
         for part in folder.glob(".*.part"):
             name = part.name[1:].rsplit(".", 2)[0]
@@ -259,7 +257,7 @@ def _remove_empty(places: list[Path]) -> None:
 
 
 def _leaves(value: Any, path: str = "") -> dict[str, str]:
-    """The plain values, and empty lists and mappings, in a value: field path to their text."""
+    """Return the text of all plain values, empty lists and empty mappings in a value, by field path."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     found: dict[str, str] = {}
     for key, item in items:
@@ -268,7 +266,7 @@ def _leaves(value: Any, path: str = "") -> dict[str, str]:
 
 
 def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
-    """Each field of which the plain values differ, as 'field was A, is now B', in the order of `now`."""
+    """Describe each field with a different value as 'field was A, is now B', in the order of `now`."""
     was, new = _leaves(before), _leaves(now)
     return [
         f"{path} was {shortened(was.get(path, 'absent'))}, is now {shortened(new.get(path, 'absent'))}"

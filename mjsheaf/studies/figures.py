@@ -1,4 +1,4 @@
-"""Figures of a study, which answer what was asked: error against what was swept, and how often runs end well."""
+"""Figures of a study: errors against the swept fields, and the fraction of runs that finish."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -39,7 +39,7 @@ from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
 
 Ends = NDArray[np.str_] | None
-"""How each run ended, in words."""
+"""Description of each run's end."""
 
 _LABELS = {
     "mean_disagreement": "final disagreement, mean |η| (m)",
@@ -53,19 +53,21 @@ _RATIOS = {
 }
 _MOST_BINS, _NARROWEST = 60, 0.02
 _GREY = "#BBBBBB"
-_SETTLED, _UNFINISHED = "run that has settled", "run that did not finish"
+_SETTLED, _UNFINISHED = "converged run", "run that did not finish"
 _MARKS: dict[bool | None, tuple[str, dict[str, Any]]] = {
     True: (_SETTLED, {"color": BLUE}),
-    None: ("run too short to tell", {"color": "#555555"}),
-    False: ("run that still changes at its end", {"color": "#D55E00", "markerfacecolor": "none"}),
+    None: ("run too short to judge", {"color": "#555555"}),
+    False: ("run that has not converged", {"color": "#D55E00", "markerfacecolor": "none"}),
 }
-"""How runs that finished are marked, by whether they had settled."""
-_DECADES = 30.0  # ratio of largest to smallest from which an axis is logarithmic
-_MOST_LINES = 10  # of one panel
-_MOST_AXES = 6  # of the figures with a panel for each swept field
-_MOST_CELLS = 40  # along a side of a heat map
-_MOST_TICKS, _LONGEST_TICK, _UNROTATED = 12, 24, 32  # of tick labels: number; letters of one; of all, unless upright
-_PANEL = 2.5  # least width of one, in
+"""Markers of finished runs, keyed by `settled`."""
+_DECADES = 30.0  # ratio of largest to smallest value at or above which an axis is logarithmic
+_MOST_LINES = 10  # maximum number of lines in a panel
+_MOST_AXES = 6  # maximum number of swept fields that get a panel each
+_MOST_CELLS = 40  # maximum number of cells along a side of a heat map
+_MOST_TICKS = 12  # maximum number of tick labels
+_LONGEST_TICK = 24  # maximum number of characters in a tick label
+_UNROTATED = 32  # maximum number of characters of all tick labels together, unless they are upright
+_PANEL = 2.5  # minimum width of a panel, in
 
 
 @dataclass(frozen=True)
@@ -76,11 +78,12 @@ class SweptAxis:
         path: Path of the field.
         name: Name of the field in figures.
         numeric: True if all values are numbers.
-        drawn: True if the values were drawn at random, so that few runs share one.
+        drawn: True if the values were drawn at random, so that few runs share a value.
         log: True if the axis is logarithmic.
-        places: Positions of the distinct values, ascending, shape (K,). The values if numeric, else 0 to K - 1.
+        places: Positions of the distinct values on the axis, ascending, shape (K,). These are the values themselves if
+            they are numeric, and 0 to K - 1 otherwise.
         labels: Labels of the distinct values.
-        index: Index of each run's value among them, shape (R,).
+        index: Index of each run's value among the distinct values, shape (R,).
     """
 
     path: str
@@ -93,18 +96,18 @@ class SweptAxis:
     index: IntArray
 
     def alike(self, other: "SweptAxis") -> bool:
-        """Return True if both fields have the same value in every run."""
+        """Return True if both fields partition the runs in the same way and have the same labels."""
         return self.labels == other.labels and np.array_equal(self.index, other.index)
 
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
-        """Name an axis ('x' or 'y') of a panel and put the values' labels at these places."""
+        """Label an axis ('x' or 'y') of a panel, and put the values' labels at `places`."""
         step, rotation = -(-len(places) // _MOST_TICKS), 90.0 if which == "x" and self.upright else 0.0
         getattr(panel, f"set_{which}label")(self.name, fontsize=NORMAL)
         getattr(panel, f"set_{which}ticks")(places[::step], self.labels[::step], rotation=rotation, fontsize=TICK)
 
     @property
     def upright(self) -> bool:
-        """Return True if the labels below a panel must be vertical because they have no room side by side."""
+        """True if the labels of the values are rotated below a panel, because they do not fit side by side."""
         shown = self.labels[:: -(-len(self.places) // _MOST_TICKS)]
         return sum(map(len, shown)) + 2 * len(shown) > _UNROTATED
 
@@ -112,7 +115,7 @@ class SweptAxis:
 def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxis]:
     """Return the swept fields that take more than one value, in the order of the study.
 
-    One of several fields that always have the same value stands for all of them.
+    If several fields always change together, the first one represents them.
     """
     listed = {path for point in study.points for path in point} if study.names else set()
     axes = [_axis_of_points(study, records)] if study.names else []
@@ -126,7 +129,7 @@ def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxi
 
 def _axis_of_points(study: StudyFile, records: list[dict[str, Any]]) -> SweptAxis:
     """Return the axis of the named points of a study."""
-    runs = study.size // len(study.points)  # of a point, which changes slowest
+    runs = study.size // len(study.points)  # runs of one point; points change slowest
     index = np.array([record["run"] // runs for record in records], dtype=np.int64)
     places = np.arange(len(study.names), dtype=np.float64)
     return SweptAxis("points", "", False, False, False, places, [plain(name) for name in study.names], index)
@@ -150,7 +153,7 @@ def _axis_of_field(study: StudyFile, records: list[dict[str, Any]], path: str) -
 
 
 def _key(value: Any) -> str:
-    return "as it is" if value is None else value if isinstance(value, str) else json.dumps(value)
+    return "as given" if value is None else value if isinstance(value, str) else json.dumps(value)
 
 
 def _shortened(name: str) -> str:
@@ -171,17 +174,17 @@ def plot_study(
     """Draw a study.
 
     Args:
-        study: what was asked; its `measure` is drawn, or else every error that is defined.
-        name: of the study, for titles.
-        records: of all runs.
-        options: how figures are written.
+        study: Contents of the study file. Its `measure` is drawn, or else every error that is defined.
+        name: Name of the study, for titles.
+        records: Records of all runs.
+        options: Formats and style of the figures.
 
     Returns:
-        Pictures by file name, in each format: error where any run finished, success where any did not, messages where
-        runs differ in what agents send, over_time of at most 10 runs whose trajectories are kept. One swept field gives
-        a curve with its spread, two give a heat map, more (or random draws) a panel for each field. Runs that did not
-        finish are marked at the lower edge of a curve. Where Theorem 1 applies to some, bound is a histogram of how
-        much of its bound runs use.
+        Figures by file name, in each format: `error` if any run finished; `success` if any did not; `messages` if runs
+        differ in the numbers that agents send; `over_time` for at most 10 runs with trajectories; and `bound`, a
+        histogram of the ratio of errors to Theorem 1's bound, if the theorem applies to any run. One swept field gives
+        a curve with its spread, two give a heat map, and more fields or random draws give a panel for each field. Runs
+        that did not finish are marked at the lower edge of a curve.
     """
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
@@ -200,7 +203,7 @@ def plot_study(
     if len(records) <= _MOST_LINES and any(r.get("series") for r in records):
         plots["over_time"] = _draw_over_time(title, axes, _measures_of(study), records)
     if not finished.all():
-        plots["success"] = _draw(title, axes, {"share of runs that finish": finished.astype(np.float64)}, None)
+        plots["success"] = _draw(title, axes, {"fraction of runs that finish": finished.astype(np.float64)}, None)
     drawn = {plot: figure_bytes(figure, options) for plot, figure in plots.items()}
     return {f"{plot}.{form}": data for plot, forms in drawn.items() for form, data in forms.items()}
 
@@ -211,12 +214,12 @@ def _measures_of(study: StudyFile) -> Sequence[str]:
 
 
 def _of_finished(records: list[dict[str, Any]], read: Callable[[dict[str, Any]], float | None]) -> Array:
-    """Return a number of each run, NaN for those that have none or did not finish."""
+    """Return one number per run, NaN if it is undefined or the run did not finish."""
     return np.array([read(r) if r["status"] == "finished" else None for r in records], dtype=np.float64)
 
 
 def _final_errors(study: StudyFile, records: list[dict[str, Any]]) -> dict[str, Array]:
-    """Return the errors of all runs by label, for each measure that is defined in some run."""
+    """Return the errors of all runs by label, for each measure that is defined in at least one run."""
     when = "late" if study.late else "final"
     errors = {}
     for measure in _measures_of(study):
@@ -235,7 +238,7 @@ def _title_of(study: StudyFile, name: str, finished: NDArray[np.bool_]) -> str:
 
 
 def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: Ends) -> Figure:
-    """Panels for each kind of value; without `ends` the values are zeros and ones, whose shares are drawn."""
+    """Draw panels for each kind of value; without `ends`, values are zeros and ones and their fractions are drawn."""
     if len(axes) == 2 and _fill_a_grid(axes):
         kinds: list[Callable[..., None]] = [partial(_heat_map, axes=axes)]
     elif axes:
@@ -249,7 +252,7 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
     for panel, ((label, y), kind) in zip(panels, product(values.items(), kinds), strict=True):
         kind(panel, label, y, ends)
     handles = _handles_of(panels)
-    if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
+    if handles.keys() - {_SETTLED}:  # converged runs alone need no legend
         legend_below(figure, list(handles.values()), 3)
     settle(figure)
     for panel in panels:
@@ -258,7 +261,7 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
 
 
 def _panels(count: int, columns: int, title: str, below: float = 0.0) -> tuple[Figure, list[Any]]:
-    """Return a figure and its panels, in rows of `columns`, with room below each, in."""
+    """Return a figure and its panels, in rows of `columns`, with extra height `below` each row, in."""
     rows = -(-count // columns)
     width = max(WIDTH if columns > 1 else 0.65 * WIDTH, _PANEL * columns)
     figure = new_figure(width, 0.6 + (2.7 + below) * rows, title)
@@ -269,7 +272,7 @@ def _panels(count: int, columns: int, title: str, below: float = 0.0) -> tuple[F
 
 
 def _drop_what_does_not_fit(panel: Any) -> None:
-    """Leave out all that is written in the cells of a heat map where any of it is wider than a cell."""
+    """Remove the text in the cells of a heat map if any of it is larger than a cell."""
     cells = [text for text in panel.texts if text.get_gid() == "cell"]
     renderer = panel.figure.canvas.get_renderer()
     (left, low), (right, high) = panel.transData.transform([(0.0, 0.0), (1.0, 1.0)])
@@ -282,7 +285,7 @@ def _drop_what_does_not_fit(panel: Any) -> None:
 def _draw_over_time(
     title: str, axes: list[SweptAxis], measures: Sequence[str], records: list[dict[str, Any]]
 ) -> Figure:
-    """Errors over time, a line for each run."""
+    """Draw errors over time, one line per run."""
     known = [(k, r["series"]) for k, r in enumerate(records) if r.get("series")]
     drawn = [m for m in measures if any(x is not None for _, series in known for x in series[m])]
     figure = new_figure(WIDTH, 0.8 + 2.2 * len(drawn), title)
@@ -295,9 +298,7 @@ def _draw_over_time(
             if records[k]["status"] != "finished":
                 name += f" ({records[k]['status']})"
             y = np.array(series[measure], dtype=np.float64)
-            marked = (
-                {} if np.isfinite(y).any() else {"markevery": None}
-            )  # nothing is spread along a line that is not there
+            marked = {} if np.isfinite(y).any() else {"markevery": None}  # markers cannot be spaced along an empty line
             panel.plot(series["time"], y, label=name, **line_style(k) | marked)
             values.append(y)
         log_axis(panel, "y", np.concatenate(values))
@@ -308,7 +309,10 @@ def _draw_over_time(
 
 
 def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], sent: Array) -> Figure:
-    """Errors against numbers that an agent sends a second; a line for each value of the one field that changes none."""
+    """Draw errors against the numbers that an agent sends per second.
+
+    If exactly one swept field does not determine these numbers, each of its values gets a line.
+    """
     others = [a for a in axes if pd.Series(sent).groupby(a.index).nunique().max() > 1]
     lines = others[0] if len(others) == 1 and len(others[0].places) <= _MOST_LINES else None
     figure, panels = _panels(len(errors), min(len(errors), 2), title)
@@ -331,40 +335,40 @@ def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], 
 
 
 def _draw_bound(title: str, ratios: dict[str, Array]) -> Figure:
-    """Draw a histogram of the fraction of Theorem 1's bound that runs use, with the bound itself."""
+    """Draw a histogram of the ratio of errors to Theorem 1's bound."""
     figure, panels = _panels(len(ratios), len(ratios), title)
     for panel, (label, known) in zip(panels, ratios.items(), strict=True):
         middle, half = 0.5 * (known.min() + known.max()), max(0.5 * np.ptp(known), _NARROWEST)
         edges = np.linspace(middle - half, middle + half, min(_MOST_BINS, 2 + int(np.sqrt(len(known)))))
         beyond = np.nextafter(BROKEN, 2.0)
-        edges = np.union1d(edges, [beyond]) if edges[0] < beyond < edges[-1] else edges  # no bar is on both sides
+        edges = np.union1d(edges, [beyond]) if edges[0] < beyond < edges[-1] else edges  # no bar straddles the bound
         counts, _ = np.histogram(known, edges)
         within = edges[1:] <= beyond
-        for these, colour, name in ((within, BLUE, "run within the bound"), (~within, RED, "run beyond it")):
+        for these, colour, name in ((within, BLUE, "run within the bound"), (~within, RED, "run beyond the bound")):
             if counts[these].any():
                 widths, heights = np.diff(edges)[these], counts[these] / len(known)
                 panel.bar(edges[:-1][these], heights, widths, align="edge", color=colour, label=name)
         panel.axvline(1.0, color="black", linewidth=1.2, linestyle="--", label="the bound of Theorem 1")
         heading = f"{len(known)} runs, {(known > BROKEN).sum()} beyond the bound"
-        label_axes(panel, heading, label, "share of runs", which="major")
+        label_axes(panel, heading, label, "fraction of runs", which="major")
     legend_below(figure, list(_handles_of(panels).values()), 3)
     return figure
 
 
 def _handles_of(panels: Iterable[Any]) -> dict[str, Any]:
-    """Return the handles of the legend of some panels, by label."""
+    """Return the legend handles of several panels by label."""
     return {label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
 
 
 def _fill_a_grid(axes: list[SweptAxis]) -> bool:
-    """Return True if two axes fill a table well enough to be drawn as one."""
+    """Return True if the runs fill enough cells of two axes for a heat map."""
     sizes = [len(axis.places) for axis in axes]
     filled = len(set(zip(*(axis.index.tolist() for axis in axes), strict=True)))
     return max(sizes) <= _MOST_CELLS and filled > 0.6 * sizes[0] * sizes[1]
 
 
 def _marginal(panel: Any, label: str, y: Array, ends: Ends, axis: SweptAxis, over: str) -> None:
-    """Values over one field; `over` says of what the band is the spread, where that is not the seeds alone."""
+    """Draw values against one field; `over` says what the band covers if that is not only the seeds."""
     label_axes(panel, "", axis.name, label, which="major")
     if axis.log:
         log_axis(panel, "x", axis.places)
@@ -396,13 +400,13 @@ def _marginal(panel: Any, label: str, y: Array, ends: Ends, axis: SweptAxis, ove
             faint = 0.55 if many and not hollow else 1.0
             panel.plot(x[these], y[these], "o", markersize=size + hollow, alpha=faint, label=end, **style)
     failed = x[ends == _UNFINISHED]
-    if failed.size:  # at the foot of the panel, whatever the scale of errors
+    if failed.size:  # at the lower edge of the panel, whatever the scale of errors
         foot = {"transform": panel.get_xaxis_transform(), "color": "black", "markersize": size}
         panel.plot(failed, np.full(failed.size, 0.02), "x", label=_UNFINISHED, **foot)
 
 
 def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:
-    """The mean of zeros and ones at each place; of random numbers, of which few runs share one, in eight parts."""
+    """Draw the mean of zeros and ones at each value, or in eight bins if the values were drawn at random."""
     found, group = pd.DataFrame({"x": axis.places[axis.index], "y": y}), axis.index
     if axis.numeric and axis.drawn:
         found = found.sort_values("x", kind="stable")
@@ -416,7 +420,7 @@ def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:
 
 
 def _heat_map(panel: Any, label: str, y: Array, ends: Ends, axes: list[SweptAxis]) -> None:
-    """Median, or share, of the runs of every cell; a cell without a value is grey."""
+    """Draw the median, or fraction, of the runs in each cell; a cell without a value is grey."""
     (across, up), shares = axes, ends is None
     cells = pd.Series(y).groupby([up.index, across.index]).agg("mean" if shares else "median").unstack().to_numpy()
     low, high = (0.0, 1.0) if shares else (np.nanmin(cells), np.nanmax(cells))
@@ -440,13 +444,13 @@ def _heat_map(panel: Any, label: str, y: Array, ends: Ends, axes: list[SweptAxis
 
 
 def _distribution(panel: Any, label: str, y: Array, ends: Ends) -> None:
-    """Nothing but the seed differs: how the values are spread."""
+    """Draw the distribution of values of runs that differ only in their seed."""
     if ends is None:
         panel.bar(["finished", "did not"], [y.mean(), 1.0 - y.mean()], color=[BLUE, _GREY], width=0.6)
-        label_axes(panel, "", y="share of runs")
+        label_axes(panel, "", y="fraction of runs")
         panel.set_ylim(-0.02, 1.04)
         return
-    label_axes(panel, "", label, "share of runs at or below", which="major")
+    label_axes(panel, "", label, "fraction of runs at or below", which="major")
     panel.set_ylim(-0.02, 1.04)
     panel.ecdf(y[np.isfinite(y)], color=BLUE, marker="o", markersize=4)
     if _spans_decades(y):

@@ -1,4 +1,4 @@
-"""One run of a study, as a worker does it: from a point to a record of plain values."""
+"""One run of a study in a worker, from its point to a record of plain values."""
 
 import time
 from dataclasses import dataclass, field
@@ -29,17 +29,17 @@ from mjsheaf.scenario.load import map_vehicles
 from mjsheaf.studies.schema import Point
 
 STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
-"""How a run may end: well; blown up; refused, as its team is free to drift; invalid, as its point is no scenario; with
-an error that mjsheaf did not expect; with its worker, which died of it."""
+"""Statuses of a run: completed; blown up; refused, because its harmonic extension is not unique; invalid, because its
+point is not a valid scenario; failed with an unexpected error; lost with its worker process."""
 
-_MOST_SAMPLES = 500  # of errors over time
+_MOST_SAMPLES = 500  # maximum number of samples of errors over time
 TRAFFIC = "numbers_per_agent_second"
-"""A measure of every record."""
+"""Field of a record: numbers that an agent sends per second."""
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions on which the bits of a run depend: of mjsheaf and of its libraries."""
+    """Return the versions of mjsheaf and of the libraries that the bits of a run depend on."""
     return {"mjsheaf": __version__, **{name: version(name) for name in ("mujoco", "numpy", "numba")}}
 
 
@@ -49,19 +49,19 @@ class ForeignWorkerError(InputError):
 
 @dataclass(frozen=True)
 class Job:
-    """Input of a worker.
+    """Input of a worker for one run.
 
     Attributes:
-        point: Point of the study.
+        point: Point of the run.
         source: Name of the scenario, for messages.
         scenario: Scenario as read, without overrides.
-        overrides: Field path to value, for all runs of the study.
-        directory: Directory to which paths of vehicles in overrides are relative.
+        overrides: Field paths and values that all runs of the study share.
+        directory: Base of the paths of vehicles in `overrides`.
         backend: 'physics' or 'ideal'.
-        engine: Engine that moves bodies.
-        trajectories: True to return result.nc.
-        versions: Versions of the submitting mjsheaf and of its libraries.
-        law: Law in Python that is in control, or None.
+        engine: Physics engine.
+        trajectories: True to keep result.nc.
+        versions: Versions of mjsheaf and its libraries in the process that submits the job.
+        law: Law in Python that controls the agents, or None.
     """
 
     point: Point
@@ -77,7 +77,7 @@ class Job:
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What makes the point's scenario from the one that was read; paths of vehicles in it are absolute."""
+        """Overrides that turn the scenario as read into the point's; paths of vehicles are absolute."""
         directory = Path(self.directory)
         return {
             path: map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
@@ -86,41 +86,41 @@ class Job:
 
     @property
     def seed(self) -> int | None:
-        """The seed, read without building the scenario; None where it is given one that no scenario takes."""
+        """Seed of the run, read without building the scenario; None if it is not a valid seed."""
         given = (self.overrides | self.point.overrides).get("seed", self.scenario.get("seed", 0))
         return given if type(given) is int and abs(given) < 2**63 else None
 
     def load(self) -> Scenario:
-        """The scenario of the point.
+        """Return the scenario of the point.
 
         Raises:
-            ScenarioError: the point is not valid.
+            ScenarioError: The point is not valid.
         """
         changes, seed = self.changes, self.point.seed
         swarm = "swarm" in self.scenario or any(path.startswith("swarm") for path in changes)
         if seed is not None and 0 <= seed < 2**63 and not swarm:
             try:
                 return _of_any_seed(self.scenario, {**changes, "seed": 0}, self.source).with_seed(seed)
-            except InputError:  # the message is that of the point itself
+            except InputError:  # the call below raises it again, with the point's own seed in the message
                 pass
         return scenario_from_mapping(self.scenario, changes, self.source)
 
 
 @remember_last(lambda scenario, changes, source: (scenario, changes, source))
 def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str) -> Scenario:
-    """The scenario of a study's point, which its seeds share."""
+    """Return the scenario of a study's point that all of its seeds share."""
     return scenario_from_mapping(scenario, changes, source)
 
 
 @dataclass(frozen=True)
 class JobResult:
-    """Output of a worker.
+    """Result of a worker for one run.
 
     Attributes:
-        record: Record of the run (see `new_record`), a function of the job alone.
-        seconds: Duration of the job, s.
-        dataset: Bytes of result.nc, if requested and if the run started.
-        page: Page that shows the same data (see `mjsheaf.page`).
+        record: Record of the run, a function of the job alone; see `new_record`.
+        seconds: Wall time, s.
+        dataset: Bytes of result.nc; None if trajectories are not kept or the run did not start.
+        page: Bytes of the run's page (see `mjsheaf.page`), or None.
     """
 
     record: dict[str, Any]
@@ -130,12 +130,12 @@ class JobResult:
 
 
 def new_record(point: Point, seed: int | None, status: str, message: str = "", **found: Any) -> dict[str, Any]:
-    """A run's record.
+    """Make the record of a run.
 
-    Its run, parameters, seed, status, message; final (as summary.json), late (the same measures, RMS over the last
-    half), ending, settled (whether that is it), bound_ratio and late_bound_ratio (see `RunBound`),
-    numbers_per_agent_second and law as summary.json has them, and where trajectories are wanted the errors over time:
-    series, with time, s, and each measure, m, at some samples.
+    Its fields are run, parameters, seed, status and message; `final` as in summary.json; `late`, the same measures as
+    RMS over the last half; `ending`; `settled`, True if that is 'settled'; `bound_ratio` and `late_bound_ratio`, see
+    `RunBound`; `numbers_per_agent_second` and `law` as in summary.json. If trajectories are kept, `series` has the
+    errors over time: time, s, and each measure, m, at selected samples.
     """
     return {
         "run": point.number,
@@ -150,10 +150,10 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
 
 
 def run_job(job: Job) -> JobResult:
-    """Simulate a point. Whatever goes wrong with it is its record's status and message.
+    """Simulate a point. An error in it becomes the status and message of its record.
 
     Raises:
-        ForeignWorkerError: this worker has another version of mjsheaf or of a library.
+        ForeignWorkerError: This worker has another version of mjsheaf or of a library.
     """
     for name, here in versions().items():
         if job.versions[name] != here:
@@ -170,7 +170,7 @@ def run_job(job: Job) -> JobResult:
 
 
 def failed_record(job: Job, error: Exception) -> dict[str, Any]:
-    """The record of a run that raised an error."""
+    """Return the record of a run that raised an error."""
     told = str(error)
     if isinstance(error, NotUniqueError | InputError):
         status = "refused" if isinstance(error, NotUniqueError) else "invalid"
@@ -203,7 +203,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
 
 
 def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | None:
-    """Judge how a run ended; under a law in Python, whose loop is not known, by its error alone."""
+    """Classify the end of a run. Under a law in Python, whose loop is unknown, only its error counts."""
     if job.law is None:
         return ending_of_run(scenario.phases, dataset)
     _, own = of_phase(scenario.phases, dataset, -1)
@@ -215,15 +215,15 @@ def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> 
     from mjsheaf.page import page_of
 
     phases = scenario.phases
-    again = "mjsheaf sweep", "; the study's index.html says of what"
+    again = "mjsheaf sweep", "; the study's index.html has the command"
     return page_of(scenario, phases, dataset, found, bounds_of_phases(phases, dataset), again=again)
 
 
 def _bytes_of(dataset: xr.Dataset) -> bytes:
-    """The bytes of result.nc, as two writes agree on them.
+    """Return the bytes of result.nc once two consecutive writes agree on them.
 
-    HDF5 once laid out a file differently for the same data, for no cause that thousands of writes since have shown;
-    the bytes of a study must not depend on such an accident.
+    HDF5 once laid out a file differently for the same data. Thousands of later writes have not shown the cause. The
+    bytes of a study must not depend on such an accident.
     """
     for before, written in pairwise(dataset_bytes(dataset) for _ in range(5)):
         if written == before:

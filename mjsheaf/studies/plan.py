@@ -1,4 +1,4 @@
-"""From a study file or a scenario to a plan: its scenario, its points, and the record by which it is known again."""
+"""From a study file or a scenario to a plan: its scenario, its points, and the record that identifies it."""
 
 import hashlib
 import re
@@ -22,22 +22,22 @@ from mjsheaf.studies.job import Job, versions
 from mjsheaf.studies.schema import Point, StudyFile, points_of
 
 _TRIED_POINTS = 20
-"""Points of which one must be valid before anything begins: a field that does not exist fails them all."""
+"""Number of points that are tried before a study starts. At least one must be valid, which exposes misspelt fields."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A study that can begin.
+    """A study that is ready to run.
 
     Attributes:
-        name: of the study.
-        source: what the user called it, for messages.
-        study: what is asked.
-        scenario: the scenario as read, without overrides.
-        directory: to which paths of vehicles in the study are relative.
-        files: SHA-256 of the vehicles' own files.
-        points: the runs, in order.
-        seed_matters: whether another seed would change anything.
+        name: Name of the study.
+        source: Name or path that the user gave, for messages.
+        study: Contents of the study file.
+        scenario: Scenario as read, without overrides.
+        directory: Base of the paths of vehicles in the study.
+        files: SHA-256 digests of the vehicles' own files.
+        points: Points of the runs, in order.
+        seed_matters: True if another seed would change results.
         law: Law in Python of all runs, or None.
     """
 
@@ -53,7 +53,7 @@ class Plan:
 
     @property
     def title(self) -> str:
-        """Title of the page and the plots: the study's name or summary, else the scenario and what is swept."""
+        """Title of the page and the plots: the study's name or summary, or else the scenario and the swept fields."""
         if self.study.name or self.study.summary:
             return self.study.name or self.study.summary
         swept = [self.study.labels.get(path, path) for path in self.study.paths]
@@ -62,7 +62,10 @@ class Plan:
         return f"{self.scenario.get('name', self.name)}{over}"
 
     def record(self) -> dict[str, Any]:
-        """What study.json holds: all on which results depend. Two studies with one record give the same bytes."""
+        """Return the contents of study.json: everything that results depend on.
+
+        Two studies with equal records give the same bytes.
+        """
         libraries = dict(versions())
         law = {} if self.law is None else {"law": self.law.key()}
         return {
@@ -77,9 +80,9 @@ class Plan:
         }
 
     def job(self, point: Point) -> Job:
-        """What a worker gets for a point."""
+        """Return the job of a worker for a point."""
         study = self.study
-        # Messages become part of results: they name the scenario as itself, not by the path that was typed.
+        # Messages are part of the results, so they use the scenario's name instead of the path that the user gave.
         source = str(self.scenario.get("name"))
         return Job(
             point,
@@ -108,26 +111,26 @@ def load_plan(
     trajectories: bool = False,
     controller: str | None = None,
 ) -> Plan:
-    """Read a study, add what is asked beside it, and lay out its runs.
+    """Read a study, apply the arguments to it, and list its runs.
 
     Args:
-        source: a name in studies/ or scenarios/, or the path of a YAML file; one with a field `scenario` is a study,
-            any other a scenario, of which the study is one run.
-        grid: field path to values, beside the study's own.
-        seeds: the first seed and the one after the last, instead of the study's own.
-        overrides: field path to value for all runs; they go before the study's own. Paths of vehicles here and in
-            `grid` are relative to the working directory and may lie anywhere.
-        backend: 'physics' or 'ideal', instead of the study's own.
-        engine: what moves bodies, instead of the study's own.
-        device: 'cpu' or 'gpu', instead of the study's own; 'gpu' has the fused engine.
-        batch: whether runs of one team go together, also where the study does not ask for it; by the fused engine.
-        measure: the error that plots show, instead of the study's own.
-        trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
-        controller: law in Python, FILE.py:NAME from the working directory, instead of the study's own.
+        source: Name in studies/ or scenarios/, or path of a YAML file. A file with a field `scenario` is a study. Any
+            other file is a scenario, which becomes a study of one run.
+        grid: Field paths and their values, in addition to the study's.
+        seeds: First seed, and last seed plus 1, in place of the study's.
+        overrides: Field paths and their values for all runs; they take precedence over the study's. Paths of vehicles
+            here and in `grid` are relative to the working directory and may lie anywhere.
+        backend: 'physics' or 'ideal', in place of the study's.
+        engine: Physics engine, in place of the study's.
+        device: 'cpu' or 'gpu', in place of the study's; 'gpu' uses the fused engine.
+        batch: True to run one team's runs together on the fused engine, even if the study does not.
+        measure: Error that plots show, in place of the study's.
+        trajectories: True to keep result.nc of every run, even if the study does not.
+        controller: Law in Python, FILE.py:NAME relative to the working directory, in place of the study's.
 
     Raises:
-        ScenarioError: a file does not exist, is not valid or names what lies outside its directory, fields clash, or no
-            point is valid.
+        ScenarioError: A file does not exist, is not valid or refers to a file outside its directory, fields conflict,
+            or no point is valid.
     """
     require_type("source", source, str, "the name of a study or scenario, or the path of its file")
     _require_paths("overrides", "--set", overrides, "a mapping of field paths to values")
@@ -153,10 +156,10 @@ def load_plan(
 
 
 def _require_paths(name: str, option: str, fields: Any, expected: str) -> None:
-    """Refuse an argument that is neither None nor a mapping whose keys are paths of fields.
+    """Require an argument that is None or a mapping whose keys are field paths.
 
     Raises:
-        InputError: It is not that.
+        InputError: The argument is something else.
     """
     require_mapping(name, fields, expected)
     with in_field(option):
@@ -167,12 +170,12 @@ def _require_paths(name: str, option: str, fields: Any, expected: str) -> None:
 def _typed(
     source: str, study: StudyFile, grid: Mapping[str, Sequence[Any]], overrides: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return a study's fields `grid` and `set` with what a user has typed.
+    """Return a study's fields `grid` and `set` with the user's values added.
 
-    That is relative to the working directory; workers may run anywhere.
+    Paths in them become absolute, because they are relative to the working directory and workers may run elsewhere.
 
     Raises:
-        ScenarioError: The study sweeps a field of the grid itself.
+        ScenarioError: The study already sweeps a field of the grid.
     """
     twice = sorted(set(grid) & set(study.grid))
     if twice:
@@ -183,7 +186,7 @@ def _typed(
 
 
 def _read(source: str) -> Plan:
-    """The plan of a study file, or of a scenario as a study of one run; without files and points."""
+    """Return the plan of a study file, or of a scenario as a study of one run, without files and points."""
     studies, scenarios = list_studies(), list_scenarios()
     path = scenarios.get(source) or studies.get(source, Path(source))
     if path.suffix not in SUFFIXES and not path.exists():
@@ -215,10 +218,10 @@ def _read(source: str) -> Plan:
 
 
 def _law(read: Plan, controller: str | None, source: str) -> LawFile | None:
-    """Find the law in Python of a study, and load it once to see that it can be loaded.
+    """Find the law in Python of a study, and load it once to check that it loads.
 
     Raises:
-        InputError: there is no such law, or its file raises an exception.
+        InputError: There is no such law, or its file raises an exception.
     """
     named = read.study.controller
     if controller is None and named is None:
@@ -229,7 +232,7 @@ def _law(read: Plan, controller: str | None, source: str) -> LawFile | None:
         with in_field(source):
             law = find_law(str(named), "controller", read.directory)
     law.load(0)
-    # Results name the law by its file alone: they must not depend on how the path was typed.
+    # Results name the law by its file alone, so that they do not depend on how the user wrote the path.
     return replace(law, label=f"{Path(law.path).name}:{law.name}")
 
 
@@ -242,7 +245,7 @@ def _validated(raw: Mapping[str, Any], source: str) -> StudyFile:
 
 
 def _absolute(value: Any, path: str) -> Any:
-    """A value that a user typed, with paths of vehicles in it absolute."""
+    """Return a user's value with the paths of vehicles in it made absolute."""
     here = Path.cwd()
     return map_vehicles(value, lambda name: str(here / name), tuple(path.split(".")))
 
@@ -253,7 +256,7 @@ def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) 
     The study's values may name vehicles too.
 
     Raises:
-        InputError: a vehicle's files cannot be read, or lie outside its directory.
+        InputError: A vehicle's files cannot be read, or lie outside its directory.
     """
     named: dict[Path, None] = {}
 
@@ -279,36 +282,34 @@ def parse_grid(text: str) -> tuple[str, list[Any]]:
     """Split PATH=V1,V2,... and read the values as YAML.
 
     Raises:
-        ScenarioError: it is not that.
+        ScenarioError: The text has another form.
     """
     path, equals, values = text.partition("=")
     found: Any = None
     if equals and path and values.strip():
-        found = parse_yaml(f"[{values}]", f"--grid {path}")  # a flow sequence: commas in brackets or quotes are kept
+        found = parse_yaml(f"[{values}]", f"--grid {path}")  # a flow sequence keeps commas in brackets
     if not isinstance(found, list) or not found:
         raise ScenarioError(f"--grid {text!r}: expected PATH=V1,V2,..., for example controller.gain=0.1,1,10")
     return path, found
 
 
 def parse_seeds(text: str) -> tuple[int, int]:
-    """Read A:B as the seeds from A up to, but without, B.
+    """Read A:B as the seeds from A to B - 1.
 
     Raises:
-        ScenarioError: it is not that.
+        ScenarioError: The text has another form.
     """
     match = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
     if not match or not int(match[1]) < int(match[2]) < 2**63:
-        raise ScenarioError(
-            f"--seeds {text!r}: expected A:B with 0 <= A < B < 2^63, the seeds from A up to but without B"
-        )
+        raise ScenarioError(f"--seeds {text!r}: expected A:B with 0 <= A < B < 2^63, for the seeds A to B - 1")
     return int(match[1]), int(match[2])
 
 
 def _a_valid_point(plan: Plan) -> Scenario:
-    """The scenario of the first of the points tried that is valid.
+    """Return the scenario of the first valid point among those tried.
 
     Raises:
-        ScenarioError: none of them is; the message is about the very first.
+        ScenarioError: None of them is valid. The message is about the first.
     """
     first: InputError | None = None
     tried = _tried(plan)
@@ -323,10 +324,10 @@ def _a_valid_point(plan: Plan) -> Scenario:
 
 
 def _tried(plan: Plan) -> list[Point]:
-    """The first point and others from all over the study: with as many different parameters, then seeds, as may be."""
+    """Return the first point and others spread over the study, varying parameters first and then seeds."""
     seeds = plan.study.seeds.stop - plan.study.seeds.start if plan.study.seeds else 1
     places = len(plan.points) // seeds
-    # Steps of the golden ratio come near every place and fall in with no period of the grid.
+    # Steps of the golden ratio spread evenly and are not commensurate with any period of the grid.
     steps = (int(places * (k * 0.6180339887498949 % 1.0)) for k in range(_TRIED_POINTS))
     spread = dict.fromkeys(steps if places > _TRIED_POINTS else range(places))
     return list(islice((plan.points[place * seeds + k] for k in range(seeds) for place in spread), _TRIED_POINTS))

@@ -1,4 +1,4 @@
-"""A study file (a scenario, what is swept, and how) and the points that it asks for, always in the same order."""
+"""A study file (a scenario and the fields to sweep) and its points, always in the same order."""
 
 import math
 import zlib
@@ -17,7 +17,7 @@ Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "cen
 
 
 def _fits_a_table(value: JsonValue) -> JsonValue:
-    """Refuse integers that no column holds; no field of a scenario takes them."""
+    """Refuse integers that do not fit a column of the table; no field of a scenario accepts them."""
     for item in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
         _fits_a_table(item)
     if isinstance(value, int) and abs(value) >= 2**63:
@@ -30,7 +30,7 @@ Values = Annotated[list[Value], Field(min_length=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 MOST_RUNS = 1_000_000
-"""Runs of one study: each is a file, and file systems grow slow with more of them in one directory."""
+"""Maximum number of runs of a study. Each is a file, and directories with more files are slow."""
 
 
 class _Range(Section):
@@ -41,7 +41,7 @@ class _Range(Section):
 
     @model_validator(mode="after")
     def _ordered(self) -> "_Range":
-        whole = isinstance(self, Integers)  # of which both ends are drawn
+        whole = isinstance(self, Integers)  # both ends are included
         if self.high < self.low or (self.high == self.low and not whole):
             raise ValueError(f"high ({self.high}) must {'not be below' if whole else 'be above'} low ({self.low})")
         return self
@@ -97,10 +97,10 @@ class Integers(_Range):
 
 
 class Choice(Section):
-    """One of the values, each as likely."""
+    """One of the values, with equal probability."""
 
     kind: Literal["choice"] = Field(description="always choice")
-    values: Values = Field(description="each is as likely")
+    values: Values = Field(description="values, with equal probability")
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
         """Draw `count` values."""
@@ -119,10 +119,10 @@ class Draws(Section):
 
 
 class SeedRange(Section):
-    """Seeds from `start` up to, but without, `stop`."""
+    """Seeds from `start` to `stop` - 1."""
 
     start: Seed = Field(0, description="first seed [-]")
-    stop: Seed = Field(description="the seed after the last [-]")
+    stop: Seed = Field(description="last seed plus 1 [-]")
 
     @model_validator(mode="after")
     def _ordered(self) -> "SeedRange":
@@ -132,20 +132,20 @@ class SeedRange(Section):
 
 
 class StudyFile(Section):
-    """What is asked: every listed point with every pair, grid point and draw, and all of these with every seed."""
+    """Contents of a study file: every listed point with every pair, grid point and draw, each with every seed."""
 
     name: str = Field("", description="title of the page and the plots; the summary unless given")
-    summary: str = Field("", description="one line: the question")
-    scenario: str = Field(description="a name in scenarios/, or the path of a YAML file from this one's directory")
+    summary: str = Field("", description="question that the study answers, in one line")
+    scenario: str = Field(description="name in scenarios/, or path of a YAML file relative to this file's directory")
     backend: Literal[BACKENDS] = Field("physics", description="backend of all runs")  # type: ignore[valid-type]
-    engine: Literal[ENGINES] = Field("mujoco", description="what moves bodies")  # type: ignore[valid-type]
+    engine: Literal[ENGINES] = Field("mujoco", description="physics engine")  # type: ignore[valid-type]
     controller: str | None = Field(
         None,
-        description="law in Python of all runs, FILE.py:NAME with a path from this file's directory; that of the "
-        "scenario unless given",
+        description="law in Python of all runs, FILE.py:NAME with a path relative to this file's directory; the "
+        "scenario's law unless given",
     )
     device: Literal["cpu", "gpu"] = Field(
-        "cpu", description="gpu: runs of one team side by side on a CUDA GPU, engine fused; records contain less"
+        "cpu", description="gpu: runs of one team in parallel on a CUDA GPU, engine fused; records contain less"
     )
     batch: bool = Field(
         False, description="runs of one team together, on threads, engine fused; records contain less, as on a GPU"
@@ -153,23 +153,21 @@ class StudyFile(Section):
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
     names: list[Annotated[str, Field(min_length=1)]] = Field(
-        default_factory=list, description="what plots call the listed points, one each; they are then swept as one"
+        default_factory=list, description="names of the listed points in plots; the points then count as one axis"
     )
-    paired: dict[str, Values] = Field(default_factory=dict, description="lists of one length that go together")
-    grid: dict[str, Values] = Field(default_factory=dict, description="every value with every other")
+    paired: dict[str, Values] = Field(default_factory=dict, description="lists of equal length, swept in step")
+    grid: dict[str, Values] = Field(default_factory=dict, description="values in all combinations")
     draws: Draws | None = Field(None, description="random points")
-    seeds: SeedRange | None = Field(
-        None, description="every point is run with each; the scenario's own seed unless given"
-    )
-    measure: Measure | None = Field(None, description="the error that plots show; all that are defined unless given")
-    late: bool = Field(False, description="whether plots show RMS over the last half instead of the end")
-    labels: dict[str, str] = Field(default_factory=dict, description="what plots call a swept field, with its unit")
-    trajectories: bool = Field(False, description="whether to keep result.nc of every run, and draw errors over time")
+    seeds: SeedRange | None = Field(None, description="seeds of every point; the scenario's seed unless given")
+    measure: Measure | None = Field(None, description="error that plots show; every error that is defined unless given")
+    late: bool = Field(False, description="plot RMS over the last half instead of the final error")
+    labels: dict[str, str] = Field(default_factory=dict, description="names of swept fields in plots, with units")
+    trajectories: bool = Field(False, description="keep result.nc of every run, and draw errors over time")
 
     @model_validator(mode="before")
     @classmethod
     def _engine_of_device(cls, given: Any) -> Any:
-        """A batch has the fused engine, which need not be named."""
+        """Choose the fused engine for a batch that names none."""
         together = isinstance(given, dict) and (given.get("device") == "gpu" or given.get("batch") is True)
         return {"engine": "fused", **given} if together else given
 
@@ -180,13 +178,13 @@ class StudyFile(Section):
         if not together:
             return self
         if self.engine != "fused":
-            raise ValueError(f"{together}: has the fused engine alone; expected engine fused")
+            raise ValueError(f"{together}: requires the fused engine; expected engine fused")
         if self.controller is not None:
             raise ValueError(
                 f"controller: a law in Python runs alone, not on {together}; expected device cpu without batch"
             )
         if self.trajectories:
-            raise ValueError(f"trajectories: {together} keeps none; expected device cpu without batch")
+            raise ValueError(f"trajectories: {together} does not keep them; expected device cpu without batch")
         return self
 
     @model_validator(mode="after")
@@ -195,7 +193,7 @@ class StudyFile(Section):
             lengths = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
             raise ValueError(f"paired: lists must have one length, but {lengths}")
         if self.names and (len(self.names) != len(self.points) or len(set(self.names)) < len(self.names)):
-            raise ValueError(f"names: {len(self.names)}; expected {len(self.points)} different ones, as many as points")
+            raise ValueError(f"names: {len(self.names)}; expected {len(self.points)} different names, one per point")
         return self
 
     @model_validator(mode="after")
@@ -220,24 +218,24 @@ class StudyFile(Section):
         for path in self.labels.keys() - set(self.paths):
             raise ValueError(f"labels: {path} is not swept; expected {', '.join(self.paths) or 'none'}")
         if self.size > MOST_RUNS:
-            raise ValueError(f"{self.size} runs are asked for; expected at most {MOST_RUNS}")
+            raise ValueError(f"the study has {self.size} runs; expected at most {MOST_RUNS}")
         return self
 
     @property
     def paths(self) -> list[str]:
-        """The fields that are swept, in the order in which they are set."""
+        """Paths of the swept fields, in the order in which they are set."""
         listed = dict.fromkeys(path for point in self.points for path in point)
         return [*listed, *self.paired, *self.grid, *(self.draws.values if self.draws else [])]
 
     @property
     def size(self) -> int:
-        """The number of runs."""
+        """Number of runs."""
         count = max(1, len(self.points)) * len(next(iter(self.paired.values()), [None]))
         count *= math.prod(map(len, self.grid.values())) * (self.draws.count if self.draws else 1)
         return count * (self.seeds.stop - self.seeds.start if self.seeds else 1)
 
     def values(self) -> Iterator[tuple[str, JsonValue]]:
-        """Every value that the file gives to a field of the scenario, with the field's path."""
+        """Yield every value that the file gives to a field of the scenario, with the field's path."""
         for point in [self.set, *self.points]:
             yield from point.items()
         draws = self.draws.values if self.draws else {}
@@ -247,18 +245,18 @@ class StudyFile(Section):
                 yield from ((path, value) for value in values)
 
     def asked(self) -> dict[str, Any]:
-        """All on which results depend but the scenario, in canonical form; not what only says how they are shown."""
+        """Return what results depend on apart from the scenario, in canonical form, without fields for display."""
         shown = {"name", "summary", "scenario", "measure", "late", "labels", "names", "controller"}
-        defaults = {"engine": "mujoco", "device": "cpu", "batch": False}  # of which older studies do not speak
+        defaults = {"engine": "mujoco", "device": "cpu", "batch": False}  # older studies lack these fields
         usual = {name for name, value in defaults.items() if getattr(self, name) == value}
         return self.model_dump(mode="json", exclude=shown | usual, exclude_none=True)
 
 
 def _check_items(fixed: Mapping[str, Any], swept: Iterable[str]) -> None:
-    """Require that swept fields name the items of a list either by number or by id, so that no item has two names.
+    """Require that swept fields refer to the items of a list either by number or by id, so that no item has two names.
 
     Raises:
-        ValueError: one does not.
+        ValueError: The fields mix both.
     """
     tree: dict[bool, Any] = {}
     for path in (*fixed, *swept):
@@ -276,9 +274,9 @@ class Point:
     """One run of a study.
 
     Attributes:
-        number: its place, from 0.
-        parameters: field path to value, in the order in which they are set.
-        seed: the scenario's seed; None leaves it as it is.
+        number: Number of the run, from 0.
+        parameters: Values by field path, in the order in which they are set.
+        seed: Seed of the scenario; None keeps the scenario's own.
     """
 
     number: int
@@ -287,13 +285,15 @@ class Point:
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """What makes this run of the study's scenario."""
+        """Overrides that turn the study's scenario into this run's."""
         return self.parameters if self.seed is None else {**self.parameters, "seed": self.seed}
 
 
 def points_of(study: StudyFile) -> Iterator[Point]:
-    """The points: listed ones change slowest, then pairs, then the grid with its first path slowest, then draws; seeds
-    change fastest.
+    """Yield the points of a study.
+
+    Listed points change slowest, then pairs, then the grid with its first path slowest, then draws. Seeds change
+    fastest.
     """
     listed = study.points or [{}]
     pairs = _rows(study.paired, zip(*study.paired.values(), strict=True)) or [{}]
@@ -305,8 +305,10 @@ def points_of(study: StudyFile) -> Iterator[Point]:
 
 
 def draw(draws: Draws) -> list[dict[str, Any]]:
-    """The random points. Each path has a stream of its own: a longer study begins with the points of a shorter one, and
-    another path leaves the values of the others as they were.
+    """Draw the random points.
+
+    Each path has its own random stream, so a longer study begins with the points of a shorter one, and adding a path
+    does not change the values of the others.
     """
     columns = {
         path: how.sample(np.random.default_rng([draws.seed, zlib.crc32(path.encode())]), draws.count)

@@ -1,4 +1,4 @@
-"""A study from plan to results: what is missing is run, then everything is shown in a table, plots and a page."""
+"""A study from plan to results: missing runs are simulated, then all runs go into a table, plots and a page."""
 
 import base64
 import json
@@ -39,21 +39,21 @@ _COLUMNS = {
     "law": "string",
     "message": "string",
 }
-"""After `run` and the parameters: name to type."""
+"""Types of the table's columns after `run` and the parameters, by name."""
 
-_MOST_ROWS = 2000  # of the page
+_MOST_ROWS = 2000  # maximum number of rows on the page
 _WORD = re.compile(r"[\w./][\w./-]*")
 
 
 @dataclass(frozen=True)
 class Study:
-    """What a study left.
+    """Results of a study.
 
     Attributes:
-        directory: where.
-        records: of all runs, in order; see `job.new_record`.
-        begun: how many were run by this command; the others had ended before.
-        files: what is to be looked at, in the directory.
+        directory: Directory of the study.
+        records: Records of all runs, in order; see `job.new_record`.
+        begun: Number of runs of this command; the others had ended before.
+        files: Names of the result files in the directory.
     """
 
     directory: Path
@@ -71,22 +71,22 @@ def run_study(
     figures: FigureOptions = AS_USUAL,
     progress: Progress | bool | None = True,
 ) -> Study:
-    """Run what of a study has not ended, and write its table, plots and page.
+    """Simulate the missing runs of a study, and write its table, plots and page.
 
     Args:
-        plan: from `load_plan`.
-        directory: of this study; new, or with an earlier part of it.
-        workers: begins a Runner; called only where something is left to run.
-        retry_failed: run again what did not finish.
-        figures: how the plots are written.
-        progress: True shows a bar on a terminal or in a notebook, False nothing; a function is called with (what is
-            being done, done, in all).
+        plan: Plan from `load_plan`.
+        directory: Directory of the study, new or from an earlier command.
+        workers: Function that starts a Runner; it is called only if runs are missing.
+        retry_failed: True to repeat runs that did not finish.
+        figures: Formats and style of the plots.
+        progress: True shows a bar on a terminal or in a notebook, and False shows nothing. A function is called with
+            the name of the activity, the steps done and the number of steps.
 
     Raises:
-        PlaceError: the directory holds something else or cannot be written. Runs that have ended are kept.
-        BusyError: another command works on the directory.
-        SchedulerError: the cluster cannot be reached, or went away. Runs that have ended are kept; without any, so is
-            only a directory that was there before.
+        PlaceError: The directory holds something else or cannot be written. Runs that have ended are kept.
+        BusyError: Another command uses the directory.
+        SchedulerError: The cluster cannot be reached, or the connection is lost. Runs that have ended are kept. If
+            there are none, a directory that was created for the study is removed.
     """
     from mjsheaf.progress import shown
 
@@ -114,7 +114,7 @@ def run_study(
 
 
 def results_of(plan: Plan, records: list[dict[str, Any]], figures: FigureOptions = AS_USUAL) -> dict[str, bytes]:
-    """The files that show a study whose runs have all ended: name to content, equal for equal records."""
+    """Return the result files of a study whose runs have all ended, by name; equal for equal records."""
     from mjsheaf.studies.figures import plot_study
 
     table = make_table(plan, records)
@@ -126,11 +126,11 @@ def results_of(plan: Plan, records: list[dict[str, Any]], figures: FigureOptions
 
 
 def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
-    """The table: run, a column for each swept field named by its path, then _COLUMNS.
+    """Make the table: run, a column for each swept field named by its path, then _COLUMNS.
 
-    Errors are the team's at the last sample and, under `late_`, their RMS over the last half, m; nothing stands where a
-    measure has no meaning or a run did not get that far, and for a parameter that a listed point leaves as it is. A
-    parameter's column is of numbers where all its values are, of text where all are text, else of JSON.
+    Errors are the team's at the last sample and, under `late_`, their RMS over the last half, m. A cell is empty if a
+    measure is undefined, if the run ended before it, or if a listed point does not set the parameter. A parameter's
+    column holds numbers if all its values are numbers, text if all are text, and JSON otherwise.
     """
     rows = [
         {**record, **(record["final"] or {}), **{f"late_{m}": x for m, x in (record["late"] or {}).items()}}
@@ -146,7 +146,7 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
 
 
 def _array(values: list[Any], kind: str) -> pd.api.extensions.ExtensionArray:
-    """Values, or None, as a column of an Arrow type: one that tells what is missing from what is no number."""
+    """Make a column of an Arrow type, which distinguishes missing values (None) from NaN."""
     return pd.array(values, dtype=pd.ArrowDtype(pa.type_for_alias(kind)))
 
 
@@ -160,13 +160,13 @@ def _parameter(values: list[Any]) -> pd.api.extensions.ExtensionArray:
 
 
 def csv_of(table: pd.DataFrame) -> bytes:
-    """The table as CSV: UTF-8, a header, numbers with all their digits."""
+    """Return the table as CSV in UTF-8, with a header and numbers with all their digits."""
     words = {name: table[name].map({True: "true", False: "false"}) for name in table.select_dtypes("bool[pyarrow]")}
     return table.assign(**words).to_csv(index=False, lineterminator="\n").encode()
 
 
 def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
-    """The page as HTML, one file that opens from disk without a network; plots (PNG by file name) are part of it."""
+    """Return the page as one HTML file that opens without a network; it embeds the plots (PNG by file name)."""
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     environment.filters.update(shown=_shown)
     statuses = table["status"].tolist()
@@ -200,13 +200,13 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
 
 
 def _is_shown(table: pd.DataFrame, name: str) -> bool:
-    """Return True if a column of the page says anything; others only widen it."""
+    """Return True if a column of the page is informative; others would only widen it."""
     known = table[name].replace("", None).notna()
     return bool(known.any()) and (name != "law" or table[name].nunique() > 1)
 
 
 def not_converged(count: int, finished: int) -> str:
-    """Say how many of the runs that finished had not converged at their end; empty if all had."""
+    """Report how many of the finished runs had not converged at the end; empty if all had."""
     if not count:
         return ""
     return f"{count} of {finished} runs had not converged at the end; a later time.end shows where they settle"
@@ -219,10 +219,10 @@ class Best:
     Attributes:
         run: Number of its run with the smallest error.
         parameters: Field path to value.
-        measure: Column of the table that is compared.
+        measure: Name of the compared column of the table.
         error: Median of that error over the point's seeds, m.
         seeds: Number of the point's runs that finished.
-        converged: True if all of them had converged at the end; None if that is not known.
+        converged: True if all of them had converged at the end; None if unknown.
     """
 
     run: int
@@ -259,8 +259,8 @@ def best_point(plan: Plan, table: pd.DataFrame) -> Best | None:
 
 
 def command_of(plan: Plan, point: Point) -> str:
-    """The command that does one run of a study by itself, for a shell in the study's directory."""
-    # The scenario of a study with vehicles' own files is not kept there, as it could not name them.
+    """Return the shell command that repeats one run of a study, in the study's directory."""
+    # If vehicles have their own files, the directory has no scenario file, because it could not refer to them.
     parts = ["mjsheaf", "run", "SCENARIO" if plan.files else "scenario.yaml", "--backend", plan.study.backend]
     parts += ["--engine", plan.study.engine] if plan.study.engine != "mujoco" else []
     parts += ["--controller", plan.law.label] if plan.law else []
@@ -269,18 +269,18 @@ def command_of(plan: Plan, point: Point) -> str:
 
 
 def _as_yaml(value: Any) -> str:
-    """A value as `--set` reads it."""
+    """Format a value for `--set`."""
     plain = isinstance(value, str) and _WORD.fullmatch(value) and parse_yaml(value, "value") == value
     return str(value) if plain else json.dumps(value, ensure_ascii=False)
 
 
 def _cell(value: Any) -> str:
-    """A value of the table."""
+    """Format a value of the table."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _shown(value: Any) -> str:
-    """A value of what was asked."""
+    """Format a value of the study file."""
     return f"{value:g}" if isinstance(value, float) else value if isinstance(value, str) else json.dumps(value)

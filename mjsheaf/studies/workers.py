@@ -1,4 +1,4 @@
-"""Runs side by side: in processes or threads of this machine, or on a dask cluster that exists."""
+"""Parallel runs: processes or threads of this machine, or an existing dask cluster."""
 
 import asyncio
 import logging
@@ -23,13 +23,13 @@ from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, failed_recor
 from mjsheaf.threads import ONE_THREAD, usable_processors
 
 _TRIES_ALONE = 2
-"""Times that a run is begun again, with none beside it, after a worker died while it was under way."""
+"""Number of times that a run is repeated alone after a worker died during it."""
 
 _LEAST_AHEAD = 64
-"""Runs that a cluster is given at a time, at least; more only fill the scheduler's memory."""
+"""Minimum number of runs submitted to a cluster at a time; more would only fill the scheduler's memory."""
 
 _TOO_MUCH_MEMORY = 75
-"""Exit code of a worker that took more than its share of memory."""
+"""Exit code of a worker that exceeded its memory limit."""
 
 _CONNECT_S = 10
 
@@ -37,37 +37,37 @@ Work = Callable[[Job], JobResult]
 
 
 class Runner(Protocol):
-    """Runs jobs."""
+    """Interface for running jobs."""
 
     def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
-        """Do jobs and yield the result of each as it ends."""
+        """Run jobs and yield each result when it is available."""
 
 
 class SchedulerError(InputError):
-    """There is no scheduler at the address that was given, or it went away."""
+    """There is no scheduler at the given address, or the connection to it is lost."""
 
 
 class Workers:
-    """Runs jobs side by side; made by `local_workers` or `workers_at`.
+    """Parallel runner of jobs, created by `local_workers` or `workers_at`.
 
     Args:
-        submit: hands a job out. Its result raises BrokenExecutor where a worker died.
-        ahead: jobs that are handed out at a time.
-        cause: what is known of the last death of a worker.
+        submit: Function that submits a job. The future raises BrokenExecutor if a worker died.
+        ahead: Number of jobs submitted at a time.
+        cause: Function that describes why the last worker died.
     """
 
     def __init__(self, submit: Callable[[Work, Job], Future[JobResult]], ahead: int, cause: Callable[[], str]) -> None:
         self._submit, self._ahead, self._cause = submit, ahead, cause
 
     def run(self, jobs: Iterable[Job], work: Work = run_job) -> Iterator[JobResult]:
-        """Do jobs and yield the result of each as it ends.
+        """Run jobs and yield each result when it is available.
 
-        Where a worker dies, the jobs that were handed out are begun again, now one at a time. One whose workers die
-        then too gets a record of status 'lost'.
+        If a worker dies, all jobs that were submitted are repeated one at a time. A job whose workers die again gets a
+        record with status 'lost'.
 
         Raises:
-            SchedulerError: the cluster went away.
-            ForeignWorkerError: a worker has another version of mjsheaf or of a library.
+            SchedulerError: The connection to the cluster is lost.
+            ForeignWorkerError: A worker has another version of mjsheaf or of a library.
         """
         suspects = []
         for job, result in self._stream(jobs, work, self._ahead):
@@ -79,12 +79,12 @@ class Workers:
             tries = (result for _ in range(_TRIES_ALONE) for _, result in self._stream([job], work, 1))
             result = next(filter(None, tries), None)
             if result is None:
-                message = f"every worker that began it died, {self._cause()}"
+                message = f"every worker that started it died, {self._cause()}"
                 result = JobResult(new_record(job.point, job.seed, "lost", message))
             yield result
 
     def _stream(self, jobs: Iterable[Job], work: Work, ahead: int) -> Iterator[tuple[Job, JobResult | None]]:
-        """Do jobs, so many of them handed out at a time; None is the result of one whose worker may have died of it."""
+        """Run jobs with at most `ahead` submitted at a time; a result is None if a worker died while the job ran."""
         waiting = iter(jobs)
         asked: dict[Future[JobResult], Job] = {}
         while True:
@@ -100,12 +100,12 @@ class Workers:
                     yield job, None
                 except (ForeignWorkerError, SchedulerError):
                     raise
-                except Exception as error:  # raised around the run, as where its result could not travel
+                except Exception as error:  # raised outside the run, for example because its result cannot be pickled
                     yield job, JobResult(failed_record(job, error))
 
 
 class _Processes:
-    """A pool of processes, one BLAS thread each, which is made anew after one of them died."""
+    """A pool of processes with one BLAS thread each, replaced after one of them died."""
 
     def __init__(self, count: int, memory: int) -> None:
         spawn = mp.get_context("spawn")
@@ -114,7 +114,7 @@ class _Processes:
         self._workers: set[BaseProcess] = set()
 
     def submit(self, work: Work, job: Job) -> Future[JobResult]:
-        """Hand a job to the pool."""
+        """Submit a job to the pool."""
         before = set(mp.active_children())
         with _spawning():
             try:
@@ -127,30 +127,30 @@ class _Processes:
                 self._workers |= set(mp.active_children()) - before
 
     def kill(self) -> None:
-        """End the workers, whatever they do."""
+        """Kill the workers."""
         for process in self._workers:
             process.kill()
         self._pool.shutdown(cancel_futures=True)
 
     def cause(self) -> str:
-        """What a worker of the pool, which ended with it, died of."""
+        """Describe why a worker died and broke the pool."""
         self._pool.shutdown()
         codes = {process.exitcode for process in self._workers}
         if _TOO_MUCH_MEMORY in codes:
-            return "as it took more than its share of memory; fewer --workers leave more to each"
+            return "because it exceeded its memory limit; fewer --workers leave more memory to each"
         if -signal.SIGKILL in codes:
-            return "killed by signal 9, most likely for want of memory; fewer --workers leave more to each"
-        codes -= {0, None, -signal.SIGTERM}  # by which the pool ends the others
-        return f"with exit code {codes.pop()}" if codes else "without a word"
+            return "killed by signal 9, probably out of memory; fewer --workers leave more memory to each"
+        codes -= {0, None, -signal.SIGTERM}  # the pool ends the other workers with SIGTERM
+        return f"with exit code {codes.pop()}" if codes else "for an unknown reason"
 
 
 @contextmanager
 def _spawning() -> Iterator[None]:
-    """Processes that begin in the block have one BLAS thread and never get SIGINT.
+    """Give processes that start in the block one BLAS thread, and block SIGINT in them.
 
-    A terminal's Ctrl-C goes to the command and to all its workers; the command alone knows how to stop in order.
+    A terminal sends Ctrl-C to the command and to all its workers, but only the command can stop them cleanly.
     """
-    resource_tracker.ensure_running()  # which lets the signal through again where it has to start
+    resource_tracker.ensure_running()  # before SIGINT is blocked, as starting the tracker unblocks it
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     threads = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
@@ -164,14 +164,14 @@ def _spawning() -> Iterator[None]:
 
 
 def _watch(memory: int) -> None:
-    """Let this worker die with the command, however that ends, or where it takes more memory than this, in bytes."""
+    """Exit this worker when the command ends, for whatever reason, or when it exceeds `memory`, bytes."""
 
     def watch() -> None:
         parent, me = mp.parent_process(), psutil.Process()
         while parent is not None and parent.is_alive():
             if me.memory_info().rss > memory:
                 os._exit(_TOO_MUCH_MEMORY)
-            parent.join(0.1)  # s between looks at the memory
+            parent.join(0.1)  # s between checks of the memory
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
@@ -179,12 +179,13 @@ def _watch(memory: int) -> None:
 
 @contextmanager
 def local_workers(count: int | None = None, *, processes: bool = True, memory: int | None = None) -> Iterator[Workers]:
-    """Workers of this machine.
+    """Start workers on this machine.
 
     Args:
-        count: how many; None takes one for each processor that this process may use.
-        processes: each worker a process; else all are threads of this one, which begin at once and share its fate.
-        memory: that all processes together may take, in bytes; None takes most of the machine's.
+        count: Number of workers; None starts one for each processor that this process may use.
+        processes: True for a process per worker. False for threads of this process: they start at once, but a crash
+            ends all of them.
+        memory: Memory limit of all processes together, bytes; None allows most of the machine's.
     """
     if count is not None:
         require_whole("workers", count, 1)
@@ -205,16 +206,16 @@ def local_workers(count: int | None = None, *, processes: bool = True, memory: i
 
 @contextmanager
 def workers_at(address: str, note: Callable[[str], None] | None = None) -> Iterator[Workers]:
-    """A cluster that exists, by its scheduler's address, such as tcp://10.0.0.1:8786. Its workers need this mjsheaf.
+    """Connect to an existing dask cluster. Its workers need the same version of mjsheaf.
 
-    From then on this process prints nothing of dask's log.
+    This process prints nothing of dask's log from then on.
 
     Args:
-        address: of the scheduler.
-        note: told where it has no worker yet; runs wait for the first.
+        address: Address of the scheduler, such as tcp://10.0.0.1:8786.
+        note: Function called with a sentence if the cluster has no worker yet; runs wait for the first.
 
     Raises:
-        SchedulerError: nobody answers there.
+        SchedulerError: There is no scheduler at the address.
         InputError: dask is not installed.
     """
     try:
@@ -223,19 +224,19 @@ def workers_at(address: str, note: Callable[[str], None] | None = None) -> Itera
         raise InputError("--scheduler needs dask, which is not installed: pip install 'mjsheaf[cluster]'") from None
 
     for handler in logging.getLogger("distributed").handlers:
-        handler.setLevel(logging.CRITICAL + 1)  # the one line of an exception says what dask's log would
+        handler.setLevel(logging.CRITICAL + 1)  # the exception below says the same in one line
     try:
-        asyncio.run(_meet(address))  # first, as a client that nobody answers leaves a traceback behind
+        asyncio.run(_meet(address))  # first, because a client without a scheduler prints a traceback
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise SchedulerError(
-            f"--scheduler {address}: no scheduler answers: {' '.join(str(error).split())}; expected an address as "
-            "tcp://HOST:8786"
+            f"--scheduler {address}: no scheduler answers: {' '.join(str(error).split())}; expected an address such "
+            "as tcp://HOST:8786"
         ) from None
 
     def submit(work: Work, job: Job) -> Future[JobResult]:
         future: Future[JobResult] = Future()
-        # Two studies on one scheduler must not answer for each other: keys are made up, not derived.
+        # pure=False gives jobs random keys: two studies on one scheduler must not share results.
         client.submit(work, job, pure=False).add_done_callback(partial(_answer, future))
         return future
 
@@ -243,11 +244,11 @@ def workers_at(address: str, note: Callable[[str], None] | None = None) -> Itera
         workers = sum(client.nthreads().values())
         if note and not workers:
             note(f"no worker yet at {address}; waiting")
-        yield Workers(submit, max(_LEAST_AHEAD, 4 * workers), lambda: "most likely for want of memory")
+        yield Workers(submit, max(_LEAST_AHEAD, 4 * workers), lambda: "probably out of memory")
 
 
 def _answer(future: Future[JobResult], done: Any) -> None:
-    """Settle a future as `Workers` expects it of an executor, by the future of dask that is done."""
+    """Complete a future from dask's, with the exceptions that `Workers` expects of an executor."""
     from distributed import KilledWorker
 
     try:
@@ -255,7 +256,7 @@ def _answer(future: Future[JobResult], done: Any) -> None:
     except KilledWorker:
         future.set_exception(BrokenExecutor())
     except BaseException as error:
-        gone = SchedulerError("the scheduler went away; runs that have ended are kept")
+        gone = SchedulerError("lost the connection to the scheduler; runs that have ended are kept")
         future.set_exception(error if done.status == "error" else gone)
 
 
@@ -263,7 +264,7 @@ async def _meet(address: str) -> None:
     """Require that a scheduler answers.
 
     Raises:
-        OSError, ValueError, TypeError: none does.
+        OSError, ValueError, TypeError: There is none.
     """
     from distributed import rpc
 

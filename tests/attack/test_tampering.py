@@ -186,5 +186,5 @@ def test_damaged_study_file(text: bytes, study: Path, tmp_path: Path) -> None:
     shutil.copytree(study, directory)
     (directory / "study.json").write_bytes(text)
     before = all_contents(directory)
-    assert is_refusal(answer_of(*STUDY, directory), "is no study of mjsheaf")
+    assert is_refusal(answer_of(*STUDY, directory), "is not a study of mjsheaf")
     assert all_contents(directory) == before

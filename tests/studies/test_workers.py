@@ -85,7 +85,7 @@ def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
     with local_workers(1) as workers:
         found = {d.record["run"]: d.record for d in workers.run(map(plan.job, plan.points), dies_of_the_second)}
     assert [found[k]["status"] for k in range(4)] == ["finished", "lost", "finished", "finished"]
-    assert "every worker that began it died, killed by signal 9, most likely for want of memory" in found[1]["message"]
+    assert "every worker that started it died, killed by signal 9, probably out of memory" in found[1]["message"]
 
 
 def takes_all_memory_of_the_second(job: Job) -> JobResult:
@@ -250,7 +250,7 @@ def test_a_scheduler_that_dies_ends_the_command_in_order(tmp_path: Path) -> None
         processes[0].kill()
         _, errors = running.communicate(timeout=90)
     assert running.returncode == 2, errors
-    assert "the scheduler went away; runs that have ended are kept" in errors
+    assert "lost the connection to the scheduler; runs that have ended are kept" in errors
     assert "Traceback" not in errors
     kept = contents(tmp_path / "out")
     assert any(name.startswith("runs") for name in kept)
