@@ -1,5 +1,5 @@
-"""Vehicles: what a vehicle file says, its MJCF, and its reduced model.
+"""Vehicles: description files, MJCF files and reduced models.
 
-Where to look: actuators and steering (a class for each kind), body (what physics knows of a vehicle), vehicle (the
-description file and the reduced model), loading (MJCF), effects (what can be switched off).
+Modules: actuators and steering (a class for each kind), body (mass, drag and actuators), vehicle (the description file
+and the reduced model), loading (MJCF), effects (which can be switched off), authority (directions of thrust).
 """

@@ -1,28 +1,30 @@
-"""Actuators by kind: what each can push, its actuators in MuJoCo, and its branch in the compiled loop.
+"""Actuators by kind: the forces that each can produce, its actuators in MuJoCo, and its branch in the compiled loop.
 
-Allocation is linear in efforts: W maps them to the wrench on the body. A thruster's one effort is its command. An
-azimuth thruster has two, the components of its thrust along its site's direction and to port of that, of which its
-branch makes thrust and angle. Every effort has a channel: an actuator of MuJoCo's, with its command in ctrl.
+Allocation is linear in efforts: W maps them to the wrench on the body. The single effort of a fixed thruster is its
+command. An azimuth thruster has two efforts, the components of its thrust along its site's direction and to port of it.
+Its branch converts them to a thrust and an angle. Every effort has a channel: a MuJoCo actuator with its command in
+ctrl.
 
 A propeller with a rudder has two efforts too: the force ahead and, in proportion, the force to port. With u and v the
-velocity of the rudder ahead and to port through the water, T the thrust and delta the deflection, the rudder feels
+velocity of the rudder ahead and to port through the water, T the thrust and delta the deflection:
 
     inflow         a |a| = u |u| + 2 eta T / (rho A_p), b = v: momentum theory of the propeller's disc A_p far behind
-                   it, eta the share of the rudder in its race (Molland and Turnock, Marine Rudders and Control
-                   Surfaces, 2007, ch. 3); a propeller that pushes astern has its race ahead of it
+                   it, with eta the fraction of the rudder in its race (Molland and Turnock, Marine Rudders and Control
+                   Surfaces, 2007, ch. 3); a propeller with astern thrust has its race ahead of it
     normal force   F = -1/2 rho A_R U f n, limited where |n| > U sin(stall), with U^2 = a^2 + b^2, the normal velocity
                    n = b cos(delta) - a sin(delta), and f = 6.13 Lambda / (Lambda + 2.25) for a plate of aspect ratio
                    Lambda (Fujii; Yasukawa and Yoshimura, J. Mar. Sci. Technol. 20, 2015): lift F cos(alpha) and
-                   drag F sin(alpha) at an incidence alpha; F n <= 0, so it takes energy from what flows past it
+                   drag F sin(alpha) at an incidence alpha; F n <= 0, so it takes energy out of the flow
 
-It acts behind the propeller. The hull's part in it (flow straightening, wake) is left out. At a given thrust W is what
-full deflection makes at rest: speed ahead adds to that, so efforts that are feasible at rest are so at any speed. `aim`
-inverts the model at the measured velocity. Without thrust and speed there is no force, whatever the deflection.
+The force acts behind the propeller. The model omits the influence of the hull (flow straightening, wake). W is the
+wrench of full deflection at rest at a given thrust. Speed ahead increases it, so efforts that are feasible at rest are
+feasible at any speed. `aim` inverts the model at the measured velocity. Without thrust and speed there is no force,
+whatever the deflection.
 
-A new kind subclasses `Thruster` and has a section with `fit`, named in `AnyActuator`. Where its force depends on
-velocity, it has a code `flow` with a branch in `flow_wrench`. Where its efforts are not its commands, it has a code
-with a branch in `aim`, `unit_wrench` and `room_of`. `actuator_force` is MuJoCo's own dynamics of whatever kind, for the
-engine that does without it.
+A new kind subclasses `Thruster` and has a section with `fit`, named in `AnyActuator`. If its force depends on velocity,
+it has a code `flow` with a branch in `flow_wrench`. If its efforts are not its commands, it has a code with a branch in
+`aim`, `unit_wrench` and `room_of`. `actuator_force` repeats MuJoCo's dynamics of any actuator, for the engine that runs
+without MuJoCo.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -38,69 +40,70 @@ from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import add, cross, triple
 
-Range = tuple[float, float] | None  # of MuJoCo's: lowest and highest, or no limit
+Range = tuple[float, float] | None  # a range of MuJoCo's: lower and upper limit, or None
 
 LAGS = ("none", "filter", "filterexact")
-"""How a thruster may follow its command: MJCF's dyntype."""
+"""Supported dynamics of a thruster: values of dyntype in MJCF."""
 
 FIXED, AZIMUTH, ANGLE, RUDDER = 0, 1, 2, 3  # codes of channels
-BLADE = 1  # code of a force that depends on velocity: that of a rudder
+BLADE = 1  # code of a velocity-dependent force: that of a rudder
 CHANNEL = np.dtype(
     [
-        ("direction", "f8", 3),  # force on the body for a force of 1, body axes; of an angle, at 90 degrees
+        ("direction", "f8", 3),  # force on the body for a force of 1, body axes; for an angle, at 90 degrees
         ("row", "f8", 6),  # of the allocation W^+
         ("low", "f8"),  # limits of the command
         ("high", "f8"),
-        ("code", "i8"),  # FIXED, AZIMUTH or RUDDER and, right after these, its ANGLE
-        ("moment", "f8", 3),  # as direction
-        ("reach", "f8"),  # farthest that an angle's command may be from the angle, rad
+        ("code", "i8"),  # FIXED, AZIMUTH or RUDDER; the channel after an AZIMUTH or RUDDER is its ANGLE
+        ("moment", "f8", 3),  # moment on the body for a force of 1, like direction
+        ("reach", "f8"),  # maximum distance of an angle's command from the angle, rad
         ("dead_band", "f8"),  # effort below which an angle follows in proportion to the effort, N
-        ("state", "i8"),  # place of its activation among those of its vehicle
-        # what MuJoCo makes of its command: see `actuator_force`
+        ("state", "i8"),  # index of its activation among its vehicle's
+        # MuJoCo's response to the command: see `actuator_force`
         ("gain", "f8"),
-        ("late", "i8"),  # whether it has an activation
-        ("early", "i8"),  # whether its force is that of the activation after a step
-        ("followed", "f8"),  # share of the way to its command that the activation goes in a step
+        ("late", "i8"),  # 1 if it has an activation
+        ("early", "i8"),  # 1 if its force uses the activation after the step
+        ("followed", "f8"),  # fraction of the distance to its command that the activation covers in a step
         ("ctrl", "f8", 2),  # ranges
         ("act", "f8", 2),
         ("force", "f8", 2),
         ("planar", "f8", 3),  # wrench of an effort of 1 on the rows surge, sway and yaw: see `allocation`
-        ("flow", "i8"),  # code of its branch in `flow_wrench`, 0 where its force does not depend on velocity
-        # of the ANGLE of a RUDDER
+        ("flow", "i8"),  # code of its branch in `flow_wrench`, 0 if its force does not depend on velocity
+        # fields of the ANGLE of a RUDDER
         ("position", "f8", 3),  # m
         ("race", "f8"),  # 2 eta / (rho A_p), m^2/s^2 for 1 N of thrust
         ("normal", "f8"),  # 1/2 rho A_R f, kg/m
-        ("stall", "f8"),  # sine of the incidence from which on the normal force grows no more
+        ("stall", "f8"),  # sine of the incidence above which the normal force is constant
         ("side", "f8"),  # force to port for an effort of 1
     ],
     align=True,
 )
 
 WEAK_SIDE = 0.1
-"""Share of a limit one way below which the limit the other way counts as none: the actuator is one-sided."""
+"""Ratio of the smaller to the larger limit of an actuator below which it counts as one-sided."""
 
-_SHORTEST = 1e-15  # time constant that MuJoCo takes for a shorter one, s
-_NO_LIMIT = 1e9  # a range from here on is none: it is there so that a command which diverges is seen
-_NORMALS = 2.0 * np.pi * np.arange(72) / 72  # rad, of the half-planes about what an azimuth thruster can push
+_SHORTEST = 1e-15  # MuJoCo's lower limit on time constants, s
+_NO_LIMIT = 1e9  # a range of this size counts as no limit; MJCF files use one to detect commands that diverge
+_NORMALS = 2.0 * np.pi * np.arange(72) / 72  # rad; normals of the half-planes around an azimuth thruster's efforts
 DEAD_BAND = 1e-6
 """Dead band of an azimuth thruster, as a fraction of its largest thrust, or of its vehicle's weight if it has no limit.
 
-Rounding leaves efforts of about 1e-16 of the thrust, and of 1e-13 of it 10 km from the origin. That is at most 1e-7 of
-the band: an angle turns at most 1e-7 as fast as it can, so 0.1 rad of turning becomes 1e-8 rad. A force within the band
-moves nothing: 2.4 mN push a WAM-V of 211 kg at 0.02 mm/s against its drag.
+Rounding leaves efforts of about 1e-16 of the thrust, or 1e-13 of it 10 km from the origin. That is at most 1e-7 of the
+band, so an angle turns at most at 1e-7 of its rate: 0.1 rad of turning becomes 1e-8 rad. A force within the band is
+negligible: 2.4 mN move a WAM-V of 211 kg at 0.02 mm/s against its drag.
 """
-_OVERLAP = 0.2  # share of a force that an azimuth thruster leaves out before it turns round for it, by 180 degrees
+_OVERLAP = 0.2  # fraction of a force that an azimuth thruster omits before it reverses by turning 180 degrees
 _PORT = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # turns rows by 90 degrees to port
-_AIM_ROUNDS = 4  # of a rudder: thrust makes up for its drag, and its deflection for the thrust
+_AIM_ROUNDS = 4  # iterations for a rudder: thrust compensates for its drag, and deflection depends on thrust
 
 
 class Channel(NamedTuple):
-    """One actuator of MuJoCo's, as recorded.
+    """A MuJoCo actuator, as recorded.
 
     Attributes:
-        name: unique in its vehicle.
-        unit: of its command.
-        low, high: limits of its command.
+        name: Name, unique in its vehicle.
+        unit: Unit of its command.
+        low: Lower limit of its command.
+        high: Upper limit of its command.
     """
 
     name: str
@@ -111,16 +114,18 @@ class Channel(NamedTuple):
 
 @dataclass(frozen=True)
 class Thruster:
-    """An actuator on a site of the MJCF file, at rest in the body: its effort is its command.
+    """An actuator on a site of the MJCF file, fixed in the body: its effort is its command.
 
     Attributes:
-        name: of the actuator.
-        wrench: for a command of 1, body axes about the origin, shape (6,), N and N m.
-        gain: force of MuJoCo's for a command of 1.
-        ctrl, force, act: MuJoCo's ranges.
-        law: how it follows its command, one of LAGS.
-        time_constant: of that, s.
-        early: whether its force is that of the activation after a step.
+        name: Name of the actuator.
+        wrench: Wrench for a command of 1, body axes about the origin, shape (6,), N and N m.
+        gain: MuJoCo's force for a command of 1.
+        ctrl: Range of MuJoCo's commands.
+        force: Range of MuJoCo's forces.
+        act: Range of MuJoCo's activations.
+        law: Dynamics from command to force, one of LAGS.
+        time_constant: Time constant of the dynamics, s.
+        early: True if its force uses the activation after the step.
     """
 
     name: str
@@ -143,7 +148,7 @@ class Thruster:
 
     @property
     def thrust(self) -> tuple[float, float]:
-        """Lowest and highest useful command: what the ranges leave of it."""
+        """Lowest and highest command that has an effect within all ranges."""
         low, high = -np.inf, np.inf
         late, scale = self.act if self.law != "none" else None, self.gain or 1.0
         force = self.force and (self.force[0] / scale, self.force[1] / scale)
@@ -154,7 +159,7 @@ class Thruster:
 
     @property
     def one_sided(self) -> bool:
-        """Return True if it pushes one way only, or hardly the other."""
+        """Return True if it pushes in one direction only, or very little in the other."""
         low, high = self.thrust
         return min(high, -low) < WEAK_SIDE * max(high, -low)
 
@@ -165,17 +170,17 @@ class Thruster:
 
     @property
     def half_planes(self) -> tuple[Array, Array]:
-        """A (r, e) and b (r,): efforts u also obey A u <= b."""
+        """A (r, e) and b (r,) of further limits A u <= b on efforts u."""
         return np.zeros((0, len(self.channels))), np.zeros(0)
 
     @property
     def channels(self) -> list[Channel]:
-        """One for each effort, in that order."""
+        """Channels of the efforts, in the same order."""
         return [Channel(self.name, "N", *self.thrust)]
 
     @property
     def limited(self) -> bool:
-        """Whether anything limits it."""
+        """True if its efforts are limited."""
         return bool(np.isfinite([(channel.low, channel.high) for channel in self.channels]).any())
 
     @property
@@ -184,27 +189,27 @@ class Thruster:
         return self.time_constant if self.law != "none" else 0.0
 
     def command(self, effort: Array) -> Array:
-        """Commands that make an effort (e,) at rest, shape (e,)."""
+        """Return the commands that produce an effort, shape (e,), at rest; shape (e,)."""
         return effort
 
     def why_rough(self, command: Array, least: float) -> str:
-        """Why it does not follow small changes of effort linearly about commands (e,); empty where it does.
+        """Explain why it does not follow small changes of effort linearly about commands, shape (e,); empty if it does.
 
-        `least` is what counts as no thrust.
+        Thrusts up to `least` count as none.
         """
         within = all(c.low < value < c.high for c, value in zip(self.channels, command, strict=True))
         return "" if within else "its thrusters are at their limits"
 
     def without_limits(self) -> "Thruster":
-        """The same, pushing as hard as asked."""
+        """Return the same thruster without limits."""
         return replace(self, ctrl=None, force=None, act=None)
 
     def without_lag(self) -> "Thruster":
-        """The same, following its commands at once."""
+        """Return the same thruster without lag."""
         return replace(self, law="none", act=None)
 
     def to_mujoco(self, gears: Array) -> list[dict[str, Any]]:
-        """What `MjSpec.add_actuator` is told of each channel; gears (e, 6) for efforts of 1 / gain."""
+        """Return the arguments of `MjSpec.add_actuator` for each channel; gears are for efforts of 1 / gain, (e, 6)."""
         own = _actuator(self.name, gears[0], self.gain, self.law, self.time_constant)
         own["actearly"] = self.early
         for name, limits in (("ctrl", self.ctrl), ("force", self.force), ("act", self.act)):
@@ -214,12 +219,12 @@ class Thruster:
         return [own]
 
     def pack(self, channels: NDArray[np.void], timestep: float, weight: float = 0.0) -> None:
-        """Write the kind's own fields into its CHANNEL records.
+        """Write the fields that are specific to the kind into its CHANNEL records.
 
         Args:
-            channels: its records, shape (e,).
-            timestep: of the physics, s.
-            weight: of the vehicle, N: the scale of a thrust without limits.
+            channels: Records of the thruster, shape (e,).
+            timestep: Timestep of the physics, s.
+            weight: Weight of the vehicle, N, used as the scale of a thrust without limits.
         """
         channels["code"] = FIXED
         one = channels[0]
@@ -246,7 +251,7 @@ class Mount(NamedTuple):
 
 
 class Azimuth(Section):
-    """How a thruster of the MJCF file turns about the vertical axis through its site."""
+    """Rotation of a thruster of the MJCF file about the vertical axis through its site."""
 
     surface_only: ClassVar[bool] = False
 
@@ -254,7 +259,7 @@ class Azimuth(Section):
     angle: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
         description="lowest and highest angle; 0 is the site's own direction, positive to port [degrees]"
     )
-    rate: Annotated[float, Field(gt=0)] = Field(description="fastest turn [degrees/s]")
+    rate: Annotated[float, Field(gt=0)] = Field(description="maximum rate of turn [degrees/s]")
     lag: Annotated[float, Field(ge=0)] = Field(
         0.0, description="time constant with which the angle follows its command [s]"
     )
@@ -266,10 +271,10 @@ class Azimuth(Section):
         return self
 
     def fit(self, thruster: Thruster, mount: Mount) -> "AzimuthThruster":
-        """Return a thruster of the MJCF file as one that turns.
+        """Return a thruster of the MJCF file as an azimuth thruster.
 
         Raises:
-            InputError: It does not push across the vertical.
+            InputError: Its thrust is not horizontal.
         """
         if not max(abs(mount.force[2]), abs(mount.torque[2])) < 1e-9 * np.hypot(*mount.force[:2]):
             raise InputError("expected a horizontal thrust and no torque about the vertical")
@@ -289,14 +294,15 @@ class Azimuth(Section):
 class AzimuthThruster(Thruster):
     """A thruster that turns about the vertical axis through its site.
 
-    Its thrust is a channel in N, limited and late as in the MJCF file; its angle one in rad, whose activation is the
-    angle: state of MuJoCo's, saved and restored with it.
+    One channel is its thrust in N, with the limits and lag of the MJCF file. The other is its angle in rad, stored as
+    an activation, so that MuJoCo saves and restores it with its state.
 
     Attributes:
-        sideways: wrench for a command of 1 at 90 degrees, shape (6,).
-        low, high: limits of the angle, rad.
-        rate: limit of its change, rad/s.
-        angle_lag: time constant with which it follows its command, s.
+        sideways: Wrench for a command of 1 at 90 degrees, shape (6,), N and N m.
+        low: Lower limit of the angle, rad.
+        high: Upper limit of the angle, rad.
+        rate: Maximum rate of the angle, rad/s.
+        angle_lag: Time constant with which the angle follows its command, s.
     """
 
     sideways: Array
@@ -307,7 +313,7 @@ class AzimuthThruster(Thruster):
 
     @property
     def wrenches(self) -> Array:
-        """Of thrust along the site's direction, and to port of it."""
+        """Wrenches for thrust along the site's direction, and to port of it."""
         return np.array([self.wrench, self.sideways])
 
     @property
@@ -317,11 +323,11 @@ class AzimuthThruster(Thruster):
 
     @property
     def channels(self) -> list[Channel]:
-        """Thrust and angle."""
+        """Channels of thrust and angle."""
         return [*super().channels, Channel(self.angle_name, "rad", self.low, self.high)]
 
     def _reach(self, normals: Array) -> Array:
-        """Largest effort along directions (k,) in rad."""
+        """Compute the largest effort along directions, shape (k,), rad."""
         angles = normals + 2.0 * np.pi * np.arange(-2, 3)[:, None]
         ahead, astern = (((self.low <= a) & (a <= self.high)).any(axis=0) for a in (angles, angles + np.pi))
         ends = np.cos([self.low - normals, self.high - normals])
@@ -330,12 +336,12 @@ class AzimuthThruster(Thruster):
 
     @property
     def one_sided(self) -> bool:
-        """Return True if it also turns by less than 180 degrees."""
+        """Return True if it pushes in one direction only and turns by less than 180 degrees."""
         return super().one_sided and self.high - self.low < np.pi
 
     @property
     def bounds(self) -> Array:
-        """The box about what it can push."""
+        """Bounding box of its efforts."""
         if not np.isfinite([*self.thrust, self.low, self.high]).all():
             return np.array([[-np.inf, np.inf]] * 2)
         ahead, port, astern, starboard = self._reach(np.pi * np.array([0.0, 0.5, 1.0, 1.5]))
@@ -343,19 +349,19 @@ class AzimuthThruster(Thruster):
 
     @property
     def half_planes(self) -> tuple[Array, Array]:
-        """Tangents to the convex hull of what it can push, within 0.1 %."""
+        """Tangents to the convex hull of its efforts, within 0.1 %."""
         if not np.isfinite(self.bounds).all():
             return super().half_planes
         return np.column_stack([np.cos(_NORMALS), np.sin(_NORMALS)]), self._reach(_NORMALS)
 
     @property
     def limited(self) -> bool:
-        """Its rate may be."""
+        """True if its thrust, angle or rate is limited."""
         return super().limited or bool(np.isfinite(self.rate))
 
     @property
     def lag(self) -> float:
-        """The slower of thrust and angle."""
+        """Time constant of the slower one of thrust and angle, s."""
         return max(super().lag, self.angle_lag)
 
     def command(self, effort: Array) -> Array:
@@ -369,22 +375,22 @@ class AzimuthThruster(Thruster):
         return super().why_rough(command, least) or aimless
 
     def without_limits(self) -> "AzimuthThruster":
-        """Neither thrust nor angle nor rate has any."""
+        """Return the same thruster without limits on thrust, angle and rate."""
         return replace(self, ctrl=None, force=None, act=None, low=-np.inf, high=np.inf, rate=np.inf)
 
     def without_lag(self) -> "AzimuthThruster":
-        """Both follow at once, the angle as fast as it may turn."""
+        """Return the same thruster without lag; the rate of its angle remains limited."""
         return replace(self, law="none", act=None, angle_lag=0.0)
 
     def to_mujoco(self, gears: Array) -> list[dict[str, Any]]:
-        """Thrust, and the angle, whose force is the angle and acts on nothing."""
+        """Return the arguments for thrust and angle; the angle's force equals the angle and has no gear."""
         angle = _actuator(self.angle_name, np.zeros(6), 1.0, "filterexact", self.angle_lag)
         if np.isfinite([self.low, self.high]).all():
             angle |= {"ctrllimited": 1, "ctrlrange": (self.low, self.high)}
         return [*super().to_mujoco(gears), angle]
 
     def pack(self, channels: NDArray[np.void], timestep: float, weight: float = 0.0) -> None:
-        """Rate and lag say how far ahead of the angle its command may be."""
+        """Write the fields of thrust and angle; rate and lag limit how far a command may be ahead of the angle."""
         super().pack(channels, timestep)
         limits = np.abs(self.thrust)
         largest = limits[np.isfinite(limits)].max(initial=0.0)
@@ -399,13 +405,13 @@ class AzimuthThruster(Thruster):
 
 
 class Rudder(Section):
-    """A rudder behind a propeller of the MJCF file, which pushes ahead; see `mjsheaf/vehicles/actuators.py`."""
+    """A rudder behind a propeller of the MJCF file that pushes ahead; see `mjsheaf/vehicles/actuators.py`."""
 
     surface_only: ClassVar[bool] = True
 
     kind: Literal["rudder"] = Field(description="always rudder")
     angle: Annotated[float, Field(gt=0, lt=90)] = Field(description="largest deflection to either side [degrees]")
-    rate: Annotated[float, Field(gt=0)] = Field(description="fastest turn [degrees/s]")
+    rate: Annotated[float, Field(gt=0)] = Field(description="maximum rate of turn [degrees/s]")
     lag: Annotated[float, Field(ge=0)] = Field(
         0.0, description="time constant with which the deflection follows its command [s]"
     )
@@ -414,10 +420,10 @@ class Rudder(Section):
     span: Annotated[float, Field(gt=0)] = Field(description="height of the blade; aspect ratio is span^2 / area [m]")
     diameter: Annotated[float, Field(gt=0)] = Field(description="diameter of the propeller [m]")
     slipstream: Annotated[float, Field(gt=0, le=1)] = Field(
-        description="share eta of the blade that is in the propeller's race [-]"
+        description="fraction eta of the blade in the propeller's race [-]"
     )
     stall: Annotated[float, Field(gt=0, le=90)] = Field(
-        35.0, description="incidence from which on the normal force grows no more [degrees]"
+        35.0, description="incidence above which the normal force is constant [degrees]"
     )
     density: Annotated[float, Field(gt=0)] = Field(1025.0, description="density of the water [kg/m^3]")
 
@@ -425,16 +431,17 @@ class Rudder(Section):
         """Return a thruster of the MJCF file with this rudder behind it.
 
         Raises:
-            InputError: It does not push straight ahead by 1 N for a command of 1, or the rudder would stop its race.
+            InputError: It does not push straight ahead with 1 N for a command of 1, or the rudder's drag exceeds its
+                thrust.
         """
         if thruster.gain != 1.0 or not np.allclose(mount.force, [1.0, 0.0, 0.0], atol=1e-9):
-            raise InputError("expected a thrust straight ahead, of 1 N for a command of 1, before a rudder")
+            raise InputError("a rudder needs a propeller with a thrust straight ahead of 1 N for a command of 1")
         aspect_ratio = self.span**2 / self.area
         normal = 0.5 * self.density * self.area * 6.13 * aspect_ratio / (aspect_ratio + 2.25)
         race = 2.0 * self.slipstream / (self.density * 0.25 * np.pi * self.diameter**2)
         angle, stall, rate = map(float, np.deg2rad([self.angle, self.stall, self.rate]))
         useful = min(angle, stall)
-        pushed = normal * race * np.sin(useful) * np.cos(useful)  # to port, for a thrust of 1 N at rest
+        pushed = normal * race * np.sin(useful) * np.cos(useful)  # force to port for a thrust of 1 N at rest
         ahead = 1.0 - pushed * np.tan(useful)
         if ahead <= 0.0:
             raise InputError("its drag at full deflection exceeds the thrust; expected less area, angle or slipstream")
@@ -467,7 +474,7 @@ class RudderThruster(AzimuthThruster):
         position: Position of the rudder in the body, shape (3,), m.
         race: Square of the speed that 1 N of thrust adds to the inflow, m^2/s^2.
         normal: Normal force for a speed and a normal velocity of 1 m/s, kg/m.
-        stall: Sine of the incidence from which on the normal force grows no more.
+        stall: Sine of the incidence above which the normal force is constant.
         side: Force to port for an effort of 1 N.
     """
 
@@ -479,28 +486,28 @@ class RudderThruster(AzimuthThruster):
 
     @property
     def angle_name(self) -> str:
-        """As the field calls it."""
+        """Name of the second channel."""
         return f"{self.name}_rudder"
 
     @property
     def thrust(self) -> tuple[float, float]:
-        """Ahead only."""
+        """Lowest and highest useful command, ahead only."""
         low, high = super().thrust
         return max(low, 0.0), high
 
     def why_rough(self, command: Array, least: float) -> str:
-        """Without thrust nothing need flow past the rudder."""
+        """Explain why it is not linear, which includes a lack of thrust: the rudder may then have no inflow."""
         if command[0] <= least:
-            return "a rudder makes no force without thrust or speed"
+            return "a rudder produces no force without thrust or speed"
         return Thruster.why_rough(self, command, least)
 
     def without_limits(self) -> AzimuthThruster:
-        """The force to port needs no flow: a thruster that turns, and pushes as hard as asked."""
+        """Return an azimuth thruster without limits, whose force to port does not depend on the flow."""
         own = {field.name: getattr(self, field.name) for field in fields(AzimuthThruster)}
         return AzimuthThruster(**own).without_limits()
 
     def pack(self, channels: NDArray[np.void], timestep: float, weight: float = 0.0) -> None:
-        """Blade and race, too."""
+        """Write the fields of thrust and angle, and those of blade and race."""
         super().pack(channels, timestep, weight)
         channels["code"] = RUDDER, ANGLE
         channels[0]["flow"] = BLADE
@@ -509,11 +516,11 @@ class RudderThruster(AzimuthThruster):
 
 
 AnyActuator = Annotated[Azimuth | Rudder, Field(discriminator="kind")]
-"""What a description may say of a thruster of the MJCF file."""
+"""Section of a description about a thruster of the MJCF file."""
 
 
 def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: float) -> dict[str, Any]:
-    from mjsheaf.engine import mujoco  # which ideal kinematics do without
+    from mjsheaf.engine import mujoco  # not at import, as ideal kinematics do not need it
 
     return {
         "name": name,
@@ -531,10 +538,11 @@ def aim(channels, velocity, rates, act, ctrl):
     """Turn the efforts of actuators with an angle into commands, in place.
 
     Args:
-        channels: of one vehicle, shape (s,); see CHANNEL.
-        velocity, rates: through the medium, body axes, (3,) each, m/s and rad/s.
-        act: its activations.
-        ctrl: efforts, then commands, shape (s,).
+        channels: Channels of one vehicle, shape (s,); see CHANNEL.
+        velocity: Velocity through the medium, body axes, (3,), m/s.
+        rates: Angular velocity, body axes, (3,), rad/s.
+        act: Activations of the vehicle.
+        ctrl: Efforts on entry, commands on return, shape (s,).
     """
     for k in range(ctrl.shape[0] - 1):
         if channels[k].code == AZIMUTH:
@@ -547,15 +555,15 @@ def aim(channels, velocity, rates, act, ctrl):
 def _aim_azimuth(channels, k, act, ctrl):
     """Turn the efforts of an azimuth thruster, with its thrust in channel k, into commands.
 
-    Of the two angles at which an azimuth thruster makes a force, by thrust ahead or astern, or of the best that it can
-    reach, it takes the one that leaves less out, or is nearer. It turns no faster than it may, and thrusts meanwhile by
-    the force's component along its present angle. No force leaves the angle as it is. Within the dead band, the turn of
-    a step is proportional to the force: rounding errors have a direction too. A threshold would not do: engines whose
-    forces rounding puts on either side of it would differ by the turn of a whole step.
+    An azimuth thruster produces a force at either of two angles, with thrust ahead or astern. Within its limits, it
+    takes the one that omits less of the force, or the nearer one. It turns at most at its rate. Meanwhile its thrust is
+    the force's component along its present angle. Without a force, the angle stays as it is. Within the dead band, the
+    turn of a step is proportional to the force, because rounding errors have a direction too. A threshold would not
+    work: two engines whose rounded forces lie on either side of it would differ by the turn of a whole step.
     """
     x, y, thrust, angle = ctrl[k], ctrl[k + 1], channels[k], channels[k + 1]
     size, now = np.sqrt(x * x + y * y), act[angle.state]
-    if size < np.inf:  # what is not finite stays, to be seen
+    if size < np.inf:  # non-finite values stay, so that they are detected
         wanted, least = now, np.inf if size > 0.0 else 0.0
         for sign in (1.0, -1.0):
             a = nearest_angle(np.arctan2(sign * y, sign * x), now, angle.low, angle.high)
@@ -577,11 +585,11 @@ def _aim_azimuth(channels, k, act, ctrl):
 def _aim_rudder(channels, k, velocity, rates, act, ctrl):
     """Turn the efforts of a propeller with a rudder into thrust, in channel k, and deflection.
 
-    With b = U sin(beta), a force Y to port takes sin(2 delta - beta) = sin(beta) + 2 Y / (normal U^2); thrust makes up
-    for the drag. A little is added to U^2, so that no direction is taken from rounding where nothing flows.
+    With b = U sin(beta), a force Y to port requires sin(2 delta - beta) = sin(beta) + 2 Y / (normal U^2); the thrust
+    compensates for the drag. A small number is added to U^2, so that rounding sets no direction where there is no flow.
     """
     x, side, propeller, rudder = ctrl[k], channels[k + 1].side * ctrl[k + 1], channels[k], channels[k + 1]
-    if abs(x) + abs(side) < np.inf:  # what is not finite stays, to be seen
+    if abs(x) + abs(side) < np.inf:  # non-finite values stay, so that they are detected
         thrust, deflection, most = x, 0.0, np.arcsin(rudder.stall)
         calm = rudder.dead_band / rudder.normal
         for _ in range(_AIM_ROUNDS):
@@ -603,7 +611,7 @@ def _aim_rudder(channels, k, velocity, rates, act, ctrl):
 
 @inline_jit
 def _inflow(rudder, velocity, rates, thrust):
-    """Velocity of a rudder through the water about it, ahead and to port, m/s; see the module."""
+    """Compute the velocity of a rudder through the water around it, ahead and to port, m/s; see the module."""
     moved = add(velocity, cross(rates, triple(rudder.position)))
     square = moved[0] * abs(moved[0]) + rudder.race * max(thrust, 0.0)
     return np.copysign(np.sqrt(abs(square)), square), moved[1]
@@ -611,7 +619,7 @@ def _inflow(rudder, velocity, rates, thrust):
 
 @inline_jit
 def _blade_force(rudder, a, b, deflection):
-    """Force on a rudder ahead and to port, N; see the module."""
+    """Compute the force on a rudder ahead and to port, N; see the module."""
     c, s = np.cos(deflection), np.sin(deflection)
     speed = np.sqrt(a * a + b * b)
     stalled = rudder.stall * speed
@@ -621,16 +629,17 @@ def _blade_force(rudder, a, b, deflection):
 
 @jit
 def flow_wrench(channels, velocity, rates, act, ctrl):
-    """Force and moment of what flows past a vehicle's actuators, beside those of the actuators themselves.
+    """Compute the force and moment of the flow past a vehicle's actuators, in addition to those of the actuators.
 
     Args:
-        channels: of one vehicle, shape (s,); see CHANNEL.
-        velocity, rates: through the medium, body axes, (3,) each, m/s and rad/s.
-        act: its activations.
-        ctrl: its commands, shape (s,).
+        channels: Channels of one vehicle, shape (s,); see CHANNEL.
+        velocity: Velocity through the medium, body axes, (3,), m/s.
+        rates: Angular velocity, body axes, (3,), rad/s.
+        act: Activations of the vehicle.
+        ctrl: Commands of the vehicle, shape (s,).
 
     Returns:
-        Force and moment, body axes, (3,) each, as `unit_wrench` has them.
+        Force and moment, body axes, (3,) each, as in `unit_wrench`.
     """
     force = moment = (0.0, 0.0, 0.0)
     for k in range(ctrl.shape[0]):
@@ -647,7 +656,7 @@ def flow_wrench(channels, velocity, rates, act, ctrl):
 
 @inline_jit
 def unit_wrench(channels, k, act):
-    """Force and moment on the body for a force of 1 of channel k, body axes; act holds its vehicle's activations."""
+    """Return the force and moment on the body for a force of 1 of channel k, body axes; `act` are the activations."""
     direction, moment = triple(channels[k].direction), triple(channels[k].moment)
     if channels[k].code == AZIMUTH:
         angle = channels[k + 1]
@@ -666,7 +675,7 @@ def _turned(c, s, ahead, port):
 
 @inline_jit
 def actuator_force(channel, ctrl, act):
-    """The force that MuJoCo makes of a command and an activation, and the activation after a step."""
+    """Compute MuJoCo's force from a command and an activation, and the activation after a step."""
     u, after = min(max(ctrl, channel.ctrl[0]), channel.ctrl[1]), act
     if channel.late:
         after = min(max(act + channel.followed * (u - act), channel.act[0]), channel.act[1])
@@ -676,7 +685,7 @@ def actuator_force(channel, ctrl, act):
 
 @jit
 def nearest_angle(angle, now, low, high):
-    """The angle, give or take whole turns, that is within limits and nearest to `now`; or else the nearer limit."""
+    """Return the angle nearest to `now`, equal to `angle` up to whole turns, within limits; else the nearer limit."""
     turn = 2.0 * np.pi
     a = angle + turn * np.floor((now - angle) / turn + 0.5)
     if a > high or a < low:
@@ -687,17 +696,19 @@ def nearest_angle(angle, now, low, high):
 
 @jit
 def room_of(channels, k, u, du, v, dv):
-    """The largest share, 0 to 1, of more effort that an actuator can make.
+    """Compute the largest fraction, 0 to 1, of an additional effort that an actuator can produce.
 
     Args:
-        channels: of one vehicle, shape (s,).
-        k: channel of the actuator.
-        u, du: its effort and what is to be added.
-        v, dv: those of the next channel, which belong to it if it is an azimuth thruster.
+        channels: Channels of one vehicle, shape (s,).
+        k: Channel of the actuator.
+        u: Effort of the actuator.
+        du: Additional effort.
+        v: Effort of the next channel; it belongs to the same actuator if that is an azimuth thruster.
+        dv: Additional effort of the next channel.
     """
     room, low, high = 1.0, channels[k].low, channels[k].high
     if channels[k].code == AZIMUTH:
-        # Thrust ahead where it can turn to the force, astern where it can turn away from it, or either.
+        # Thrust ahead if it can turn towards the force, astern if it can turn away from it, or either.
         ends, bearing = channels[k + 1], np.arctan2(v + dv, u + du)
         ahead = np.cos(nearest_angle(bearing, bearing, ends.low, ends.high) - bearing)
         astern = np.cos(nearest_angle(bearing + np.pi, bearing, ends.low, ends.high) - bearing)
@@ -715,7 +726,7 @@ def room_of(channels, k, u, du, v, dv):
 
 @inline_jit
 def at_most(u, low, high):
-    """A command within its limits, at one if within rounding of it. What is not finite stays, to be seen."""
+    """Clip a command to its limits, and round it to one that is within rounding; non-finite values stay."""
     slack = 1e-9 * (high - low)
     if u > high - slack:
         return high if u < np.inf else u

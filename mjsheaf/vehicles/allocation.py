@@ -1,18 +1,19 @@
-"""Allocation for boats whose thrusters do not push both ways.
+"""Allocation for boats with one-sided thrusters.
 
-The efforts that such a boat can make form a convex set U. Making a share of the desired wrench w fails where that
-direction leaves U at once: two propellers that cannot reverse make no yaw moment without thrust ahead. Instead,
-with W the wrenches of efforts on the rows surge, sway and yaw, the efforts are those of U that
+The efforts of such a boat form a convex set U. Scaling the desired wrench w down fails if its direction leaves U
+immediately: two propellers that cannot reverse produce no yaw moment without thrust ahead. Instead, with W the wrenches
+of efforts on the rows surge, sway and yaw, the efforts are those in U that
 
-    1. make the yaw moment that is nearest to the desired one,
-    2. with that, make the force that is nearest to the desired one,
-    3. with both, are the smallest,
+    1. produce the yaw moment nearest to the desired one,
+    2. given that, produce the force nearest to the desired one,
+    3. given both, are the smallest,
 
-up to a share of 1e-4 or so in the order of 1 and 2. Where w is feasible they make it. They are found by their dual:
-u = P(W' y), the point of U nearest to W' y, with W u + E (y - y0) = w. E holds small weights, the smallest for yaw. y0
-is the y of the round before; there are up to 20 (method of multipliers, Rockafellar, Math. Oper. Res. 1976): two or
-three for most feasible w, more near the boundary of what U makes, and all of them beyond. y has three components
-whatever the number of thrusters, and semismooth Newton steps find it. Nothing is allocated.
+The priority of 1 over 2 holds up to a fraction of about 1e-4. If w is feasible, the efforts produce it. The dual
+problem yields them: u = P(W' y), the point of U nearest to W' y, with W u + E (y - y0) = w. E holds small weights, the
+smallest for yaw. y0 is the y of the previous round, out of up to 20 rounds (method of multipliers, Rockafellar, Math.
+Oper. Res. 1976). Most feasible w need two or three rounds, those near the boundary of W U more, and those beyond it
+all 20. y has three components whatever the number of thrusters, and is found by semismooth Newton steps. No memory is
+allocated.
 """
 
 import numpy as np
@@ -21,11 +22,11 @@ from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.actuators import ANGLE, FIXED, WEAK_SIDE
 from mjsheaf.vehicles.vectors import subtract, triple
 
-_FORCE_WEIGHT, _YAW_WEIGHT = 1e-3, 1e-8  # of E: yaw comes first
-_ROUNDS = 20  # of the method of multipliers, at most
-_NEWTON_STEPS, _LINE_STEPS = 12, 30  # at most
-_ACCURACY = 1e-9  # of the wrench, relative
-_FAR = 1e9  # efforts of this size are beyond every limit
+_FORCE_WEIGHT, _YAW_WEIGHT = 1e-3, 1e-8  # weights in E; yaw has priority
+_ROUNDS = 20  # maximum rounds of the method of multipliers
+_NEWTON_STEPS, _LINE_STEPS = 12, 30  # maximum numbers of steps
+_ACCURACY = 1e-9  # relative accuracy of the wrench
+_FAR = 1e9  # an effort that exceeds every limit
 
 
 @inline_jit
@@ -40,18 +41,19 @@ def _plus(a, share, b):
 
 @jit
 def nearest_effort(channels, k, a, b):
-    """Find the effort of actuator k that is nearest to (a, b); b belongs to one with an angle.
+    """Find the effort of actuator k that is nearest to (a, b); b is used if it has an angle.
 
-    An azimuth thruster that pushes one way and turns by less than 180 degrees has the sector of a disc for its efforts.
-    Any other counts as having the whole disc.
+    The efforts of an azimuth thruster that is one-sided and turns by less than 180 degrees form a sector of a disc. For
+    any other, the whole disc is used.
 
     Args:
         channels: CHANNELs of one vehicle, shape (s,).
         k: First channel of the actuator.
-        a, b: Effort, N.
+        a: First component of the effort, N.
+        b: Second component of the effort, N.
 
     Returns:
-        The effort, and its derivative: of the first component by a, of the first by b, of the second by b.
+        Both components of the effort, and three derivatives: the first component by a and by b, the second by b.
     """
     low, high = channels[k].low, channels[k].high
     if channels[k].code == FIXED:
@@ -82,7 +84,7 @@ def nearest_effort(channels, k, a, b):
 
 @jit
 def _wrench_of(channels, y):
-    """Compute W P(W' y), the planar wrench of the efforts that y stands for."""
+    """Compute W P(W' y), the planar wrench of the efforts for a dual variable y."""
     made, last = (0.0, 0.0, 0.0), channels.shape[0] - 1
     for k in range(last + 1):
         if channels[k].code != ANGLE:
@@ -137,7 +139,7 @@ def _residual(channels, wrench, y, start):
 
 @jit
 def _line_search(channels, wrench, y, start, step, slope):
-    """Follow a step until the slope of the convex dual has fallen to half of `slope`, that at the beginning."""
+    """Follow a step until the slope of the convex dual has fallen to half of `slope`, its initial value."""
     low, high, at_low, at_high, share = 0.0, np.inf, slope, 0.0, 1.0
     point, residual = y, (0.0, 0.0, 0.0)
     for j in range(_LINE_STEPS):
@@ -156,7 +158,7 @@ def _line_search(channels, wrench, y, start, step, slope):
 
 @jit
 def _reachable_yaw(channels, desired):
-    """Compute the yaw moment nearest to a desired one that the actuators together can make."""
+    """Compute the yaw moment nearest to a desired one that the actuators together can produce."""
     made, sign, last = 0.0, np.copysign(_FAR, desired), channels.shape[0] - 1
     for k in range(last + 1):
         if channels[k].code != ANGLE:
@@ -170,14 +172,14 @@ def _reachable_yaw(channels, desired):
 
 @jit
 def allocate_nearest(channels, scale, force, yaw, effort):
-    """Write the efforts of a boat, within their limits, that come nearest to a force and a yaw moment.
+    """Compute the efforts of a boat, within their limits, that come nearest to a force and a yaw moment.
 
     Args:
         channels: CHANNELs of one vehicle, shape (s,).
         scale: Norms of the rows surge, sway and yaw of W, 0 for a row that is not commanded, (3,).
         force: Desired force, body axes, (3,), N.
         yaw: Desired yaw moment, N m.
-        effort: Efforts, shape (s,), written.
+        effort: Output array of efforts, shape (s,).
     """
     x = force[0] / scale[0] if scale[0] > 0.0 else 0.0
     y = force[1] / scale[1] if scale[1] > 0.0 else 0.0

@@ -1,9 +1,9 @@
-"""Directions in which a vehicle can push, from the set of wrenches that its actuators can make.
+"""Directions in which a vehicle can push, from the set of wrenches that its actuators can produce.
 
-Along each controlled row of the wrench and each way, a linear program finds the largest force or moment that the
-actuators add to what carries the weight, with all other controlled rows zero. A vehicle lacks a direction in which it
-makes less than WEAK_SIDE of what it makes the other way. Two propellers that cannot reverse lack astern, and turning to
-both sides, because every yaw moment of theirs comes with thrust ahead. They lack no turning once surge is free.
+Along each controlled row of the wrench, in both directions, a linear program finds the largest force or moment that the
+actuators can add to the trim, with all other controlled rows zero. A vehicle lacks a direction if it reaches less than
+WEAK_SIDE of what it reaches in the opposite one. Two propellers that cannot reverse lack thrust astern. They also lack
+turning to both sides, because every yaw moment comes with thrust ahead. If surge is free, they do not lack turning.
 """
 
 from typing import NamedTuple
@@ -24,18 +24,18 @@ _WAYS = (
     ("turn to port", "turn to starboard"),
 )
 _SURGE, _YAW = 0, 5
-_TURNING_SHARE = 0.12  # of the speed ahead, above which a boat that cannot back turns round under way
-_HALF = 0.5  # of the largest yaw moment: its price in surge is taken there
+_TURNING_SHARE = 0.12  # fraction of the speed ahead above which a boat that cannot back turns round under way
+_HALF = 0.5  # fraction of the largest yaw moment at which its price in surge is taken
 
 
 class Authority(NamedTuple):
-    """Directions in which a vehicle can push, about the thrust that carries its weight.
+    """Directions in which a vehicle can push in addition to its trim.
 
     Attributes:
         rows: Controlled rows of the wrench, length r.
         reach: Largest force or moment along each row, and against it, with the others zero, shape (r, 2), N and N m.
-        under_way: Same with the force rows of a boat free where it turns, shape (r, 2).
-        lacking: Names of the directions in which it cannot push, or hardly.
+        under_way: The same while a boat's force rows are free for moment rows, shape (r, 2), N and N m.
+        lacking: Names of the directions in which it pushes very little or not at all.
     """
 
     rows: list[int]
@@ -45,17 +45,17 @@ class Authority(NamedTuple):
 
     @property
     def forward_only(self) -> bool:
-        """Return True if the vehicle pushes ahead and not astern."""
+        """Return True if the vehicle pushes ahead but not astern."""
         return "astern" in self.lacking and "ahead" not in self.lacking
 
     @property
     def turns_under_way(self) -> bool:
-        """Return True if it turns both ways, but only while it also pushes."""
+        """Return True if it turns both ways, but only with thrust."""
         row = self.rows.index(_YAW) if _YAW in self.rows else None
         return row is not None and bool(set(_WAYS[_YAW]) & set(self.lacking)) and bool((self.under_way[row] > 0).all())
 
     def describe(self) -> str:
-        """Say in a few words which ways the vehicle pushes."""
+        """Describe the directions of thrust in a few words."""
         if not self.reach.any():
             return "not at all"
         if not self.lacking:
@@ -87,34 +87,32 @@ def authority_of(vehicle: Vehicle) -> Authority:
 
 
 def may_lack(vehicle: Vehicle) -> bool:
-    """Return False for a vehicle whose efforts all leave room both ways; it pushes in all directions."""
+    """Return False if all efforts have room in both directions, so that the vehicle pushes in all directions."""
     trim, (low, high) = vehicle.steering.trim_effort(vehicle), vehicle.effort_bounds.T
     below, above = trim - low, high - trim
     return not vehicle.actuators or bool((np.minimum(below, above) < WEAK_SIDE * np.maximum(below, above)).any())
 
 
 def describe_consequences(vehicle: Vehicle, authority: Authority) -> str:
-    """Say what follows for control where a vehicle lacks directions."""
+    """Describe the consequences for control if a vehicle lacks directions."""
     if not vehicle.steering.attitude:
         if authority.forward_only:
-            return (
-                "it cannot go astern: it turns round for a target behind it, and near its target no linear model holds"
-            )
-        return "it moves ahead while it turns, and near its target no linear model holds"
-    return "it holds its heading, so it cannot move in these directions"
+            return "it cannot go astern: it turns round for a target behind it, and no linear model is valid near it"
+        return "it moves ahead while it turns, and no linear model is valid near its target"
+    return "it keeps its heading, so it cannot move in these directions"
 
 
 def is_one_sided(vehicle: Vehicle) -> bool:
-    """Return True for a boat with an actuator that pushes one way only, or hardly the other."""
+    """Return True for a boat with an actuator that pushes in one direction only, or very little in the other."""
     return vehicle.dimension == 2 and any(actuator.one_sided for actuator in vehicle.actuators)
 
 
 class Turning(NamedTuple):
-    """Numbers with which a boat that cannot back turns; see `steering.steer`.
+    """Turning parameters of a boat that cannot back; see `steering.steer`.
 
     Attributes:
-        price: Surge force that each unit of yaw moment brings with it, 1/m; 0 where it turns on the spot.
-        speed: Commanded speed above which it turns round rather than drift, m/s.
+        price: Surge force that comes with each unit of yaw moment, 1/m; 0 if it turns on the spot.
+        speed: Commanded speed above which it turns round instead of drifting, m/s.
     """
 
     price: float
@@ -122,7 +120,7 @@ class Turning(NamedTuple):
 
 
 def turning_of(vehicle: Vehicle) -> Turning | None:
-    """Return how a boat steered at its hand point turns, or None for a vehicle that can back."""
+    """Return the turning parameters of a boat steered at its hand point; None for a vehicle that can back."""
     if _YAW not in vehicle.controlled_rows or vehicle.steering.attitude or not is_one_sided(vehicle):
         return None
     if not authority_of(vehicle).forward_only:
@@ -137,7 +135,7 @@ def turning_of(vehicle: Vehicle) -> Turning | None:
 
 
 def _largest(vehicle: Vehicle, row: int, sign: float, free: list[int]) -> float:
-    """Largest wrench along a row, one way, with the other controlled rows zero but those that are free, N or N m."""
+    """Compute the largest wrench along a row in one direction, N or N m; other controlled rows are zero or `free`."""
     rows = [other for other in vehicle.controlled_rows if other not in free]
     along = np.zeros(6)
     along[row] = sign
@@ -145,7 +143,7 @@ def _largest(vehicle: Vehicle, row: int, sign: float, free: list[int]) -> float:
 
 
 def _least_surge(vehicle: Vehicle, moment: float) -> float:
-    """Smallest surge force, from 0 on, with which a boat makes a yaw moment, N."""
+    """Compute the smallest surge force >= 0 with which a boat produces a yaw moment, N."""
     W = vehicle.W
     A = np.column_stack([W[[_SURGE, _YAW]], [-1.0, 0.0]])
     return vehicle.solve_for_efforts(A, np.array([0.0, moment]), np.append(np.zeros(W.shape[1]), 1.0))

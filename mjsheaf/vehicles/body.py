@@ -1,4 +1,4 @@
-"""What physics knows of a vehicle: mass, drag, and what pushes it; how it is steered comes on top.
+"""Physical properties of a vehicle: mass, drag and actuators. Steering is separate.
 
 Wrenches are [force; moment] about the origin of the body frame, in body axes (x forward, y port, z up).
 """
@@ -26,10 +26,10 @@ class Inertial(NamedTuple):
     """Inertia of one body of an MJCF file, as compiled.
 
     Attributes:
-        position: of the centre of mass in the body's frame, shape (3,), m.
-        quaternion: of the principal axes, shape (4,).
-        mass: kg.
-        diagonal: principal moments of inertia, shape (3,), kg m^2.
+        position: Position of the centre of mass in the body's frame, shape (3,), m.
+        quaternion: Quaternion of the principal axes, shape (4,).
+        mass: Mass, kg.
+        diagonal: Principal moments of inertia, shape (3,), kg m^2.
     """
 
     position: Array
@@ -41,7 +41,7 @@ class Inertial(NamedTuple):
 class AttitudeHold(Section):
     """Desired attitude, held by the thrusters as a second-order system.
 
-    A boat at its hand point holds none; its numbers serve where underactuation is switched off.
+    A boat steered at its hand point holds no attitude; the values apply if underactuation is switched off.
     """
 
     frequency: Annotated[float, Field(gt=0)] = Field(description="natural frequency [rad/s]")
@@ -53,21 +53,22 @@ class Body:
     """A rigid body in a medium, and its actuators.
 
     Attributes:
-        dimension: of the controlled position: 2 on the surface, 3 in a volume.
-        mass: kg.
-        weight: what thrusters or water must carry, N: m g less what the MJCF compensates (gravcomp).
-        ballast: weight that the body does not have in the model, N; see effects.
-        centre_of_mass: in the body frame, shape (3,), m.
-        weight_moment: sum of the bodies' own weights, less what the MJCF compensates, times where they act in the body
-            frame, shape (3,), N m.
-        inertia: about the origin of the body frame, body axes, shape (3, 3), kg m^2.
-        inertials: of each body in the file, depth first.
-        actuators: what pushes it.
-        hold: of its attitude.
-        drag: linear drag D along the body axes, shape (3,), N s/m.
-        angular_drag: the same about them, shape (3,), N m s/rad.
-        quadratic_drag: of |v| v along and of |omega| omega about the body axes, shape (6,).
-        added_mass: mass of the medium that moves with the body along and about its axes, shape (6,), kg and kg m^2.
+        dimension: Dimension of the controlled position: 2 on the surface, 3 in a volume.
+        mass: Mass, kg.
+        weight: Weight that thrusters or water must carry, N: m g minus MuJoCo's compensation (gravcomp).
+        ballast: Part of the weight that the body does not have in the model, N; see effects.
+        centre_of_mass: Centre of mass in the body frame, shape (3,), m.
+        weight_moment: Sum over bodies of weight, minus MuJoCo's compensation, times its position in the body frame,
+            shape (3,), N m.
+        inertia: Inertia about the origin of the body frame, body axes, shape (3, 3), kg m^2.
+        inertials: Inertias of the bodies in the file, depth first.
+        actuators: Actuators of the vehicle.
+        hold: Parameters of the attitude hold.
+        drag: Linear drag D along the body axes, shape (3,), N s/m.
+        angular_drag: Linear drag about the body axes, shape (3,), N m s/rad.
+        quadratic_drag: Coefficients of |v| v along and |omega| omega about the body axes, shape (6,), N s^2/m^2 and
+            N m s^2/rad^2.
+        added_mass: Mass of the medium that moves with the body along and about its axes, shape (6,), kg and kg m^2.
     """
 
     dimension: int
@@ -115,7 +116,7 @@ class Body:
 
     @property
     def half_planes(self) -> tuple[Array, Array]:
-        """A (r, s) and b (r,) of A u <= b, which efforts u obey beside their bounds."""
+        """A (r, s) and b (r,) of A u <= b, which efforts u satisfy in addition to their bounds."""
         from scipy.linalg import block_diag
 
         if not self.actuators:
@@ -124,9 +125,9 @@ class Body:
         return block_diag(*A), np.concatenate(b)
 
     def solve_for_efforts(self, A: Array, b: Array, cost: Array) -> float:
-        """Return s >= 0 of the efforts u within limits and s that solve A [u; s] = b at least cost.
+        """Return the s >= 0 of the minimum-cost solution of A [u; s] = b with efforts u within limits.
 
-        It is infinite where s has no limit, and 0 where nothing solves it.
+        It is infinite if s is unbounded, and 0 if there is no solution.
         """
         from scipy.optimize import linprog
 
@@ -144,12 +145,12 @@ class Body:
         return float(answer.x[-1]) if answer.status == 0 else 0.0
 
     def largest_along(self, rows: list[int], along: Array, carried: Array) -> float:
-        """Return the largest s with which efforts within limits make W u = carried + s along (6,) on some rows."""
+        """Return the largest s for which efforts within limits satisfy W u = carried + s along on `rows`."""
         cost = np.append(np.zeros(self.W.shape[1]), -1.0)
         return self.solve_for_efforts(np.column_stack([self.W[rows], -along[rows]]), carried[rows], cost)
 
     def by_actuator(self, values: NDArray[Any]) -> list[NDArray[Any]]:
-        """Efforts or commands (s,) of each actuator."""
+        """Split efforts or commands, shape (s,), by actuator."""
         ends = np.cumsum([len(actuator.channels) for actuator in self.actuators], dtype=np.int64)
         return np.split(values, ends)[:-1]
 
@@ -183,28 +184,28 @@ class Body:
 
     @property
     def joint_damping(self) -> Array:
-        """Linear damping that the free joint takes, shape (6,), N s/m and N m s/rad.
+        """Linear damping applied by the free joint, shape (6,), N s/m and N m s/rad.
 
-        MuJoCo integrates what the joint takes implicitly: stiff drag then costs no small steps. But it factorizes the
-        mass matrix once more for it, so drag that is not stiff is an applied force, stable up to steps of 0.2 s. What
-        is shared with the medium must be: see `simulation.bodies`. The choice does not depend on the timestep: both
-        errors are of first order in it, but the force's is several times larger, and a run that changed from one to
-        the other would be less exact with a smaller step.
+        MuJoCo integrates damping of joints implicitly, so stiff drag needs no small steps. This costs another
+        factorization of the mass matrix, so drag that is not stiff is an applied force, which is stable up to steps of
+        0.2 s. Bodies with added mass require an applied force: see `simulation.bodies`. The choice does not depend on
+        the timestep. The errors of both are of first order in it, but that of the force is several times larger, so a
+        run that switched would be less accurate with a smaller step.
         """
         fastest = max(*(self.drag / self.mass), *(self.angular_drag / np.diag(self.turning_inertia)))
-        if self.added_mass.any() or fastest <= _STIFF * (1.0 + 1e-9):  # whatever the rounding of m / tau
+        if self.added_mass.any() or fastest <= _STIFF * (1.0 + 1e-9):  # allows for the rounding of m / tau
             return np.zeros(6)
         return np.array([*np.full(3, self.drag.max()), *self.angular_drag])
 
     @property
     def gears(self) -> Array:
-        """Wrench on the free joint for each effort of 1 / gain, shape (s, 6): zero where the gain is."""
+        """Wrench on the free joint for each effort of 1 / gain, shape (s, 6); zero if the gain is zero."""
         gain = np.array([a.gain for a in self.actuators for _ in a.channels])  # W holds gain times gear
         wrenches = self.W.T @ self.rigid_wrench_map.T
         return np.divide(wrenches, gain[:, None], out=np.zeros((len(gain), 6)), where=gain[:, None] != 0)
 
     @property
     def turning_inertia(self) -> Array:
-        """What a couple must overcome, shape (3, 3), kg m^2: inertia about the centre of mass, and added inertia."""
+        """Effective inertia for a couple: inertia about the centre of mass plus added inertia, shape (3, 3), kg m^2."""
         c = self.centre_of_mass
         return self.inertia - self.mass * (c @ c * np.eye(3) - np.outer(c, c)) + np.diag(self.added_mass[3:])

@@ -1,13 +1,14 @@
-"""What a vehicle can do at best: thrust with its weight carried, and the speed that drag leaves of it.
+"""Capabilities of a vehicle, and vehicles with physical effects switched off, which isolates the cost of each effect.
 
-Vehicles with some of what makes them real switched off, so that each effect's cost can be told from the others'.
+The capabilities are the thrust available in addition to carrying the weight, and the resulting speed. The less obvious
+effects are:
 
-- inertia: off, mass, inertia and added mass shrink until m / D is `massless_tau`; weight and drag stay what they are,
-  and the autopilot, which has nothing left to do, is off.
-- limits: off, thrusters push as hard as asked, and multirotors tilt as far as 80 degrees.
-- underactuation: off, a vehicle has thrusters along every axis that it is controlled in, as strong and as slow as its
-  own. A boat then holds its heading, is controlled at its origin, and is only as fast abeam as its sway drag leaves; a
-  multirotor pushes sideways as hard as up.
+- inertia: If off, mass, inertia and added mass shrink until m / D is `massless_tau`. Weight and drag stay the same. The
+  autopilot is off, because it is no longer needed.
+- limits: If off, thrusters have no limits, and multirotors tilt up to 80 degrees.
+- underactuation: If off, a vehicle has thrusters along every controlled axis, with the strength and lag of its own. A
+  boat then holds its heading and is controlled at its origin, and its sway drag limits its speed abeam. A multirotor
+  has as much force sideways as up.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,14 +27,14 @@ from mjsheaf.vehicles.vehicle import Vehicle
 
 @dataclass(frozen=True)
 class Capability:
-    """The best that a level vehicle can do in steady motion; infinite where its thrusters have no limits.
+    """Capabilities of a level vehicle in steady motion; infinite if its thrusters have no limits.
 
     Attributes:
-        forward_thrust: N, along x with no other wrench but what carries the weight.
-        forward_speed: m/s through the medium.
-        least_thrust: N, in the horizontal direction in which it is weakest; of a boat at its hand point, which turns
-            first, that forward.
-        least_speed: m/s through the medium, in the horizontal direction in which it is slowest.
+        forward_thrust: Maximum thrust along x in addition to the trim, N.
+        forward_speed: Maximum speed along x through the medium, m/s.
+        least_thrust: Maximum thrust in the weakest horizontal direction, N; the forward thrust of a boat at its hand
+            point, which turns first.
+        least_speed: Maximum speed through the medium in the slowest horizontal direction, m/s.
     """
 
     forward_thrust: float
@@ -43,7 +44,7 @@ class Capability:
 
 
 def capability_of(vehicle: Vehicle) -> Capability:
-    """Thrust and speed of a vehicle."""
+    """Compute the thrust and speed of a vehicle."""
     directions = vehicle.steering.directions
     thrust = np.array([vehicle.steering.largest_force(vehicle, d) for d in directions])
     speed = np.array([_speed(vehicle, d, F) for d, F in zip(directions, thrust, strict=True)])
@@ -51,14 +52,14 @@ def capability_of(vehicle: Vehicle) -> Capability:
 
 
 def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) -> Array:
-    """A measure of every vehicle, shape (V,), taken once of those that are the same."""
+    """Evaluate a measure of every vehicle, shape (V,), once for identical ones."""
     known = {id(vehicle): vehicle for vehicle in vehicles}
     found = {key: measure(vehicle) for key, vehicle in known.items()}
     return np.array([found[id(vehicle)] for vehicle in vehicles])
 
 
 def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
-    """Steady speed at which drag takes a thrust along a unit vector of the body's plane: D v + Q v^2 = F, m/s."""
+    """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s."""
     D = float(vehicle.drag[:2] @ direction**2)
     Q = float(vehicle.quadratic_drag[:2] @ np.abs(direction) ** 3)
     if not np.isfinite(thrust):
@@ -67,18 +68,18 @@ def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
 
 
 class Effects(Section):
-    """What makes bodies real; each can be switched off alone."""
+    """Physical effects of bodies; each can be switched off separately."""
 
     inertia: bool = Field(True, description="off: bodies are so light that m / D is massless_tau; no autopilot")
     drag_law: bool = Field(True, description="off: drag is linear")
-    limits: bool = Field(True, description="off: thrusters push as hard as asked")
-    lag: bool = Field(True, description="off: thrusters follow their commands at once")
+    limits: bool = Field(True, description="off: thrusters have no limits")
+    lag: bool = Field(True, description="off: thrusters follow their commands without lag")
     underactuation: bool = Field(True, description="off: thrusters along every controlled axis")
     massless_tau: Duration = Field(0.02, description="m / D without inertia [s]")
 
 
 def embody(vehicle: Vehicle, effects: Effects) -> Vehicle:
-    """The vehicle with the effects that are wanted; see `Effects` and the module for what each is."""
+    """Return the vehicle with the given effects; see `Effects` and the module."""
     if not effects.underactuation and vehicle.steering.underactuated:
         vehicle = _fully_actuated(vehicle)
     if not effects.limits:
@@ -94,7 +95,7 @@ def embody(vehicle: Vehicle, effects: Effects) -> Vehicle:
 
 
 def has_effects(vehicle: Vehicle) -> Effects:
-    """Which effects a vehicle has at all: switching off another changes nothing."""
+    """Return the effects that a vehicle has; switching off another one changes nothing."""
     return Effects(
         inertia=vehicle.rate > 0.0 or bool(vehicle.added_mass.any()),
         drag_law=bool(vehicle.quadratic_drag.any()),
@@ -105,12 +106,12 @@ def has_effects(vehicle: Vehicle) -> Effects:
 
 
 def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
-    """Shrink the mass; the model's weight shrinks with it, and ballast makes up for that."""
-    own = vehicle.mass / vehicle.drag[: vehicle.dimension]  # added mass goes altogether
+    """Shrink the mass; ballast compensates for the model's lower weight."""
+    own = vehicle.mass / vehicle.drag[: vehicle.dimension]  # added mass is removed
     scale = min(1.0, tau / float(own.max()))
     inertials = [x._replace(mass=x.mass * scale, diagonal=x.diagonal * scale) for x in vehicle.inertials]
-    # What turns keeps its drag in proportion, so that the attitude hold stays what it was. A boat rolls and pitches by
-    # its restoring, and yaw at a hand point is a controlled velocity: these keep theirs.
+    # Angular drag shrinks with the inertia, so that the attitude hold stays the same. Exceptions keep their drag: roll
+    # and pitch of a boat, which follow from its restoring moments, and yaw at a hand point, a controlled velocity.
     turning, axes = np.ones(3), [row - 3 for row in vehicle.controlled_rows if row > 2 and vehicle.steering.attitude]
     turning[axes] = (scale * np.diag(vehicle.inertia) / vehicle.moving_mass[3:])[axes]
     return replace(
@@ -128,9 +129,9 @@ def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
 
 
 def _fully_actuated(vehicle: Vehicle) -> Vehicle:
-    """Thrusters along every controlled axis: as strong as the vehicle's own together, and as slow as their mean."""
+    """Give a vehicle thrusters along every controlled axis, as strong as its own together and as slow as their mean."""
     low, high = np.minimum(vehicle.effort_bounds[:, 0], 0.0), vehicle.effort_bounds[:, 1]
-    used = vehicle.W != 0.0  # what a thruster without limits does not push at all is no push without limits
+    used = vehicle.W != 0.0  # a thruster without limits has no effect along an axis where it has no wrench
     reach = np.where(vehicle.W > 0.0, high, low) * np.where(used, vehicle.W, 1.0)
     strongest = np.where(used, reach, 0.0).sum(axis=1)
     force, steering = strongest[:3].max(), Full()

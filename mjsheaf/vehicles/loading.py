@@ -1,11 +1,10 @@
-"""The files that a vehicle is made of, none of which may lie outside its description's directory.
+"""Loading of vehicles: the description and the MJCF file, checked against each other, and the files they refer to.
 
-A description names an MJCF file, which may include others and name meshes, textures and height fields. They are looked
-through before MuJoCo opens any of them. MuJoCo loads no code by MJCF, but a plugin that it has already loaded
-may do anything: plugins are refused. So is what MuJoCo would not survive: copies of copies without end, pictures larger
-than any memory, and numbers that are none, with which it goes on after a warning.
-
-Loading a vehicle: its description and its MJCF file, checked against each other.
+A description names an MJCF file, which may include others and refer to meshes, textures and height fields. None of
+these files may lie outside the description's directory. All are checked before MuJoCo opens any of them. MJCF does not
+make MuJoCo load code, but plugins that are already loaded may do anything, so plugins are refused. Input that would
+crash MuJoCo is refused too: unbounded nested copies, images larger than memory, and non-finite numbers, which MuJoCo
+accepts with only a warning.
 """
 
 import math
@@ -31,68 +30,69 @@ from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle, VehicleDescription
 
-_LARGEST_FILE = 20_000_000  # bytes, of one XML file
-_DEEPEST = 100  # elements within one another
-_MOST_COPIES = 1000  # that one element asks for, by elements within one another
+_LARGEST_FILE = 20_000_000  # maximum size of an XML file, bytes
+_DEEPEST = 100  # maximum depth of nested elements
+_MOST_COPIES = 1000  # maximum number of copies of one element, including nested copies
 _LARGEST_GRID = 4096**2  # pixels of a texture, points of a height field
 _LARGEST_NUMBER = 1e12
 _ROOTS = ("mujoco", "mujocoinclude")
 _COPYING = ("replicate", "composite", "flexcomp")
 _GRIDS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
-_WORDS = ("name", "class", "childclass")  # attributes that are words, whatever they look like
+_WORDS = ("name", "class", "childclass")  # attributes that are words, even if they look like numbers
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _IN_MESHDIR = ("mesh", "hfield", "skin")
 _LAG_NAMES = {int(getattr(mujoco.mjtDyn, f"mjDYN_{name.upper()}")): name for name in LAGS}
 
 
 class _Reference(NamedTuple):
-    """A file that an element of an MJCF file names."""
+    """A reference to a file in an MJCF file."""
 
     tag: str
     name: str
-    within: Path  # the directory of the file in which it stands
+    within: Path  # directory of the file that contains the reference
 
 
 class _Names(NamedTuple):
-    """What the elements of an MJCF file and of those that it includes name."""
+    """References and settings of an MJCF file and of the files that it includes."""
 
     references: list[_Reference]
     directories: dict[str, set[str]]
 
 
 def files_of(description: Path, mjcf: str) -> list[Path]:
-    """The files of a vehicle.
+    """List the files of a vehicle.
 
     Args:
-        description: its description's file.
-        mjcf: what that says of the MJCF file, relative to its directory.
+        description: File of its description.
+        mjcf: Path of the MJCF file, relative to the description's directory.
 
     Returns:
-        The MJCF file first, then all that exist of those that it leads to; absolute, links resolved.
+        The MJCF file first, then all existing files that it refers to directly or indirectly, as absolute paths with
+        links resolved.
 
     Raises:
-        InputError: one lies outside the directory of the description, an MJCF file is none, or has a plugin.
+        InputError: A file lies outside the directory of the description, or an MJCF file is not valid or has a plugin.
     """
     root = description.parent.resolve()
     with in_field(f"{description}: mjcf"):
         main = confined(mjcf, root)
     names, files = _Names([], {name: set() for name in _DIRECTORIES}), [main]
-    for path in files:  # grows by what they include
+    for path in files:  # grows with the files that they include
         known = len(names.references)
         _read(path, names)
         for reference in names.references[known:]:
             if reference.tag in ("include", "model"):
                 files += [file for file in _places(reference, main, names, root) if file not in files]
-    # The directories of meshes are known when every file is read.
+    # The directories of meshes are known only after all files have been read.
     others = [file for reference in names.references for file in _places(reference, main, names, root)]
     return list(dict.fromkeys([*files, *others]))
 
 
 def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> list[Path]:
-    """Every file that MuJoCo may take a reference for, where it exists.
+    """List the existing files that MuJoCo may resolve a reference to.
 
     Raises:
-        InputError: one is outside the root, or is no file.
+        InputError: A file is outside the root, or is not a regular file.
     """
     tag, name, within = reference
     own = "texturedir" if tag == "texture" else "meshdir"
@@ -102,7 +102,7 @@ def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> lis
     found = []
     for base in sorted({main.parent, within}):
         for directory in sorted(directories):
-            for file in sorted({name, Path(name).name}):  # the latter by <compiler strippath="true"/>
+            for file in sorted({name, Path(name).name}):  # the latter with <compiler strippath="true"/>
                 with in_field(f"{main}: <{tag}>"):
                     path = confined(file, base / directory, root)
                 if path.is_file():
@@ -113,13 +113,13 @@ def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> lis
 
 
 def _read(path: Path, names: _Names) -> None:
-    """Note what the elements of one MJCF file name.
+    """Collect the references of one MJCF file.
 
     Raises:
-        InputError: it cannot be read, is not MJCF, declares a document type, or has a plugin.
+        InputError: The file cannot be read, is not MJCF, declares a document type, or has a plugin.
     """
     parser = expat.ParserCreate("utf-8")
-    copies = [1.0]  # that each of the elements within one another is part of
+    copies = [1.0]  # number of copies of each enclosing element
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
         where = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
@@ -131,10 +131,10 @@ def _read(path: Path, names: _Names) -> None:
         copies.append(copies[-1] * math.prod(numbers.get("count", [1.0]) if tag in _COPYING else [1.0]))
         size = math.prod(numbers.get(key, [1.0])[0] for key in _GRIDS.get(tag, ()) if numbers.get(key, [1.0]))
         for refused, what in (
-            (copies[-1] > _MOST_COPIES, f"asks for {copies[-1]:g} copies; expected at most {_MOST_COPIES}"),
+            (copies[-1] > _MOST_COPIES, f"makes {copies[-1]:g} copies; expected at most {_MOST_COPIES}"),
             (size > _LARGEST_GRID, f"has {size:g} points; expected at most {_LARGEST_GRID}"),
-            (len(copies) == 2 and tag not in _ROOTS, "is its root; expected <mujoco>"),
-            (len(copies) > _DEEPEST + 1, f"is nested more than {_DEEPEST} deep"),
+            (len(copies) == 2 and tag not in _ROOTS, "is the root of the file; expected <mujoco>"),
+            (len(copies) > _DEEPEST + 1, f"is nested more than {_DEEPEST} levels deep"),
             (tag in ("extension", "plugin"), "is not allowed: plugins are code"),
         ):
             if refused:
@@ -146,7 +146,7 @@ def _read(path: Path, names: _Names) -> None:
                 names.directories[key].add(value)
 
     def doctype(*_: Any) -> None:
-        raise InputError(f"{path}: a document type is not allowed; leave <!DOCTYPE out")
+        raise InputError(f"{path}: a document type is not allowed; remove <!DOCTYPE")
 
     parser.StartElementHandler, parser.StartDoctypeDeclHandler = begin, doctype
     parser.EndElementHandler = lambda _: copies.pop()
@@ -159,7 +159,7 @@ def _read(path: Path, names: _Names) -> None:
 
 
 def _numbers(value: str) -> list[float]:
-    """The numbers of which an attribute is made, or none where one of its words is no number."""
+    """Split an attribute into numbers; empty if one of its words is not a number."""
     try:
         return [float(word) for word in value.split()]
     except ValueError:
@@ -167,7 +167,7 @@ def _numbers(value: str) -> list[float]:
 
 
 def list_vehicles() -> dict[str, Path]:
-    """The vehicles that come with mjsheaf: name to description file."""
+    """List the vehicles that come with mjsheaf: description files by name."""
     return {path.stem: path for path in sorted(resource_directory("models").glob("*.yaml"))}
 
 
@@ -175,12 +175,12 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     """Load a vehicle.
 
     Args:
-        source: a name in models/, or the path of a description file, which may lie anywhere; what it names may not: all
-            its files lie in its directory or below it.
-        directory: what a relative path is relative to; None takes the working directory.
+        source: Name in models/, or path of a description file anywhere. Files that the description refers to must lie
+            in its directory or below it.
+        directory: Base of a relative path; None takes the working directory.
 
     Raises:
-        InputError: no such vehicle, or its files are not valid; the message names the file.
+        InputError: There is no such vehicle, or its files are not valid; the message names the file.
     """
     require_type("source", source, str, "the name of a vehicle, or the path of its description")
     known = list_vehicles()
@@ -190,7 +190,7 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     if path.suffix == ".xml":
         name = shortened(path.stem, 50)
         raise InputError(
-            f"{shortened(source, 100)}: a model (MJCF) alone is no vehicle; expected its description, such as "
+            f"{shortened(source, 100)}: a model (MJCF) alone is not a vehicle; expected its description, such as "
             f"{name}.yaml with `mjcf: {name}.xml`, a domain, drag and attitude"
         )
     if path.suffix not in SUFFIXES:
@@ -198,7 +198,7 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
             f"no vehicle {shortened(source, 100)!r}; expected {', '.join(known)}, or the path of a description file "
             f"({' or '.join(SUFFIXES)})"
         )
-    files_of(path, read_description(path).mjcf)  # refuses what lies outside, before anything opens it
+    files_of(path, read_description(path).mjcf)  # refuses files outside the directory before they are opened
     return _load(path)
 
 
@@ -208,16 +208,16 @@ def _load(path: Path) -> Vehicle:
     return _from_model(path.stem, description, mjcf, _compile(mjcf))
 
 
-_shipped = cache(_load)  # runs of a study have the same
+_shipped = cache(_load)  # the runs of a study share it
 
 
 def read_description(path: Path) -> VehicleDescription:
     """Read a vehicle's description.
 
     Raises:
-        InputError: the file is not valid, or is no file; the message names it.
+        InputError: The file is not valid, or is not a regular file; the message names it.
     """
-    if os.path.exists(path) and not os.path.isfile(path):  # a pipe would be waited on for ever
+    if os.path.exists(path) and not os.path.isfile(path):  # reading a pipe would block forever
         raise InputError(f"{path}: is no regular file; expected the description of a vehicle")
     try:
         return VehicleDescription.model_validate(read_yaml(path))
@@ -229,16 +229,16 @@ def _compile(path: Path) -> mujoco.MjModel:
     """Compile a vehicle's file alone."""
     with refusing(str(path)):
         spec = mujoco.MjSpec.from_file(str(path))
-        spec.compiler.fusestatic = False  # would make all of it part of the world, which has no mass
+        spec.compiler.fusestatic = False  # fusing would merge the vehicle into the world, which has no mass
         model = spec.compile()
-    # Of the world they have no mass, but once that is a vehicle's frame they would have.
+    # Geoms of the world have no mass, but they would get one when the world becomes the vehicle's frame.
     plate = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     for geom in spec.worldbody.geoms:
         heavy = geom.density > 0.0 if np.isnan(geom.mass) else geom.mass > 0.0
         if heavy and geom.type not in plate:
             name = f"geom {geom.name!r}" if geom.name else "a geom"
             raise InputError(
-                f'{path}: {name} with mass stands in <worldbody> itself; put it into a <body>, or mass="0"'
+                f'{path}: {name} with mass is directly in <worldbody>; put it into a <body>, or set mass="0"'
             )
     return model
 
@@ -295,16 +295,16 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
 
 
 def _check(vehicle: Vehicle) -> None:
-    """Refuse a vehicle whose thrusters cannot do what its way of control asks of them.
+    """Refuse a vehicle whose thrusters cannot produce the wrenches that its steering commands.
 
-    One that drifts has none.
+    A vehicle that drifts has no thrusters.
 
     Raises:
-        InputError: naming what is lacking.
+        InputError: The message names the missing direction.
     """
     if vehicle.description.drifts:
         if vehicle.actuators:
-            raise InputError(f"{vehicle.path}: what drifts has no thrusters; leave out <actuator>, or drifts: true")
+            raise InputError(f"{vehicle.path}: a drifting vehicle has no thrusters; remove <actuator>, or drifts: true")
         return
     rows, path = vehicle.controlled_rows, vehicle.path
     if np.linalg.matrix_rank(vehicle.W[rows]) < len(rows):
@@ -313,7 +313,7 @@ def _check(vehicle: Vehicle) -> None:
         steered = vehicle.steering.underactuated
         steering = "" if steered else "; an underactuated vehicle needs `steering` in its description"
         raise InputError(
-            f"{path}: the thrusters cannot produce every wanted wrench; lacking is {lacking} (Assumption 2){steering}"
+            f"{path}: the thrusters cannot produce every required wrench; {lacking} is missing (Assumption 2){steering}"
         )
     if fault := vehicle.steering.fault(vehicle):
         raise InputError(f"{path}: {fault}")
@@ -323,14 +323,14 @@ def _check(vehicle: Vehicle) -> None:
         k = short[0]
         raise InputError(
             f"{path}: cannot carry its own weight: {vehicle.thrusters[k]} would need a command of {trim[k]:.4g}, "
-            f"its range is {low[k]:.4g} to {high[k]:.4g}"
+            f"but its range is {low[k]:.4g} to {high[k]:.4g}"
         )
 
 
 def mass_properties(model: mujoco.MjModel, data: mujoco.MjData, bodies: slice) -> tuple[float, Array, Array]:
-    """Mass in kg, centre of mass (3,) in m and inertia about the origin (3, 3) in kg m^2 of a slice of the bodies.
+    """Compute mass, kg, centre of mass, (3,), m, and inertia about the origin, (3, 3), kg m^2, of a slice of bodies.
 
-    World axes, for the bodies where `data` has them.
+    They are in world axes, with the bodies at the poses in `data`.
     """
     m, r, axes = model.body_mass[bodies], data.xipos[bodies], data.ximat[bodies].reshape(-1, 3, 3)
     mass, second = float(m.sum()), np.einsum("b,bi,bj->ij", m, r, r)
@@ -349,15 +349,16 @@ def _thruster_names(model: mujoco.MjModel) -> list[str]:
 def _actuators(
     path: Path, model: mujoco.MjModel, data: mujoco.MjData, described: dict[str, AnyActuator]
 ) -> list[Thruster]:
-    """The actuators of a compiled file; its elements would not do: most of them may stand in their default class.
+    """Read the actuators from a compiled file, because attributes in the XML may come from default classes.
 
     Raises:
-        InputError: one that is described does not exist, or does not push as its description needs it.
+        InputError: An actuator in the description does not exist, or does not have the thrust that the description
+            requires.
     """
     names = _thruster_names(model)
     for name in described:
         if name not in names:
-            raise InputError(f"{path}: actuators.{name} of the description is not there; {expected(name, names)}")
+            raise InputError(f"{path}: actuators.{name} of the description does not exist; {expected(name, names)}")
     site, gains = model.actuator_trnid[:, 0], model.actuator_gainprm[:, :1]
     axes, arms = data.site_xmat[site].reshape(-1, 3, 3), data.site_xpos[site]
     force = np.einsum("kij,kj->ki", axes, model.actuator_gear[:, :3])

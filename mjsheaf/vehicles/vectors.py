@@ -1,6 +1,6 @@
-"""Vectors of space as tuples, for compiled code: they live in registers, and no two of them can overlap in memory.
+"""Vectors in space as tuples, for compiled code: they stay in registers and cannot alias each other in memory.
 
-A rotation is a tuple of its nine entries by rows; it turns body axes into world axes.
+A rotation is a tuple of its nine entries by rows; it maps body axes to world axes.
 """
 
 from mjsheaf.jit import inline_jit
@@ -8,7 +8,7 @@ from mjsheaf.jit import inline_jit
 
 @inline_jit
 def rotation(w, x, y, z):
-    """The rotation of a unit quaternion."""
+    """Compute the rotation of a unit quaternion."""
     return (
         1 - 2 * (y * y + z * z),
         2 * (x * y - w * z),
@@ -44,37 +44,37 @@ def to_body(R, a):
 
 @inline_jit
 def upward(R, size):
-    """R^T e_z times a size: a vertical vector in body axes."""
+    """Compute R^T e_z times a size, a vertical vector in body axes."""
     return R[6] * size, R[7] * size, R[8] * size
 
 
 @inline_jit
 def add(a, b):
-    """a + b."""
+    """Compute a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inline_jit
 def subtract(a, b):
-    """a - b."""
+    """Compute a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inline_jit
 def cross(a, b):
-    """a x b."""
+    """Compute a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inline_jit
 def triple(row):
-    """The first three entries of an array."""
+    """Return the first three entries of an array."""
     return row[0], row[1], row[2]
 
 
 @inline_jit
 def product(M, a):
-    """M a for an array M (3, 3)."""
+    """Compute M a for an array M (3, 3)."""
     return (
         M[0, 0] * a[0] + M[0, 1] * a[1] + M[0, 2] * a[2],
         M[1, 0] * a[0] + M[1, 1] * a[1] + M[1, 2] * a[2],
@@ -84,6 +84,6 @@ def product(M, a):
 
 @inline_jit
 def row_product(row, a, b):
-    """A row (6,) times [a; b]."""
+    """Compute a row (6,) times [a; b]."""
     first = row[0] * a[0] + row[1] * a[1] + row[2] * a[2]
     return first + row[3] * b[0] + row[4] * b[1] + row[5] * b[2]

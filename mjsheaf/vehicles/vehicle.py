@@ -1,9 +1,8 @@
-"""What stands in models/NAME.yaml: all of a vehicle that its MJCF file cannot say.
+"""Vehicles, their descriptions in models/NAME.yaml, and their reduced models.
 
-In which medium it moves, what the medium does to it (drag, added mass, hydrostatics), and what its onboard computer
-does with the velocity that the law wants. Axes are those of the body: x forward, y port, z up.
-
-A vehicle, ready to be controlled: numbers from its MJCF file and its description, and its reduced model.
+A description contains the properties of a vehicle that MJCF has no place for: its medium, the effects of the medium
+(drag, added mass, hydrostatics), and the control of the commanded velocity by its onboard computer. Axes are those of
+the body: x forward, y port, z up.
 """
 
 from dataclasses import dataclass, replace
@@ -57,29 +56,29 @@ class Hydrostatics(Section):
 
 
 class Autopilot(Section):
-    """The loop on the velocity through the medium, which is measured: tau = M / (M rate + D); more with lag."""
+    """Loop on the measured velocity through the medium, with time constant M / (M rate + D), or more with lag."""
 
     rate: Annotated[float, Field(gt=0)] = Field(description="k_v of the loop on the velocity through the medium [1/s]")
 
 
 def _kind_of_steering(value: Any) -> str | None:
-    """The class of the field that is given, if it is one alone."""
+    """Return the class of the given field; None unless exactly one is given."""
     kinds = {"hand_point": "HandPoint", "largest_tilt": "ThrustVector"}
     given = set(kinds) & set(value if isinstance(value, dict) else type(value).model_fields)
     return kinds[given.pop()] if len(given) == 1 else None
 
 
 class VehicleDescription(Section):
-    """What stands in models/NAME.yaml."""
+    """Contents of models/NAME.yaml."""
 
     summary: str = Field(description="one line that `mjsheaf list --vehicles` shows")
-    source: str = Field("", description="where the numbers come from")
+    source: str = Field("", description="source of the numbers")
     mjcf: str = Field(description="MJCF file, in the same directory")
     domain: Literal["surface", "volume"] = Field(description="surface: controlled in the plane; volume: in space")
-    drag: Drag = Field(description="what the medium takes")
-    attitude: AttitudeHold = Field(description="hold of the attitude")
+    drag: Drag = Field(description="drag in the medium")
+    attitude: AttitudeHold = Field(description="attitude hold")
     autopilot: Autopilot | None = Field(
-        None, description="hold of the commanded velocity; feedforward of the drag law only unless given"
+        None, description="velocity loop; only feedforward of the drag law unless given"
     )
     actuators: dict[str, AnyActuator] = Field(
         {}, description="thrusters of the MJCF file that turn, or have a rudder, by name"
@@ -96,7 +95,7 @@ class VehicleDescription(Section):
         | None
     ) = Field(None, description="steering of a vehicle that cannot push along every axis")
     added_mass: Six | None = Field(None, description="surge, sway, heave; roll, pitch, yaw [kg, kg m^2]")
-    hydrostatics: Hydrostatics | None = Field(None, description="of a vehicle that floats")
+    hydrostatics: Hydrostatics | None = Field(None, description="restoring moments of a floating vehicle")
     drifts: bool = Field(False, description="true for a buoy without thrusters, which can only be a target")
 
     @model_validator(mode="after")
@@ -108,24 +107,24 @@ class VehicleDescription(Section):
     @model_validator(mode="after")
     def _fits_together(self) -> "VehicleDescription":
         if (self.domain == "surface") != (self.hydrostatics is not None):
-            raise ValueError("a surface vehicle needs hydrostatics, and no other has them")
+            raise ValueError("a surface vehicle needs hydrostatics, and other vehicles must not have them")
         if isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint):
-            raise ValueError("steering has a hand_point on the surface, and a largest_tilt in a volume")
+            raise ValueError("steering needs a hand_point on the surface, and a largest_tilt in a volume")
         if self.drifts and (self.domain != "surface" or self.steering or self.autopilot or self.actuators):
-            raise ValueError("what drifts floats on the surface, without steering, autopilot and actuators")
+            raise ValueError("a drifting vehicle must be on the surface, without steering, autopilot and actuators")
         return self
 
 
 @dataclass(frozen=True)
 class Vehicle(Body):
-    """A vehicle, ready to be controlled.
+    """A vehicle, ready to be controlled: numbers from its MJCF file and its description.
 
     Attributes:
-        name: of its description.
-        description: the description.
-        path: its MJCF file.
-        steering: how a wanted velocity becomes wrenches.
-        rate: k_v of the autopilot, 1/s; 0 without one.
+        name: Name of its description.
+        description: Its description.
+        path: Path of its MJCF file.
+        steering: Conversion of a desired velocity into wrenches.
+        rate: Rate k_v of the autopilot, 1/s; 0 without one.
     """
 
     name: str
@@ -136,12 +135,12 @@ class Vehicle(Body):
 
     @property
     def controlled_rows(self) -> list[int]:
-        """Rows of the wrench that actuators must produce: those that its steering commands."""
+        """Rows of the wrench that its steering commands and actuators must produce."""
         return self.steering.rows[self.dimension]
 
     @cached_property
     def allocation(self) -> Array:
-        """Efforts that make a wanted wrench, shape (s, 6); see `Steering.allocation`."""
+        """Map from desired wrenches to efforts, shape (s, 6); see `Steering.allocation`."""
         return self.steering.allocation(self)
 
     @cached_property
@@ -152,17 +151,17 @@ class Vehicle(Body):
         return np.concatenate([np.zeros(0), *commands])
 
     def reduced_model(self) -> "ReducedModel":
-        """The paper's first-order model of this vehicle: q' = f + g u once its time constants are small."""
+        """The paper's first-order model of this vehicle, q' = f + g u, valid if its time constants are small."""
         return ReducedModel(self)
 
     def with_time_constant(self, tau: float | None) -> "Vehicle":
-        """The same vehicle with time constant tau, s; None leaves it as it is.
+        """Return the same vehicle with time constant tau, s; None keeps its own.
 
-        Where it has an autopilot, that is made faster or slower, until M / (M k_v + D) along surge is tau, whatever the
-        lag of its thrusters; where it has none, its drag becomes isotropic, m / tau.
+        With an autopilot, k_v changes so that M / (M k_v + D) along surge is tau, ignoring the lag of its thrusters.
+        Without one, its drag becomes isotropic, m / tau.
 
         Raises:
-            InputError: its drag alone makes it faster than tau.
+            InputError: Its drag alone makes it faster than tau.
         """
         if tau is None:
             return self
@@ -177,16 +176,18 @@ class Vehicle(Body):
 
 @dataclass(frozen=True)
 class ReducedModel:
-    """q' = f + g u + omega: what is left of a vehicle once its time constants are small against those of the law.
+    """First-order model q' = f + g u + omega of a vehicle with time constants much smaller than the law's.
 
-    The medium carries it, so that f is the medium's velocity w, and thrust moves it relative to that through linear
-    drag: g = C (R D R^T)^-1 R W_f. What u is depends on its steering: efforts of a fully actuated vehicle (commands of
-    thrusters, force components of azimuth thrusters) and of a boat at its hand point, where
-    g = R(psi) diag(1 / D_surge, l / D_yaw) W on the rows surge and yaw is square and of full rank; the thrust vector in
-    world axes (N) of a multirotor with parallel rotors, whose attitude is faster still.
+    The medium carries it, so f is the medium's velocity w. Thrust moves it relative to the medium against linear drag:
+    g = C (R D R^T)^-1 R W_f. The input u depends on its steering:
+
+    - Fully actuated vehicle: efforts (commands of thrusters, force components of azimuth thrusters).
+    - Boat at its hand point: efforts, with g = R(psi) diag(1 / D_surge, l / D_yaw) W on the rows surge and yaw, which
+      is square and of full rank.
+    - Multirotor with parallel rotors, whose attitude is faster still: thrust vector in world axes, N.
 
     Attributes:
-        vehicle: the vehicle.
+        vehicle: Vehicle that is modelled.
     """
 
     vehicle: Vehicle
@@ -195,30 +196,30 @@ class ReducedModel:
     def tau(self) -> Array:
         """Time constants of the controlled velocity along body axes at low speed, shape (n,), s.
 
-        (M + l D) / (M k_v + D): the mean delay of a step, the area above its response. The force comes late by l, the
-        lag of the thrusters, or 2 zeta / omega of the attitude that must turn first: inside the autopilot's loop that
-        costs l D only.
+        (M + l D) / (M k_v + D) is the mean delay of a step response, that is, the area above it. The force is delayed
+        by l: the lag of the thrusters, or 2 zeta / omega of an attitude that must turn first. Inside the autopilot's
+        loop, this adds only l D.
 
-        The model leaves out that an azimuth thruster turns at a limited rate before it pushes: a step in sway of
-        wamv_azimuth at rest was measured to take 1.20 times as long, steps of an Otter differ by 3 to 7 %. `compare`
-        measures the delay.
+        The model omits that an azimuth thruster turns at a limited rate before it pushes. In a test, a step in sway of
+        wamv_azimuth at rest took 1.20 times as long; steps of an Otter differ by 3 to 7 %. `compare` measures the
+        delay.
         """
         v, rows = self.vehicle, self.vehicle.steering.velocity_rows[: self.vehicle.dimension]
         mass, drag = v.moving_mass[rows], np.concatenate([v.drag, v.angular_drag])[rows]
         return np.asarray((mass + v.steering.delays(v) * drag) / (mass * v.rate + drag))
 
     def f(self, w: Array) -> Array:
-        """The drift of a vehicle in a medium that moves at w (3,), shape (n,), m/s."""
+        """Compute the drift of a vehicle in a medium that moves at w (3,), shape (n,), m/s."""
         return np.asarray(w, dtype=np.float64)[: self.vehicle.dimension]
 
     def g(self, R: Array) -> Array:
-        """Control effectiveness, shape (n, s), m/s for each unit of input.
+        """Compute the control effectiveness, shape (n, s), m/s per unit of input.
 
         Args:
-            R: attitude, body to world, shape (3, 3).
+            R: Attitude, body to world, shape (3, 3).
         """
         return self.vehicle.steering.g(self.vehicle, R)
 
     def g_inverse(self, R: Array) -> Array:
-        """g^+, the right inverse of g that makes no other motion of the body, shape (s, n)."""
+        """Compute g^+, the right inverse of g that causes no other motion of the body, shape (s, n)."""
         return self.vehicle.steering.g_inverse(self.vehicle, R)

@@ -377,7 +377,7 @@ def test_a_boat_with_one_outboard_engine_is_steered_at_a_hand_point(tmp_path: Pa
 
     Its stern first goes the other way, so that a point near the bow would circle.
     """
-    with pytest.raises(InputError, match=r"lacking is .*needs `steering`"):
+    with pytest.raises(InputError, match=r"is missing .*needs `steering`"):
         load_vehicle(altered(tmp_path, NAME, one_engine, actuators=swivel()))
     path = altered(tmp_path, NAME, one_engine, actuators=swivel(), steering={"hand_point": 6.0})
     assert load_vehicle(path).steering == HandPoint(hand_point=6.0)

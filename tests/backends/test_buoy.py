@@ -75,5 +75,5 @@ def test_what_it_is() -> None:
 
 
 def test_a_drifting_vehicle_has_no_thrusters(tmp_path: Any) -> None:
-    with pytest.raises(InputError, match="what drifts has no thrusters"):
+    with pytest.raises(InputError, match="a drifting vehicle has no thrusters"):
         load_vehicle(altered(tmp_path, "hull", drifts=True))

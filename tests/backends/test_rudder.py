@@ -350,8 +350,8 @@ def doubled(root: ElementTree.Element) -> None:
 @pytest.mark.parametrize(
     ("edit", "actuators", "message"),
     [
-        (aslant, blade(), r"actuators\.propeller: expected a thrust straight ahead, of 1 N"),
-        (doubled, blade(), r"actuators\.propeller: expected a thrust straight ahead, of 1 N"),
+        (aslant, blade(), r"actuators\.propeller: a rudder needs a propeller with a thrust straight ahead of 1 N"),
+        (doubled, blade(), r"actuators\.propeller: a rudder needs a propeller with a thrust straight ahead of 1 N"),
         (None, blade(area=3.0, span=5.0), r"actuators\.propeller: its drag at full deflection exceeds the thrust"),
         (None, blade(angle=90), r"actuators\.propeller\.angle: .*below 90"),
         (None, blade(slipstream=0), r"actuators\.propeller\.slipstream: .*above 0"),
