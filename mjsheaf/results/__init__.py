@@ -1,4 +1,4 @@
-"""Runs as data: errors, datasets, summaries, and the directory that a run leaves behind."""
+"""Runs as data: errors, datasets, summaries, and the directory of a run."""
 
 from mjsheaf.results.dataset import join, make_dataset, make_datasets
 from mjsheaf.results.metrics import check_expectation, summarize

@@ -1,4 +1,4 @@
-"""A run as an xarray Dataset with CF attributes: what result.nc holds."""
+"""A run as an xarray Dataset with CF attributes, the contents of result.nc."""
 
 import json
 import re
@@ -19,20 +19,20 @@ from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import Phase, System
 
 Coordinate = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
-"""Dimensions, values and attributes, as xarray takes them."""
+"""Dimensions, values and attributes, in the form that xarray expects."""
 
 
 def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
-    """Gather a trajectory, as it was recorded, and its errors.
+    """Collect a recorded trajectory and its errors.
 
     Args:
-        trajectory: what came out, or a piece of it.
+        trajectory: Trajectory of the run, or a piece of it.
         backend: 'ideal' or 'physics'.
-        seed: seed of the scenario.
+        seed: Seed of the scenario.
 
     Returns:
-        Variables over the dimensions time, agent, target and axis; docs/reference/results.md lists them. Attributes
-        name the scenario, backend, status and groups.
+        Dataset over the dimensions time, agent, target and axis; docs/reference/results.md lists the variables.
+        Attributes give the scenario, backend, status and groups.
     """
     return next(make_datasets([trajectory], backend, seed))
 
@@ -40,11 +40,11 @@ def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
 def make_datasets(
     pieces: Iterable[Trajectory], backend: str, seed: int, phases: Sequence[Phase] = ()
 ) -> Iterator[xr.Dataset]:
-    """Gather a trajectory that comes in pieces, each as `make_dataset` does.
+    """Collect a trajectory in pieces, each as in `make_dataset`.
 
-    The last piece has the run's status, and says what agents have sent one another (see `terms.traffic_of`) and what
-    share of their measurements has arrived. `phases` number the samples and name all edges that have a link at some
-    time; a run of one phase does not need it.
+    The last piece has the run's status, the communication between agents (see `terms.traffic_of`) and the fraction of
+    measurements that arrived. `phases` determine the phase of each sample and the edges that have a link at some time;
+    a run of one phase does not need them.
     """
     attributes: dict[str, Any] = {}
     delivery = Delivery([phase.system for phase in phases])
@@ -64,13 +64,13 @@ def make_datasets(
 
 
 def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
-    """The dataset of a whole run from those of its pieces."""
+    """Join the datasets of a run's pieces."""
     parts = list(pieces)
     if len(parts) == 1:
         return parts[0]
     first, last = parts[0], parts[-1]
     variables: dict[Any, Any] = {}
-    for name, variable in first.variables.items():  # alike but for `time`, which xarray would check at length
+    for name, variable in first.variables.items():  # equal except for `time`; xarray would check this slowly
         if "time" in variable.dims:
             values = np.concatenate([part.variables[name].values for part in parts], variable.dims.index("time"))
             variables[name] = variable.dims, values, variable.attrs, variable.encoding
@@ -81,7 +81,7 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
 
 
 def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset]:
-    """The same run in pieces of so many samples, but for the last, whatever pieces it comes in."""
+    """Split a run into pieces of `samples` samples, except for the last, whatever its present pieces are."""
     held: list[xr.Dataset] = []
     for piece in pieces:
         held.append(piece)
@@ -94,15 +94,15 @@ def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset
 
 
 def _number_phases(phases: Sequence[Phase], samples: IntArray) -> Coordinate:
-    """Return the coordinate `phase` of some samples: the number of each one's phase, and when each phase begins.
+    """Return the coordinate `phase` of samples: the number of each one's phase, and the start of each phase.
 
-    `flag_values` and `flag_meanings` are those of CF: numbers, and words without blanks. `events` has the words as they
-    are: a JSON list of lists.
+    `flag_values` and `flag_meanings` follow CF: numbers, and words without blanks. `events` has the original words as a
+    JSON list of lists.
     """
     starts = [phase.start for phase in phases]
     number = np.searchsorted(starts, samples, side="right") - 1
     meanings = [re.sub(r"[^\w.+@-]+", "_", phase.name).strip("_") for phase in phases]
-    several = len(phases) > 1  # an array of one number comes back from a file as a number
+    several = len(phases) > 1  # files return an array of one number as a number
     numbers = np.arange(len(phases), dtype=np.int32)
     times = np.array([phase.time for phase in phases])
     attributes = {
@@ -118,7 +118,7 @@ def _number_phases(phases: Sequence[Phase], samples: IntArray) -> Coordinate:
 
 
 def _about_phases(phases: Sequence[Phase]) -> dict[str, Any]:
-    """Return the attributes that a dataset has of a run with events: the phases, and all directions free in some."""
+    """Return the attributes for a run with events: its phases, and the directions that are free in any of them."""
     if not any(phase.events for phase in phases):
         return {}
     told = json.dumps([{"time": phase.time, "events": list(phase.events)} for phase in phases])
@@ -127,12 +127,14 @@ def _about_phases(phases: Sequence[Phase]) -> dict[str, Any]:
 
 
 def of_phase(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> tuple[System, xr.Dataset]:
-    """The system of one phase of a run and its samples, both of the present agents alone; all there is without events.
+    """Return the system of one phase of a run and its samples, both restricted to the present agents.
+
+    Without events, this is the whole run.
 
     Args:
-        run: what was run.
-        dataset: its data.
-        which: number of the phase; -1 is the last that the run came to.
+        run: System of the run, or its phases.
+        dataset: Data of the run.
+        which: Number of the phase; -1 is the last phase that the run reached.
     """
     phases = (Phase(0, run),) if isinstance(run, System) else run
     if len(phases) == 1 and not phases[0].system.team.absent:
@@ -148,17 +150,17 @@ def of_phase(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> 
 
 
 class Delivery:
-    """What arrives over the links of a run, counted piece by piece.
+    """Fraction of measurements that arrive over the links of a run, counted piece by piece.
 
     Attributes:
-        edges: that have a link in some phase: kind and name, in order.
-        sizes: how many numbers each edge of communication and sensing measures, with a link or without.
-        share: of the measurements that could have arrived, new ones that did, in phases without the link all of them;
-            NaN where none could, shape (L,).
+        edges: Kind and name of the edges that have a link in some phase, in order.
+        sizes: Number of components that each communication or sensing edge measures, with or without a link.
+        share: Fraction of possible new measurements that arrived, shape (L,). Phases without the link count as 1; NaN
+            if none was possible.
     """
 
     def __init__(self, systems: Sequence[System]) -> None:
-        """Begin to count, in a run under these systems; those of pieces are added."""
+        """Start counting in a run under these systems; systems of later pieces are added."""
         self._number: dict[tuple[str, str], int] = {}
         self.sizes: dict[tuple[str, str], int] = {}
         self._new, self._due, self._waiting = (np.zeros(0, dtype=np.int64) for _ in range(3))
@@ -172,11 +174,11 @@ class Delivery:
 
     @property
     def share(self) -> Array:
-        """See the class."""
+        """Fraction of measurements that arrived, shape (L,); see the class."""
         return np.where(self._due > 0, self._new / np.maximum(self._due, 1), np.nan)
 
     def _enter(self, system: System) -> IntArray:
-        """The numbers of a system's links, in order."""
+        """Return the numbers of a system's links, in order."""
         labelled = labelled_edges(system)
         self.sizes |= {key: len(edge.b) for key, edge in labelled}
         names = [key for key, _ in labelled]
@@ -188,9 +190,9 @@ class Delivery:
         return np.array([self._number[key] for key in keys], dtype=np.int64)
 
     def add(self, piece: Trajectory) -> None:
-        """Count a piece's."""
+        """Count the measurements of a piece."""
         own, table, T = self._enter(piece.system), piece.system.law.links.table, len(piece.time)
-        under_way = self._waiting.copy()  # samples that each link has been there, up to its delay
+        under_way = self._waiting.copy()  # number of samples since each link appeared, up to its delay
         self._waiting[:] = 0
         self._waiting[own] = np.minimum(under_way[own] + T, table["delay"])
         self._due[own] += T - (self._waiting[own] - under_way[own])
@@ -202,9 +204,9 @@ class Delivery:
 
 
 def gather(samples: Samples, phase: Coordinate) -> xr.Dataset:
-    """Read all variables and coordinates that a run has from samples of it."""
+    """Read all variables and coordinates of a run from its samples."""
     time = "time", samples.trajectory.time, {"long_name": "time", "units": "s"}
-    # Gathered first: a dataset that grows variable by variable aligns all of them each time.
+    # Collected first, because adding variables one by one aligns all of them each time.
     coordinates: dict[str, Coordinate] = {"time": time}
     variables: dict[str, Coordinate] = {}
     for found, entries in ((coordinates, declared.COORDINATES), (variables, declared.VARIABLES)):
@@ -223,7 +225,7 @@ def law_of(system: System) -> str:
 
 
 def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
-    """What result.nc says about a run, its status left open."""
+    """Return the attributes of result.nc except for the status."""
     team = system.team
     return {
         "Conventions": "CF-1.11",

@@ -1,7 +1,4 @@
-"""Error norms of a run, sample by sample: how far the team is from where theory wants it.
-
-The final errors of a run, and whether they are what the scenario expects.
-"""
+"""Error norms of a run: distances from the desired positions at every sample, final errors, and expectations."""
 
 import json
 from collections.abc import Sequence
@@ -22,8 +19,8 @@ if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect
 
 
-_FEW = 100  # vehicles up to which all pairs are compared
-_ROUNDING = 1e-12  # share of the largest displacement below which a mean displacement is zero
+_FEW = 100  # maximum number of vehicles for which all pairs are compared
+_ROUNDING = 1e-12  # fraction of the largest displacement below which a mean displacement counts as zero
 
 
 @dataclass(frozen=True)
@@ -35,9 +32,8 @@ class Errors:
         tracking: |q*_i - q_i|, shape (T, N).
         formation: residual norm |F_i x_i - F_j x_j - b_e| of each edge inside a formation, for each group, (T, edges);
             of a range the error of the distance, of a bearing the distance times the error of the unit vector.
-        centering: distance of each group's centroid from where its formation wants it, for each group, (T,): from
-            its target's projection plus the mean of the members' wanted displacements. NaN where the group is about no
-            target.
+        centering: Distance of each group's centroid from its desired position, shape (T,): the projection of its
+            target plus the mean of the members' desired displacements. NaN if the group has no target.
     """
 
     harmonic_extension: Array
@@ -46,7 +42,7 @@ class Errors:
     centering: dict[str, Array]
 
     def formation_rms(self, group: str | None = None) -> Array:
-        """Root mean square over the edges of a group, or of all groups, shape (T,); NaN where there is no edge."""
+        """Compute the RMS error over the edges of a group, or of all groups, shape (T,), m; NaN without edges."""
         residuals = self.formation.values() if group is None else [self.formation[group]]
         r = np.concatenate([np.zeros((len(self.tracking), 0)), *residuals], axis=1)
         if r.shape[1] == 0:
@@ -54,7 +50,7 @@ class Errors:
         return np.sqrt((r**2).mean(axis=1))
 
     def largest_centering(self) -> Array:
-        """Largest centering error over the groups that are about a target, shape (T,); NaN where there is none."""
+        """Compute the largest centering error over groups with a target, shape (T,), m; NaN if there are none."""
         distances = [d for d in self.centering.values() if not np.isnan(d).all()]
         return np.max(distances, axis=0) if distances else np.full(len(self.tracking), np.nan)
 
@@ -93,10 +89,10 @@ def _curved_residual(edge: Edge, z: Array) -> Array:
 
 
 def _centering(team: Team, formation: Formation, positions: Array) -> Array:
-    """Distance of the centroid from the target's projection plus the mean wanted displacement, shape (T,), m.
+    """Compute the distance of the centroid from the target's projection plus the mean desired displacement, (T,), m.
 
-    Only the coordinates that all members and the target have in common count. An explicit `offset` of an edge changes
-    what the law does, not where the formation wants its members.
+    Only the coordinates that all members and the target share count. An explicit `offset` of an edge changes the law,
+    but not the desired positions of the formation.
     """
     known = [m for m in formation.members if m not in team.absent]
     if formation.about is None or not known:
@@ -106,13 +102,13 @@ def _centering(team: Team, formation: Formation, positions: Array) -> Array:
     shared = min(team.members[v].dimension for v in [*members, target])
     wanted = np.array([team.displacement[m][:shared] for m in known])
     mean = wanted.mean(axis=0)
-    mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel up to rounding only
+    mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel only up to rounding
     centroid = positions[:, members, :shared].mean(axis=1)
     return np.linalg.norm(centroid - positions[:, target, :shared] - mean, axis=1)
 
 
 def separations(positions: Array) -> Array:
-    """Distance from every vehicle to the nearest other one, shape (T, V), m, from positions (T, V, 3); else NaN."""
+    """Compute each vehicle's distance to its nearest neighbour from positions (T, V, 3), shape (T, V), m; else NaN."""
     T, V, _ = positions.shape
     found = np.full((T, V), np.nan)
     known = np.flatnonzero(np.isfinite(positions).all(axis=(1, 2))) if V > 1 else np.empty(0, dtype=np.int64)
@@ -122,7 +118,7 @@ def separations(positions: Array) -> Array:
         return found
     x, y, z = np.ascontiguousarray(positions.T)  # (V, T) each
     nearest = np.full((V, T), np.inf)
-    for shift in range(1, V):  # every pair once: far quicker than a tree for each sample
+    for shift in range(1, V):  # every pair once, which is much faster than a tree for each sample
         squares = (x[shift:] - x[:-shift]) ** 2 + (y[shift:] - y[:-shift]) ** 2 + (z[shift:] - z[:-shift]) ** 2
         for near in (nearest[shift:], nearest[:-shift]):
             np.minimum(near, squares, out=near)
@@ -131,7 +127,7 @@ def separations(positions: Array) -> Array:
 
 
 def mean_known(values: Array) -> Array:
-    """Mean over the agents of values (T, N) that are known, shape (T,); NaN where none is."""
+    """Compute the mean over agents of values (T, N) that are not NaN, shape (T,); NaN if all are."""
     known = ~np.isnan(values)
     if known.all():
         return np.asarray(values.mean(axis=1))
@@ -146,12 +142,12 @@ MEASURES = ("mean_disagreement", "tracking_error", "formation_error", "centering
 def error_series(
     team: Team, positions: Array, disagreement: Array | None = None
 ) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
-    """Errors over time of the team, and of each group by name: by measure, shape (T,), m; NaN without a meaning.
+    """Compute the errors over time of the team and of each group, by measure, shape (T,), m; NaN if undefined.
 
     Args:
-        team: the team.
-        positions: shape (T, V, 3), m.
-        disagreement: |eta_i|, shape (T, N), m; without it there is no `mean_disagreement`.
+        team: Team whose errors are computed.
+        positions: Positions of the vehicles, shape (T, V, 3), m.
+        disagreement: Disagreement |eta_i|, shape (T, N), m; None leaves out `mean_disagreement`.
     """
     errors = evaluate_errors(team, positions)
 
@@ -168,7 +164,7 @@ def error_series(
 
 
 def _series_of(team: Team, dataset: xr.Dataset, begin: int) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
-    """Errors over time of a run from a sample on, of the team and of each group by name, as `error_series` has them."""
+    """Return the errors over time of a run from sample `begin` on, in the form of `error_series`."""
     data = dataset.isel(time=slice(begin, None))
     eta, tracking = data["disagreement"].values, data["tracking_error"].values
 
@@ -185,9 +181,9 @@ def _series_of(team: Team, dataset: xr.Dataset, begin: int) -> tuple[dict[str, A
 
 
 def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
-    """Errors at the last sample, of the team and of each group, in m; None where a measure has no meaning.
+    """Return the errors of the team and of each group at the last sample, m; None if a measure is undefined.
 
-    `norm` says that none of them is a norm over the whole team: `tracking_error` is the RMS over agents.
+    The field `norm` records that none of them is a norm over the whole team: `tracking_error` is the RMS over agents.
     """
     everyone, groups = _series_of(team, dataset, -1)
     own: dict[str, dict[str, Any]] = {}
@@ -198,9 +194,9 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def summarize_phases(team: Team, dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Each phase of a run with events: when it begins, s, what happens there, and its errors at its last sample, m.
+    """List the phases of a run with events: start, s, events, and errors at the last sample, m.
 
-    Phases that the run did not reach, and those without a sample, have no errors.
+    Phases that the run did not reach, and those without samples, have no errors.
     """
     found, time = phases_in(dataset), dataset["time"].values
     starts = np.searchsorted(time, [phase["time"] for phase in found] + [np.inf], side="left")
@@ -210,34 +206,34 @@ def summarize_phases(team: Team, dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def phases_in(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """The phases of a run with events, else none: `time` of the first sample, s, and `events` in words."""
+    """List the phases of a run with events: `time` of the first sample, s, and `events` in words; else none."""
     return json.loads(dataset.attrs["phases"]) if "phases" in dataset.attrs else []
 
 
 def error_series_of(team: Team, dataset: xr.Dataset) -> dict[str, list[float | None]]:
-    """Time, s, and the team's errors over time, m, as plain numbers; None where a measure has no meaning."""
+    """Return time, s, and the team's errors over time, m, as plain numbers; None if a measure is undefined."""
     everyone, _ = _series_of(team, dataset, 0)
     series = {"time": dataset["time"].values, **everyone}
     return {name: [finite(x) for x in values.tolist()] for name, values in series.items()}
 
 
 def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
-    """RMS of the team's errors over the last half of a run, in m; None where a measure has no meaning."""
+    """Compute the RMS of the team's errors over the last half of a run, m; None if a measure is undefined."""
     time = dataset["time"].values
     everyone, _ = _series_of(team, dataset, int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)))
     return {name: finite(np.sqrt((x**2).mean())) for name, x in everyone.items()}
 
 
 def communication(dataset: xr.Dataset, samples: int, period: float) -> dict[str, float]:
-    """Exchanges a second, and numbers that an agent sends a second, the mean over agents.
+    """Compute the exchanges per second, and the numbers that an agent sends per second, as a mean over agents.
 
-    In an exchange every agent sends to all its neighbours. A round of a term of the law is one, in which the ends of a
-    communication edge of the dimension m send each other m numbers; the paper's law measures, and sends nothing.
+    In an exchange every agent sends to all its neighbours. Each round of a term of the law is an exchange: the ends of
+    a communication edge of dimension m send m numbers to each other. The paper's law measures, and sends nothing.
 
     Args:
-        dataset: of a run, all of it or thinned.
-        samples: of the whole run.
-        period: between samples, s.
+        dataset: Data of a run, which may be thinned.
+        samples: Number of samples of the whole run.
+        period: Time between samples, s.
     """
     time = samples * period
     return {
@@ -247,9 +243,9 @@ def communication(dataset: xr.Dataset, samples: int, period: float) -> dict[str,
 
 
 def delivery_of(dataset: xr.Dataset) -> dict[str, Any] | None:
-    """Share of measurements that arrived: by kind the mean over its edges that have links, and each edge in `edges`.
+    """Return the fraction of measurements that arrived, for each kind as a mean over edges with links, and per edge.
 
-    None without links; a kind without such edges, or a run too short for any measurement to arrive, has None.
+    None without links. A kind is None if it has no such edges, or if the run is too short for a measurement to arrive.
     """
     if "delivery" not in dataset:
         return None
@@ -271,7 +267,7 @@ def law_in_words(dataset: xr.Dataset) -> str:
 
 
 def engine_of(dataset: xr.Dataset) -> str | None:
-    """What moved the bodies of a run; None of ideal kinematics."""
+    """Return the physics engine of a run; None for ideal kinematics."""
     return str(dataset.attrs.get("engine", "mujoco")) if dataset.attrs["backend"] == "physics" else None
 
 
@@ -281,8 +277,8 @@ def check_expectation(
     """Compare final errors, and those at the end of each phase, with the scenario's `expect:` block for a backend.
 
     Returns:
-        {"met": True, False, or None where nothing is expected; "checks": one record for each bound}. A run that should
-        have been refused misses that, by having run.
+        {"met": True, False, or None without expectations; "checks": one record per bound}. If a refusal is expected, a
+        run does not meet it.
     """
     bounds = getattr(expect, backend)
     checks: list[dict[str, Any]] = []

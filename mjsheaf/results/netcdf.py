@@ -1,4 +1,4 @@
-"""result.nc: written piece by piece as a run goes on, also to a disk that gets full; read where it is looked at."""
+"""result.nc: written piece by piece during a run, safely even if the disk gets full, and read on access."""
 
 import io
 import os
@@ -21,16 +21,16 @@ from mjsheaf.threads import usable_processors
 
 
 class EnduringFile(io.FileIO):
-    """A file whose writes never fail as far as HDF5 can see.
+    """A file whose writes never fail from HDF5's point of view.
 
-    HDF5 does not survive a write that fails while it closes a file: it frees what it goes on to use, and the
-    interpreter crashes. So this file accepts everything, keeps in memory what the disk refuses, where HDF5 may read it
-    back, and remembers why. The caller asks for that after each piece (`raise_refusal`), before memory fills.
+    If a write fails while HDF5 closes a file, HDF5 uses memory that it has freed, and the interpreter crashes. This
+    file therefore accepts every write. Data that the disk refuses stay in memory, where HDF5 can read them back, and
+    the error is stored. The caller checks for it after each piece (`raise_refusal`), before memory is full.
 
-    Use it from a thread other than the main one: there no signal raises an exception inside HDF5's callbacks.
+    Use it from a thread other than the main one, so that no signal raises an exception inside HDF5's callbacks.
 
     Attributes:
-        refusal: the first error of the disk; None while it holds all that was written.
+        refusal: First error of the disk; None while all writes have succeeded.
     """
 
     def __init__(self, path: Path) -> None:
@@ -40,16 +40,16 @@ class EnduringFile(io.FileIO):
         self.refusal: OSError | None = None
 
     def raise_refusal(self) -> None:
-        """Raise what the disk said.
+        """Raise the stored error of the disk, if there is one.
 
         Raises:
-            OSError: something could not be written, or read back.
+            OSError: Data could not be written, or read back.
         """
         if self.refusal is not None:
             raise OSError(self.refusal.errno, self.refusal.strerror, str(self.name))
 
     def write(self, data: Any, /) -> int:
-        """Write all of `data`, or keep what the disk refuses."""
+        """Write all of `data`, and keep in memory what the disk refuses."""
         rest, end = memoryview(data).cast("B"), self.tell() + memoryview(data).nbytes
         while rest and self.refusal is None:
             try:
@@ -63,10 +63,10 @@ class EnduringFile(io.FileIO):
         return memoryview(data).nbytes
 
     def readinto(self, buffer: Any, /) -> int:
-        """Read back what was written, wherever it is; returns how many bytes there were."""
+        """Read back data from disk or memory, and return the number of bytes."""
         view, begin = memoryview(buffer).cast("B"), self.tell()
         end = min(begin + len(view), max(self._size, begin))
-        view[: end - begin] = bytes(end - begin)  # beyond what the disk took
+        view[: end - begin] = bytes(end - begin)  # not on the disk
         try:
             super().readinto(view[: end - begin])
         except OSError as error:
@@ -78,7 +78,7 @@ class EnduringFile(io.FileIO):
         return self.seek(end) - begin
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """Move to a place; the end is that of all that was written."""
+        """Move to a position; the end includes data in memory."""
         if whence == os.SEEK_END:
             offset, whence = offset + self._size, os.SEEK_SET
         return super().seek(offset, whence)
@@ -93,33 +93,33 @@ class EnduringFile(io.FileIO):
         return self._size
 
     def close(self) -> None:
-        """Close it; a network's disk may refuse only now."""
+        """Close the file; a network disk may report an error only now."""
         try:
             super().close()
         except OSError as error:
             self.refusal = self.refusal or error
 
 
-_COUNTED = ("delivery",)  # variables without time that later pieces know better
-_MOST_SAMPLES = 4000  # of a thinned run: more cannot be seen in a plot
-_MOST_POSITIONS = 400_000  # of agents in a thinned run, which bounds its memory where there are many
+_COUNTED = ("delivery",)  # variables without time that later pieces update
+_MOST_SAMPLES = 4000  # maximum number of samples of a thinned run; more are invisible in a plot
+_MOST_POSITIONS = 400_000  # maximum number of agents' positions in a thinned run, which bounds its memory
 _FEWEST_SAMPLES = 200
-_POSITIONS_READ = 2**18  # of vehicles at a time, about: six megabytes a variable
+_POSITIONS_READ = 2**18  # approximate number of positions read at a time, which is six megabytes per variable
 _COMPRESSION = 3  # level of zlib
 MAX_BYTES_HELD = 2**29
-"""Size of a run up to which it stays in memory while it is published, bytes."""
+"""Maximum size of a run that stays in memory while it is published, bytes."""
 
 
 def write_dataset(pieces: Iterable[xr.Dataset], path: Path, memory: Memory | None = None) -> None:
     """Write a run as netCDF-4, compressed, one piece in memory at a time; equal runs give equal bytes.
 
     Args:
-        pieces: as `make_datasets` gives them: alike but for `time`, all of one length but for the last.
-        path: the file.
-        memory: gets the run too.
+        pieces: Pieces from `make_datasets`, equal except for `time` and all of one length except for the last.
+        path: Path of the file.
+        memory: Sink that receives the run too.
 
     Raises:
-        OSError: it cannot be written, as on a full disk; what was written of it remains.
+        OSError: The file cannot be written, for example on a full disk. An incomplete file remains.
     """
     others = [] if memory is None else [memory]
     with EnduringFile(path) as file:
@@ -128,34 +128,34 @@ def write_dataset(pieces: Iterable[xr.Dataset], path: Path, memory: Memory | Non
 
 
 def write_and_open(pieces: Iterable[xr.Dataset], path: Path) -> xr.Dataset:
-    """Write a run as `write_dataset` does and return it, from memory if it is small, otherwise from the file."""
+    """Write a run as in `write_dataset`, and return it from memory if it is small, otherwise from the file."""
     memory = Memory(MAX_BYTES_HELD)
     write_dataset(pieces, path, memory)
     return open_dataset(path) if memory.overflowed else memory.dataset
 
 
 def dataset_bytes(dataset: xr.Dataset) -> bytes:
-    """Return what `write_dataset` writes of a run in one piece."""
+    """Return the bytes that `write_dataset` writes for a run in one piece."""
     file = io.BytesIO()
     send([dataset], NetCDF(file))
     return file.getvalue()
 
 
 class NetCDF:
-    """Sink that writes netCDF-4 in a thread beside, where no signal gets between HDF5 and the file."""
+    """Sink that writes netCDF-4 in a separate thread, so that no signal interrupts HDF5."""
 
     def __init__(self, file: io.BytesIO | EnduringFile) -> None:
-        """Write into an open file, of which the disk is asked after each chunk."""
+        """Write into an open file, whose errors are checked after each chunk."""
         self._file = file
         self._beside = ThreadPoolExecutor(1)
         self._packing = ThreadPoolExecutor(usable_processors())
         self._netcdf = self._beside.submit(h5netcdf.File, file, "w")
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Need nothing: the first chunk brings all that has no time, too."""
+        """Do nothing, because the first chunk includes the variables without time."""
 
     def write(self, chunk: xr.Dataset) -> None:
-        """Write a chunk after those that the file holds already."""
+        """Append a chunk to the file."""
         try:
             self._beside.submit(_append, self._netcdf.result(), chunk, self._packing).result()
         except RuntimeError as error:
@@ -172,24 +172,24 @@ class NetCDF:
 
 
 def _append(netcdf: h5netcdf.File, piece: xr.Dataset, packing: ThreadPoolExecutor) -> None:
-    """Write a piece after those that the file holds already; the first one brings all that has no time, too."""
+    """Append a piece to the file; the first one includes the variables without time."""
     if not netcdf.dimensions:
         _begin(netcdf, piece)
     if piece.sizes["time"]:
         _write_samples(netcdf, piece, packing)
-    for name, value in piece.attrs.items():  # the last piece has the run's status, and what agents have sent
+    for name, value in piece.attrs.items():  # the last piece has the run's status and its communication
         if netcdf.attrs[name] != value and isinstance(value, int):
-            netcdf._h5group.attrs.modify(name, value)  # in place, so that the bytes are those of one piece
+            netcdf._h5group.attrs.modify(name, value)  # in place, so that the bytes equal those of a run in one piece
         elif netcdf.attrs[name] != value:
             netcdf.attrs[name] = value
 
 
 def _write_samples(netcdf: h5netcdf.File, piece: xr.Dataset, packing: ThreadPoolExecutor) -> None:
-    """Write what changes over time, after the samples that the file holds already."""
+    """Append the variables with time to the file."""
     begin = len(netcdf.dimensions["time"])
     end = begin + piece.sizes["time"]
     netcdf.resize_dimension("time", end)
-    # h5netcdf looks up the lengths of all dimensions at each access, which takes longer than writing.
+    # h5netcdf looks up the lengths of all dimensions at each access, which takes longer than the writing itself.
     stored = {name: netcdf._h5group[netcdf.variables[name]._h5path] for name in piece.variables}
     packed = {}
     for name, variable in piece.variables.items():
@@ -205,7 +205,7 @@ def _write_samples(netcdf: h5netcdf.File, piece: xr.Dataset, packing: ThreadPool
 
 
 def _is_chunk_of(stored: h5py.Dataset, variable: xr.Variable, begin: int) -> bool:
-    """Return True if values from sample `begin` on are at most one chunk of a compressed dataset and begin with it."""
+    """Return True if values from sample `begin` on start a chunk of a compressed dataset and fit into it."""
     chunks = stored.chunks
     if "time" not in variable.dims or stored.compression != "gzip" or stored.dtype != variable.dtype or chunks is None:
         return False
@@ -213,9 +213,9 @@ def _is_chunk_of(stored: h5py.Dataset, variable: xr.Variable, begin: int) -> boo
 
 
 def _pack(values: NDArray[Any], shape: tuple[int, ...]) -> bytes:
-    """Return a chunk as HDF5 stores it: bytes sorted by their significance, then compressed.
+    """Return a chunk in HDF5's storage format: bytes sorted by significance, then compressed.
 
-    HDF5 compresses one chunk at a time; this may run in several threads.
+    HDF5 compresses one chunk at a time, but this function may run in several threads.
     """
     chunk = np.zeros(shape, values.dtype)
     chunk[: len(values)] = values
@@ -224,12 +224,12 @@ def _pack(values: NDArray[Any], shape: tuple[int, ...]) -> bytes:
 
 
 def _begin(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
-    """Begin a file like its first piece, with all that has no time."""
+    """Create a file with the structure of its first piece, and write the variables without time."""
     packed = {"zlib": True, "complevel": _COMPRESSION, "shuffle": True}
     encoding: dict[str, Any] = {}
     for name, variable in piece.variables.items():
         if name in _COUNTED:
-            continue  # in one place, to be written anew
+            continue  # stored contiguously, so that later pieces can overwrite it
         if variable.dtype.kind in "fi" and variable.ndim > 0:
             chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
             encoding[str(name)] = packed | chunks
@@ -238,25 +238,25 @@ def _begin(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
 
 
 def open_dataset(path: Path) -> xr.Dataset:
-    """A run's dataset of which values are read from the file each time that they are asked for."""
+    """Open a run's dataset, whose values are read from the file on each access."""
     return xr.open_dataset(path, engine="h5netcdf", cache=False)
 
 
 def pieces_of(dataset: xr.Dataset, names: Iterable[str]) -> Iterator[xr.Dataset]:
-    """Some of a dataset's variables, in memory, in pieces of consecutive samples."""
+    """Yield selected variables of a dataset in memory, in pieces of consecutive samples."""
     return (piece.load() for piece in split(dataset[list(names)], length_of_piece(dataset)))
 
 
 def split(dataset: xr.Dataset, samples: int) -> Iterator[xr.Dataset]:
-    """A dataset in pieces of consecutive samples, for `write_dataset`."""
+    """Split a dataset into pieces of consecutive samples, for `write_dataset`."""
     for begin in range(0, dataset.sizes["time"], samples):
         yield dataset.isel(time=slice(begin, begin + samples))
 
 
 def length_of_piece(dataset: xr.Dataset) -> int:
-    """Return how many samples are read at a time: a multiple of those that lie together in the file.
+    """Return the number of samples to read at a time, a multiple of the file's chunk length.
 
-    Each read takes some 10 ms whatever its size, as h5netcdf looks up the length of `time` in every variable.
+    Each read takes about 10 ms whatever its size, because h5netcdf looks up the length of `time` in every variable.
     """
     variable = dataset["agent_position"]
     chunks = variable.encoding.get("chunksizes")
@@ -266,12 +266,12 @@ def length_of_piece(dataset: xr.Dataset) -> int:
 
 
 def thin(samples: int, most: int) -> IntArray:
-    """Indices of at most so many samples, evenly spread, the first and the last among them."""
+    """Return the indices of at most `most` evenly spread samples, including the first and the last."""
     return np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
 
 
 def thinned(dataset: xr.Dataset) -> xr.Dataset:
-    """At most a few thousand samples of a run, in memory, the first and the last among them; fewer of a large team."""
+    """Load at most a few thousand samples of a run, including the first and the last; fewer for a large team."""
     samples = dataset.sizes["time"]
     most = max(_FEWEST_SAMPLES, min(_MOST_SAMPLES, _MOST_POSITIONS // dataset.sizes["agent"]))
     kept = thin(samples, most)

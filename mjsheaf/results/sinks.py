@@ -1,7 +1,7 @@
-"""Where a run goes as it is made: a sink takes chunks, each an xarray Dataset of consecutive samples.
+"""Outputs of a run: a sink receives chunks, each an xarray Dataset of consecutive samples.
 
-A sink needs one file with one class. Chunks may be as short as one sample; their variables and coordinates are those
-of the lists in `variables`, and the same in all chunks of a run but for the length of `time`.
+A sink is one class in one file. Chunks may be as short as one sample. Their variables and coordinates are those listed
+in `variables`. All chunks of a run have the same ones, and differ only in the length of `time`.
 """
 
 import math
@@ -15,33 +15,33 @@ from mjsheaf.results.dataset import join
 
 
 class Sink(Protocol):
-    """Takes a run."""
+    """Interface for receiving a run."""
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Begin: called once, before the first chunk, with its variables and coordinates by name and its attributes."""
+        """Start; called once before the first chunk, with its variables and coordinates by name and its attributes."""
 
     def write(self, chunk: xr.Dataset) -> None:
-        """Take the samples that follow; the attributes of the last chunk are those of the whole run."""
+        """Receive the next samples; the attributes of the last chunk are those of the whole run."""
 
     def close(self) -> None:
-        """End, also where a run ends with an exception or before it has begun."""
+        """Finish; also called if a run ends with an exception, or before it has started."""
 
 
 class Memory:
-    """Keeps a run in memory.
+    """Sink that keeps a run in memory.
 
     Attributes:
-        overflowed: True if the run is larger than allowed; nothing of it is kept then.
+        overflowed: True if the run exceeds the limit; none of it is kept then.
     """
 
     def __init__(self, limit: float = math.inf) -> None:
-        """Begin without a run, of which at most `limit` bytes are kept."""
+        """Start empty; a run larger than `limit` bytes is not kept."""
         self.overflowed = False
         self._left = limit
         self._chunks: list[xr.Dataset] = []
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Need nothing: chunks say what they are."""
+        """Do nothing, because chunks contain everything."""
 
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk."""
@@ -52,11 +52,11 @@ class Memory:
             self._chunks.clear()
 
     def close(self) -> None:
-        """Keep what has come."""
+        """Keep the chunks that were received."""
 
     @property
     def dataset(self) -> xr.Dataset:
-        """The whole run; it remembers the length of its chunks, as a file does."""
+        """Return the whole run; it stores the length of its chunks, like a file."""
         first = self._chunks[0]
         whole = join(self._chunks)
         for name, variable in first.variables.items():
@@ -66,7 +66,7 @@ class Memory:
 
 
 def send(chunks: Iterable[xr.Dataset], *sinks: Sink) -> None:
-    """Hand the chunks of a run to sinks, one chunk after the other, each to all of them."""
+    """Pass the chunks of a run in order to all sinks."""
     with ExitStack() as stack:
         for sink in sinks:
             stack.callback(sink.close)

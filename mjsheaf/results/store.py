@@ -1,4 +1,4 @@
-"""The directory of a run or a comparison: published whole, by rename, and never over what mjsheaf did not write."""
+"""The directory of a run or a comparison, published atomically by rename, never over files of other programs."""
 
 import hashlib
 import json
@@ -27,33 +27,33 @@ if TYPE_CHECKING:
 _FIGURES = ("errors", "trajectories", "configurations", "budget", "convergence")
 _PLOTS = ("errors.png", "trajectories.png", "configurations.png")
 FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html")
-"""What a run may leave in its directory; plots may have other formats."""
+"""Names of files in the directory of a run; plots may have other formats."""
 
 _COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
 COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4", "report.html")
-"""What a comparison may leave in its directory; plots may have other formats."""
+"""Names of files in the directory of a comparison; plots may have other formats."""
 
 RUNS_FILES = ("runs.json", "runs.csv", "errors.png", "report.html")
 """Files that `compare-runs` writes into its directory; plots may have other formats."""
 
 VEHICLES = "vehicles"
-"""The folder in either directory with the files of vehicles that do not come with mjsheaf, where there are any."""
+"""Folder in either directory with the files of vehicles that do not come with mjsheaf."""
 
 CHECKSUMS = "SHA256SUMS"
-"""The file in that folder with the checksums of what mjsheaf put there, as sha256sum writes it."""
+"""File in that folder with the checksums of the files that mjsheaf wrote, in the format of sha256sum."""
 
 RESULT_DIGEST = "result_sha256"
-"""The field of summary.json by which a result.nc that was damaged or changed is known."""
+"""Field of summary.json that detects a damaged or changed result.nc."""
 
 _RECORDS = ("summary.json", "compare.json", "runs.json")
 
 
 def check_replaceable(directory: Path) -> None:
-    """Refuse a place that holds anything but an earlier run.
+    """Refuse a path that holds anything but an earlier run.
 
     Raises:
-        PlaceError: it is a file, a directory with contents that mjsheaf did not write, one that cannot be renamed, or
-            inside the directory of another run, which could then not be replaced.
+        PlaceError: The path is a file, a directory with contents that mjsheaf did not write, a directory that cannot be
+            renamed, or inside the directory of another run, which could then no longer be replaced.
     """
     run = enclosing_run(directory)
     if run is not None:
@@ -80,18 +80,18 @@ def check_replaceable(directory: Path) -> None:
 
 
 def write_checksums(folder: Path) -> None:
-    """Note what mjsheaf has put into the folder of vehicles' files."""
+    """Write the checksums of the files in the folder of vehicles."""
     (folder / CHECKSUMS).write_text("".join(f"{line}\n" for line in _checksums(folder).values()), encoding="utf-8")
 
 
 def _checksums(folder: Path) -> dict[str, str]:
-    """The line of sha256sum for each file below a folder, by the file's name relative to it; also for links."""
+    """Compute the line of sha256sum for each file or link below a folder, by its relative path."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
     return {name: f"{digest(path)}  {name}" for path in files if (name := str(path.relative_to(folder))) != CHECKSUMS}
 
 
 def _strange_vehicles(folder: Path) -> list[str]:
-    """What lies in the folder of vehicles' files and is not as mjsheaf left it, relative to the run's directory."""
+    """List unknown or changed files in the folder of vehicles, relative to the run's directory."""
     if not folder.is_dir() or folder.is_symlink():
         return [VEHICLES] if folder.exists() or folder.is_symlink() else []
     known: list[str] = []
@@ -101,7 +101,7 @@ def _strange_vehicles(folder: Path) -> list[str]:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file; empty for what is none, such as a link to nowhere."""
+    """Compute the SHA-256 of a file; empty if it is not a file, such as a broken link."""
     if not path.is_file():
         return ""
     with path.open("rb") as file:
@@ -109,18 +109,18 @@ def digest(path: Path) -> str:
 
 
 def holds_run(directory: Path) -> bool:
-    """Whether a directory is that of a run or of a comparison."""
+    """Return True if a directory is that of a run or of a comparison."""
     return _record(directory) is not None
 
 
 def _record(directory: Path) -> dict[str, Any] | None:
-    """summary.json or compare.json of a directory, as mjsheaf wrote it; None where there is neither."""
+    """Return the contents of a directory's summary.json or compare.json; None unless mjsheaf wrote one."""
     records = (read_mapping(directory / name) or {} for name in _RECORDS)
     return next((record for record in records if "mjsheaf_version" in record), None)
 
 
 def read_mapping(path: Path) -> dict[str, Any] | None:
-    """The mapping in a JSON file; None where there is no such file, or it holds none."""
+    """Read the mapping in a JSON file; None if there is no such file, or it is not a mapping."""
     try:
         found = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -129,13 +129,13 @@ def read_mapping(path: Path) -> dict[str, Any] | None:
 
 
 def require_same_origin(directory: Path, origin: str) -> None:
-    """Refuse a directory that was not asked for by name and holds the run of another scenario with the same name.
+    """Refuse a default directory that holds the run of another scenario with the same name.
 
     Raises:
-        PlaceError: naming both.
+        PlaceError: The message names both.
     """
     before = (_record(directory) or {}).get("origin")
-    if before is None or origin in (before, "scenario.yaml"):  # the latter is this very run's, run again
+    if before is None or origin in (before, "scenario.yaml"):  # the latter repeats this run
         return
 
     def shown(of: str) -> str:
@@ -148,7 +148,7 @@ def require_same_origin(directory: Path, origin: str) -> None:
 
 
 def replaced_run(directory: Path) -> str | None:
-    """Which run or comparison a new one would replace, as a message; None where there is none."""
+    """Return a message about the run or comparison that a new one would replace; None if there is none."""
     if _record(directory) is None:
         return None
     data = next((path for name in ("result.nc", *_RECORDS) if (path := directory / name).exists()), directory)
@@ -156,19 +156,19 @@ def replaced_run(directory: Path) -> str | None:
 
 
 def enclosing_run(path: Path) -> Path | None:
-    """The directory of a run in which a place lies, if it lies in one."""
+    """Return the directory of a run that contains a path; None if there is none."""
     folder = Path(os.path.realpath(Path(os.path.abspath(path)).parent))
     return next((place for place in (folder, *folder.parents) if holds_run(place)), None)
 
 
 @contextmanager
 def staging(directory: Path) -> Iterator[Path]:
-    """A fresh directory that takes the place of `directory` when the block ends without an exception.
+    """Yield a new directory that replaces `directory` when the block ends without an exception.
 
-    With one, nothing is left of it, nor of the parents that were made for it.
+    After an exception, it is removed together with the parents that were created for it.
 
     Raises:
-        PlaceError: the place may not be replaced or cannot be written.
+        PlaceError: The directory may not be replaced or cannot be written.
     """
     check_replaceable(directory)
     place = Path(os.path.abspath(directory))
@@ -177,17 +177,17 @@ def staging(directory: Path) -> Iterator[Path]:
         place.parent.mkdir(parents=True, exist_ok=True)
         with whole_directory(place) as fresh:
             yield fresh
-            check_replaceable(place)  # again: it may have changed meanwhile
+            check_replaceable(place)  # again, because it may have changed since
     except OSError as error:
         raise PlaceError(f"{directory}: cannot be written: {error.strerror or error}") from error
     finally:
         for parent in missing:
-            with suppress(OSError):  # it holds what was published
+            with suppress(OSError):  # it holds the published directory
                 parent.rmdir()
 
 
 def save_summary(summary: dict[str, Any], path: Path) -> None:
-    """Write summary.json, at once; numbers that are not finite become null."""
+    """Write summary.json atomically; non-finite numbers become null."""
     record = {"mjsheaf_version": __version__, **summary}
     write_whole(path, to_json(record, indent=2, inf_nan_mode="null", ensure_ascii=True) + b"\n")
 
@@ -197,10 +197,10 @@ _LONGEST_READ = 30.0  # s
 
 
 def _require_readable(path: Path) -> None:
-    """Read all of a file in another process: on a damaged one HDF5 may crash, or go round for ever.
+    """Read a whole file in another process, because HDF5 may crash or loop forever on a damaged file.
 
     Raises:
-        InputError: it cannot be read, or not in half a minute.
+        InputError: The file cannot be read, or not within half a minute.
     """
     try:
         reading = [sys.executable, "-c", _READ, str(path)]
@@ -208,11 +208,11 @@ def _require_readable(path: Path) -> None:
     except subprocess.TimeoutExpired:
         done = None
     if done is None or done.returncode:
-        raise InputError(f"{path}: cannot be read whole; run the scenario again")
+        raise InputError(f"{path}: cannot be read completely; run the scenario again")
 
 
 def _is_whole(summary: dict[str, Any]) -> bool:
-    """Whether the parts of a summary.json that are read again are of their kinds; earlier versions lack some."""
+    """Return True if the fields of a summary.json that are read later have the right types, or are missing."""
     final, expect, notes = summary.get("final") or {}, summary.get("expect") or {}, summary.get("notes") or []
     if not (isinstance(final, dict) and isinstance(expect, dict) and isinstance(notes, list)):
         return False
@@ -224,10 +224,10 @@ def _is_whole(summary: dict[str, Any]) -> bool:
 
 @contextmanager
 def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
-    """The data and summary.json of a finished run; data are read where they are looked at, within the block.
+    """Open the data and summary.json of a finished run; data are read on access, within the block.
 
     Raises:
-        InputError: the directory holds no run.
+        InputError: The directory holds no run.
     """
     if (directory / "compare.json").is_file():
         raise InputError(
@@ -244,14 +244,14 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     summary, data = read_mapping(directory / "summary.json"), directory / "result.nc"
     if summary is None or not _is_whole(summary):
         raise InputError(f"{directory}: summary.json cannot be read; expected the mapping that a run leaves there")
-    if RESULT_DIGEST not in summary:  # of an earlier version: it is trusted when all of it can be read
+    if RESULT_DIGEST not in summary:  # written by an earlier version: accepted if all of it can be read
         _require_readable(data)
     try:
         found = digest(data)
-        if summary.get(RESULT_DIGEST, found) != found:  # HDF5 reads much that is damaged without a word
-            raise ValueError("result.nc is not as the run wrote it; run the scenario again")
+        if summary.get(RESULT_DIGEST, found) != found:  # HDF5 may read damaged data without an error
+            raise ValueError("result.nc has changed since the run; run the scenario again")
         dataset = open_dataset(data)
-    except Exception as error:  # what a damaged file does to HDF5 and its readers has no class of its own
+    except Exception as error:  # damaged files raise many kinds of exceptions in HDF5 and its readers
         raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None
     with dataset:
         yield dataset, summary
@@ -259,10 +259,10 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
 
 @contextmanager
 def reopen_run(directory: Path) -> Iterator[tuple["Scenario", xr.Dataset, dict[str, Any]]]:
-    """The scenario, data and summary.json of a finished run, as `open_run`; the data are those of the scenario.
+    """Open the scenario, data and summary.json of a finished run, and check that the data match the scenario.
 
     Raises:
-        InputError: the directory holds no run, or one that does not fit its scenario.
+        InputError: The directory holds no run, or one that does not match its scenario.
     """
     from mjsheaf.scenario import load_scenario
 
@@ -273,10 +273,10 @@ def reopen_run(directory: Path) -> Iterator[tuple["Scenario", xr.Dataset, dict[s
 
 
 def _require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) -> None:
-    """Refuse a run whose data are not those of its scenario.
+    """Refuse a run whose data do not match its scenario.
 
     Raises:
-        InputError: naming the directory and what differs.
+        InputError: The message names the directory and the difference.
     """
     backend = dataset.attrs.get("backend")
     drawn = {"time", "agent", "target", "agent_position", "target_position", "harmonic_extension", "disagreement"}

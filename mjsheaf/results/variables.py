@@ -1,7 +1,8 @@
-"""What is recorded of a run: every variable and every coordinate is one entry of a list.
+"""Recorded variables of a run: every variable and every coordinate is one entry of a list.
 
-An entry says its name, dimensions, unit and meaning, which runs have it, and how it is read: from samples (`values`),
-or in the loop while it runs (`read`). result.nc, every other sink and the reference page follow from the lists.
+An entry has a name, dimensions, a unit, a meaning, the runs that have it, and a function that reads it: either from
+samples (`values`), or in the loop during the run (`read`). The lists define result.nc, the data of every other sink,
+and the reference page.
 """
 
 from collections.abc import Callable
@@ -31,13 +32,13 @@ Key = tuple[str, str]
 
 @dataclass
 class Samples:
-    """Samples of a run under one system, from which variables are read.
+    """Samples of a run under one system, the source of all variables.
 
     Attributes:
-        trajectory: Samples as they were recorded.
+        trajectory: Recorded samples.
         linked: Edges of the run that have a link in some phase, in order.
-        sizes: Dimension of what each edge of the run compares.
-        delivered: Share of each linked edge's measurements that arrived so far, shape (L,).
+        sizes: Dimension of the values that each edge of the run compares.
+        delivered: Fraction of each linked edge's measurements that have arrived, shape (L,).
     """
 
     trajectory: "Trajectory"
@@ -93,7 +94,7 @@ class Samples:
 
     @cached_property
     def heard(self) -> NDArray[np.int8]:
-        """What each edge of the run heard, shape (T, edges)."""
+        """Measurement that each edge of the run received: 0 none, 1 the last one held, 2 a new one, (T, edges)."""
         heard = np.full((len(self.positions), len(self.columns)), SILENT, dtype=np.int8)
         heard[:, [self.columns[key] for key in self.own_edges]] = NEW
         linked = [self.columns[self.own_edges[e]] for e in self.system.law.links.table["edge"]]
@@ -102,7 +103,7 @@ class Samples:
 
     @cached_property
     def measurements(self) -> Array:
-        """Measurements of all edges as delivered, shape (T, m), m; NaN where nothing was heard."""
+        """Measurements of all edges as delivered, shape (T, m), m; NaN if none was received."""
         first = self.system.law.edges.first
         begin = np.cumsum([0, *self.sizes.values()])
         found = np.full((len(self.positions), begin[-1]), np.nan)
@@ -114,7 +115,7 @@ class Samples:
 
     @cached_property
     def arrival(self) -> Array:
-        """Share of all edges by which a new measurement arrives, shape (T,)."""
+        """Fraction of all edges that receive a new measurement, shape (T,)."""
         edges = len(self.own_edges)
         arrived = edges - self.log.heard.shape[1] + (self.log.heard == NEW).sum(axis=1)
         return np.asarray(arrived / max(edges, 1))
@@ -139,7 +140,7 @@ class Samples:
         return np.array(rows, dtype=object)
 
     def read(self, entry: "Variable") -> NDArray[Any]:
-        """Return the values of an entry."""
+        """Return the values of an entry at all samples."""
         source = entry.values or entry.name
         if source not in self._known:
             found = entry.values(self) if entry.values else self._recorded(entry)
@@ -151,7 +152,7 @@ class Samples:
         return values[:, rows] if entry.dimensions[0] == "time" else values[rows]
 
     def _recorded(self, entry: "Variable") -> Array:
-        """Return what the loop has written for an entry, shape (T, V) or (T, V, width)."""
+        """Return the values that the loop recorded for an entry, shape (T, V) or (T, V, width)."""
         before = 0
         for other in compiled():
             if other.name == entry.name:
@@ -185,15 +186,15 @@ class Variable(NamedTuple):
     Attributes:
         name: Its name in result.nc.
         dimensions: Names of its dimensions.
-        unit: As CF writes it, or a function of samples; empty for labels.
-        long_name: Its meaning.
-        values: Function that reads it from samples; None where `read` does.
-        where: Function that says if a run has it: the same for all pieces of a run.
-        present: Words for `where`, for the reference page.
-        rows: 'agent' or 'target' where `values` has both, agents first; None where it has what is recorded.
+        unit: Unit in CF notation, or a function of samples; empty for labels.
+        long_name: Meaning of the variable.
+        values: Function that reads it from samples; None if `read` does.
+        where: Function that returns True if a run has it, with the same result for all pieces of a run.
+        present: Description of `where` for the reference page.
+        rows: 'agent' or 'target' if `values` returns both, agents first; None if it returns the recorded values.
         read: Compiled function `read(run, memory, v, out)` that writes the `width` numbers of vehicle v into `out` at
-            every sample. `run` is the Loop on bodies and the Integrator on ideal kinematics, `memory` the law's.
-        width: Numbers that `read` writes for each vehicle.
+            every sample. `run` is the Loop on bodies and the Integrator on ideal kinematics; `memory` is the law's.
+        width: Number of values that `read` writes for each vehicle.
     """
 
     name: str
@@ -214,7 +215,7 @@ class Variable(NamedTuple):
 
 
 def compiled() -> list[Variable]:
-    """Return the entries that the loop itself writes."""
+    """Return the entries that are recorded by the loop itself."""
     return [entry for entry in VARIABLES if entry.read is not None]
 
 
@@ -235,7 +236,7 @@ def of_each(
 
 
 def _renamed(pair: list[Variable], agents: str) -> list[Variable]:
-    """Return a pair of entries of which that of agents has another name."""
+    """Return a pair of entries with another name for the agents' one."""
     return [pair[0]._replace(name=agents), pair[1]]
 
 
@@ -255,12 +256,12 @@ _RECORD: dict[str, Any] = {"where": lambda s: s.system.law.links.record, "presen
 
 
 def _thruster_unit(samples: Samples) -> str:
-    """Return N, or 1 where some channels are angles: see the coordinate thruster_unit."""
+    """Return N, or 1 if some channels are angles; see the coordinate thruster_unit."""
     return "N" if all(channel.unit == "N" for own in samples.channels for channel in own) else "1"
 
 
 def _positions(samples: Samples) -> Array:
-    """Return the controlled positions, NaN where a vehicle lacks the coordinate."""
+    """Return the controlled positions; NaN if a vehicle lacks the coordinate."""
     return samples.padded(samples.positions)
 
 
@@ -277,7 +278,7 @@ VARIABLES: list[Variable] = [
              lambda s: s.of_present(s.eta), **_PLAIN),
     Variable("measured_disagreement_vector", _BODY, "m", "eta_i from the measurements that the law received",
              lambda s: s.of_present(s.log.residual), **_LINKED),
-    Variable("arrival", ("time",), "1", "share of all edges by which a new measurement arrives",
+    Variable("arrival", ("time",), "1", "fraction of all edges that receive a new measurement",
              lambda s: s.arrival, **_LINKED),
     Variable("delivery", ("edge",), "1", "fraction of an edge's measurements that arrived until now",
              lambda s: s.delivered, **_LINKED),
@@ -293,7 +294,7 @@ VARIABLES: list[Variable] = [
     Variable("formation_error", ("time",), "m", "RMS residual over the edges inside formations",
              lambda s: s.errors.formation_rms()),
     Variable("centering_error", ("time",), "m",
-             "largest distance of a group's centroid from where its formation wants it",
+             "largest distance of a group's centroid from its desired position",
              lambda s: s.errors.largest_centering()),
     Variable("group_formation_error", ("time", "formation"), "m", "RMS residual over the edges of a group",
              lambda s: np.column_stack([s.errors.formation_rms(f.name) for f in s.team.formations]), **_GROUPED),
@@ -319,7 +320,7 @@ VARIABLES: list[Variable] = [
     *of_each("{}_height", _EACH, "m", "z of each {}'s body", lambda s: s.log.origin[..., 2], **_BODIES),
     *of_each("{}_orientation", ("time", "{}", "quaternion"), "1", "attitude of each {}, body to world",
              lambda s: s.log.quaternions, **_BODIES),
-    *of_each("{}_saturation", _EACH, "1", "share of each {}'s thrusters at a limit",
+    *of_each("{}_saturation", _EACH, "1", "fraction of each {}'s thrusters at a limit",
              lambda s: s.log.saturation, **_BODIES),
     Variable("command", ("time", "agent", "channel"), "1",
              "u_i = g_i^+ times the velocity command, control input of each agent",
@@ -409,7 +410,7 @@ _ATTRIBUTES = {"backend": str, "status": str, "message": str, "exchange_rounds":
 
 
 def fault_of(dataset: xr.Dataset) -> str:
-    """Return in words what a dataset lacks or has wrong for that of a run, such as 'has no agent_flow'; else empty."""
+    """Describe why a dataset is not that of a run, such as 'has no agent_flow'; empty if it is one."""
     for name, kind in _ATTRIBUTES.items():
         if not isinstance(dataset.attrs.get(name), kind):
             return f"has no attribute {name}" if name not in dataset.attrs else f"has a wrong attribute {name}"
@@ -430,7 +431,7 @@ def fault_of(dataset: xr.Dataset) -> str:
 
 
 def _fault_of_variable(found: xr.Variable, entry: Variable) -> str:
-    """Return in words how a variable differs from its entry; empty where it does not."""
+    """Describe how a variable differs from its entry; empty if it does not."""
     if found.dims != entry.dimensions:
         expected = ", ".join(entry.dimensions)
         return f"has {entry.name} over ({', '.join(map(str, found.dims))}) and not ({expected})"

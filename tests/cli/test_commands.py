@@ -342,7 +342,7 @@ def test_a_run_is_not_shown_again_with_data_of_another(tmp_path: Path, capsys: p
     assert call("video", run) == 2
     error = capsys.readouterr().err
     assert str(run) in error
-    assert "result.nc is not as the run wrote it" in error
+    assert "result.nc has changed since the run" in error
     summary = json.loads((run / "summary.json").read_text())
     del summary["result_sha256"]  # as an earlier version left it
     (run / "summary.json").write_text(json.dumps(summary))
