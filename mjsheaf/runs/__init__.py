@@ -1,5 +1,5 @@
-"""One run: simulating it, and the directory it leaves.
+"""Simulation of runs, and their directories.
 
-Where to look: simulate, many (`simulate_many`), publish (the directory, whole or not at all), figures (its plots),
-expecting (`expect:` blocks).
+Modules: simulate, many (`simulate_many`), publish (the directory, written atomically), figures (plots), showing
+(figures and pages in Python), diagnostics (notes about a run), expecting (`expect:` blocks), timings (durations).
 """

@@ -1,23 +1,23 @@
-"""Diagnose a run: notes in sentences, for the terminal and summary.json, and the harm that the law's terms do.
+"""Diagnose a run: notes for the terminal and summary.json, and warnings about the law's terms.
 
-    bound         a bound that theory gives is exceeded
+    bound         a theoretical bound is exceeded
     shape         a formation ends as its mirror image, on a line, or reflected in a point
-    growing       the team's error grows to the end; circling: the team oscillates by itself
-    slip          a value of the files looks like a slip, such as an angle in radians (see `slips`)
-    medium        flow and disturbance are faster than a vehicle can be
+    growing       the team's error diverges; circling: the team is in a limit cycle
+    slip          a value in the files looks like a mistake, such as an angle in radians (see `slips`)
+    medium        flow and disturbance are faster than a vehicle can move
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time
-    stuck         an agent is commanded to move and does not for 5 s (see `stuck`)
-    terms         the law's terms do harm: commands that jump, velocity limits, saturated thrusters
-    changing      the team's error is not settled at the end; approaching: it still falls
+    stuck         an agent does not move for 5 s although it is commanded to (see `stuck`)
+    terms         the law's terms cause jumping commands, velocity limits or saturated thrusters
+    changing      the team's error has not converged at the end; approaching: it still falls
     close         vehicles closer than their size, or through each other, while contacts are off
     submerged     an aircraft under water or in the ground
 
-Notes come in this order, the most important first. Each kind has one, about the vehicle that is worst.
+Notes are in this order, the most important first. There is one per kind, about the vehicle with the worst value.
 
-A smooth command has hardly a second difference from sample to sample. White noise of deviation s has one of sqrt(6) s,
-which measures the jump of a run, as RMS over agents and the last half of the run. Commands are recorded as they were
-executed, limited: jumps that a limit cuts off are larger than they look.
+A smooth command has almost no second difference from sample to sample. White noise of deviation s has a second
+difference of sqrt(6) s. This measures the jump of a run, as RMS over agents and the last half of the run. Commands are
+recorded after limiting, so jumps that a limit cuts off are larger than they appear.
 """
 
 from collections.abc import Iterator, Sequence
@@ -65,23 +65,23 @@ MAX_LIMITED_FRACTION = 0.1
 MAX_GUST_FRACTION = 0.01
 """Fraction of the time for which a medium may be too fast."""
 
-_DIVING = "submersible"  # the vehicle that is at home under water
+_DIVING = "submersible"  # the vehicle that belongs under water
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
-_MOSTLY, _HARDLY = 0.5, 0.05  # of the velocity that is missing, mean square, that jumps are
+_MOSTLY, _HARDLY = 0.5, 0.05  # jumps as a fraction of the missing velocity, mean square: main cause, no cause
 EXHAUSTIVE_LIMIT = 100
 """Number of vehicles up to which all pairs are compared at all samples."""
 MAX_JUMP = 0.1
-"""Jump of the command as a fraction of the RMS commanded speed, from which on terms do harm."""
+"""Jump of the command, as a fraction of the RMS commanded speed, above which a warning is given."""
 MIN_JUMP = 1e-6
-"""Jump of the command below which it is rounding, m/s."""
+"""Jump of the command that counts as rounding, m/s."""
 MAX_SHARE = 0.2
 """Fraction of time and agents at the velocity limit, or of time and thrusters at a limit, in a healthy run."""
 MIN_REPORTED_SHARE = 0.01
-"""The same fractions from which on a sentence about jumps mentions them."""
+"""Minimum of these fractions that a sentence about jumps mentions."""
 NOISE_RATIO = 0.3
-"""Fraction of the largest noise from which on another term causes jumps too."""
+"""Fraction of the largest noise above which another term is also named as a cause of jumps."""
 MIN_SAMPLES = 8
-"""Number of samples from which on terms are examined."""
+"""Minimum number of samples for an examination of terms."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,9 @@ class Note:
 
     Attributes:
         kind: Kind of diagnostic.
-        text: The sentence.
-        agent: Id of the agent or target that is worst; None for the team.
-        time: Time at which it is worst, or begins, s; None if there is no such time.
+        text: Sentence about it.
+        agent: Id of the agent or target with the worst value; None for the team.
+        time: Time of the worst value, or of the start, s; None if there is no such time.
         number: Severity: a fraction of time, m, m/s, or a ratio to a bound, as the text says.
     """
 
@@ -117,7 +117,7 @@ class TermsInRun:
         commanded: Commanded speed, RMS over the whole run, m/s.
         at_limit: Fraction of samples and agents at the velocity limit.
         saturated: Fraction of time and agents' thrusters at a limit; None on ideal kinematics.
-        harm: Sentences: the fault, the term that causes it, and what to change; empty in a healthy run.
+        harm: Warnings with the fault, the term that causes it, and a fix; empty in a healthy run.
     """
 
     on: tuple[str, ...]
@@ -147,15 +147,15 @@ def notes_of_run(
     terms: TermsInRun | None,
     slips: Sequence[str] = (),
 ) -> list[Note]:
-    """Collect what a user should know of a run, the most important first; the run is read in pieces.
+    """Collect the notes on a run, the most important first; the run is read in pieces.
 
     Args:
-        phases: what was run.
-        dataset: as `simulate` gives it.
-        ending: how it ended (see `finished`).
-        bounds: those of its phases.
-        terms: what its terms did.
-        slips: sentences of `slips_of`, about its files.
+        phases: Phases of the run.
+        dataset: Result of `simulate`.
+        ending: Ending of the run; see `finished`.
+        bounds: Bounds of its phases.
+        terms: Behaviour of its terms, or None.
+        slips: Sentences of `slips_of` about its files.
     """
     found = [Note("slip", sentence) for sentence in slips]
     found += [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
@@ -173,28 +173,28 @@ def notes_of_run(
 
 
 def _about_the_end(dataset: "xr.Dataset", ending: str | None) -> list[Note]:
-    """Return True if the error still changes, or the team oscillates without being driven."""
-    if ending in (None, "settled", "stuck"):  # a note names the agents that are stuck
+    """Report an error that still changes, or a team in a limit cycle."""
+    if ending in (None, "settled", "stuck"):  # another note names agents that are stuck
         return []
     time = dataset["time"].values
     quarter = max(1, len(time) // 4)
     squares = dataset["tracking_error"][-2 * quarter :].values ** 2
     before, last = (np.sqrt(np.nanmean(part)) for part in (squares[:-quarter], squares[-quarter:]))
     size = f"tracking error (RMS over agents) {last:.3g} m in the last quarter, {before:.3g} m in the one before"
-    never = "the team does not settle"
+    never = "the team does not converge"
     kind: Kind
     if ending == "moving":
-        kind, what = ("approaching", "still approaching") if last < before else ("changing", "not settled yet")
-        text = f"the team is {what} at the end of the run: {size}; a later time.end shows where it settles"
+        kind, what = ("approaching", "is still approaching") if last < before else ("changing", "has not converged")
+        text = f"the team {what} at the end of the run: {size}; a later time.end shows its final error"
     elif ending == "growing":
-        kind, text = "growing", f"{never}: its error grows to the end ({size}); see mjsheaf check"
+        kind, text = "growing", f"{never}: its error diverges ({size}); see mjsheaf check"
     else:
-        kind, text = "circling", f"{never}: it swings by itself, without end ({size}); see mjsheaf check"
+        kind, text = "circling", f"{never}: it is in a limit cycle ({size}); see mjsheaf check"
     return [Note(kind, text, None, float(time[-1]), float(last))]
 
 
 def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
-    """Find agents that are commanded to move and do not."""
+    """Report agents that do not move although they are commanded to."""
     if not stuck:
         return []
     first, names = stuck[0], _and_others(system.team.agents[stuck[0].agent].id, len(stuck) - 1)
@@ -207,15 +207,15 @@ def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
 
 @dataclass(frozen=True)
 class _Limits:
-    """Report the time that agents spend at their limits, and a medium too fast for them.
+    """Time that agents spend at their limits, and in a medium that is too fast for them.
 
     Attributes:
         saturated: Fraction of the time with a thruster at a limit, shape (N,).
         limited: Fraction of the time at the velocity limit, shape (N,).
         exceeded: Fraction of the time in a medium that is too fast, shape (N,).
-        excess: Largest speed of the medium over that of the agent, 0 where it is never above 1, shape (N,).
-        medium: Speed of the medium then, shape (N,), m/s.
-        possible: Speed of the agent then, shape (N,), m/s.
+        excess: Largest ratio of the medium's speed to the agent's, 0 if it is never above 1, shape (N,).
+        medium: Speed of the medium at that sample, shape (N,), m/s.
+        possible: Possible speed of the agent at that sample, shape (N,), m/s.
         time: Time of that sample, shape (N,), s.
     """
 
@@ -229,7 +229,7 @@ class _Limits:
 
 
 def _measure_limits(phases: Sequence[Phase], dataset: "xr.Dataset", own_speed: Array) -> _Limits:
-    """Read a run for its limits; `own_speed` is that of each agent's vehicle, shape (N,), m/s."""
+    """Measure the limits of a run; `own_speed` is the speed of each agent's vehicle, shape (N,), m/s."""
     bodies = dataset.attrs["backend"] == "physics"
     by_law = not dataset.attrs.get("controller")
     names = ["agent_flow", *["velocity_command"] * by_law, *["agent_saturation"] * bodies]
@@ -257,9 +257,9 @@ def _measure_limits(phases: Sequence[Phase], dataset: "xr.Dataset", own_speed: A
 
 
 def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset", stuck: Sequence[int]) -> list[Note]:
-    """Find agents whose thrusters or commands are at their limits, or whose medium is too fast for them.
+    """Report agents whose thrusters or commands are at their limits, or whose medium is too fast for them.
 
-    Another note is about the agents that are stuck.
+    Agents that are stuck have a note of their own.
     """
     system = phases[0].system
     ids = [agent.id for agent in system.team.agents]
@@ -274,20 +274,20 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset", stuck: Sequenc
         notes.append(Note("saturated", text + _why_saturated(phases, dataset, v), ids[v], None, fraction))
     for v, names in _worst(limits.limited, MAX_LIMITED_FRACTION, ids):
         fraction = float(limits.limited[v])
-        text = f"the law asks {names} for the velocity limit or more for {100 * fraction:.0f} % of the time"
+        text = f"the law commands {names} at or above the velocity limit for {100 * fraction:.0f} % of the time"
         notes.append(Note("limited", f"{text}; raise velocity_limit, or lower the gain", ids[v], None, fraction))
     for v, names in _worst(np.where(limits.exceeded > MAX_GUST_FRACTION, limits.excess, 0.0), 0.0, ids):
         speed = float(limits.medium[v])
         time = float(limits.time[v])
-        what = "its vehicle makes" if limits.possible[v] == own_speed[v] else "its velocity limit allows"
-        text = f"the medium is faster than {names} can be: {speed:.3g} m/s about {ids[v]} at t = {time:.6g} s"
+        what = "its vehicle reaches" if limits.possible[v] == own_speed[v] else "its velocity limit allows"
+        text = f"the medium is faster than {names} can move: {speed:.3g} m/s around {ids[v]} at t = {time:.6g} s"
         text += f", where {what} {limits.possible[v]:.3g} m/s in its slowest direction"
         notes.append(Note("medium", text, ids[v], time, speed))
     return notes
 
 
 def _worst(badness: Array, limit: float, ids: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield the number of the worst agent and a name for all that are above a limit, if any is."""
+    """Yield the number of the worst agent, and a name for all agents above a limit, if there are any."""
     above = int((badness > limit).sum())
     if above:
         v = int(badness.argmax())
@@ -295,14 +295,15 @@ def _worst(badness: Array, limit: float, ids: Sequence[str]) -> Iterator[tuple[i
 
 
 def _why_saturated(phases: Sequence[Phase], dataset: "xr.Dataset", v: int) -> str:
-    """Whether the law asks too much of an agent, or chance does, by which its commands jump.
+    """Explain why an agent saturates: the law commands too much, or noise and losses make its commands jump.
 
-    Thrusters make good what is missing of the velocity asked for: what share of its mean square are jumps tells.
+    Thrusters act on the difference between commanded and actual velocity. The cause follows from the fraction of its
+    mean square that is due to jumps.
     """
     law = dataset.attrs.get("controller")
-    asks, chance = f"the law {law} asks too much" if law else "the law asks too much", _chance(phases)
+    asks, chance = f"the law {law} commands too much" if law else "the law commands too much", _chance(phases)
     if is_one_sided(phases[0].system.vehicles[v]):
-        asks = "they do not push both ways, so that it turns with some at full thrust and others at none"
+        asks = "they push in one direction only, so the vehicle turns with some at full thrust and others at none"
     if not chance:
         return asks
     missing = jumps = 0.0
@@ -322,13 +323,13 @@ def _why_saturated(phases: Sequence[Phase], dataset: "xr.Dataset", v: int) -> st
 
 
 def _calmer(dataset: "xr.Dataset") -> str:
-    """Advise what makes commands jump less: a lower gain, if the law has one."""
+    """Advise how to make commands jump less: by a lower gain, if the law has one."""
     law = dataset.attrs.get("controller")
     return f"filter measurements in {law}" if law else "lower controller.gain"
 
 
 def _chance(phases: Sequence[Phase]) -> list[str]:
-    """Describe the cause of random jumps of commands, in words."""
+    """Name the random causes of jumping commands."""
     laws = [phase.system.law for phase in phases]
     links = np.concatenate([law.links.table for law in laws])
     lossy = links["lossy"].any() or any(law.terms.rounds.lossy for law in laws)
@@ -351,22 +352,22 @@ def _own_speed(system: System, bodies: bool) -> Array:
 
 
 def _conditions(phases: Sequence[Phase], first: int, count: int) -> tuple[BoolArray, Array]:
-    """Return which agents are present at `count` samples from the first on, and their speed limits, (T, N), m/s."""
+    """Return which agents are present at `count` samples from `first` on, and their speed limits, (T, N), m/s."""
     there = [phase.system.team.present for phase in phases]
     limit = [phase.system.law.limit[: len(phase.system.team.agents)] for phase in phases]
     return _by_phase(there, phases, first, count), _by_phase(limit, phases, first, count)
 
 
 def _by_phase(values: Sequence[Any], phases: Sequence[Phase], first: int, count: int) -> Any:
-    """Return the value of its phase for each of `count` samples from the first on."""
+    """Return the value of the phase of each of `count` samples from `first` on."""
     samples = np.arange(first, first + count)
     return np.array(values)[np.searchsorted([phase.start for phase in phases], samples, side="right") - 1]
 
 
 def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
-    """Find aircraft that go below the surface of the scene.
+    """Report aircraft that go below the surface of the scene.
 
-    Lost ones rest on it; submersibles, and targets that start below it, are meant to be there.
+    Lost aircraft rest on it. Submersibles, and targets that start below it, are meant to be there.
     """
     system = phases[0].system
     members = system.team.members
@@ -399,7 +400,7 @@ def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[N
     what = "an aircraft" if v < N else "a target in space"
     verb = "goes" if under == 1 else "go"
     text = f"{_and_others(name, under - 1)} {verb} {where}: {name}, {what}, is below the surface from "
-    text += f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop what moves in space"
+    text += f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop vehicles in space"
     return [Note("submerged", text, name, float(first[v]), float(depth[v]))]
 
 
@@ -409,7 +410,7 @@ def _stopped(system: System) -> BoolArray:
 
 
 def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
-    """Vehicles that are closer than their size; of teams of more than 100, when each is closest to another."""
+    """Report vehicles closer than their size; in teams of more than 100, only where each is closest to another."""
     from mjsheaf.simulation.arena import size_of
     from mjsheaf.vehicles.effects import of_each
 
@@ -441,17 +442,17 @@ def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
     text = f"{pair} {what}: their origins are {distance:.3g} m apart at t = {time:.6g} s"
     if len(together) > 2:
         text += f"; {len(together)} vehicles come closer to another one than their size"
-    text += ". Contacts are off (physics.contacts: false), so that vehicles do not collide"
+    text += ". Contacts are off (physics.contacts: false), so vehicles do not collide"
     return [Note("close", text, members[i].id, time, distance)]
 
 
 def _close_pairs(x: Array, apart: Array, sizes: Array) -> "list[tuple[int, int, int, float]]":
-    """Sample, two vehicles and their distance, m, for each pair closer than their size, when they are closest.
+    """List pairs closer than their size: the sample at which they are closest, both vehicles, and their distance, m.
 
     Args:
-        x: origins of bodies, shape (T, V, 3), m.
-        apart: distance to the nearest other vehicle, shape (T, V), m.
-        sizes: shape (V,), m.
+        x: Origins of bodies, shape (T, V, 3), m.
+        apart: Distance to the nearest other vehicle, shape (T, V), m.
+        sizes: Sizes of vehicles, shape (V,), m.
     """
     V, most, found = len(sizes), float(sizes.max()), []
     if V <= EXHAUSTIVE_LIMIT:
@@ -492,14 +493,14 @@ def _and_others(name: str, others: int) -> str:
 
 
 def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> TermsInRun | None:
-    """Look for harm of the terms in a run, of one with events in the last phase; it is read in pieces.
+    """Examine the terms of the law in a run, or in its last phase if it has events; the run is read in pieces.
 
     Args:
-        run: what was run.
-        dataset: as `simulate` gives it.
+        run: System of the run, or its phases.
+        dataset: Result of `simulate`.
 
     Returns:
-        None for the paper's law, a law in Python, and fewer than 8 samples.
+        Behaviour of the terms; None for the paper's law, a law in Python, and fewer than 8 samples.
     """
     system, dataset = of_phase(run, dataset, -1)
     bodies, count = dataset.attrs["backend"] == "physics", dataset.sizes["time"]
@@ -533,7 +534,7 @@ def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Terms
 
 
 def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:
-    """Sentences about what is wrong."""
+    """Compose warnings about the terms."""
     limited = f"agents are at their velocity limit for {100 * found.at_limit:.0f}% of the last half"
     saturated = f"agents' thrusters are at a limit for {100 * (found.saturated or 0.0):.0f}% of the last half"
     if found.jump > max(MAX_JUMP * found.commanded, MIN_JUMP):
@@ -548,14 +549,14 @@ def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:
         return [f"{jumping}: {_cause(system, terms, found.on)}"]
     on, sentences = joined(found.on), []
     if found.at_limit > MAX_SHARE:
-        sentences.append(f"{limited}, which leaves {on} no room: raise velocity_limit, or slow the targets")
+        sentences.append(f"{limited}, so {on} cannot act: raise velocity_limit, or slow the targets")
     if (found.saturated or 0.0) > MAX_SHARE:
         sentences.append(f"{saturated}, with {on}: lower controller.gain or velocity_limit, or slow the targets")
     return sentences
 
 
 def _cause(system: System, terms: TermArrays, on: tuple[str, ...]) -> str:
-    """Name the terms that make commands jump, and the change that fixes it."""
+    """Name the terms that make commands jump, and a fix."""
     noise = _noise(terms)
     largest = max(noise.values(), default=0.0)
     if largest > 0.0:
@@ -574,10 +575,10 @@ def _cause(system: System, terms: TermArrays, on: tuple[str, ...]) -> str:
 
 
 def _noise(terms: TermArrays) -> dict[str, float]:
-    """Noise of odometry in what each term adds for unit maps, m/s RMS; no terms without noise.
+    """Compute the noise of odometry in the command of each term for unit maps, m/s RMS; terms without noise are absent.
 
-    A filter that takes a share a of white noise leaves sqrt(a / (2 - a)) of it, and neighbouring samples correlated by
-    1 - a; lead L makes of v the sum (1 + L) v - L v_before.
+    A filter with coefficient a reduces white noise to sqrt(a / (2 - a)) of it, and correlates neighbouring samples by
+    1 - a. A lead L turns v into (1 + L) v - L v_before.
     """
     white = terms.noise / terms.period
 

@@ -1,4 +1,4 @@
-"""Runs compared with what their scenario expects of them, and expectations made from runs.
+"""Comparison of runs with the expectations of their scenario, and expectations derived from runs.
 
 The pytest plugin and `mjsheaf expect` both use this.
 """
@@ -18,10 +18,10 @@ from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
 
 BACKEND_ORDER = ("ideal", "physics")
-"""As they stand in an `expect:` block."""
+"""Names of measures in an `expect:` block."""
 
 SMALLEST_BOUND = 1e-9
-"""m; what is found below is rounding, which differs between machines."""
+"""Errors below this are rounding, which differs between machines, m."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Trial:
     Attributes:
         backend: 'ideal' or 'physics'.
         status: 'finished', 'unstable' or 'refused'.
-        message: why it was refused or blew up; else empty.
-        final: the final errors, m, by measure, and those at the end of each phase of a run with events, by
-            phases.NUMBER.MEASURE; empty where it was refused.
-        checks: Checks of summary.json, one record for each: measure, bound, found, met.
-        law: Law in Python that was in control, or None.
+        message: Reason why it was refused or blew up; else empty.
+        final: Final errors by measure, m, and errors at the end of each phase of a run with events by
+            phases.NUMBER.MEASURE; empty if it was refused.
+        checks: Checks of summary.json, records of measure, bound, found and met.
+        law: Law in Python that controlled the agents, or None.
     """
 
     backend: str
@@ -47,19 +47,19 @@ class Trial:
 
     @property
     def met(self) -> bool | None:
-        """Return True if all expectations are met; None where there are none."""
+        """True if all expectations are met; None if there are none."""
         return all(check["met"] for check in self.checks) if self.checks else None
 
 
 def expected_law(scenario: Scenario, directory: Path) -> LawFile | None:
-    """Find the law in Python for which a scenario's bounds hold; None for its own law.
+    """Find the law in Python that a scenario's bounds are for; None for its own law.
 
     Args:
-        scenario: the scenario.
+        scenario: Scenario with the bounds.
         directory: Directory of its file, which must contain the law's file.
 
     Raises:
-        InputError: there is no such law.
+        InputError: There is no such law.
     """
     label = scenario.expect.controller
     return None if label is None else find_law(label, "expect.controller", directory)
@@ -72,19 +72,19 @@ def try_scenario(
     law: LawFile | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Trial:
-    """Run a scenario on a backend and compare it with what it expects.
+    """Run a scenario on a backend and compare the result with its expectations.
 
-    A team that the theory's assumptions refuse (free to drift, or g not of full row rank) is refused before anything
-    runs, which may be just what is expected.
+    A team that violates the theory's assumptions (harmonic extension not unique, or g not of full row rank) is refused
+    before it runs. A scenario may expect this.
 
     Args:
-        scenario: the scenario.
+        scenario: Scenario to run.
         backend: 'ideal' or 'physics'.
-        law: Law in Python that is in control, constructed anew; None for the scenario's own.
+        law: Law in Python that controls the agents, constructed anew; None for the scenario's own.
         progress: See `simulate`.
 
     Raises:
-        InputError: the scenario cannot be simulated for any other reason, such as a vehicle that does not fit.
+        InputError: The scenario cannot be simulated for another reason, such as a vehicle that does not fit.
     """
     try:
         controller = law.load(scenario.seed) if law else None
@@ -102,7 +102,7 @@ def try_scenario(
 
 
 def _refused(scenario: Scenario, backend: str, reason: str) -> Trial:
-    """A trial of a refused team: every bound is missed, as there is nothing to compare with it."""
+    """Return the trial of a refused team, which misses every bound because it has no errors."""
     nothing: dict[str, float | None] = dict.fromkeys(MEASURES)
     checks = [
         {**check, "met": check["bound"] in reason, "found": reason} if check["measure"] == "refused" else check
@@ -112,7 +112,7 @@ def _refused(scenario: Scenario, backend: str, reason: str) -> Trial:
 
 
 def expected_backends(scenario: Scenario) -> list[str]:
-    """The backends for which a scenario expects something; a refusal is expected on both."""
+    """List the backends with expectations in a scenario; a refusal is expected on both."""
     if scenario.expect.refused is not None:
         return list(BACKEND_ORDER)
     expect = scenario.expect.model_dump(exclude_none=True)
@@ -120,7 +120,7 @@ def expected_backends(scenario: Scenario) -> list[str]:
 
 
 def loose(trial: Trial, factor: float) -> list[dict[str, Any]]:
-    """The checks of a trial whose bound exceeds `factor` times what was found: they would miss a regression."""
+    """Return the checks of a trial with bounds above `factor` times the measured error, which miss regressions."""
     return [
         check
         for check in trial.checks
@@ -131,9 +131,9 @@ def loose(trial: Trial, factor: float) -> list[dict[str, Any]]:
 
 
 def bounds_from(trial: Trial, margin: float) -> dict[str, Any]:
-    """Bounds that a trial meets with a margin, such as 0.05, rounded up to three significant digits, m.
+    """Compute bounds that a trial meets with a margin, such as 0.05, rounded up to three significant digits, m.
 
-    Of a run with events those at the end of each phase but the last are in the list `phases`.
+    For a run with events, the list `phases` has the bounds at the end of each phase except the last.
     """
     bounds: dict[str, Any] = {}
     for name, found in trial.final.items():
@@ -146,21 +146,21 @@ def bounds_from(trial: Trial, margin: float) -> dict[str, Any]:
         if found is not None:
             own[measure] = round_up(max(found * (1.0 + margin), SMALLEST_BOUND))
     if "phases" in bounds:
-        bounds["phases"].pop()  # its last sample is that of the run
+        bounds["phases"].pop()  # the last phase ends with the run
     return bounds
 
 
 def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, Any]) -> dict[str, Any]:
-    """An `expect:` block that runs meet.
+    """Make an `expect:` block that runs meet.
 
     Args:
         trials: Trials of one scenario, on one backend each.
         margin: Margin of the bounds above the measured values.
-        old: the previous block as a mapping; its bounds for backends that were not tried stay, as does the text of a
-            refusal that still fits.
+        old: Previous block as a mapping. Its bounds for backends that were not tried stay, and so does the text of a
+            refusal that still matches.
 
     Returns:
-        {"refused": ...} where the team is refused, else bounds by backend.
+        {"refused": ...} if the team is refused, else bounds by backend.
     """
     refusals = [trial.message for trial in trials if trial.status == "refused"]
     if refusals:
@@ -173,13 +173,13 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
 
 
 def replace_expectation(path: Path, data: bytes, source: str, block: dict[str, Any], margin: float) -> None:
-    """Write an `expect:` block into a scenario's file, and keep the rest as it is.
+    """Write an `expect:` block into a scenario's file, and keep the rest unchanged.
 
     Args:
-        path: The file.
-        data: Content of the file when the runs began.
+        path: Path of the file.
+        data: Content of the file when the runs started.
         source: Name of the file in errors.
-        block: As `expectation_from` returns it.
+        block: Block from `expectation_from`.
         margin: Margin of its bounds above the measured values.
 
     Raises:
@@ -191,7 +191,7 @@ def replace_expectation(path: Path, data: bytes, source: str, block: dict[str, A
 
 
 def round_up(value: float) -> float:
-    """The least number of three significant digits that is not below a positive one."""
+    """Round a positive number up to three significant digits."""
     exponent = math.floor(math.log10(value)) - 2
     steps = math.ceil(float(f"{value / 10.0**exponent:.9g}"))  # 184.00000000000003 is 184
     rounded = float(f"{steps}e{exponent}")
@@ -199,12 +199,12 @@ def round_up(value: float) -> float:
 
 
 def missed(trial: Trial) -> list[dict[str, Any]]:
-    """The checks of a trial that are not met."""
+    """Return the checks of a trial that are not met."""
     return [check for check in trial.checks if not check["met"]]
 
 
 def miss(check: Mapping[str, Any]) -> str:
-    """Why a check is not met."""
+    """Explain why a check is not met."""
     measure, bound, found = check["measure"], check["bound"], check["found"]
     if measure == "refused":
         what = "it ran" if found is None else "its refusal says something else"
@@ -215,7 +215,7 @@ def miss(check: Mapping[str, Any]) -> str:
 
 
 def describe(trial: Trial, name: str, watch: str) -> str:
-    """Format expected and measured values, line by line, and the command that shows the run of scenario `watch`."""
+    """Format expected and measured values line by line, and the command that repeats the run of scenario `watch`."""
     verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]
     law = f" --controller {trial.law.here}" if trial.law else ""
     under = f" under {trial.law.label}" if trial.law else ""

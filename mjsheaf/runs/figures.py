@@ -43,11 +43,12 @@ from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
 from mjsheaf.results.netcdf import thin
 from mjsheaf.team import Team
 
-_WORST = 3  # agents that stand out and are named among all
-_MOST_CURVES, _MOST_RANKED = 60, 26  # agents with a curve each; with a name each below their bars
-_MOST_POINTS = 1500  # of a curve: a panel is that many dots of a printer wide
-_MOST_KEYS = 12  # groups in a legend
-_MOST_EVENTS = 12  # listed below a figure
+_WORST = 3  # number of worst agents that are highlighted and named
+_MOST_CURVES = 60  # maximum number of agents with a curve each
+_MOST_RANKED = 26  # maximum number of agents with a name each below their bars
+_MOST_POINTS = 1500  # maximum number of points of a curve, about the width of a printed panel in dots
+_MOST_KEYS = 12  # maximum number of groups in a legend
+_MOST_EVENTS = 12  # maximum number of events listed below a figure
 
 
 def figures_of(
@@ -63,12 +64,12 @@ def figures_of(
     Hold `MATPLOTLIB` while you call them.
 
     Args:
-        team: the team.
-        last: the team of the last phase.
-        dataset: the run, thinned to what can be seen.
-        bound: see `draw_errors`.
-        options: how figures are written.
-        view: see `draw_trajectories`.
+        team: Team of the first phase.
+        last: Team of the last phase.
+        dataset: Data of the run, thinned to the visible detail.
+        bound: See `draw_errors`.
+        options: Formats and style of the figures.
+        view: See `draw_trajectories`.
     """
     return {
         "errors": lambda: draw_errors(team, dataset, bound, options),
@@ -87,7 +88,8 @@ class _Panel:
     """An error over time, of groups and of the whole team.
 
     Attributes:
-        title, label: Title of the panel, and label of its vertical axis.
+        title: Title of the panel.
+        label: Label of its vertical axis.
         groups: Error of each group by its number, shape (T,), m.
         team: Error of the whole team, shape (T,), m.
         bound: Bound on the error of the whole team, shape (T,), m; None without one.
@@ -114,7 +116,7 @@ class _Panel:
 
 
 def _error_panels(team: Team, dataset: xr.Dataset, members: dict[int, BoolArray], bound: Array | None) -> list[_Panel]:
-    """List the panels of errors over time; `members` says by group which agents belong to it."""
+    """List the panels of errors over time; `members` marks the agents of each group."""
     eta = dataset["disagreement"].values
     squares = dataset["tracking_error"].values ** 2
     tracking = {k: np.sqrt(mean_known(squares[:, chosen])) for k, chosen in members.items()}
@@ -139,13 +141,13 @@ def draw_errors(
 ) -> Figure:
     """Draw errors over time: disagreement, tracking, formation and centering by group, and tracking by agent.
 
-    The last two panels show which agents are worst: their curves, and all agents by their error over the last half.
+    The last two panels show the worst agents: their curves, and all agents ranked by their error over the last half.
 
     Args:
-        team: The team.
-        dataset: The run, thinned to what can be seen.
-        bound: A name, and a bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
-        options: How figures are written.
+        team: Team of the run.
+        dataset: Data of the run, thinned to the visible detail.
+        bound: Name and values of a bound on |e(t)|, shape (T,), m, drawn over sqrt(N) like the error; or None.
+        options: Formats and style of the figures.
     """
     groups, names, colours = groups_of(team)
     agents = groups[: len(team.agents)]
@@ -191,34 +193,34 @@ def draw_errors(
 
 
 def _last_half(time: Array) -> BoolArray:
-    """Return which samples are in the last half of a run."""
+    """Mark the samples in the last half of a run, shape (T,)."""
     return np.asarray(time >= (time[0] + time[-1]) / 2)
 
 
 def _late_error(time: Array, tracking: Array) -> Array:
-    """Return each agent's error (T, N), RMS over the last half, shape (N,), m; NaN if it is absent at the end."""
+    """Compute the RMS of agents' errors (T, N) over the last half, shape (N,), m; NaN for those absent at the end."""
     late = np.sqrt(mean_known(tracking[_last_half(time)].T ** 2))
     return np.where(np.isnan(tracking[-1]), np.nan, late)
 
 
 def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
-    """The share of measurements that arrive, the mean over a hundredth of the run about each sample."""
+    """Draw the fraction of measurements that arrive, averaged over a hundredth of the run around each sample."""
     time, share = dataset["time"].values, dataset["arrival"].values
     total = np.cumsum(np.r_[0.0, share])
     half, k = max(1, len(share) // 200), np.arange(len(share))
     low, high = np.maximum(k - half, 0), np.minimum(k + half + 1, len(share))
     axis.plot(time, (total[high] - total[low]) / (high - low), color="black", linewidth=1.0)
-    label_axes(axis, "measurements that arrive", "time (s)", "share of edges")
+    label_axes(axis, "measurements that arrive", "time (s)", "fraction of edges")
     axis.set_xlim(*_span(time))
     axis.set_ylim(-0.03, 1.03)
     mark_events(axis, dataset)
 
 
 def _draw_agents(axis: Any, team: Team, time: Array, errors: Array, order: IntArray, colours: Array) -> list[Line2D]:
-    """Each agent's tracking error (T, N) over time, the worst of all bold and named; of very many, how they spread.
+    """Draw each agent's tracking error (T, N) over time, with the worst ones bold and named; for large teams, a band.
 
-    `order` has the agents that are there at the end, the worst first; `colours` are the agents', (N, 3). Returns rows
-    for a legend.
+    `order` lists the agents that are present at the end, the worst first; `colours` are the agents', (N, 3). Returns
+    rows for a legend.
     """
     keys = []
     worst = order[:_WORST] if len(order) > 1 else order
@@ -244,7 +246,7 @@ def _draw_agents(axis: Any, team: Team, time: Array, errors: Array, order: IntAr
 
 
 def _draw_ranking(axis: Any, team: Team, errors: Array, late: Array, order: IntArray, groups: IntArray) -> None:
-    """All agents by their RMS error over the last half (N,), the worst first, with the range of their errors (T, N)."""
+    """Draw all agents ranked by their RMS error over the last half (N,), with the range of their errors (T, N)."""
     _, names, colours = groups_of(team)
     rank = np.arange(1, len(order) + 1)
     few = len(order) <= _MOST_RANKED
@@ -268,22 +270,22 @@ def _short(name: str) -> str:
 
 
 def _span(time: Array) -> tuple[float, float]:
-    """Limits of an axis of time, s."""
+    """Return the limits of a time axis, s."""
     start, end = float(time[0]), float(time[-1])
     room = 0.01 * (end - start) or 0.5
     return start - room, end + room
 
 
 def mark_events(axis: Any, dataset: xr.Dataset) -> None:
-    """Mark and number when each phase of a run with events begins; events that are close have their numbers together.
+    """Mark and number the start of each phase of a run with events; a legend explains the numbers.
 
-    What the numbers mean is for a legend to say.
+    Events that are close together share a label.
     """
     mark_times(axis, [phase["time"] for phase in phases_in(dataset) if phase["events"]])
 
 
 def mark_times(axis: Any, times: list[float]) -> None:
-    """Mark and number times in s; numbers that are close stand together."""
+    """Mark and number times, s; times that are close together share a label."""
     low, high = axis.get_xlim()
     first = 0
     for k, time in enumerate(times):
@@ -296,7 +298,7 @@ def mark_times(axis: Any, times: list[float]) -> None:
 
 
 def _events_in_words(dataset: xr.Dataset) -> str:
-    """List the events of a run, by number, in lines that fit below a figure; empty where there are none."""
+    """List the events of a run by number, in lines that fit below a figure; empty if there are none."""
     found = [phase for phase in phases_in(dataset) if phase["events"]]
     told = [f"{k}: {', '.join(p['events'])} ({p['time']:.6g} s)" for k, p in enumerate(found[:_MOST_EVENTS], 1)]
     told += [f"and {len(found) - _MOST_EVENTS} more"] * (len(found) > _MOST_EVENTS)
@@ -306,12 +308,12 @@ def _events_in_words(dataset: xr.Dataset) -> str:
 def draw_trajectories(
     team: Team, dataset: xr.Dataset, options: FigureOptions = AS_USUAL, view: tuple[float, float] = VIEW
 ) -> Figure:
-    """Draw all trajectories over the whole run from above and, for a team in space, from two sides; the run thinned.
+    """Draw all trajectories of a thinned run from above and, for a team in space, from two sides and in perspective.
 
-    All views have one scale, but heights may be stretched, which is then said. Absent agents are grey, and drawn as far
-    as they stay where the others are.
+    All views share one scale, but heights may be stretched, which their titles state. Absent agents are grey, and drawn
+    only near the others.
 
-    `view` is the azimuth and elevation of the eye of the view in space, in degrees: those of the video and the page.
+    `view` is the azimuth and elevation of the eye of the view in space, degrees, the same as in the video and the page.
     """
     groups, names, colours = groups_of(team)
     dataset = dataset.isel(time=thin(dataset.sizes["time"], _MOST_POINTS))
@@ -349,23 +351,23 @@ def draw_trajectories(
         front.set_title("from the front", fontsize=HEADING)
         side.set_title("from the side", fontsize=HEADING)
         _draw_in_space(corner, team, tracks, absent, inside, view)
-    lay_out(figure)  # the sizes of the panels decide how much of space each shows
+    lay_out(figure)  # the sizes of the panels determine the region that each shows
     stretched = _fill_views(views, middle, size)
     if spatial:
         front.set_title(f"from the front{stretched}", fontsize=HEADING)
-    settle(figure)  # with the numbers that these limits have
+    settle(figure)  # with the tick labels of these limits
     _fill_views(views, middle, size)
     _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
     return figure
 
 
 def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -> str:
-    """Set the limits of views, panel to its two coordinates, such that space has one scale and fills the first.
+    """Set the limits of views, given each panel's two coordinates, so that all share one scale and fill the first one.
 
-    Heights have a scale of their own where theirs would leave a view empty, or not fit into it.
+    Heights get another scale if a view would otherwise be nearly empty or too small.
 
     Returns:
-        Words that say so, else nothing.
+        Description of that scale, or an empty string.
     """
     extents = {axis: axis.get_window_extent() for axis in views}
     above = next(iter(views))
@@ -386,9 +388,9 @@ def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -
 
 
 def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray) -> None:
-    """Draw the trajectories (V, 2, T) in a view: lines, where they start and where they end.
+    """Draw the trajectories (V, 2, T) in a view as lines with start and end points.
 
-    `absent` (N, T) and `inside` (V, T) say when agents are absent, and whether vehicles are near the others.
+    `absent` (N, T) marks absent agents, and `inside` (V, T) vehicles near the others.
     """
     groups, names, colours = groups_of(team)
     N, few = len(absent), len(tracks) <= MOST_NAMED
@@ -420,7 +422,7 @@ def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside
 def _draw_in_space(
     axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray, view: tuple[float, float]
 ) -> None:
-    """Draw the trajectories (V, 3, T) as seen from the azimuth and elevation of an eye in degrees, without numbers."""
+    """Draw the trajectories (V, 3, T) from the azimuth and elevation of an eye, degrees, without tick labels."""
     turn, tilt = np.radians(view)
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     up = np.array([-np.sin(tilt) * np.cos(turn), -np.sin(tilt) * np.sin(turn), np.cos(tilt)])
@@ -439,9 +441,9 @@ def _draw_in_space(
 
 
 def _name_members(axis: Any, team: Team, dataset: xr.Dataset, places: Array, avoid: Array) -> None:
-    """Name vehicles at places (V, 2): all of a small team, the targets and the worst agents of a large one.
+    """Label vehicles at places (V, 2): all of a small team; the targets and the worst agents of a large one.
 
-    Names keep off the points to `avoid`, (M, 2), too.
+    Labels also avoid the points `avoid`, (M, 2).
     """
     N = len(team.agents)
     error = np.nan_to_num(dataset["tracking_error"].values[-1], nan=-1.0, posinf=np.inf)
@@ -452,7 +454,7 @@ def _name_members(axis: Any, team: Team, dataset: xr.Dataset, places: Array, avo
 
 
 def _room(tracks: Array, absent: BoolArray) -> tuple[Array, Array]:
-    """Corners, a tenth larger each way, of the box about tracks (V, axes, T) but for agents while absent (N, T)."""
+    """Return the corners of the box around tracks (V, axes, T) of present agents, enlarged by a tenth each way."""
     known = tracks.copy()
     known[: len(absent)] = np.where(absent[:, None], np.nan, known[: len(absent)])
     low, high = (bound(known, axis=(0, 2))[:, None] for bound in (np.nanmin, np.nanmax))
@@ -460,7 +462,7 @@ def _room(tracks: Array, absent: BoolArray) -> tuple[Array, Array]:
 
 
 def draw_configurations(team: Team, last: Team, dataset: xr.Dataset, options: FigureOptions = AS_USUAL) -> Figure:
-    """Draw the initial against final configuration from above, with edges and each agent's harmonic extension.
+    """Draw the initial and final configuration from above, with edges and each agent's harmonic extension.
 
     `last` is the team of the last phase; absent agents are grey.
     """
@@ -504,6 +506,6 @@ def _title(dataset: xr.Dataset, what: str) -> str:
 
 
 def _positions(dataset: xr.Dataset) -> Array:
-    """Positions (T, V, 3); planar vehicles at z = 0."""
+    """Return the positions (T, V, 3), m, with planar vehicles at z = 0."""
     both = [dataset["agent_position"].values, dataset["target_position"].values]
     return np.nan_to_num(np.concatenate(both, axis=1))

@@ -1,4 +1,4 @@
-"""Simulating many scenarios at once, on threads of this process."""
+"""Simulation of many scenarios in parallel, on threads of this process."""
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
@@ -33,26 +33,26 @@ def simulate_many(
     allow_drift: bool = False,
     progress: "Callable[[int, int], None] | bool | None" = True,
 ) -> "list[xr.Dataset | MjsheafError]":
-    """Run independent scenarios side by side on threads of this process.
+    """Run independent scenarios in parallel on threads of this process.
 
-    The compiled loops run without the interpreter's lock. Results are those of `simulate`, to the bit. On the fused
-    engine runs of one team lie side by side in memory: see `mjsheaf.simulation.rows`.
+    The compiled loops release the interpreter's lock. Results equal those of `simulate` bit for bit. On the fused
+    engine, runs of one team are batched in memory: see `mjsheaf.simulation.rows`.
 
     Args:
         scenarios: Scenarios, for example one with many seeds or gains.
         backend: 'physics' or 'ideal'.
         engine: See `simulate`.
-        workers: how many run at a time; None takes one for each processor that this process may use.
+        workers: Number of threads; None takes one for each processor that this process may use.
         allow_drift: See `simulate`.
-        progress: True shows a bar on a terminal or in a notebook, False nothing; a function is called from the calling
-            thread with (runs done, runs in all).
+        progress: True shows a bar on a terminal or in a notebook, and False shows nothing. A function is called in the
+            calling thread with the runs done and the number of runs.
 
     Returns:
-        What `simulate` returns for each scenario, in their order. A scenario that it would refuse does not lose the
-        others: its place holds the error, a MjsheafError. A run that blew up is a dataset with status 'unstable'.
+        Result of `simulate` for each scenario, in their order. If `simulate` refuses a scenario, its place holds the
+        error, a MjsheafError, and the others still run. A run that blew up is a dataset with status 'unstable'.
 
     Raises:
-        InputError: unknown backend or engine, workers below 1, or what is no Scenario.
+        InputError: The backend or engine is unknown, `workers` is below 1, or an item is not a Scenario.
     """
     from mjsheaf.progress import shown
 
@@ -87,7 +87,7 @@ def simulate_many(
 
 
 def _results(futures: "list[Future[T]]", report: "Callable[[int, int], None] | None") -> list[T]:
-    """Return results in order once all are there; an exception is raised as soon as it is known."""
+    """Return all results in order; an exception is raised as soon as it occurs."""
     for done, future in enumerate(as_completed(futures), 1):
         future.result()
         if report:
@@ -99,7 +99,7 @@ def _listed(scenarios: Iterable[Scenario]) -> list[Scenario]:
     """Return scenarios as a list.
 
     Raises:
-        InputError: They are no Scenarios.
+        InputError: An item is not a Scenario.
     """
     if isinstance(scenarios, Scenario) or not isinstance(scenarios, Iterable):
         raise InputError(f"scenarios is a {type(scenarios).__name__}; expected a list of Scenarios")
@@ -111,11 +111,11 @@ def _listed(scenarios: Iterable[Scenario]) -> list[Scenario]:
 
 
 class _Abandoned(Exception):  # noqa: N818
-    """Ends a run whose siblings were interrupted."""
+    """Signal to end a run because the others were interrupted."""
 
 
 def fused_session(scenario: Scenario, *, allow_drift: bool = False) -> "tuple[Session, Fused]":
-    """A run at its start, on the fused engine and one thread, and that engine.
+    """Prepare a run on the fused engine with one thread, and return its session and the engine.
 
     Raises:
         InputError, NotUniqueError: See `simulate`.
@@ -127,14 +127,14 @@ def fused_session(scenario: Scenario, *, allow_drift: bool = False) -> "tuple[Se
 
 
 class _Slices:
-    """Runs at their start, on the fused engine, prepared some at a time; those of one team lie side by side."""
+    """Runs on the fused engine, prepared several at a time; those of one team are batched."""
 
     def __init__(self, scenarios: Sequence[Scenario], allow_drift: bool) -> None:
         self._scenarios, self._allow_drift, self._lock = scenarios, allow_drift, Lock()
         self._prepared: dict[int, dict[int, Session | MjsheafError]] = {}
 
     def take(self, k: int) -> "Session | MjsheafError":
-        """Run number k, once, or why `simulate` refuses it."""
+        """Return run number k, once, or the error with which `simulate` refuses it."""
         number, place = divmod(k, _AT_ONCE)
         with self._lock:
             if number not in self._prepared:

@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """The resolved scenario as YAML: every field that has a value; running it again gives the same bits.
+    """Return the resolved scenario as YAML, with every field that has a value; running it again gives the same bits.
 
-    Custom vehicles stand in it as they were given; `write_scenario` copies their files too.
+    Custom vehicles keep their paths; `write_scenario` copies their files too.
     """
     return dump_yaml(_resolved(scenario))
 
@@ -53,15 +53,15 @@ def dump_scenario(scenario: Scenario) -> str:
 def write_scenario(scenario: Scenario, directory: Path) -> Path:
     """Write scenario.yaml, and copy the files of custom vehicles, registered terms and gridded flow into vehicles/.
 
-    scenario.yaml names the copies, so that the directory can be moved, and re-run to the same bits after the originals
-    have changed. Checksums of the copies show later what a user has added or changed.
+    scenario.yaml refers to the copies, so the directory can be moved, and repeated to the same bits even if the
+    originals change. Checksums of the copies later reveal files that a user has added or changed.
 
     Returns:
         The path of scenario.yaml.
 
     Raises:
-        InputError: a vehicle's files cannot be found, or lie outside its directory.
-        OSError: the directory cannot be written.
+        InputError: A vehicle's files cannot be found, or lie outside its directory.
+        OSError: The directory cannot be written.
     """
     raw = _resolved(scenario)
     holders = [*raw["agents"], *raw["targets"]]
@@ -86,7 +86,10 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
 
 
 def _copy_files(sections: dict[str, Any], field: str, folder: str, directory: Path) -> dict[str, str]:
-    """Copy the files that a field of sections names, name the copies there, and return them by their originals."""
+    """Copy the files that a field of sections refers to, make the field refer to the copies, and return them.
+
+    The result maps the original names to the copies.
+    """
     copies: dict[str, str] = {}
     for name, section in sections.items():
         file = section.get(field)
@@ -101,7 +104,7 @@ def _copy_files(sections: dict[str, Any], field: str, folder: str, directory: Pa
 
 
 def _copy(description: Path, directory: Path, taken: set[str]) -> str:
-    """Copy the files of a vehicle into a folder of its own; the path of the copied description, relative."""
+    """Copy the files of a vehicle into a folder of its own, and return the relative path of its description."""
     from mjsheaf.vehicles.loading import files_of, read_description
 
     names = chain([description.stem], (f"{description.stem}_{k}" for k in count(2)))
@@ -127,10 +130,10 @@ class Outcome:
     """A published run.
 
     Attributes:
-        directory: where it is.
-        summary: Contents of summary.json; its notes are of the run.
-        notes: what else to report.
-        replaced: says which earlier run it replaced; None where there was none.
+        directory: Directory of the run.
+        summary: Contents of summary.json, including the notes on the run.
+        notes: Further notes.
+        replaced: Sentence about the earlier run that it replaced; None if there was none.
     """
 
     directory: Path
@@ -140,7 +143,7 @@ class Outcome:
 
 
 class TimedIterator:
-    """An iterator that adds up the `seconds` spent in `next`, without those of compiling, once on a machine."""
+    """Iterator that measures the `seconds` spent in `next`, excluding compilation."""
 
     def __init__(self, pieces: Iterator[xr.Dataset]) -> None:
         self._pieces = pieces
@@ -177,9 +180,9 @@ def execute(
     A run that blows up is published too, with status 'unstable'.
 
     Raises:
-        InputError: unknown backend, or a scenario that cannot be simulated; nothing is written.
-        PlaceError: the directory may not be replaced or cannot be written.
-        NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
+        InputError: The backend is unknown, or the scenario cannot be simulated. Nothing is written.
+        PlaceError: The directory may not be replaced or cannot be written.
+        NotUniqueError: The harmonic extension is not unique and drift is not allowed. Nothing is written.
     """
     timings = timings or Timings()
     with timings.part("checks"):
@@ -203,24 +206,24 @@ def publish(
     progress: Progress = no_progress,
     timings: Timings | None = None,
 ) -> Outcome:
-    """Write the directory of a run, whole or not at all; then draw its video into it.
+    """Write the directory of a run atomically, and then draw its video into it.
 
-    Data, plots and page are published before the video is drawn, which takes longest: see `add_video`.
+    Data, plots and page are published first, because the video takes longest: see `add_video`.
 
     Args:
-        run: its data, whole as from `simulate` or in consecutive pieces as from `stream`; result.nc is the same. A
-            `TimedIterator` says how long the simulation took; else summary.json has null for it.
-        scenario: what was run.
-        simulated: the scenario's system, or its phases.
+        run: Data of the run, whole from `simulate` or in consecutive pieces from `stream`; result.nc is the same. A
+            `TimedIterator` provides the duration of the simulation, which is null in summary.json otherwise.
+        scenario: Scenario that was run.
+        simulated: System of the scenario, or its phases.
         directory: Directory of the results.
-        video: how to film it, or None for no video.
-        origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
-        figures: how the plots are written.
-        progress: called with (what is being done, done, in all).
-        timings: durations of what was done before.
+        video: Options of the video, or None for no video.
+        origin: Origin of the scenario from `scenario.load.origin`, recorded in summary.json.
+        figures: Formats and style of the plots.
+        progress: Callback, called with the name of the activity, the steps done and the number of steps.
+        timings: Durations of earlier parts of the command.
 
     Raises:
-        PlaceError: the directory may not be replaced or cannot be written.
+        PlaceError: The directory may not be replaced or cannot be written.
     """
     from mjsheaf.page import page_of
     from mjsheaf.system import phases_of
@@ -245,7 +248,7 @@ def publish(
         with timings.part("page"):
             page = page_of(scenario, phases, dataset, summary, bounds, notes=summary["notes"])
             (fresh / "report.html").write_bytes(page)
-        progress("publishing", 0, 1)  # the last moment at which the user can stop it
+        progress("publishing", 0, 1)  # the user can interrupt up to here
         summary["timings"] = timings.record()
         store.save_summary(summary, fresh / "summary.json")
     outcome = Outcome(directory, summary, [], replaced)
@@ -255,7 +258,7 @@ def publish(
 def _write_data(
     run: xr.Dataset | Iterable[xr.Dataset], system: "System", path: Path, timings: Timings
 ) -> tuple[xr.Dataset, float | None]:
-    """Write result.nc, and return its data and how long the simulation took, s; None if that is not known."""
+    """Write result.nc, and return its data and the duration of the simulation, s; None if that is unknown."""
     from mjsheaf.simulation.trajectory import samples_in_piece
 
     pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
@@ -275,13 +278,13 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
     the directory is a complete run without a video, which `mjsheaf video DIR` draws.
 
     Args:
-        outcome: What `publish` or `execute` returned, without a video.
-        scenario: What was run.
-        options: How to draw it.
-        progress: Called with (what is being done, done, in all).
+        outcome: Result of `publish` or `execute` without a video.
+        scenario: Scenario that was run.
+        options: Options of the video.
+        progress: Callback, called with the name of the activity, the steps done and the number of steps.
 
     Returns:
-        The outcome with the video, or with a note that says why there is none.
+        The outcome with the video, or with a note that explains why there is none.
 
     Raises:
         PlaceError: The video cannot be written.
@@ -307,7 +310,7 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
 
 
 def without_video(directory: Path) -> str:
-    """Return in words that a run has no video yet, and how to draw it."""
+    """Return a sentence about a run without a video, and the command that draws it."""
     return f"{directory} is complete but for its video, which `mjsheaf video {shlex.quote(str(directory))}` draws"
 
 
@@ -316,9 +319,9 @@ class Account:
     """Contents of a run's report.
 
     Attributes:
-        summary: Contents of summary.json; without the fields that only its directory knows.
-        bounds: Bounds of each phase, those of Theorem 1 and of the held law.
-        drawn: Samples for the plots, at most a few thousand, in memory.
+        summary: Contents of summary.json, without the fields about its directory.
+        bounds: Bounds of Theorem 1 and of the held law in each phase.
+        drawn: Samples for the plots in memory, at most a few thousand.
     """
 
     summary: dict[str, Any]
@@ -329,7 +332,7 @@ class Account:
 def account_of(
     scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, timings: Timings | None = None
 ) -> Account:
-    """Errors, bounds and notes of a run, from its data, in memory or opened."""
+    """Compute the errors, bounds and notes of a run from its data, in memory or in an open file."""
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
     from mjsheaf.scenario.slips import slips_of
@@ -360,19 +363,19 @@ def save(
     title: bool = True,
     progress: bool | None = True,
 ) -> Outcome:
-    """Write all that `mjsheaf run` writes, from a result in memory: data, plots, page, video, summary, scenario.
+    """Write the files of `mjsheaf run` from a result in memory: data, plots, page, video, summary and scenario.
 
     Args:
-        result: Result of `simulate`; on bodies or ideal, with a law in Python or without.
-        directory: where it goes, whole or not at all; one that mjsheaf did not write is not replaced.
+        result: Result of `simulate` on either backend, with or without a law in Python.
+        directory: Directory to write atomically. A directory that mjsheaf did not write is not replaced.
         video: True to draw the video.
         formats: Formats of the plots: png, svg, pdf.
         title: True for plots with a title.
-        progress: True shows a bar on a terminal or in a notebook, False and None nothing.
+        progress: True shows a bar on a terminal or in a notebook; False and None show nothing.
 
     Raises:
-        InputError: the result is not one of `simulate`, or has lost its scenario on the way through other functions.
-        PlaceError: the directory may not be replaced or cannot be written.
+        InputError: The result is not from `simulate`, or other functions have removed its scenario.
+        PlaceError: The directory may not be replaced or cannot be written.
     """
     from mjsheaf.progress import shown
     from mjsheaf.video.from_run import video_options
@@ -392,11 +395,11 @@ def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
     """Return the scenario of a result of `simulate`; `doing` names the function in errors.
 
     Raises:
-        InputError: The result has lost its scenario, or a part.
+        InputError: The result lacks its scenario, or a part of its data.
     """
     scenario = result.encoding.get("scenario")
     if not isinstance(scenario, Scenario):
-        raise InputError(f"{doing}: the result does not know its scenario; expected a Dataset as `simulate` returns it")
+        raise InputError(f"{doing}: the result has no scenario; expected a Dataset as `simulate` returns it")
     wrong = fault_of(result) or _unlike(result, scenario)
     if wrong:
         raise InputError(f"{doing}: the result {wrong}; expected a Dataset as `simulate` returns it")
@@ -404,7 +407,7 @@ def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
 
 
 def _unlike(result: xr.Dataset, scenario: Scenario) -> str:
-    """Return in words how the members of a result differ from its scenario's; empty where they do not."""
+    """Describe how the members of a result differ from its scenario's; empty if they do not."""
     team = scenario.system.team
     for kind, ids in (("agent", team.agent_ids), ("target", team.target_ids)):
         if result[kind].values.tolist() != ids:
@@ -465,7 +468,7 @@ def _expectation(
     final: dict[str, Any],
     own: list[dict[str, Any]],
 ) -> dict[str, Any]:
-    """The verdicts on what the scenario expects; none on bounds that are for another law."""
+    """Compare errors with the scenario's expectations; bounds for another law are not checked."""
     expected = scenario.expect.controller
     if expected is not None and not same_law(expected, controller):
         return {"met": None, "checks": [], "reason": f"the bounds are for the law {expected}"}
@@ -496,9 +499,9 @@ def _bounds_summary(theorem: "RunBound", of_law: "HeldBound") -> dict[str, Any]:
 def shown_bound(
     phases: "Sequence[Phase]", time: Array, theorem: "RunBound", of_law: "HeldBound"
 ) -> tuple[str, Array] | None:
-    """The bound on |e| to be drawn at times in s, and what it is called; None where none is known.
+    """Return the name and values of the bound on |e| to draw at times, s; None if there is no bound.
 
-    NaN from the first event on: it is that of the first phase.
+    It is the bound of the first phase, and NaN after the first event.
     """
     grid, end = phases[0].system.grid, phases[1].time if len(phases) > 1 else np.inf
     if theorem.applies and (bound := theorem.at(time)).max() < LARGEST:  # a blow-up satisfies any larger bound
@@ -515,10 +518,10 @@ def plot_again(
     """Draw the plots of a finished run from its directory alone, into a folder that may be the same.
 
     Returns:
-        The files, each written whole.
+        Paths of the files, each written atomically.
 
     Raises:
-        InputError: the directory holds no run, or one that does not fit its scenario; or a file cannot be written.
+        InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
     from mjsheaf.checking.finished import bounds_of_phases
 
@@ -562,13 +565,13 @@ def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
 
 
 def draw_video(film: Callable[[], int]) -> tuple[int, str]:
-    """Draw a video, or say why there is none: a machine that cannot draw still gets its data.
+    """Draw a video, or explain why there is none; a machine without OpenGL still writes the data.
 
     Returns:
-        The number of frames, as `film` draws and returns it, and ''; or 0 and the reason.
+        The number of frames that the callback `film` draws and returns, and ''; or 0 and the reason.
 
     Raises:
-        UnwritableError: the file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     backend, reason = available_backend()
     if backend is None:

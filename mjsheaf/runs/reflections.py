@@ -1,7 +1,7 @@
-"""Formations that a run leaves in another equilibrium of their edges: a mirror image, a line, or a point reflection.
+"""Formations that end in another equilibrium of their edges: a mirror image, a line, or a point reflection.
 
-Range edges cannot tell a shape from its mirror image, and keep a team that begins on a line there. Bearing edges have
-one more equilibrium, the shape reflected in a point, which is unstable.
+Range edges do not distinguish a shape from its mirror image, and a team that starts on a line stays on it. Bearing
+edges have one more equilibrium, the shape reflected in a point, which is unstable.
 """
 
 from collections.abc import Iterator, Set
@@ -15,13 +15,13 @@ from mjsheaf.team import Team
 if TYPE_CHECKING:
     import xarray as xr
 
-_FLAT = 1e-3  # of the longest extent of a shape: below it the shape is a line or a plane
-_ALIKE = 0.05  # of a shape's size: a fit that leaves no more is one
-_UNLIKE = 0.2  # of a shape's size: a fit that leaves more is none
+_FLAT = 1e-3  # extent, as a fraction of the longest one, below which a shape is a line or a plane
+_ALIKE = 0.05  # maximum misfit of equal shapes, as a fraction of their size
+_UNLIKE = 0.2  # minimum misfit of different shapes, as a fraction of their size
 
 
 def describe_reflections(team: Team, dataset: "xr.Dataset") -> Iterator[str]:
-    """Yield a sentence on each formation that ends in another equilibrium than its shape."""
+    """Yield a sentence about each formation that ends in an equilibrium other than its desired shape."""
     if team.linear:
         return
     end = np.nan_to_num(dataset["agent_position"][-1].values)
@@ -36,7 +36,7 @@ def describe_reflections(team: Team, dataset: "xr.Dataset") -> Iterator[str]:
 
 
 def _places(team: Team, members: list[str]) -> Array:
-    """Return the centred places of members, padded, shape (n, 3), m."""
+    """Return the desired positions of members about their centroid, padded, shape (n, 3), m."""
     places = np.zeros((len(members), 3))
     for row, member in zip(places, members, strict=True):
         row[: len(team.displacement[member])] = team.displacement[member]
@@ -44,19 +44,19 @@ def _places(team: Team, members: list[str]) -> Array:
 
 
 def _fault(x: Array, places: Array, kinds: Set[str]) -> str:
-    """Return what is wrong with a shape x (n, 3) that should be that of `places` (n, 3); empty if nothing is."""
+    """Describe how a shape x (n, 3) differs from the desired one `places` (n, 3); empty if it does not."""
     x = x - x.mean(axis=0)
     size, wanted = np.linalg.norm(x), np.linalg.norm(places)
     if not (size > 0.0 and wanted > 0.0):
         return ""
     extent = np.linalg.svd(x, compute_uv=False)
     if extent[1] <= _FLAT * extent[0] and _rank(places) > 1:
-        return "on a line, where range edges keep it: let its members begin off one"
+        return "on a line, where range edges keep it: start its members off a line"
     if kinds == {"bearing"}:
         across = np.linalg.norm(x / size + places / wanted)
         return "reflected in a point, an unstable equilibrium of bearing edges" if across <= _ALIKE else ""
     if "bearing" not in kinds and _misfit(x, places, 1.0) > _UNLIKE and _misfit(x, places, -1.0) <= _ALIKE:
-        return "as the mirror image of its shape, which distances cannot tell from it"
+        return "as the mirror image of its shape, which has the same distances"
     return ""
 
 
@@ -66,7 +66,7 @@ def _rank(x: Array) -> int:
 
 
 def _misfit(x: Array, places: Array, handedness: float) -> float:
-    """Return the misfit of a shape, relative to its size, after the best rotation (1) or reflection (-1) of places."""
+    """Compute the misfit of a shape, relative to its size, after the best rotation (1) or reflection (-1) of places."""
     axes = _rank(places)
     if axes < 2 or _rank(x) > axes:
         return np.inf

@@ -26,7 +26,7 @@ _INSTEAD = "a Dataset as `simulate` returns it, or the directory of a run"
 
 
 class Figures(dict[str, "Figure"]):
-    """Matplotlib figures of a run by name. A notebook shows them one below the other."""
+    """Matplotlib figures of a run by name. A notebook shows them below one another."""
 
     def _repr_html_(self) -> str:
         from mjsheaf.plotting import write_figure
@@ -72,7 +72,7 @@ class ReplayPage:
 def plot(result: xr.Dataset | str | Path, *, title: bool = True) -> Figures:
     """Draw the figures that `mjsheaf run` writes: errors over time, trajectories, first and last configuration.
 
-    The figures belong to the caller: pyplot does not know them, and its settings stay as they are.
+    The figures belong to the caller. They are not registered with pyplot, whose settings do not change.
 
     Args:
         result: A Dataset from `simulate`, or the directory of a finished run.
@@ -82,8 +82,8 @@ def plot(result: xr.Dataset | str | Path, *, title: bool = True) -> Figures:
         Matplotlib figures by name: `errors`, `trajectories` and `configurations`.
 
     Raises:
-        InputError: The result is not one of `simulate`, or has lost its scenario on the way through other functions;
-            or the directory holds no run.
+        InputError: The result is not from `simulate`, other functions have removed its scenario, or the directory holds
+            no run.
     """
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.runs.figures import figures_of
@@ -110,7 +110,7 @@ def replay(result: xr.Dataset | str | Path, *, height: int = _HEIGHT) -> ReplayP
         The page, with `save(path)` for a file that any browser opens.
 
     Raises:
-        InputError: As for `plot`, or the directory holds a run of a version that recorded less.
+        InputError: See `plot`; or the directory holds a run of an earlier version that recorded fewer variables.
     """
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.page import page_of, require_shown
@@ -134,7 +134,7 @@ def replay(result: xr.Dataset | str | Path, *, height: int = _HEIGHT) -> ReplayP
 def _opened(
     result: xr.Dataset | str | Path, doing: str
 ) -> Iterator[tuple[Scenario, xr.Dataset, dict[str, Any] | None]]:
-    """Yield the scenario, the data and, of a directory, summary.json of a run.
+    """Yield the scenario and data of a run and, for a directory, its summary.json.
 
     Raises:
         InputError: There is no run.

@@ -1,4 +1,4 @@
-"""Simulating a scenario: from a scenario to data."""
+"""Simulation of a scenario, from its description to data."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from mjsheaf.system import Phase, System
 
 Progress = Callable[[str, int, int], None]
-"""Called with (what is being done, done, in all)."""
+"""Callback, called with the name of the activity, the steps done and the number of steps."""
 
 
 def no_progress(what: str, done: int, total: int) -> None:
-    """A `Progress` that reports nothing."""
+    """Ignore progress."""
 
 
 def simulate(
@@ -34,31 +34,31 @@ def simulate(
     allow_drift: bool = False,
     progress: Callable[[int, int], None] | bool | None = True,
 ) -> "xr.Dataset":
-    """Run a scenario and return its data, as result.nc holds them.
+    """Run a scenario and return its data, the contents of result.nc.
 
     Args:
         scenario: Scenario from `load_scenario`.
         backend: 'physics' or 'ideal'.
-        engine: what moves bodies: 'mujoco', or 'fused', which has no contacts, ends within rounding of it and takes a
-            fraction of the time.
-        threads: how many move the bodies; MuJoCo gives each a model of its own. More than one is refused with contacts,
-            and a law in Python runs on one. None takes the idle processors. The result is the same to the bit.
-        controller: a law in Python in place of the agents' own, `law(t, sample)` -> velocities (N, 3), m/s, called once
-            a control period; see `mjsheaf.control.controller`.
-        allow_drift: simulate a team whose harmonic extension is not unique too, against the q* of minimum norm; the
-            result's attrs['free_directions'] then say what is free.
-        progress: True shows a bar on a terminal or in a notebook, False nothing; a function is called now and then with
-            (samples done, samples in all).
+        engine: Physics engine: 'mujoco', or 'fused', which has no contacts, agrees with MuJoCo to within rounding, and
+            takes a fraction of the time.
+        threads: Number of threads for the bodies; in MuJoCo each has its own model. Contacts require one thread, and a
+            law in Python runs on one. None takes the idle processors. The result is the same bit for bit.
+        controller: Law in Python that replaces the agents' own, `law(t, sample)` -> velocities (N, 3), m/s, called once
+            per control period; see `mjsheaf.control.controller`.
+        allow_drift: True to also simulate a team whose harmonic extension is not unique, with the q* of minimum norm;
+            attrs['free_directions'] of the result then names the free directions.
+        progress: True shows a bar on a terminal or in a notebook, and False shows nothing. A function is called
+            periodically with the samples done and the number of samples.
 
     Returns:
-        The whole dataset, in memory; `mjsheaf run` writes it piece by piece. Where the run blew up, attrs['status'] is
-        'unstable', attrs['message'] says why, and the data end with the last good sample.
+        The whole dataset in memory; `mjsheaf run` writes it in pieces. If the run blew up, attrs['status'] is
+        'unstable', attrs['message'] explains why, and the data end with the last valid sample.
 
     Raises:
-        InputError: unknown backend or engine, an engine or threads that lack what the scenario asks for, a vehicle that
-            does not fit its agent, or a g that is not of full row rank; or a law in Python raised an exception or
-            returned no velocities: the message names agent and time.
-        NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
+        InputError: The backend or engine is unknown, the engine or threads do not support the scenario, a vehicle does
+            not fit its agent, or a g does not have full row rank; or a law in Python raised an exception or returned no
+            velocities, in which case the message names agent and time.
+        NotUniqueError: The harmonic extension is not unique, and drift is not allowed.
     """
     from mjsheaf.progress import shown
 
@@ -78,7 +78,7 @@ def dataset_of_session(session: Session, progress: Callable[[int, int], None] | 
 
 
 def with_scenario(dataset: "xr.Dataset", scenario: Scenario) -> "xr.Dataset":
-    """Note on a run what it is of, for `mjsheaf.save`; no file gets it."""
+    """Attach the scenario to a run in memory, for `mjsheaf.save`; files do not contain it."""
     dataset.encoding["scenario"] = scenario
     return dataset
 
@@ -91,12 +91,12 @@ def stream(
     samples: int | None = None,
     controller: "Law | Controller | None" = None,
 ) -> "Iterator[xr.Dataset]":
-    """Yield a run as consecutive Datasets; arguments that are not listed are those of `simulate`.
+    """Yield a run as consecutive Datasets; see `simulate` for arguments that are not listed.
 
     Args:
-        run: a system that has passed `require_simulable`, or phases whose systems have.
-        seed: seed of the scenario.
-        samples: Largest number of samples in a piece; a few megabytes of them unless given.
+        run: System that has passed `require_simulable`, or phases whose systems have.
+        seed: Seed of the scenario.
+        samples: Maximum number of samples in a piece; a few megabytes of them unless given.
     """
     from mjsheaf.simulation.trajectory import samples_in_piece
 
@@ -107,7 +107,7 @@ def stream(
 def datasets_by(
     engine: "Engine", backend: str, seed: int, samples: int, progress: Callable[[int, int], None] | None
 ) -> "Iterator[xr.Dataset]":
-    """Yield the Datasets of an engine's run; arguments as of `stream`."""
+    """Yield the Datasets of an engine's run; see `stream` for the arguments."""
     pieces = engine.record(samples, progress=progress)
     return datasets_of(pieces, engine.phases, backend, seed, samples, engine.controller)
 
@@ -120,7 +120,7 @@ def datasets_of(
     samples: int,
     controller: "Controller | None" = None,
 ) -> "Iterator[xr.Dataset]":
-    """Yield the Datasets of a run in pieces of the given number of samples; arguments as of `stream`."""
+    """Yield the Datasets of a run in pieces of the given number of samples; see `stream` for the arguments."""
     from mjsheaf.results.dataset import in_pieces, make_datasets
 
     datasets = make_datasets(pieces, backend, seed, phases)
@@ -128,7 +128,7 @@ def datasets_of(
         datasets = in_pieces(datasets, samples)
     for dataset in datasets:
         if controller:
-            dataset.attrs.pop("gain", None)  # which this law ignores
+            dataset.attrs.pop("gain", None)  # a law in Python ignores it
             dataset.attrs |= {
                 "controller": controller.name,
                 "law": controller.name,
@@ -146,6 +146,6 @@ def dataset_of(
     seed: int,
     controller: "Controller | None" = None,
 ) -> "xr.Dataset":
-    """Gather a run that lies in memory, one piece for each phase that it reached; arguments as of `stream`."""
+    """Collect a run in memory, with one piece for each phase that it reached; see `stream` for the arguments."""
     samples = phases[0].system.grid.steps + 1
     return next(datasets_of(pieces, phases, backend, seed, samples, controller))

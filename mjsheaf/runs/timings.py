@@ -1,4 +1,4 @@
-"""Durations of the parts of a command: what `timings` of summary.json holds."""
+"""Durations of the parts of a command, the contents of `timings` in summary.json."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,12 +8,12 @@ from mjsheaf.jit import compilation_time, working_time
 
 
 def join_timings(before: dict[str, float], after: dict[str, float]) -> dict[str, float]:
-    """Return the durations of two records together, s."""
+    """Add the durations of two records, s."""
     return {name: before.get(name, 0.0) + after.get(name, 0.0) for name in {**before, **after}}
 
 
 class Timings:
-    """Durations of the parts of a run's publication, without compilation, which is a part of its own."""
+    """Durations of the parts of a run's publication; compilation is a separate part."""
 
     def __init__(self) -> None:
         """Begin to measure."""

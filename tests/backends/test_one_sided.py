@@ -302,8 +302,8 @@ def test_a_run_that_arrives_is_settled() -> None:
     assert not find_stuck(scenario.phases, data)
     said = notes(scenario, data)
     assert "stuck" not in said
-    assert "do not push both ways" in said["saturated"].text
-    assert "the law asks too much" not in said["saturated"].text
+    assert "push in one direction only" in said["saturated"].text
+    assert "the law commands too much" not in said["saturated"].text
 
 
 def test_a_boat_that_drifts_beside_its_target_is_stuck() -> None:
@@ -319,7 +319,7 @@ def test_a_boat_that_drifts_beside_its_target_is_stuck() -> None:
     assert said["stuck"].agent == "A"
     assert "cannot push astern" in said["stuck"].text
     assert "saturated" not in said
-    assert "the law asks too much" not in " ".join(note.text for note in said.values())
+    assert "the law commands too much" not in " ".join(note.text for note in said.values())
 
 
 def test_a_comparison_does_not_call_a_stuck_boat_settled() -> None:

@@ -77,7 +77,7 @@ def test_a_limit_is_that_of_the_moment() -> None:
 def test_what_the_vehicle_itself_cannot_do() -> None:
     free = {"controller.velocity_limit": 100, "flow.agents.drift": [40, 0, 0], "flow.agents.dimension": 3}
     found = noted(free)
-    assert "its vehicle makes" in found["medium"].text
+    assert "its vehicle reaches" in found["medium"].text
     assert found["saturated"].number > 0.5
     assert found["saturated"].agent in ("Q1", "Q2")
 
@@ -89,7 +89,7 @@ def test_what_the_vehicle_itself_cannot_do() -> None:
         (
             {"controller.velocity_limit": 100, "flow.agents.drift": [40, 0, 0], "flow.agents.dimension": 3}
             | {"links.all.noise": 0.1},
-            "the law asks too much",
+            "the law commands too much",
         ),
         (
             {"controller.feedforward": {}, "controller.odometry.noise": 0.02},
@@ -98,7 +98,7 @@ def test_what_the_vehicle_itself_cannot_do() -> None:
         (
             {"links.all.loss": 0.3, "controller.gain": 4, "links.all.noise": 0.02, "agents.Q1.position": [0, 30, 5]}
             | {"controller.velocity_limit": 20},
-            "the law asks too much, or noise of measurements and loss of messages make its commands jump; "
+            "the law commands too much, or noise of measurements and loss of messages make its commands jump; "
             "lower controller.gain",
         ),
     ],

@@ -128,7 +128,7 @@ def test_the_page_of_a_directory_is_its_own(directory: Path) -> None:
 def test_what_is_no_run_is_refused(result: xr.Dataset, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a Dataset as `simulate` returns it, or the directory"):
         mjsheaf.plot(3)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="does not know its scenario"):
+    with pytest.raises(InputError, match="has no scenario"):
         mjsheaf.replay(xr.Dataset())
     with pytest.raises(InputError, match="holds no result"):
         mjsheaf.plot(tmp_path)
