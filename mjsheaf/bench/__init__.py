@@ -1,8 +1,8 @@
-"""`mjsheaf bench`: how fast mjsheaf is on this machine, each figure beside what it is held against.
+"""`mjsheaf bench`: the speed of mjsheaf on this machine, each figure next to its reference or bound.
 
-Whoever else runs can only make a wall clock slower: the best of many is what the machine can do. Where one thread
-works, its own processor time is taken instead, which does not count the time of others; a ratio of two things is
-taken from turns, one right after the other, so that both meet the same clock frequency and the same neighbours.
+Other processes can only make wall times longer, so the minimum of many repetitions is reported. Work of a single thread
+is measured in its processor time, which excludes other processes. A ratio of two times comes from alternating
+repetitions, so that both have the same clock frequency and the same load from other processes.
 """
 
 import os
@@ -35,7 +35,7 @@ TOPICS = {
     "video": "benchmarks.processes",
     "memory": "benchmarks.processes",
 }
-"""Module of each topic, a function `topic(short) -> list[Row]`; `short` takes fewer repetitions.
+"""Modules of the topics, each with a function `topic(short) -> list[Row]`; `short` makes fewer repetitions.
 
 `benchmarks` is part of the source tree and is not installed with the package.
 """
@@ -58,36 +58,37 @@ WANTED = {
     "video": 1.15,
     "memory": 1.15,
 }
-"""What is wanted, at most unless a line says otherwise.
+"""Bounds of the measurements: maxima, except for those marked as minima.
 
-- startup: time of the command line's help, s; ideal: of the published run; assembly: of putting a thousand vehicles
-  into one model;
-- loop: time of a step with the loop closed, over that of a bare step; swarm growth: of a step per vehicle of the
-  largest swarm, over that of the next smaller one;
-- fused: time of a step of the fused engine per vehicle of a thousand, ns, on one core; fused run: of the published run
-  on bodies by it, s; fused threads, mujoco threads: speed-up by threads that share one team, over their number, at
-  least;
-- speed-up: by threads, over their number, at least; 1.8 on two cores;
-- sheaf: published time of an operation on a sheaf of 500 vertices over ours, at least; grid growth: exponent with which
-  time grows with the number of vertices of a grid;
-- video: time of a run with its video, over that of bare drawing; memory: peak of a run ten times as long, over that of
-  the shorter, as results stream to disk.
+- startup: Time of the command line's help, s.
+- ideal: Time of the published run, s.
+- assembly: Time of building one model of a thousand vehicles, s.
+- loop: Time of a step with the loop closed, over that of a bare step.
+- swarm growth: Time of a step per vehicle of the largest swarm, over that of the next smaller one.
+- fused: Time of a step of the fused engine per vehicle, in a team of a thousand on one core, ns.
+- fused run: Time of the published run on bodies with the fused engine, s.
+- fused threads, mujoco threads: Speed-up by threads that share one team, over their number (minimum).
+- speed-up: Speed-up of independent runs by threads, over their number (minimum): 1.8 on two cores.
+- sheaf: Published time of an operation on a sheaf of 500 vertices, over ours (minimum).
+- grid growth: Exponent of the time as a function of the number of vertices of a grid.
+- video: Time of a run with its video, over that of bare drawing.
+- memory: Peak memory of a run ten times as long, over that of the shorter one, as results stream to disk.
 """
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table of `mjsheaf bench`.
+    """A row of the table of `mjsheaf bench`.
 
     Attributes:
-        topic: which measurement it comes from.
-        what: what was measured, with its unit.
-        ours: the figure; None where it could not be measured.
-        reference: what it is compared with, in the same unit; None where there is only a bound.
-        ratio: the number that is wanted to be small or large; None where it could not be formed.
-        wanted: the bound on `ratio` in words, 'at most 1.25' or 'at least 4'; empty where the row only informs.
-        met: whether it holds; None where `wanted` is empty.
-        note: where the reference comes from, or why there is none.
+        topic: Topic of the measurement.
+        what: Measured quantity with its unit.
+        ours: Measured value; None if it could not be measured.
+        reference: Value to compare it with, in the same unit; None if there is only a bound.
+        ratio: Ratio that the bound applies to; None if it could not be computed.
+        wanted: Bound on `ratio` in words, 'at most 1.25' or 'at least 4'; empty if there is none.
+        met: True if the bound holds; None if there is none.
+        note: Source of the reference, or the reason why there is none.
     """
 
     topic: str
@@ -103,47 +104,47 @@ class Row:
 def at_most(
     topic: str, what: str, ours: float, reference: float | None, ratio: float, bound: float, note: str = ""
 ) -> Row:
-    """A row whose ratio should be at most a bound."""
+    """Return a row with an upper bound on its ratio."""
     return Row(topic, what, ours, reference, ratio, f"at most {bound:g}", ratio <= bound, note)
 
 
 def at_least(
     topic: str, what: str, ours: float, reference: float | None, ratio: float, bound: float, note: str = ""
 ) -> Row:
-    """A row whose ratio should be at least a bound."""
+    """Return a row with a lower bound on its ratio."""
     return Row(topic, what, ours, reference, ratio, f"at least {bound:g}", ratio >= bound, note)
 
 
 def informs(topic: str, what: str, ours: float | None, reference: float | None = None, note: str = "") -> Row:
-    """A row without a bound."""
+    """Return a row without a bound."""
     ratio = None if ours is None or not reference else ours / reference
     return Row(topic, what, ours, reference, ratio, note=note)
 
 
 def best(work: Callable[[], Any], repetitions: int, clock: Callable[[], float] = perf_counter) -> float:
-    """Shortest time of some work, s: by the wall, or of the calling thread's processor by `thread_time`."""
+    """Return the shortest time of `work`, s, as wall time, or as processor time with the clock `thread_time`."""
     return min(elapsed(work, clock) for _ in range(repetitions))
 
 
 def elapsed(work: Callable[[], Any], clock: Callable[[], float] = thread_time) -> float:
-    """Time of some work, s: of the calling thread's processor, or by the wall by `perf_counter`."""
+    """Return the time of `work`, s, as processor time, or as wall time with the clock `perf_counter`."""
     return timed(work, clock)[1]
 
 
 def timed(work: Callable[[], T], clock: Callable[[], float] = perf_counter) -> tuple[T, float]:
-    """What some work returns, and its time, s, as of `best`."""
+    """Return the result of `work` and its time, s; see `best` for the clock."""
     begun = clock()
     found = work()
     return found, clock() - begun
 
 
 def swarm(size: int, vehicle: str = "hexarotor", **overrides: Any) -> Scenario:
-    """The scenario `swarm` in any size: vehicles that follow another in wind, and shake.
+    """Return the scenario `swarm` in any size: vehicles with disturbances that follow a target in wind.
 
     Args:
-        size: number of agents; the target is one vehicle more.
-        vehicle: name in models/.
-        overrides: field to value, with __ for the dots of `--set`.
+        size: Number of agents; the target is an additional vehicle.
+        vehicle: Name in models/.
+        overrides: Values by field path, with __ instead of the dots of `--set`.
     """
     changes = {field.replace("__", "."): value for field, value in overrides.items()}
     return load_scenario("swarm", {"swarm.size": size, "swarm.vehicle": vehicle, **changes})
@@ -156,24 +157,24 @@ def run_bench(
     peers: str | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Measure on this machine.
+    """Measure the speed of this machine.
 
     Args:
-        topics: some of TOPICS; None takes all that are installed.
-        short: the short version of each, about two minutes in all.
-        peers: a Python that has peers installed, for the topic of that name; None takes this one.
-        progress: called with (what is measured, topics done, topics in all).
+        topics: Names out of TOPICS; None takes all that are installed.
+        short: True for the short version of each topic, about two minutes in all.
+        peers: Python with peer libraries installed, for the topic `peers`; None takes this one.
+        progress: Callback, called with the name of the topic, the topics done and the number of topics.
 
     Returns:
-        `machine`; `short`; `figures`: for each topic what was measured, to the figure; `rows`: the `Row`s.
+        `machine`; `short`; `figures`: measured values of each topic by quantity; `rows`: the `Row`s.
 
     Raises:
-        InputError: an unknown topic, or one that is not installed, or peers without theirs, or a Python that measures
-            none.
+        InputError: A topic is unknown or not installed, `peers` is given without its topic, or its Python measures
+            nothing.
     """
     chosen = _choose(topics)
     if peers is not None and "peers" not in chosen:
-        raise InputError(f"--peers {peers}: has no meaning without the topic peers; expected it among the topics")
+        raise InputError(f"--peers {peers}: requires the topic peers; expected it among the topics")
     options = {"peers": {"python": peers}}
     rows: list[Row] = []
     for done, topic in enumerate(chosen):
@@ -185,10 +186,10 @@ def run_bench(
 
 
 def _choose(topics: Sequence[str] | None) -> list[str]:
-    """Return the topics to measure, in the order of TOPICS: these, or all that are installed.
+    """Return the topics to measure, in the order of TOPICS; None takes all that are installed.
 
     Raises:
-        InputError: One is unknown, or not installed.
+        InputError: A topic is unknown, or not installed.
     """
     available = [topic for topic, module in TOPICS.items() if _is_available(module)]
     unknown = next((topic for topic in topics or () if topic not in available), None)
@@ -212,7 +213,7 @@ def _load(topic: str) -> Callable[..., list[Row]]:
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
+    """Describe the machine and the versions."""
     return {
         "processors": os.cpu_count(),
         "architecture": platform.machine(),

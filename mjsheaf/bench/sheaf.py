@@ -1,7 +1,7 @@
-"""Speed of the sheaf algebra: small path and cycle graphs against published figures, large grids by themselves.
+"""Speed of the sheaf algebra: small path and cycle graphs against published figures, and large grids.
 
-Everything is timed on sheaves that were built for the occasion: nothing is cached when the clock starts but what
-building stored. Compiled loops are called once before, so that compiling is not timed.
+Everything is timed on new sheaves, whose caches hold only what their construction stored. Compiled loops are called
+once before, so that the times exclude compilation.
 """
 
 import multiprocessing
@@ -21,7 +21,7 @@ from mjsheaf.bench import WANTED, Row, at_least, at_most, best, informs, timed
 from mjsheaf.sheaf import Sheaf
 
 PUBLISHED_MS = {"coboundary": 0.34, "laplacian": 0.36, "harmonic_extension": 1.1, "nearest_global_section": 451.0}
-"""CellularSheaves.jl's own figures for path and cycle graphs of 500 vertices in R^2, in ms."""
+"""Figures published by CellularSheaves.jl for path and cycle graphs of 500 vertices in R^2, ms."""
 
 VERTICES = 500
 GRID_SIDES = (100, 316, 1000)
@@ -32,14 +32,14 @@ LARGE_WANTED = {
     "extension_s": ("harmonic extension, s", 10.0),
     "peak_memory_gb": ("peak memory, GB", 3.0),
 }
-"""Wanted of the largest grid: field of its record to what it is and its bound."""
+"""Bounds for the largest grid: description and maximum by field of its record."""
 
 
 def sheaf(short: bool = False) -> list[Row]:
-    """Each published operation, and grids of up to 1e6 vertices whose time is fitted against their number.
+    """Measure each published operation, and grids of up to 1e6 vertices with a fitted growth exponent.
 
     Args:
-        short: leave out the grid of 1e6 vertices: a few seconds instead of a minute.
+        short: True to leave out the grid of 1e6 vertices, which takes a minute; the others take a few seconds.
     """
     rows = []
     for graph in ("path", "cycle"):
@@ -62,7 +62,7 @@ def sheaf(short: bool = False) -> list[Row]:
 
 
 def small_sheaf(graph: str) -> Sheaf:
-    """The constant sheaf R^2 on a path or a cycle of 500 vertices."""
+    """Build the constant sheaf R^2 on a path or a cycle of 500 vertices."""
     k = VERTICES if graph == "cycle" else VERTICES - 1
     sheaf = Sheaf(dict.fromkeys(range(VERTICES), 2))
     maps = np.broadcast_to(np.eye(2), (k, 2, 2))
@@ -71,7 +71,7 @@ def small_sheaf(graph: str) -> Sheaf:
 
 
 def measure_small(graph: str, repetitions: int) -> dict[str, float]:
-    """Shortest time of each operation in ms, each time on a fresh `small_sheaf`, of which nothing is known yet."""
+    """Measure the shortest time of each operation, ms, each time on a new `small_sheaf` with empty caches."""
     x = np.random.default_rng(0).standard_normal(2 * VERTICES)
     held = {0: np.zeros(2), VERTICES // 2: np.ones(2)}
     operations: dict[str, Callable[[Sheaf], Any]] = {
@@ -88,10 +88,10 @@ def measure_small(graph: str, repetitions: int) -> dict[str, float]:
 
 
 def grid_maps(side: int, seed: int = 0) -> tuple[list[int], list[int], Array, Array, dict[int, Array]]:
-    """A flat bundle on a square grid: one random rotation R_v for each vertex, R_v^T on all of its edges.
+    """Build a flat bundle on a square grid, with a random rotation R_v per vertex and R_v^T on all of its edges.
 
     Returns:
-        Tails, heads, their maps (k, 3, 3), and the values of the pinned vertices, one in a hundred.
+        Tails, heads, their maps (k, 3, 3), and the values of the pinned vertices, which are one in a hundred.
     """
     rng = np.random.default_rng(seed)
     number = np.arange(side * side).reshape(side, side)
@@ -104,11 +104,11 @@ def grid_maps(side: int, seed: int = 0) -> tuple[list[int], list[int], Array, Ar
 
 
 def measure_grid(side: int) -> dict[str, Any]:
-    """Assembly and harmonic extension of `grid_maps` in this process.
+    """Measure the assembly and harmonic extension of `grid_maps` in this process.
 
-    `assembly_s` is the time of `Sheaf`, `add_edges`, `coboundary` and all that the solver needs; `extension_s` that of
-    the proof that the extension is unique, of packing, solving and unpacking. `residual` is |r - H x| / |r|, taken with
-    the coboundary matrix afterwards.
+    `assembly_s` is the time of `Sheaf`, `add_edges`, `coboundary` and the preparation of the solver. `extension_s` is
+    the time of the uniqueness proof, packing, solving and unpacking. `residual` is |r - H x| / |r|, computed afterwards
+    with the coboundary matrix.
     """
     tails, heads, F_tails, F_heads, values = grid_maps(side)
     begun = perf_counter()
@@ -138,10 +138,10 @@ def measure_grid(side: int) -> dict[str, Any]:
 
 
 def measure_grid_apart(side: int) -> dict[str, Any]:
-    """`measure_grid` in a process of its own, so that peak memory is that of the problem, after a small warm-up.
+    """Run `measure_grid` in a separate process after a small warm-up, so that peak memory is that of the problem.
 
-    The quicker of two runs, each on a new sheaf: on a virtual machine memory that no process had before is slow to
-    touch the first time, which may cost more than the work.
+    The result is the faster of two runs, each on a new sheaf. On a virtual machine the first access to new memory is
+    slow, and may take longer than the work itself.
     """
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         pool.submit(measure_grid, 100).result()

@@ -1,4 +1,4 @@
-"""Speed of simulations in this process: the published run, steps of bodies, threads and assembly."""
+"""Speed of simulations in this process: the published run, steps of bodies, threads, and assembly."""
 
 from contextlib import ExitStack
 from functools import partial
@@ -20,15 +20,15 @@ from mjsheaf.system import on_engine, phases_of
 from mjsheaf.threads import usable_processors
 
 AUTHORS_S = 38.0
-"""The paper's own code, which calls scipy for each agent and step, on a machine of two cores."""
+"""Time of the paper's own code, which calls scipy for each agent and step, on a machine with two cores, s."""
 
 _GAINS = (5.0, 8.0, 10.0, 12.0)
 
 
 def ideal(short: bool = False, end: float | None = None) -> list[Row]:
-    """The published run on ideal kinematics: 4,998 held steps of 17 vehicles at a relative tolerance of 1e-9.
+    """Measure the published run on ideal kinematics: 4,998 held steps of 17 vehicles at a relative tolerance of 1e-9.
 
-    It may end earlier, at `end`, s.
+    `end` may shorten it, s.
     """
     scenario = mjsheaf.load_scenario("paper", {} if end is None else {"time.end": end})
     system = scenario.system
@@ -44,10 +44,10 @@ def ideal(short: bool = False, end: float | None = None) -> list[Row]:
 
 
 def loop(short: bool = False, sizes: tuple[int, ...] = (100, 1000)) -> list[Row]:
-    """What closing the loop costs: `World.step(n)` against bare `mj_step` of the same model from the same state.
+    """Measure the cost of closing the loop: `World.step(n)` against bare `mj_step` from the same state.
 
-    The team of `paper`, and swarms (of at least two sizes) of tilted hexarotors with lagged, limited rotors, in wind
-    and disturbances.
+    The teams are that of `paper`, and swarms of at least two sizes: tilted hexarotors with lagged, limited rotors, in
+    wind and disturbances.
     """
     repetitions = 10 if short else 40
     rows = [_step(mjsheaf.load_scenario("paper"), 3 * repetitions)]
@@ -58,11 +58,11 @@ def loop(short: bool = False, sizes: tuple[int, ...] = (100, 1000)) -> list[Row]
 
 
 def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
-    """Time steps of one world, in us of a step.
+    """Measure the time of a step of one world, us.
 
     The bare step starts from a copy of the state that the closed loop has just reached, with its commands and forces
-    held. Lag and limits are the engine's own, and in both. The model is the one that `run` steps, without what is only
-    to be seen; with that, as a World has it unless told otherwise, both steps are slower and their ratio is smaller.
+    held. Both include lag and limits, which the engine computes. The model is the one that `run` steps, without visual
+    geoms. With them, which is the default of World, both steps are slower and their ratio is smaller.
     """
     world = World(scenario, visible=False)
     world.step(200)  # before the clock starts
@@ -79,9 +79,9 @@ def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
 
 
 def fused(short: bool = False, sizes: tuple[int, ...] = (1, 100, 1000, 10_000)) -> list[Row]:
-    """The fused engine on one core: a step per vehicle, and the published run on bodies beside MuJoCo's.
+    """Measure the fused engine on one core: a step per vehicle, and the published run on bodies against MuJoCo.
 
-    Swarms are those of `loop`; the short version does without the last.
+    The swarms are those of `loop`; the short version omits the largest.
     """
     repetitions, bound = 10 if short else 40, WANTED["fused run"]
     rows = [_fused_swarm(size, repetitions) for size in sizes[: -1 if short else None]]
@@ -93,12 +93,12 @@ def fused(short: bool = False, sizes: tuple[int, ...] = (1, 100, 1000, 10_000)) 
     steps = system.grid.steps * system.steps_per_sample
     what = f"published run on bodies, {steps} steps, s"
     rows.append(at_most("fused", what, run, bound, run / bound, 1.0, "wanted time"))
-    rows.append(informs("fused", "the same beside MuJoCo's, s", run, theirs, "by MuJoCo"))
+    rows.append(informs("fused", "the same run against MuJoCo, s", run, theirs, "by MuJoCo"))
     return rows
 
 
 def _fused_swarm(size: int, repetitions: int) -> Row:
-    """Time steps of one swarm on one thread, per vehicle, in ns."""
+    """Measure the time of a step per vehicle of one swarm on one thread, ns."""
     steps, bound = max(20, 100_000 // size), WANTED["fused"]
     step = partial(Fused(on_engine(swarm(size).phases, "fused")).step, steps)
     step()  # compiles
@@ -110,10 +110,10 @@ def _fused_swarm(size: int, repetitions: int) -> Row:
 def threads(
     short: bool = False, sizes: tuple[int, ...] = (1000, 10_000), ends: tuple[float, float] = (49.99, 20.0)
 ) -> list[Row]:
-    """One team on threads, by both engines, and `simulate_many` on threads, against one; the same bits in both.
+    """Measure one team on threads with both engines, and `simulate_many` on threads, against one thread.
 
-    The short version does without the largest swarm. Runs of `paper` with different gains, on ideal kinematics and on
-    bodies, have `ends` of their own, s.
+    The results must be equal bit for bit. The short version omits the largest swarm. The runs of `simulate_many` are
+    `paper` with different gains, on ideal kinematics and on bodies until `ends`, s.
     """
     count = usable_processors()
     if count == 1:
@@ -124,8 +124,8 @@ def threads(
 
 
 def _team_on_threads(size: int, engine: str, count: int, repetitions: int) -> Row:
-    """Time steps of one swarm per vehicle, in ns, on `count` threads and on one."""
-    # A tenth of a second of work, beside which the waking of a thread is little.
+    """Measure the time of a step per vehicle of one swarm, ns, on `count` threads and on one."""
+    # A tenth of a second of work, long compared with waking a thread.
     phases, steps = swarm(size).phases, max(20, (1_000_000 if engine == "fused" else 200_000) // size)
     with ExitStack() as threads:
         if engine == "fused":
@@ -168,7 +168,7 @@ def _runs_on_threads(count: int, repetitions: int, ends: tuple[float, float]) ->
 
 
 def assembly(short: bool = False, size: int = 1000) -> list[Row]:
-    """Putting agents into one model: scenario, sheaf and law, bodies with MuJoCo's compiler; once, by the wall."""
+    """Measure the assembly of one model (scenario, sheaf, law, bodies with MuJoCo's compiler) once, in wall time."""
     World(swarm(4)).step(1)  # compiles
     total, wanted = elapsed(lambda: World(swarm(size)), perf_counter), WANTED["assembly"]
     what = f"scenario to world, {size + 1} vehicles, s"

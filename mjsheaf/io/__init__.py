@@ -1,4 +1,4 @@
-"""Files: YAML that users write, and what the commands leave, whole or not at all.
+"""Files: YAML from users, and atomic output of the commands.
 
 Modules: section (pydantic models and their error messages), yaml (safe loading, editing), files (atomic writing).
 """

@@ -13,7 +13,7 @@ VIEW = (-60.0, 35.0)
 """Azimuth and elevation of the eye in degrees, unless a scenario has its own (`video.eye`)."""
 
 MATPLOTLIB = RLock()
-"""Lock of code that draws with matplotlib, whose settings and parser of formulas belong to the process."""
+"""Lock for drawing with matplotlib, whose settings and formula parser are global."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class FigureOptions:
         """Check the formats.
 
         Raises:
-            InputError: there are none, or one is unknown or given twice.
+            InputError: There are none, or one is unknown or given twice.
         """
         unknown = [form for form in self.formats if form not in FORMATS]
         if unknown or not self.formats or len(set(self.formats)) < len(self.formats):
@@ -40,7 +40,7 @@ class FigureOptions:
             raise InputError(f"format: expected one or more of {', '.join(FORMATS)}, each once; {what}")
 
     def paths(self, path: Path) -> list[Path]:
-        """The files of a figure: `path` with the suffix of each format."""
+        """Return the files of a figure: `path` with the suffix of each format."""
         return [path.with_suffix(f".{form}") for form in self.formats]
 
 
@@ -48,5 +48,5 @@ AS_USUAL = FigureOptions()
 
 
 def names_of(figures: Iterable[str]) -> list[str]:
-    """All names that the files of some figures, named without suffix, may have."""
+    """List all possible file names of figures, which are given without suffix."""
     return [f"{figure}.{form}" for figure in figures for form in FORMATS]

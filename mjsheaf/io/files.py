@@ -1,11 +1,12 @@
-"""Files and directories that appear whole or not at all.
+"""Files and directories that are written atomically: completely or not at all.
 
-Each is written next to its place, as a rename is atomic only within one file system, under a name such as
-`.summary.json.3f0a90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
-process ends: so what a killed process left differs from what another is writing, and the next one removes it.
+Each is written next to its destination, because a rename is atomic only within one file system. Its temporary name is
+for example `.summary.json.3f0a90ab.part`, and it is locked while its process lives. The kernel releases the lock when
+the process ends, for whatever reason. Files of a killed process are therefore unlocked, and the next process removes
+them.
 
-Paths in files are confined: a user may name any file on the command line or in Python; a file, which may come from
-anywhere, may name only paths in or below its own directory, after links are resolved.
+Paths in files are confined. A user may give any path on the command line or in Python. A file may come from anywhere,
+so paths in it must lie in or below its own directory, after links are resolved.
 
 Models, scenarios and studies are inside an installed package, or at the top of the repository.
 """
@@ -22,13 +23,13 @@ from pathlib import Path
 
 from mjsheaf.errors import InputError, shortened
 
-_RANDOM = "[a-z0-9_]{8}"  # versions differ in which of these they use
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux: fcntl.h, linux/fs.h
+_RANDOM = "[a-z0-9_]{8}"  # all characters that any version uses
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # constants of Linux: fcntl.h, linux/fs.h
 
 
 @contextmanager
 def naming(place: object, hint: str = "", kind: type[InputError] = InputError, verb: str = "written") -> Iterator[None]:
-    """Turn an error of the file system into one that names the place and says what to do."""
+    """Turn an error of the file system into one that names the path and says what to do."""
     try:
         yield
     except OSError as error:
@@ -37,11 +38,11 @@ def naming(place: object, hint: str = "", kind: type[InputError] = InputError, v
 
 @contextmanager
 def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
-    """Yield the place of a new, empty file that takes the place of `path` when the block ends without an exception.
+    """Yield the path of a new, empty file that replaces `path` when the block ends without an exception.
 
     Args:
         path: Path of the file.
-        tidy: True to remove first the remains of killed processes, which reads the whole directory.
+            tidy: True to remove first the remains of killed processes, which reads the whole directory.
 
     Raises:
         OSError: The file cannot be written. No new file remains, and an earlier one is unchanged.
@@ -52,10 +53,10 @@ def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: bytes, *, tidy: bool = True) -> None:
-    """Write a file whole or not at all; see `whole_file`.
+    """Write a file atomically; see `whole_file`.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: The file cannot be written.
     """
     with whole_file(path, tidy=tidy) as part:
         part.write_bytes(content)
@@ -63,12 +64,12 @@ def write_whole(path: Path, content: bytes, *, tidy: bool = True) -> None:
 
 @contextmanager
 def whole_directory(path: Path) -> Iterator[Path]:
-    """Yield a fresh directory that takes the place of `path` when the block ends without an exception.
+    """Yield a new directory that replaces `path` when the block ends without an exception.
 
-    One that is there is exchanged for it at one moment, where the file system can do that.
+    An existing directory is exchanged with it atomically if the file system supports that.
 
     Raises:
-        OSError: it cannot be made or renamed; what was there before still is.
+        OSError: The directory cannot be created or renamed. The existing one stays then.
     """
     with _part(path, directory=True) as fresh:
         yield fresh
@@ -83,10 +84,10 @@ def whole_directory(path: Path) -> Iterator[Path]:
 
 
 def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
-    """Put `data` in the place of a file's `expected` bytes, whole or not at all; its mode and links to it stay.
+    """Replace a file's `expected` bytes with `data` atomically; its mode and links to it stay.
 
     Raises:
-        InputError: the file has changed meanwhile, or cannot be written.
+        InputError: The file has changed meanwhile, or cannot be written.
     """
     require_writable(path)
     real = path.resolve()
@@ -105,7 +106,7 @@ def require_writable(path: Path) -> None:
     """Refuse a file that may not be written, or whose directory may not.
 
     Raises:
-        InputError: naming it.
+        InputError: The message names it.
     """
     real = path.resolve()
     for place in (real, real.parent):
@@ -127,12 +128,12 @@ def remove_stale(path: Path) -> None:
 
 
 def is_part_of(name: str, names: Iterable[str]) -> bool:
-    """Return True if a file's name is that of a part of one of these files."""
+    """Return True if a name is the temporary name of one of these files."""
     return any(re.fullmatch(rf"\.{re.escape(of)}\.{_RANDOM}\.part", name) for of in names)
 
 
 def _restore(old: Path, path: Path) -> None:
-    """Put back what a rename has moved away, unless something has taken its place."""
+    """Move a directory back after a rename, unless its path exists again."""
     if old.exists() and not path.exists():
         old.rename(path)
     shutil.rmtree(old, ignore_errors=True)
@@ -149,7 +150,7 @@ def _part(path: Path, *, directory: bool, tidy: bool = True) -> Iterator[Path]:
         make(exist_ok=False)
         try:
             with _locked(part, wait=True):
-                if not part.exists():  # another command has taken it for stale before it was locked
+                if not part.exists():  # another command removed it as stale before it was locked
                     continue
                 yield part
                 return
@@ -159,7 +160,7 @@ def _part(path: Path, *, directory: bool, tidy: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def _locked(path: Path, *, wait: bool) -> Iterator[None]:
-    """Lock a file while the block lasts; where locks do not work, one that waits goes without."""
+    """Lock a file for the block; with `wait`, continue without a lock if the file system has none."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         try:
@@ -181,7 +182,7 @@ def _remove(path: Path) -> None:
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Exchange two names in one step; False where this system or file system cannot."""
+    """Exchange two names atomically; return False if this system or file system cannot."""
     rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     if rename is None:
         return False
@@ -194,10 +195,10 @@ def _exchange(one: Path, other: Path) -> bool:
 
 
 def read_bytes(path: Path, largest: int) -> bytes:
-    """The content of a file of at most `largest` bytes.
+    """Read a file of at most `largest` bytes.
 
     Raises:
-        InputError: it cannot be read, or is larger.
+        InputError: The file cannot be read, or is larger.
     """
     try:
         with path.open("rb") as file:
@@ -210,20 +211,20 @@ def read_bytes(path: Path, largest: int) -> bytes:
 
 
 def confined(name: str, directory: Path, root: Path | None = None) -> Path:
-    """The absolute path, with links resolved, of the file that a path in a file names; it need not exist.
+    """Resolve a path in a file to an absolute path without links; the result need not exist.
 
     Args:
         name: Name as written; relative to `directory`, or absolute.
         directory: Directory of the file that contains the name.
-        root: the directory in which it must lie; None takes `directory`.
+        root: Directory that must contain the result; None takes `directory`.
 
     Raises:
-        InputError: it lies outside, or is no path.
+        InputError: The path lies outside, or is not a valid path.
     """
     try:
         within, path = (root or directory).resolve(), (directory / name).resolve()
         path.exists()
-    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, links in a circle
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name that is too long, a cycle of links
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{shortened(name, 100)!r} is no path: {reason}") from None
     if not path.is_relative_to(within):
@@ -238,11 +239,11 @@ _INSTALLED = {"studies": "studies/shipped"}  # mjsheaf/studies is a package of i
 
 
 def resource_directory(name: str) -> Path:
-    """Directory of the 'models', 'scenarios' or 'studies' that come with mjsheaf."""
+    """Return the directory of the 'models', 'scenarios' or 'studies' that come with mjsheaf."""
     installed = _PACKAGE / _INSTALLED.get(name, name)
     return installed if installed.is_dir() else _PACKAGE.parent / name
 
 
 def list_studies() -> dict[str, Path]:
-    """The study files that come with mjsheaf: name to file."""
+    """List the study files that come with mjsheaf by name."""
     return {path.stem: path for path in sorted(resource_directory("studies").glob("*.yaml"))}

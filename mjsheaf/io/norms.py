@@ -1,7 +1,7 @@
-"""The two ways in which errors of a team are measured, in m.
+"""The two norms of a team's errors, m.
 
     per_agent_rms   root mean square over the agents, sqrt(|e|^2 / N): headlines, and errors of runs
-    team_norm       |e|, the norm over the whole team at once: what certificates bound
+    team_norm       |e|, the norm over the whole team: bounds of certificates
 
 A bound R on |e| bounds the RMS over N agents by R / sqrt(N).
 """

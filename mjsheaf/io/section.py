@@ -1,7 +1,7 @@
 """Sections of files: strict models, the types of their fields, and one clear line for every error.
 
-A section says field by field what a file may hold. How its fields fit together with the rest of a file is checked where
-it builds its part of a system.
+A section defines the fields of a part of a file. Consistency with the rest of the file is checked when the section
+builds its part of a system.
 """
 
 import math
@@ -15,7 +15,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from mjsheaf.errors import InputError, shortened, suggestion, visible
 
 LARGEST = 1e9
-"""Largest size of every number in a file: a blow-up begins here, and products of larger numbers would overflow."""
+"""Maximum size of numbers in a file; larger values count as a blow-up, and their products would overflow."""
 
 Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=100, description="letters, digits, _ and -")]
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -27,23 +27,23 @@ Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min
 
 
 MAX_DEPTH = 50
-"""Collections within one another in a value; a scenario has six."""
+"""Maximum depth of nested collections in a value; a scenario has six."""
 
 MAX_PATH_LENGTH = 200
-"""Characters in the path of a field; no path that is valid comes near."""
+"""Maximum number of characters in the path of a field; valid paths are much shorter."""
 
 MAX_PROBLEMS = 10
-"""Mistakes of one file that its error lists."""
+"""Maximum number of mistakes in a file that an error lists."""
 
 
 def plain(value: Any, depth: int = 0) -> Any:
-    """Mappings, tuples and numpy's values as the dicts, lists and numbers that YAML would give.
+    """Convert mappings, tuples and NumPy values to the dicts, lists and numbers that YAML would give.
 
     Raises:
-        InputError: it is nested too deep.
+        InputError: The value is nested too deeply.
     """
     if depth > MAX_DEPTH:
-        raise InputError(f"a value is nested more than {MAX_DEPTH} deep; expected fewer collections within one another")
+        raise InputError(f"a value is nested more than {MAX_DEPTH} deep; expected fewer nested collections")
     if isinstance(value, Mapping):
         return {key: plain(item, depth + 1) for key, item in value.items()}
     if isinstance(value, np.generic | np.ndarray):
@@ -54,10 +54,10 @@ def plain(value: Any, depth: int = 0) -> Any:
 
 
 def split_path(path: str) -> list[str]:
-    """The names in the path of a field, such as controller.gain or agents.A1.heading.
+    """Split the path of a field, such as controller.gain or agents.A1.heading, into names.
 
     Raises:
-        InputError: it is too long, or a name in it is empty.
+        InputError: The path is too long, or a name in it is empty.
     """
     if len(path) > MAX_PATH_LENGTH:
         raise InputError(f"{path[:40]}...: has {len(path)} characters; expected at most {MAX_PATH_LENGTH}")
@@ -70,8 +70,8 @@ def split_path(path: str) -> list[str]:
 class Section(BaseModel):
     """Base of every section of a file: frozen; unknown keys, wrong types, NaN and infinity are errors.
 
-    A section made in Python is validated as one from a file is, and raises InputError; there tuples stand for lists,
-    and numpy's arrays and numbers for Python's. Cached properties belong to one object: a copy has none of them.
+    A section created in Python is validated like one from a file, and raises InputError. There, tuples are accepted as
+    lists, and NumPy arrays and numbers as Python's. A copy does not share cached properties.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
@@ -82,14 +82,14 @@ class Section(BaseModel):
         except ValidationError as error:
             raise InputError(*validation_problems(error, type(self))).within(type(self).__name__) from None
 
-    # Files are read without a call of it for each section.
+    # Pydantic then reads files without calling it for each section.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     def _fields(self) -> dict[str, Any]:
         return {name: self.__dict__[name] for name in type(self).model_fields}
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy with some fields changed, which are not validated."""
+        """Return a copy with some fields changed, which are not validated."""
         copied = super().model_copy(update=update, deep=deep)
         copied.__setstate__(copied.__getstate__())
         return copied
@@ -102,7 +102,7 @@ class Section(BaseModel):
 
 
 def tagged(name: str) -> Callable[[dict[str, Any]], None]:
-    """For `json_schema_extra`: a file must name a section's kind, which has a default in Python."""
+    """Return a `json_schema_extra` that requires a section's kind in files, although it has a default in Python."""
 
     def require(schema: dict[str, Any]) -> None:
         del schema["properties"][name]["default"]
@@ -112,12 +112,11 @@ def tagged(name: str) -> Callable[[dict[str, Any]], None]:
 
 
 def validation_problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """Describe everything that is wrong, a line 'field: what is wrong' each, unknown fields first.
+    """Describe every problem in a line 'field: problem', unknown fields first.
 
-    The field is written as an override takes it. For a value of several possible kinds, pydantic reports for each why
-    is not of that kind: the kind that fits it best, which is the one whose error lies deepest, is reported. After
-    `MAX_PROBLEMS` lines the last one says how many more there are. Names of fields that are legal stand in the first
-    line for which they are.
+    Fields are written as in overrides. For a value with several possible kinds, pydantic reports problems for each of
+    them. Only the best matching kind is reported, which is the one with the deepest error. After `MAX_PROBLEMS` lines,
+    the last line counts the others. A list of valid field names appears only in the first line that it applies to.
     """
     schema = _schema(model)
     rivals: dict[tuple[int | str, ...], list[_Problem]] = {}
@@ -151,12 +150,12 @@ class _Problem(NamedTuple):
     """One of pydantic's errors.
 
     Attributes:
-        kind: pydantic's name of it.
-        path: Path of the field, as an override takes it.
-        value: Path of the value with several possible kinds, one of which this error is about; else `path`.
-        text: what is wrong and, unless `legal` says so, what is expected.
-        legal: names of fields that are expected; of an unknown field.
-        close: the closest of these, in words.
+        kind: Pydantic's name of the error.
+        path: Path of the field, written as in overrides.
+        value: Path of the value with several possible kinds if the error is about one of them; else `path`.
+        text: Problem and, unless `legal` has it, the expectation.
+        legal: Names of valid fields, for an unknown field.
+        close: Sentence about the closest of these.
     """
 
     kind: str
@@ -221,18 +220,18 @@ _EXPECTATIONS = {
     "string_too_long": "at most {max_length} characters",
     "string_pattern_mismatch": "a letter, then letters, digits, _ and -",
 }
-"""What is expected, by pydantic's name of an error and its numbers."""
+"""Expectations by pydantic's name of an error, with its numbers."""
 
 
 def _expectation(kind: str, context: dict[str, Any], text: str) -> str:
-    """A sentence of what is expected in place of a value; pydantic's own where none is known."""
+    """Describe the expected value; pydantic's own text if there is no other."""
     return f"expected {_EXPECTATIONS[kind].format(**context)}" if kind in _EXPECTATIONS else text
 
 
 def _follow(
     schema: dict[str, Any], location: tuple[int | str, ...]
 ) -> tuple[tuple[int | str, ...], tuple[int | str, ...] | None, list[dict[str, Any]]]:
-    """The fields of a location, those of them above its first plain union, and the schema's nodes at its end."""
+    """Return the fields of a location, those above its first plain union, and the schema's nodes at its end."""
     path: tuple[int | str, ...] = ()
     union: tuple[int | str, ...] | None = None
     nodes = [schema]
@@ -265,27 +264,27 @@ def _variants(nodes: Iterable[dict[str, Any]], schema: dict[str, Any]) -> Iterat
 
 
 def _tags(node: dict[str, Any]) -> set[str]:
-    """The values of the field that chooses this branch of a tagged union."""
+    """Return the values of the field that select this branch of a tagged union."""
     fields = node.get("properties", {}).values()
     return {str(v) for field in fields for v in field.get("enum", [field["const"]] if "const" in field else [])}
 
 
 class Record(BaseModel):
-    """Base of a result that a JSON file or `--json` holds as it is: frozen, and of known fields only."""
+    """Base of results that JSON files and `--json` contain: frozen, without unknown fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_by_name=True, serialize_by_alias=True)
 
 
 class FiniteRecord(Record):
-    """A `Record` whose numbers are finite; those that need not be are `Finite`."""
+    """A `Record` whose numbers are finite; fields of type `Finite` may be null."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
 
 def finite(x: float | None) -> float | None:
-    """A number as JSON can hold it: None where it is infinite or not a number."""
+    """Convert a number for JSON: None if it is infinite or NaN."""
     return None if x is None or not math.isfinite(x) else float(x)
 
 
 Finite = Annotated[float | None, BeforeValidator(finite)]
-"""A number, or null: see `finite`."""
+"""A number, or null; see `finite`."""

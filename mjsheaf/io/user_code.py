@@ -1,4 +1,4 @@
-"""Python files of users: executed as modules, with their exceptions as one line of a message."""
+"""Python files of users, executed as modules, with their exceptions described in one line."""
 
 import importlib.util
 import os
@@ -11,12 +11,12 @@ from types import ModuleType
 
 from mjsheaf.errors import visible
 
-_MAX_MESSAGE = 300  # characters of an exception that a message repeats
+_MAX_MESSAGE = 300  # maximum number of characters of an exception in a message
 
 
 @contextmanager
 def in_this_directory() -> Iterator[None]:
-    """Return to the working directory at the end: the results' place and files are named relative to it."""
+    """Restore the working directory at the end, because paths of results and files are relative to it."""
     place = _working_directory()
     try:
         yield
@@ -27,25 +27,25 @@ def in_this_directory() -> Iterator[None]:
 
 
 def _working_directory() -> str | None:
-    """Return the working directory; None where it is gone."""
+    """Return the working directory; None if it no longer exists."""
     with suppress(OSError):
         return os.getcwd()
     return None
 
 
 def describe(error: BaseException) -> str:
-    """An exception of the user's code in a line, with where it was raised."""
+    """Describe an exception of the user's code and its location in one line."""
     frames = traceback.extract_tb(error.__traceback__)[-1:]
     place = "".join(f" ({visible(Path(frame.filename).name)}, line {frame.lineno})" for frame in frames)
     try:
         text = str(error)
     except (Exception, SystemExit):
-        text = "an exception that cannot be printed, as its __str__ raises another"
+        text = "an exception that cannot be printed, because its __str__ raises another"
     return f"{visible(type(error).__name__)}: {visible(text, _MAX_MESSAGE)}{place}"
 
 
 def execute_file(path: Path, prefix: str) -> ModuleType:
-    """Execute a Python file of a user's as a module named after it, and return the module."""
+    """Execute a user's Python file as a module named after it, and return the module."""
     name = f"{prefix}_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None  # of a .py file

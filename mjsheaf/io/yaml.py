@@ -1,6 +1,6 @@
-"""YAML 1.2 without surprises: what a user writes is read as it looks, or refused in one line that names the place.
+"""YAML 1.2 without surprises: values are read as they look, or refused in one line that names their place.
 
-One field of a file can be written in its place; every other byte of the file stays as it is.
+Single fields of a file can be edited in place, and every other byte of the file stays the same.
 """
 
 import json
@@ -19,9 +19,9 @@ from mjsheaf.io.files import read_bytes
 
 SUFFIXES = (".yaml", ".yml")
 _LARGEST_FILE = 20_000_000  # bytes
-_DEEPEST = 50  # collections within one another; a scenario has six
-_SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; no file can hold it
-_LONGEST_INTEGER = 3_000  # digits; Python does not print what has more than 4300 decimal ones
+_DEEPEST = 50  # maximum depth of nested collections; a scenario has six
+_SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; files in UTF-8 cannot contain it
+_LONGEST_INTEGER = 3_000  # maximum number of digits; Python prints at most 4300 decimal digits
 
 
 def _fault(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
@@ -31,8 +31,8 @@ def _fault(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
 class _Loader(yaml.SafeLoader):
     """YAML's safe loader, which executes nothing, with plain values read as in YAML 1.2.
 
-    In YAML 1.1, which is PyYAML's own, 010 is eight, 1:30 is ninety, `no` is false, 1e-3 is text. Refused are
-    duplicate keys, tags, anchors and aliases (which let a short file stand for an endless one), and deep nesting.
+    PyYAML implements YAML 1.1, in which 010 is eight, 1:30 is ninety, `no` is false, and 1e-3 is text. This loader
+    refuses duplicate keys, tags, anchors and aliases (which let a short file expand without limit), and deep nesting.
     """
 
     _depth = 0
@@ -67,11 +67,11 @@ class _Loader(yaml.SafeLoader):
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
         value = super().construct_scalar(node)
         if isinstance(value, str) and not value.isascii() and _SURROGATE.search(value):
-            raise _fault("half of a surrogate pair, which is no text; write the character itself", node.start_mark)
+            raise _fault("half of a surrogate pair, which is not text; write the character itself", node.start_mark)
         return value
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:
-        """Read an integer of YAML 1.2; the one of 1.1 takes a leading 0 for octal."""
+        """Read an integer of YAML 1.2; in YAML 1.1, a leading 0 would mean octal."""
         if len(node.value) > _LONGEST_INTEGER:
             digits = len(node.value)
             raise _fault(f"a number of {digits} digits; expected up to {_LONGEST_INTEGER}", node.start_mark)
@@ -79,10 +79,10 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML's safe dumper, quoting text that YAML 1.1 or 1.2 would take for something else."""
+    """YAML's safe dumper, which quotes text that YAML 1.1 or 1.2 would read as another type."""
 
 
-# The core schema of YAML 1.2.2, section 10.3.2: kind, pattern, and the characters with which it may begin.
+# The core schema of YAML 1.2.2, section 10.3.2: kind, pattern, and possible first characters.
 _PLAIN_VALUES = (
     ("null", r"(~|null|Null|NULL|)", ["~", "n", "N", ""]),
     ("bool", r"(true|True|TRUE|false|False|FALSE)", list("tTfF")),
@@ -101,7 +101,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping.
 
     Raises:
-        ScenarioError: the file is missing, too large, not text, not YAML, empty, not a mapping, or carries tags,
+        ScenarioError: The file is missing, too large, not text, not YAML, empty or not a mapping, or it contains tags,
             anchors or duplicate keys.
     """
     try:
@@ -118,7 +118,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def parse_yaml(text: str, source: str, read: Callable[..., Any] = yaml.load) -> Any:
-    """Parse YAML text, into values or by `yaml.compose` into nodes; errors name the source and the line."""
+    """Parse YAML text into values or, with `yaml.compose`, into nodes; errors name the source and the line."""
     try:
         return read(text, Loader=_Loader)
     except yaml.YAMLError as error:
@@ -129,26 +129,28 @@ def parse_yaml(text: str, source: str, read: Callable[..., Any] = yaml.load) -> 
 
 
 def dump_yaml(value: dict[str, Any], *, flow: bool | None = None, width: float = 120) -> str:
-    """Write a mapping as YAML that `read_yaml` reads to the same values, whether as YAML 1.1 or 1.2.
+    """Write a mapping as YAML that has the same values in YAML 1.1 and 1.2.
 
-    With `flow` all of it stands in braces; None puts only what is innermost there.
+    `flow` puts the whole mapping in braces; None puts only the innermost collections in braces.
     """
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, width=width)
 
 
 def with_field(text: str, key: str, value: dict[str, Any], source: str, comment: str = "") -> str:
-    """A YAML mapping with one of its fields replaced, or added at its end.
+    """Replace one field in the text of a YAML mapping, or add it at the end.
 
-    Comments before and after the field stay; those inside its old value go with that. The field is written as the
-    file is: in lines where it uses lines, in braces where the file or the field does.
+    Comments before and after the field stay; those inside its old value are removed with it. The field follows the
+    style of the file: in lines if the file uses lines, in braces if the file or the field does.
 
     Args:
-        text, source: Text of the file, and its name in errors.
-        key, value: Key and value of a field at the top.
-        comment: Comment next to the key where the field is new.
+        text: Text of the file.
+        source: Name of the file in errors.
+        key: Key of a field at the top level.
+        value: New value of the field.
+        comment: Comment next to the key if the field is new.
 
     Raises:
-        ScenarioError: the text is not valid YAML, or of a form that cannot be edited in its place.
+        ScenarioError: The text is not valid YAML, or has a form that cannot be edited in place.
     """
     old, root = parse_yaml(text, source), parse_yaml(text, source, yaml.compose)
     if not isinstance(root, yaml.MappingNode) or not isinstance(old, dict):
@@ -161,7 +163,7 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
         end = begin + len(text[begin : _end(node)].rstrip())
         braces = root.flow_style or not isinstance(node, yaml.MappingNode) or node.flow_style
         new = _braces(value, root) if braces else _lines(value, node.start_mark.column, newline)
-        gap = " " if begin == end else ""  # the value was nothing at all
+        gap = " " if begin == end else ""  # the value was empty
         edited = text[:begin] + gap + new + text[end:]
     elif root.flow_style:
         at = _end(root.value[-1][1]) if root.value else root.start_mark.index + 1
@@ -179,7 +181,7 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
 
 
 def _end(node: yaml.Node) -> int:
-    """Return the end of a node's text; PyYAML's own mark of a block lies after the comments that follow it."""
+    """Return the end of a node's text; PyYAML's end mark of a block lies after the comments that follow it."""
     if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
         last = node.value[-1]
         return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
@@ -187,9 +189,9 @@ def _end(node: yaml.Node) -> int:
 
 
 def _lines(value: dict[str, Any], column: int, newline: str) -> str:
-    """Write a mapping in lines, all but the first of them indented.
+    """Write a mapping in lines, all except the first one indented.
 
-    Mappings inside it are in braces, except those with a list of mappings, which are written one entry a line.
+    Mappings inside it are in braces, except those with a list of mappings, which get one line per entry.
     """
 
     def dump(item: dict[str, Any], flow: bool) -> str:
@@ -216,7 +218,7 @@ def _of_mappings(value: Any) -> bool:
 
 
 def _braces(value: dict[str, Any], root: yaml.Node) -> str:
-    """A mapping in braces; in a file that is in braces itself, and perhaps JSON, as JSON."""
+    """Write a mapping in braces; as JSON if the whole file is in braces, because it may be JSON."""
     if isinstance(root, yaml.MappingNode) and root.flow_style:
         return json.dumps(value)
     return dump_yaml(value, flow=True, width=math.inf).strip()
