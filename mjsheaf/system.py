@@ -30,10 +30,10 @@ class TimeGrid:
     """Sample times.
 
     Attributes:
-        start: time of the initial condition, s.
-        period: time between samples, s.
-        steps: number of periods.
-        continuous: whether the law is evaluated between samples too (control period 0) instead of being held.
+        start: Time of the initial condition, s.
+        period: Time between samples, s.
+        steps: Number of periods.
+        continuous: True if the law is also evaluated between samples (control period 0) instead of being held.
     """
 
     start: float
@@ -57,20 +57,20 @@ DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
 
 @dataclass(frozen=True, eq=False)
 class PhysicsOptions:
-    """What the physics backend needs beside the system; the ideal backend ignores it.
+    """Options of the physics backend; the ideal backend ignores them.
 
     Attributes:
-        vehicle: name of each vehicle's description in models/, or path of a description file, length V.
-        time_constant: that of every vehicle, s, instead of its own; or None.
-        effects: which effects are on.
-        heading: initial heading of each vehicle in rad, shape (V,).
-        timestep: physics step in s.
-        contacts: whether vehicles collide.
-        surface: 'water', 'ground' or 'none'; drawn, and where floating vehicles float.
-        surface_height: its height in m.
-        engine: what moves them: 'mujoco', or 'fused'; see `mjsheaf.simulation.fused`.
-        threads: on how many threads, at most.
-        compiled: vehicles by name as their files describe them, compiled when first needed and shared by all copies.
+        vehicle: Name of each vehicle's description in models/, or path of a description file, length V.
+        time_constant: Time constant that replaces that of every vehicle, s; or None.
+        effects: Names of the effects that are on.
+        heading: Initial heading of each vehicle, shape (V,), rad.
+        timestep: Physics step, s.
+        contacts: True if vehicles collide.
+        surface: 'water', 'ground' or 'none'; drawn, and the level at which floating vehicles float.
+        surface_height: Height of the surface, m.
+        engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.simulation.fused`.
+        threads: Maximum number of threads.
+        compiled: Vehicles by name as their files describe them, compiled on first use and shared by all copies.
     """
 
     vehicle: list[str]
@@ -104,20 +104,20 @@ class System:
     """A team under the law, ready to be integrated.
 
     Attributes:
-        name: of the scenario.
-        team: agents, targets and the sheaf.
-        initial: initial positions, padded, shape (V, 3), m; planar vehicles have z = 0.
-        grid: sample times.
-        gain: k1, 1/s.
-        law, motion, effectiveness: packed parts.
-        harmonics: of the disturbances, shape (V, K, 5).
+        name: Name of the scenario.
+        team: Agents, targets and the sheaf.
+        initial: Initial positions, padded, shape (V, 3), m; planar vehicles have z = 0.
+        grid: Sample times.
+        gain: Proportional gain k1, 1/s.
+        law, motion, effectiveness: Packed parts.
+        harmonics: Harmonics of the disturbances, shape (V, K, 5).
         flows: Flow fields.
         flow_names: Name of each flow field, as video and page show it.
-        field: number of the flow field that each vehicle meets, shape (V,).
-        tolerance: relative and absolute error of the ideal backend's integrator for each step.
-        bodies: how the physics backend embodies it.
-        stopped: whether each vehicle's thrusters stand still, shape (V,); None where none of them does.
-        waiting: Station of the vehicles that hold their position until they join; None where none of them does.
+        field: Index of the flow field at each vehicle, shape (V,).
+        tolerance: Relative and absolute tolerance of the ideal backend's integrator for each step.
+        bodies: Options of the physics backend.
+        stopped: True for each vehicle whose thrusters have stopped, shape (V,); None if all of them run.
+        waiting: Station of the vehicles that hold their position until they join; None if there are none.
         seed: Seed of gusts and waves.
     """
 
@@ -153,7 +153,7 @@ class System:
 
     @cached_property
     def vehicles(self) -> list[Vehicle]:
-        """The vehicle of every agent and target, in order, with the effects and the time constant that are wanted.
+        """Return the vehicle of every agent and target, in order, with the configured effects and time constant.
 
         Raises:
             InputError: a vehicle is unknown, its files are not valid, or it does not fit the dimension of its agent or
@@ -250,7 +250,7 @@ class System:
 
     @property
     def _hold(self) -> float:
-        """How long a command is held, s."""
+        """Return the hold time of a command, s."""
         return 0.0 if self.grid.continuous else self.grid.period
 
     @property
@@ -386,7 +386,7 @@ class Phase:
 
 
 def whole_ratio(period: float, timestep: float) -> int:
-    """How many physics steps make a period.
+    """Return the number of physics steps in a period.
 
     Raises:
         InputError: not a whole number.
@@ -401,7 +401,7 @@ def whole_ratio(period: float, timestep: float) -> int:
 
 
 def on_engine(phases: Sequence[Phase], engine: str, threads: int = 1) -> tuple[Phase, ...]:
-    """The same run, its bodies moved by an engine on so many threads."""
+    """Return the same run with its bodies moved by `engine` on `threads` threads."""
     systems = {id(phase.system): phase.system for phase in phases}
     plans = {key: replace(system.bodies, engine=engine, threads=threads) for key, system in systems.items()}
     moved = {key: replace(system, bodies=plans[key]) for key, system in systems.items()}
@@ -446,7 +446,7 @@ def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
 
 
 def _fixed(system: System) -> Iterator[tuple[str, Any]]:
-    """What no phase can change, with its name."""
+    """Yield each part that no phase can change, with its name."""
     plan = system.bodies
     yield "vehicles (team.members)", system.team.members
     yield "sample times (grid)", system.grid

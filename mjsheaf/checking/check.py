@@ -1,4 +1,4 @@
-"""`check`: all that can be said of a scenario before, or beside, running it."""
+"""`check`: analyse a scenario without running it."""
 
 import math
 from collections.abc import Sequence
@@ -223,9 +223,9 @@ def check(
     """Check a scenario: the paper's assumptions, Theorem 1, margins and fragility.
 
     Args:
-        scenario: from `load_scenario`.
-        rate: lambda_V in 1/s; None takes the best.
-        radius: ultimate radius of |e| for which the smallest gain, and other laws, are wanted, m.
+        scenario: Scenario returned by `load_scenario`.
+        rate: Rate lambda_V, 1/s; None selects the best.
+        radius: Desired ultimate radius of |e|, m; the smallest gain and other laws that reach it are reported.
         rho: |f_q(q*) - f_q(q)| <= rho(|e|) |e|, as the caller claims: a number, coefficients c_0, c_1, ... of a
             polynomial, pairs (radius, value) or a function; None takes the flow's largest slope over the region.
         progress: True shows a bar on a terminal or in a notebook, False and None nothing.
@@ -268,7 +268,7 @@ class Examination:
 def examine_scenario(
     scenario: Scenario, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
 ) -> Examination:
-    """`examine` of a scenario, whose record notes what in its files looks like a slip."""
+    """Examine a scenario; the record's notes name likely mistakes in its files."""
     examination = examine(scenario.phases, rate=rate, radius=radius, rho=rho)
     return replace(examination, record=examination.record.model_copy(update={"notes": slips_of(scenario)}))
 
@@ -286,7 +286,7 @@ def examine(
     if len(phases) == 1 and not phases[0].events:
         return first
     records = []
-    beyond = False  # whether a phase so far had terms, of whose run Theorem 1 says nothing
+    beyond = False  # True once a phase has terms, which Theorem 1 does not cover
     for k, phase in enumerate(phases):
         jumps = dict[str, float]()
         if k > 0:
@@ -330,7 +330,7 @@ _OF_PHASE = (
 
 
 def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
-    """Where the targets are at a sample of the certificate's path, at a time in s: padded, shape (M, 3), m."""
+    """Return the targets' positions at a sample of the certificate's path, at a time in s: padded, shape (M, 3), m."""
     path = certificate.constants.path
     row, rest = divmod(sample, path.stride)
     if rest == 0 and row < len(path.samples):
@@ -371,13 +371,13 @@ def _stays(system: System, agent: int) -> bool:
 
 
 def _settled(old: System, new: System, targets: Array) -> Array:
-    """Where vehicles are if the phase of the old system came to rest, shape (V, 3), m; who joins is where it began."""
+    """Return positions after the old system came to rest, shape (V, 3), m; joining vehicles are where they began."""
     settled = _q_star(old, targets)
     return np.concatenate([np.where(np.isnan(settled), new.initial[: len(settled)], settled), targets])
 
 
 def _carried_error(system: System, error: float) -> float:
-    """How far q* of the present agents may be off where targets are by an error, m."""
+    """Bound the error of q* of the present agents if the targets' positions are off by `error`, m."""
     system = system.local
     if not (error > 0.0 and system.team.dirichlet.unique):
         return 0.0

@@ -88,14 +88,14 @@ class Assumption(Record):
 
 @dataclass(frozen=True)
 class Certificate:
-    """What the theory says of a system.
+    """Result of the theory for a system.
 
     Attributes:
-        spectrum: of H and B.
-        cohomology: the relative cohomology, explained.
-        constants: along the targets' path.
-        region: where agents are.
-        assumptions: the paper's seven, decided.
+        spectrum: Spectrum of H and sigma_max(B).
+        cohomology: Relative cohomology, explained.
+        constants: Constants along the targets' path.
+        region: Region that holds the agents.
+        assumptions: Verdicts on the paper's seven assumptions.
         theorem: Theorem 1 with these constants; its own `applies` is the gain condition alone.
         weaker: the bound that holds whatever the slopes: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
         approximate: whether the law is held over a period; the theorem's law is continuous.
@@ -116,7 +116,7 @@ class Certificate:
 
     @property
     def applies(self) -> bool:
-        """Whether the theorem applies."""
+        """Return True if the theorem applies."""
         return not self.reason
 
     @cached_property
@@ -202,11 +202,11 @@ class Search:
     """The constants along the targets' path, and the search for a region to which a bound confines the agents.
 
     Attributes:
-        system: the system.
-        rate: lambda_V, 1/s; None for the best.
-        rho: the user's own bound of the agents' slopes; None for the flow's over the region.
-        spectrum: of H and B.
-        constants: along the targets' path.
+        system: System under the law.
+        rate: Rate lambda_V, 1/s; None selects the best.
+        rho: User's bound on the agents' slopes; None selects the flow's bound over the region.
+        spectrum: Spectrum of H and sigma_max(B).
+        constants: Constants along the targets' path.
     """
 
     def __init__(
@@ -249,7 +249,7 @@ class Search:
             return self._guess("the harmonic extension is not unique")
         if not np.isfinite(self.constants.initial_error):
             return self._guess("the error with which the phase begins is not known")
-        for rate in dict.fromkeys([self.rate, None]):  # the best rate, where the wanted one is too fast
+        for rate in dict.fromkeys([self.rate, None]):  # the best rate if the requested one is too fast
             if (region := self.own_tube(rate)) is not None:
                 return region
         weaker = self.weaker(speed_everywhere(self.system))
@@ -286,7 +286,7 @@ class Search:
         return None
 
     def _confines(self, bound: Theorem) -> bool:
-        """Whether a bound keeps the agents in a region that can be looked at."""
+        """Return True if a bound keeps the agents within a region of finite, searchable size."""
         start = self.constants.initial_error
         return bound.contains(start) and max(bound.radius, start) < FARTHEST
 
@@ -384,7 +384,7 @@ def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, b
 def _decide(
     system: System, region: Region, confined: bool, constants: Constants, cohomology: RelativeCohomology
 ) -> list[Assumption]:
-    """Decide all seven assumptions over a region, to which the agents are confined or not."""
+    """Decide all seven assumptions over a region. `confined` states whether the agents provably stay in it."""
     smooth, (rank, inverse) = _smooth(system, region, confined, constants), _rank_and_inverse(system)
     found = {
         "f is continuously differentiable": smooth,
@@ -503,7 +503,7 @@ def _first(words: list[str], most: int, separator: str = ", ") -> str:
 
 
 def _couples(edge: Edge) -> bool:
-    """Whether an edge couples its ends: F_i^T K F_j is not zero."""
+    """Return True if an edge couples its ends: F_i^T K F_j is not zero."""
     return bool(np.any(edge.F_tail.T @ edge.weight @ edge.F_head))
 
 
@@ -515,7 +515,7 @@ def _cohomology(cohomology: RelativeCohomology, team: Team) -> Finding:
 
 
 def _bounded_difference(system: System, constants: Constants, smooth: Verdict, free: bool) -> Finding:
-    """The paper asks for it over all p; its proof uses only the path that the targets take, as here."""
+    """Decide the bound along the targets' path. The paper requires it for all p, but its proof uses only the path."""
     bound, path = constants.difference.bound, constants.path
     if obstacle_of_team(system.team):
         return "does not apply", None, "", "it is an assumption of Theorem 1 alone, which is about other teams"

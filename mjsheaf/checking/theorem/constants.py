@@ -27,7 +27,7 @@ from mjsheaf.system import System
 _MOST_CELLS = 50_000  # that are bounded
 _MOST_NUMBERS = 8_000_000  # of f_B over them
 _FEWEST_CELLS = 32  # to begin with
-_GAP = 0.02  # wanted between the bound on |f_B| and a value of it, relative
+_GAP = 0.02  # largest relative gap between the bound on |f_B| and an attained value
 _BATCH = 256
 _ROUNDING = 1e-9
 _MOST_BOXES = 256
@@ -84,7 +84,7 @@ def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, flo
     most, time = float(seen.max()), float(now.begin[np.argmax(seen)])
     closed, left = 0.0, min(_MOST_CELLS, _MOST_NUMBERS // system.team.dirichlet.H.shape[0])
     while True:
-        # A cell of one step whose segment is short beside how far the path may leave it gains nothing by being cut.
+        # Cutting a one-step cell gains nothing if its segment is shorter than the path's largest distance from it.
         whole = (level == 0) & np.all(np.linalg.norm(now.half, axis=2) <= now.bend, axis=1)
         over = (upper > (1.0 + _GAP) * most) & ~whole
         closed = max(closed, float(upper[~over].max(initial=0.0)))
@@ -153,7 +153,7 @@ def _pairs(cells: Cells) -> Cells:
 
 
 def _joined(centre: Array, radius: Array, n: int) -> tuple[Array, Array]:
-    """The smallest balls about each two of the first n balls, shapes (n / 2, M, 3) and (n / 2, M), and what is left."""
+    """Enclose pairs of the first n balls in smallest balls, shapes (n / 2, M, 3) and (n / 2, M); append the rest."""
     a, b, r, s = centre[0:n:2], centre[1:n:2], radius[0:n:2], radius[1:n:2]
     apart = np.linalg.norm(b - a, axis=2)
     around = np.maximum(0.5 * (apart + r + s), np.maximum(r, s))
@@ -163,7 +163,7 @@ def _joined(centre: Array, radius: Array, n: int) -> tuple[Array, Array]:
 
 
 def coarser(cells: Cells, most: int) -> Cells:
-    """At most so many cells that cover what the given ones do."""
+    """Merge cells until at most `most` remain; together they cover what the given ones cover."""
     while len(cells.begin) > most:
         cells = _pairs(cells)
     return cells
@@ -250,13 +250,13 @@ class Constants:
 
 @dataclass(frozen=True)
 class Region:
-    """Where the theory keeps a run.
+    """Region in which the theory keeps a run.
 
     Attributes:
-        tube: boxes that hold the agents.
-        source: why they do, or what they are.
-        verified: whether they are proven to, for the law without limits, and the path is known.
-        rho: at least the largest slope of the flow over the tube, 1/s, and where.
+        tube: Boxes that hold the agents.
+        source: Argument that confines the agents, or origin of the boxes.
+        verified: True if the path is known and the unlimited law provably keeps the agents in the boxes.
+        rho: Upper bound on the flow's slope over the tube, 1/s, and its location.
     """
 
     tube: Tube
@@ -284,7 +284,7 @@ def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Calla
 
 
 def tube_guessed(system: System, path: TargetPath, margin: float = 0.5) -> Tube:
-    """A box about initial positions and q*, widened by a share of its size, by which nothing is proven."""
+    """Return a box around initial positions and q*, widened by a fraction of its size. It proves nothing."""
     N = len(system.team.agents)
     both = np.concatenate([system.initial[None, :N], system.team.unpack(path.q_star)])
     low, high = both.min(axis=(0, 1)), both.max(axis=(0, 1))

@@ -52,7 +52,7 @@ _SHARE_OF_TURN = 0.125  # rad of the fastest motion or disturbance
 _SHARE_OF_DECAY = 0.25  # of the fastest time constant
 _SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
 _SLACK = 1.05  # of V over what it takes
-_NEARLY = 1.0 - 1e-6  # of what is left of a period: taken for all of it
+_NEARLY = 1.0 - 1e-6  # fraction of the rest of a period that counts as all of it
 _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and relative to its farthest position
 _COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
 _DIFFERENCES = 20.0  # of two integrations, that are allowed
@@ -60,10 +60,9 @@ _LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that m
 
 
 class Carrier:
-    """K = H^-1 B, which carries motions of targets to their harmonic extension.
+    """Map K = H^-1 B from motions of the targets to their harmonic extension.
 
-    Where it is too large to be held, the norms of its blocks are bounded by sigma_max(B) / lambda_min(H), for which a
-    spectrum is needed.
+    If K is too large to store, sigma_max(B) / lambda_min(H) bounds the norms of its blocks. That needs a spectrum.
     """
 
     def __init__(self, system: System, spectrum: Spectrum | None = None) -> None:
@@ -91,7 +90,7 @@ class Carrier:
         return flat @ self._K if self._K is not None else self._problem.extend(flat) - self._offset
 
     def reach(self, radii: Array) -> Array:
-        """How far each agent's q*_i moves at most where targets move by at most `radii` (..., M), (..., N)."""
+        """Bound the motion of each agent's q*_i, shape (..., N), if targets move by at most `radii`, shape (..., M)."""
         if self._K is not None:
             return np.asarray(radii @ self._blocks.T)
         whole = self._norm * np.linalg.norm(radii, axis=-1, keepdims=True)
@@ -143,13 +142,13 @@ class TargetPath:
     """Targets of a system over the span of its run; where the path is not known, they stand still and drift is NaN.
 
     Attributes:
-        time: instants at which the path is kept as it is, shape (T,), s.
-        positions: of all vehicles there, agents at their initial positions, shape (T, V, 3), m.
+        time: Instants at which the path is stored, shape (T,), s.
+        positions: Positions of all vehicles at these instants, agents at their initial positions, shape (T, V, 3), m.
         drift: f_p about there (reference, consensus and flow without disturbance): the mean of both ends of the cell
             that begins there, shape (T, M, 3), m/s.
         q_star: harmonic extension there, stacked, shape (T, n_q), m.
         cells: what covers the path; None where it is not known.
-        error: largest error of the path, for which the cells allow, m.
+        error: Largest error of the path that the cells allow for, m.
         samples: positions of the targets at each stride-th sample of the run, shape (S, M, 3), m.
         stride: see samples.
         warning: why the path is not known, or empty.
@@ -186,21 +185,21 @@ class _Step(NamedTuple):
 
 
 class _Setting(NamedTuple):
-    """What does not change while the path is followed.
+    """Constants of the integration of the targets' path.
 
     Attributes:
-        control: law and references of the targets alone.
-        reference: their motions without their pull.
+        control: Law and references of the targets alone.
+        reference: Motions of the targets without their consensus pull.
         start, column, value: L_T over padded targets by compressed rows: their own law is -gain (L_T p - c_T).
         acceleration, speed: sup |v'| and sup |v| of their references, shape (M,), m/s^2 and m/s.
         shake: sup |omega'| at a fixed place, shape (M,), m/s^2.
         swing: Largest norm of the Jacobian of omega, shape (M,), 1/s.
-        turn: a step that is short beside the fastest motion and disturbance, s.
-        decay: rate of consensus and pull where the law is continuous, else 0, 1/s.
-        share: of the usual steps.
-        margin: about the ball that a step stays in, over which slopes are taken, m.
-        times: of the samples, s.
-        stride: each how many samples are kept.
+        turn: Step much shorter than the time scales of motion and disturbance, s.
+        decay: Rate of consensus and pull if the law is continuous, else 0, 1/s.
+        share: Step size as a fraction of the usual one.
+        margin: Margin around the ball that a step stays in; slopes are bounded over both, m.
+        times: Sample times, shape (T,), s.
+        stride: Index step between stored samples.
     """
 
     control: ControlArrays
@@ -415,8 +414,8 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module.
 
     Args:
-        system: the system.
-        carrier: of the system, where the caller has one.
+        system: System under the law.
+        carrier: Carrier of the system if the caller has one.
     """
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = (carrier or Carrier(system)).extend
@@ -454,13 +453,13 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
 
 
 def _integrate(system: System, share: float, tolerance: float, margin: float) -> tuple[Array, Cells]:
-    """The targets' positions at each stride-th sample and between, shape (S, M, 3), and the cells.
+    """Integrate the targets; return their positions at every stride-th sample, shape (S, M, 3), and the cells.
 
     Args:
-        system: the system.
-        share: of the usual steps.
-        tolerance: of the integrator for each step, relative and absolute.
-        margin: error of the positions for which the cells' slopes hold, m.
+        system: System under the law.
+        share: Step size as a fraction of the usual one.
+        tolerance: Tolerance of the integrator for each step, relative and absolute.
+        margin: Error of the positions up to which the cells' slopes hold, m.
     """
     control, medium, x = _targets_alone(system)
     M, stride, between, grid = len(x), _stride(system), _between(system), system.grid
@@ -506,7 +505,7 @@ def _stride(system: System) -> int:
 
 
 def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
-    """Law, references, medium and initial positions of the targets by themselves; they hear nobody else."""
+    """Pack law, references, medium and initial positions of the targets alone; they receive from no agent."""
     N, law, motion, medium = len(system.team.agents), system.law, system.motion, system.medium
     edges = pack_edges(system.team.targets, [(system.team.target_edges, True)])
     alone = law.without_terms._replace(edges=edges, gain=law.gain[N:], limit=law.limit[N:])
@@ -525,7 +524,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
 def _rates(
     system: System, control: ControlArrays
 ) -> tuple[MotionArrays, IntArray, IntArray, Array, Array, Array, Array, Array, float, float]:
-    """What `_Setting` says of the targets, from `reference` to `decay`."""
+    """Compute the fields of `_Setting` from `reference` to `decay`."""
     L, places = system.team.target_sheaf.laplacian().tocoo(), _places(system)
     padded = sparse.csr_array((L.data, (places[L.row], places[L.col])), shape=(3 * len(system.team.targets),) * 2)
     padded.sort_indices()

@@ -2,11 +2,11 @@
 
 Everything is taken on D = K^{1/2} delta on the agents, H = D^T D, rather than on H: eigenvalues are squares of singular
 values of D and cannot come out negative. The relative cohomology, the null space of delta itself, says
-which are zero; inner products do not change it. Connected components of D are treated apart.
+which are zero; inner products do not change it. Connected components of D are treated separately.
 
-The relative cohomology H^0(G, G_p; F) in the words of the team: who is free to drift, and who is barely held.
+The relative cohomology H^0(G, G_p; F) in the team's terms: which agents are free to drift or barely held.
 
-Fragility: what the loss of a single sensing edge, link, anchor or agent breaks, and what is left of lambda_min.
+Fragility: what the loss of a single sensing edge, link, anchor or agent breaks, and the lambda_min after it.
 """
 
 from collections import Counter, defaultdict
@@ -239,7 +239,7 @@ TRIVIAL = "relative cohomology trivial"
 MOST_CRITICAL = 50
 EXACT_STATES = 200
 EXACT_LOSSES = 1000
-"""Up to so many states of the agents and single losses, H is decomposed again after each loss."""
+"""Largest numbers of agent states and single losses for which H is decomposed again after each loss."""
 
 
 class Loss(Record):
@@ -262,7 +262,7 @@ class Fragility(Record):
 
 
 def fragility(team: Team) -> Fragility:
-    """Which of the losses of `single_losses` break something, and the worst of the others."""
+    """Find the losses of `single_losses` that break something, and the worst of the others."""
     losses, exact = single_losses(team)
     critical = [loss for loss in losses if loss.breaks]
     method = (
@@ -369,7 +369,7 @@ def _singles(team: Team) -> Iterator[tuple[Loss, list[int], int | None]]:
 
 
 def _ends(edge: Edge) -> tuple[str, ...]:
-    """What parallel edges have in common; for anchors, what they hold."""
+    """Return the ends that parallel edges share; for an anchor, the name of what it holds."""
     return (_name(edge),) if edge.head == GROUND else (min(edge.tail, edge.head), max(edge.tail, edge.head))
 
 
