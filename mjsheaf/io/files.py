@@ -42,7 +42,7 @@ def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
 
     Args:
         path: Path of the file.
-            tidy: True to remove first the remains of killed processes, which reads the whole directory.
+        tidy: True to remove first the remains of killed processes, which reads the whole directory.
 
     Raises:
         OSError: The file cannot be written. No new file remains, and an earlier one is unchanged.
