@@ -13,6 +13,7 @@ With r = x - centre and s = |r|^2 + core^2, in m and m/s:
 Source: the paper's Section VI, and the kernels of its published run.
 """
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, Literal
@@ -33,7 +34,7 @@ from mjsheaf.media.waves import Waves
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
 SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
 _STRENGTH = 8
-_TWO_OVER_E = 2.0 / np.e
+_TWO_OVER_E = 2.0 / math.e
 _NARROWEST = 1e-100  # m, of a channel: the square of its inverse must be finite
 _NOTHING_LEFT = 600.0  # exp(-600) = 3e-261: beyond it exp underflows, which takes libraries many times as long
 
