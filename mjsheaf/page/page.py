@@ -1,4 +1,4 @@
-"""The page of a run: the data that it receives in addition to the samples, and the file."""
+"""The page of a run: its data in addition to the samples, and the file."""
 
 import base64
 import hashlib
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 Bounds = Sequence[tuple["RunBound", "HeldBound"]]
 
 _BODIES = {None: "ideal kinematics", "mujoco": "MuJoCo bodies", "fused": "bodies moved by the fused engine"}
-_ARROWS = 16  # of the flow, along each side of the grid
-_REACH = 1.25  # of the grid, times the scene's size
+_ARROWS = 16  # number of arrows of the flow along each side of the grid
+_REACH = 1.25  # size of the grid, as a multiple of the scene's size
 
 
 def page_of(
@@ -52,7 +52,7 @@ def page_of(
     ghosts: Sequence[Ghost] = (),
     again: tuple[str, str] | None = None,
 ) -> bytes:
-    """The page of a run, as HTML.
+    """Make the page of a run, as HTML.
 
     Args:
         scenario: what was run.
@@ -108,7 +108,7 @@ def require_shown(dataset: xr.Dataset, what: str) -> None:
 
 
 def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:
-    """The bounds on the RMS tracking error by name, shape (T,), m; NaN in phases in which there is none."""
+    """Return the bounds on the RMS tracking error by name, shape (T,), m; NaN in phases without one."""
     time, found = dataset["time"].values, dict[str, Array]()
     half = 0.5 * phases[0].system.grid.period
     starts = np.searchsorted(time, [phase.time - half for phase in phases[: len(bounds)]]).tolist()
@@ -242,7 +242,7 @@ def _facts(
 
 
 def _theory(phases: "Sequence[Phase]", bounds: Bounds) -> list[dict[str, Any]]:
-    """Of each phase that a run came to: when it began and with what, and what theory says of it."""
+    """Return start, events and theoretical results of each phase that a run reached."""
     return [
         {
             "time": phase.time,
@@ -259,7 +259,7 @@ def _theory(phases: "Sequence[Phase]", bounds: Bounds) -> list[dict[str, Any]]:
 
 
 def _fill(said: dict[str, Any], data: str) -> bytes:
-    """The page with everything in it."""
+    """Fill the template of the page."""
     home = files("mjsheaf.page")
     script, style, template = (
         home.joinpath(name).read_text(encoding="utf-8") for name in ("bundle.js", "bundle.css", "page.html")

@@ -33,13 +33,13 @@ from mjsheaf.team import Edge
 from mjsheaf.video.from_run import RecordedRun
 
 _TOLERANCE = 2e-4  # largest error of a path, relative to the scene's size
-_FEWEST, _MOST = 400, 3000  # samples
-_MOST_POSITIONS = 500_000  # vehicles times samples, where that allows _FEWEST
-_MOST_HELD = 6_000_000  # positions that are kept between passes over a run
-_OUTLIER = 100.0  # times the scene's size: what is farther out has blown up, and is drawn no farther
-_ORIGINS = 1000.0  # m between places that may be an origin
-_FARTHEST = 1e12  # m from zero; a number of 64 bits still resolves a tenth of a millimetre there
-_ROOM_OF_BLOWN_UP = 4.0  # of the scene of such a run, times the size at its start
+_FEWEST, _MOST = 400, 3000  # minimum and maximum number of samples
+_MOST_POSITIONS = 500_000  # maximum of vehicles times samples, unless _FEWEST requires more
+_MOST_HELD = 6_000_000  # maximum number of positions kept between passes over a run
+_OUTLIER = 100.0  # multiple of the scene's size beyond which a position has blown up and is clipped
+_ORIGINS = 1000.0  # spacing of possible origins, m
+_FARTHEST = 1e12  # maximum distance from zero, m; 64-bit floats resolve a tenth of a millimetre there
+_ROOM_OF_BLOWN_UP = 4.0  # size of the scene of a run that blew up, as a multiple of the size at its start
 REQUIRED = frozenset(
     {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
     | {"formation_error", "centering_error"}
@@ -51,7 +51,7 @@ _WHERE_THERE = (
 )
 _UNKNOWN = np.iinfo(np.int32).min
 _QUATERNION_STEP = 2.0**-13
-_DROPPED_BITS = 11  # of a float's mantissa
+_DROPPED_BITS = 11  # number of dropped bits of a float's mantissa
 
 
 @dataclass
@@ -122,7 +122,7 @@ class Scene:
 
     @property
     def tolerance(self) -> float:
-        """By which a path may be missed, m: see the module."""
+        """Maximum error of a path, m; see the module."""
         return _TOLERANCE * self.size
 
     @property
@@ -131,7 +131,7 @@ class Scene:
         return self.tolerance / 4.0
 
     def confined(self, points: Array) -> Array:
-        """The same points, none absurdly far out; what is not known stays so."""
+        """Clip points that are extremely far out; NaN stays."""
         far = _OUTLIER * self.size
         with np.errstate(invalid="ignore"):
             return np.where(np.isfinite(points), np.clip(points, self.centre - far, self.centre + far), np.nan)
@@ -171,7 +171,7 @@ def pack(
     origin = _origin_of(dataset)
     pieces = _Positions(dataset, surface_height, origin)
     scene, bend = _survey(pieces, dataset.sizes["time"], phases)
-    if dataset.attrs["status"] != "finished":  # what blew up leaves the picture
+    if dataset.attrs["status"] != "finished":  # vehicles that blew up leave the picture
         began = Scene.of(next(iter(pieces))[:1])
         scene = Scene(began.centre, min(scene.size, _ROOM_OF_BLOWN_UP * began.size))
     rows = _kept(bend, scene.tolerance, dataset.sizes["agent"] + dataset.sizes["target"], _event_rows(phases))
@@ -182,7 +182,7 @@ def pack(
     shown = _add_places(packer, own, positions, scene, origin)
     if dataset.attrs["backend"] == "physics":
         attitude = np.concatenate([own[f"{kind}_orientation"].values for kind in ("agent", "target")], axis=1)
-    else:  # facing where they go
+    else:  # headings along the velocity
         attitude = RecordedRun(dataset, surface_height).at(time).quaternions
     packer.add_fixed("quaternion", _continuous(attitude), _QUATERNION_STEP)
     _add_curves(packer, own)
@@ -337,7 +337,7 @@ def _at_rows(dataset: xr.Dataset, names: list[str], rows: IntArray) -> xr.Datase
 
 
 def _continuous(quaternions: Array) -> Array:
-    """The same attitudes (K, V, 4), each with the sign that is nearer to the one before."""
+    """Choose the sign of each attitude (K, V, 4) that is nearer to the previous one."""
     known = np.where(np.isfinite(quaternions), quaternions, [1.0, 0.0, 0.0, 0.0])
     turns = np.sign((known[1:] * known[:-1]).sum(axis=-1))
     signs = np.cumprod(np.where(turns < 0.0, -1.0, 1.0), axis=0)
@@ -345,7 +345,7 @@ def _continuous(quaternions: Array) -> Array:
 
 
 def _largest_error(pieces: Iterable[Array], every: Array, scene: Scene, time: Array, shown: Array) -> float:
-    """The largest distance of a vehicle from where the page has it at any sample, m, but for what blew up."""
+    """Compute the largest distance of a vehicle from its position on the page, m, except for vehicles that blew up."""
     largest, done = 0.0, 0
     for places in pieces:
         now = every[done : done + len(places)]
@@ -397,7 +397,7 @@ def _add_edges(
 
 
 def _residuals(edges: list[Edge], index: dict[str, int], positions: Array) -> Array:
-    """|F_i x_i - F_j x_j - b| of edges, shape (K, E), m."""
+    """Compute |F_i x_i - F_j x_j - b| of edges, shape (K, E), m."""
     found = np.empty((len(positions), len(edges)))
     shapes: dict[tuple[tuple[int, ...], ...], list[int]] = {}
     for e, edge in enumerate(edges):

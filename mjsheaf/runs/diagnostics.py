@@ -323,7 +323,7 @@ def _why_saturated(phases: Sequence[Phase], dataset: "xr.Dataset", v: int) -> st
 
 
 def _calmer(dataset: "xr.Dataset") -> str:
-    """Advise how to make commands jump less: by a lower gain, if the law has one."""
+    """Advise how to make commands jump less, such as a lower gain if the law has one."""
     law = dataset.attrs.get("controller")
     return f"filter measurements in {law}" if law else "lower controller.gain"
 

@@ -18,10 +18,10 @@ from scipy.ndimage import convolve1d, maximum_filter1d
 
 from mjsheaf.video.film import FloatArray
 
-# How much of the picture's half-width or half-height the team may fill: at the left, right, bottom and top.
-# There is more room at the top, as the title stands there.
+# Fraction of the picture's half-width or half-height that the team may fill at the left, right, bottom and top.
+# The top has more room for the title.
 FILL = (0.88, 0.88, 0.86, 0.74)
-FILL_BESIDE_PANEL = (0.88, 0.88, 0.86, 0.84)  # the title stands in the panel
+FILL_BESIDE_PANEL = (0.88, 0.88, 0.86, 0.84)  # with the title in the panel
 SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, in s of video
 
 
@@ -120,18 +120,18 @@ def camera_path(
     # Slopes of the sides and bounds on the eye: left, right, bottom, top.
     slopes = np.tan(np.radians(fovy) / 2) * np.array([aspect, aspect, 1.0, 1.0]) * fill
     bounds = np.concatenate([_bounds(block, rotation, slopes) for block in points])
-    # A ball touches a side's plane when its centre is a radius away from it, measured at right angles.
+    # A ball touches a side's plane if its centre is a radius away from it, measured at right angles.
     bounds[:, :4] += radius * np.sqrt(1 + slopes**2)
     left, right, bottom, top = (_smooth_above(bound, window) for bound in bounds[:, :4].T)
     middle = _smooth((bounds[:, 4] - bounds[:, 5]) / 2, window)
 
-    # e_z: as far back as the tighter of the two pairs of sides asks; the other pair has room, shared equally.
+    # e_z: as far back as the tighter of the two pairs of sides requires; the other pair shares its room equally.
     forward = -np.maximum((left + right) / (slopes[0] + slopes[1]), (bottom + top) / (slopes[2] + slopes[3]))
     if distance is not None:
         forward = middle - distance
     eye_right = (right - left + (slopes[1] - slopes[0]) * forward) / 2
     eye_up = (top - bottom + (slopes[3] - slopes[2]) * forward) / 2
-    # The point looked at decides nothing in the picture, but its distance is the scale of all that is drawn.
+    # The point looked at does not change the picture, but its distance sets the scale of lines and balls.
     range_ = np.maximum(middle - forward, radius)
     lookat = np.stack([eye_right, eye_up, forward + range_], axis=1) @ rotation
     return CameraPath(lookat, range_, azimuth, elevation, fovy)

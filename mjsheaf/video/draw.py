@@ -29,13 +29,13 @@ from mjsheaf.video.scene import (
     vehicle_radius,
 )
 
-QUALITY = 6  # imageio's, from 1 to 10: x264's constant rate factor 20; 18 looks lossless, 23 is x264's default
-PRESET = "veryfast"  # the picture is the costly part, and x264 competes with it for the same cores
+QUALITY = 6  # imageio's scale from 1 to 10, here x264's constant rate factor 20; 18 looks lossless, 23 is the default
+PRESET = "veryfast"  # rendering is the expensive part, and x264 competes with it for the same cores
 X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
-"""A third less work than the preset's, at the same size of such pictures, on few threads."""
-CONTAINER = ("-movflags", "+faststart", "-f", "mp4")  # named: the file's own name says it only in the end
-AHEAD = 3  # frames drawn but not yet taken by the encoder
-GAP = 4  # pixels between pictures side by side, even
+"""Options of x264 with a third less work than the preset's at the same file size, on few threads."""
+CONTAINER = ("-movflags", "+faststart", "-f", "mp4")  # explicit, because the temporary name has no extension
+AHEAD = 3  # maximum number of drawn frames that wait for the encoder
+GAP = 4  # pixels between pictures side by side; must be even
 
 _BLOCK = 1 << 20  # bytes; more than ffmpeg writes at a time
 
@@ -125,7 +125,7 @@ class Painter(AbstractContextManager["Painter"]):
         self._film = film
         self._frames = Frames(film, options)
         self.times = self._frames.times
-        self.model = copy(model)  # its vehicles' size and its visual settings are changed
+        self.model = copy(model)  # because the size of vehicles and visual settings change
         enlarge_vehicles(self.model, film.body_id, film.scales(options))
         radius = vehicle_radius(self.model, film.body_id)
         films = [self._frames, *(Frames(other, options) for other in beside)]
@@ -152,7 +152,7 @@ class Painter(AbstractContextManager["Painter"]):
         survey, middle = self._frames.extent.survey, self.camera.view(len(self.times) // 2)
         self._decorator.lay_out_arrows(middle)
         arrows = {medium.name: (medium.top, medium.scale) for medium in film.media}
-        with MATPLOTLIB:  # plots of the run may be drawn meanwhile
+        with MATPLOTLIB:  # another thread may be drawing the plots of the run
             self._overlay = Overlay(film, options, survey, beside, arrows)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
@@ -163,7 +163,7 @@ class Painter(AbstractContextManager["Painter"]):
         return partial(self._write, scene, now, view)
 
     def paint(self, number: int) -> np.ndarray:
-        """One frame, shape (height, width, 3)."""
+        """Draw one frame, shape (height, width, 3)."""
         return np.array(self.draw(number)())
 
     def _write(self, image: Image.Image, now: Moment, view: View) -> Image.Image:
@@ -237,7 +237,7 @@ def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: floa
 
 def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:
     """Complete the frames and feed them to ffmpeg while the next ones are drawn; returns how many there were."""
-    # imageio takes a file for a video by its extension, which that of a part is not.
+    # imageio recognises videos by their extension, which a temporary file does not have.
     plugin = iio.imopen(part, "w", plugin="FFMPEG", extension=".mp4", legacy_mode=True)
     writer = plugin.legacy_get_writer(
         fps=fps,

@@ -263,19 +263,19 @@ class VideoOptions(Video):
 
     @property
     def drawn_unit(self) -> float:
-        """As `unit`, of the scene as it is drawn."""
+        """`unit` for the resolution at which the scene is drawn."""
         return self.unit * self.drawn[1] / self.height
 
 
 def frame_times(film: Film, options: VideoOptions) -> FloatArray:
     """Return the frames' times, from the first sample on, speed / fps apart. Shape (F,), F >= 1, in s."""
     start, end = film.span
-    # The small excess is for a duration that is a whole number of frames but for rounding.
+    # The small excess allows for rounding if the duration is a whole number of frames.
     count = int(np.floor((end - start) * options.fps / options.speed + 1e-6)) + 1
     return np.asarray(start + np.arange(count) * (options.speed / options.fps), np.float64)
 
 
-DECADES = 6  # most that the error's axis shows; smaller values lie on its floor
+DECADES = 6  # maximum range of the error's axis; smaller values are drawn at its lower end
 
 
 def error_range(*errors: FloatArray) -> tuple[float, float] | None:
@@ -291,10 +291,10 @@ def error_range(*errors: FloatArray) -> tuple[float, float] | None:
     return max(float(shown.min()), high / 10.0**DECADES), high
 
 
-OUTLIER_FACTOR = 100.0  # a vehicle that is ever farther out than this many times the extent has blown up,
-UNFOLLOW_FACTOR = 3.0  # and the camera lets go of it where it was last within this many times the extent
-_SURVEYED = 2000  # frames from which the extent is found, and
-_SURVEYED_POSITIONS = 400_000  # positions in them, for large teams
+OUTLIER_FACTOR = 100.0  # multiple of the extent beyond which a vehicle has blown up
+UNFOLLOW_FACTOR = 3.0  # multiple of the extent beyond which the camera stops following a vehicle that blew up
+_SURVEYED = 2000  # maximum number of frames that determine the extent
+_SURVEYED_POSITIONS = 400_000  # maximum number of positions in these frames
 
 
 @dataclass(frozen=True)
@@ -398,13 +398,12 @@ class Moment:
     trail_time: FloatArray
 
 
-_READ = 256  # frames that are read together,
-_READ_POSITIONS = 25_600  # and positions in them, for large teams
+_READ = 256  # maximum number of frames read together
+_READ_POSITIONS = 25_600  # maximum number of positions in these frames
 
-# Pieces of a trail: the least for one vehicle whatever the budget of all of them together, and the most in a trail
-# that is not long.
+# Pieces of a trail: the minimum per vehicle, whatever the budget of all vehicles, and the maximum in a short trail.
 TRAIL_PIECES = (4, 48)
-PIECES_PER_SECOND = 8  # in a long one
+PIECES_PER_SECOND = 8  # in a long trail
 TRAIL_BUDGET = 2000
 
 
@@ -448,7 +447,7 @@ class Frames:
         if chunk != self._chunk:
             self._samples, self._chunk = self.chunk(chunk), chunk
             self._trail_times = self._joints(self._samples.time)
-            # Trails of consecutive frames have most of their joints in common.
+            # Trails of consecutive frames share most of their joints.
             times, self._trail_rows = np.unique(self._trail_times, return_inverse=True)
             self._trail_positions = self.extent.drawable(self.film.run.at(times)).positions
         time, positions, quaternions, q_star, error = (values[row] for values in vars(self._samples).values())
@@ -459,10 +458,10 @@ class Frames:
         """Return when the trails at these times have joints, from their ends to now. Shape (K, J), in s."""
         if not self._pieces:
             return times[:, None]
-        # Joints stand at multiples of one interval, so that a trail does not flicker over time.
+        # Joints are at multiples of one interval, so that a trail does not flicker over time.
         interval = self.trail / self._pieces
         oldest = np.maximum(times - self.trail, self.film.span[0])[:, None]
         multiples = np.floor(oldest / interval) + np.arange(self._pieces + 2)
         joints = np.clip(multiples * interval, oldest, times[:, None])
-        joints[:, -1] = times  # where rounding leaves it a little before
+        joints[:, -1] = times  # rounding may put it slightly before
         return joints

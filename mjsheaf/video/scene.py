@@ -23,24 +23,24 @@ from mjsheaf.video.gl import open_context
 
 Float32Array = npt.NDArray[np.float32]
 
-COMMUNICATION: Float32Array = np.array([0.93, 0.96, 1.0, 0.4], np.float32)  # RGBA in 0..1, as MuJoCo's geoms have it
+COMMUNICATION: Float32Array = np.array([0.93, 0.96, 1.0, 0.4], np.float32)  # RGBA in 0..1, like MuJoCo's geoms
 SENSING: Float32Array = np.array([1.0, 0.86, 0.25, 0.9], np.float32)
 
 ABSENT: Float32Array = np.array([0.6, 0.6, 0.6, 1.0], np.float32)
 
-DASHES = (2, 40)  # on one sensing edge: the least whatever the budget for all together, and the most
+DASHES = (2, 40)  # minimum and maximum number of dashes on a sensing edge
 DASH_BUDGET = 800
-FEW_DASHED = 60  # sensing edges; more are fainter, not to hide all else
+FEW_DASHED = 60  # number of sensing edges above which they are drawn fainter
 
-ARROW_REACH = 9  # arrows from the middle of the picture to where they fade
+ARROW_REACH = 9  # number of arrows from the centre of the picture to where they fade
 
 # Sizes in pixels of a 1000x720 frame, at the team's centre.
 ARROW_SPACING = 75.0
-LONGEST_ARROW = 0.95  # of the spacing,
-SLOWEST_ARROW = 0.03  # and the slowest flow with an arrow, as fractions of the scale's end
+LONGEST_ARROW = 0.95  # maximum length of an arrow, as a fraction of the spacing
+SLOWEST_ARROW = 0.03  # slowest flow with an arrow, as a fraction of the scale's end
 DASH = 10.0  # length of a dash and of the gap after it
 MARKER = 10.5  # radius of the ball at q*
-SMALL_TEAM = 50  # agents; in a larger team the balls are smaller, not to cover each other
+SMALL_TEAM = 50  # number of agents above which balls shrink, so that they do not cover each other
 FOOT = 2.5  # radius of the ball at the foot of a vertical line
 STEM = 17.0  # minimum length of a vertical line
 
@@ -115,7 +115,7 @@ class Decorator:
         """
         medium = self._film.media[number]
         steps = self._spacing * np.arange(-ARROW_REACH, ARROW_REACH + 1)
-        # Two grids are shifted against each other.
+        # The grids of two media are offset against each other.
         x, y = (self._spacing * (round(at / self._spacing) + 0.5 * number) + steps for at in view.lookat[:2])
         height = self._film.surface_height if medium.level else float(np.median(moment.positions[medium.vehicles, 2]))
         places = np.stack([*np.meshgrid(x, y), np.full((len(x), len(y)), height)], axis=-1).reshape(-1, 3)
@@ -191,13 +191,13 @@ class Decorator:
 
 
 def round_length(length: float) -> float:
-    """The largest of 1, 2 and 5 times a power of 10 that is no longer, m."""
+    """Round a length down to 1, 2 or 5 times a power of 10, m."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9)))
 
 
 def owners_of_geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:
-    """The vehicle that each geom of a model belongs to, -1 for none; root bodies of the vehicles are given."""
+    """Return the vehicle of each geom of a model, -1 for none, from the root bodies of the vehicles."""
     vehicle = np.full(model.nbody, -1)
     vehicle[body_id] = np.arange(len(body_id))
     return np.asarray(vehicle[model.body_rootid[model.geom_bodyid]])
@@ -214,7 +214,7 @@ def _add_ball(scene: mujoco.MjvScene, centre: FloatArray, radius: float, rgba: F
     geom = scene.geoms[scene.ngeom]
     sphere, level = mujoco.mjtGeom.mjGEOM_SPHERE.value, np.eye(3).ravel()
     mujoco.mjv_initGeom(geom, sphere, np.full(3, radius), centre, level, rgba)
-    geom.emission = 0.6  # to keep its group's colour in the shade
+    geom.emission = 0.6  # keeps its group's colour in the shade
     scene.ngeom += 1
 
 
@@ -223,7 +223,7 @@ def draw_lines(batches: Sequence[Lines]) -> None:
 
     MuJoCo leaves its camera's matrices and its depth test in place; everything that is changed is put back.
     """
-    # PyOpenGL binds its library when first imported, which must be after the context was made: see gl.
+    # PyOpenGL loads its library at its first import, which must happen after the context exists: see gl.
     from OpenGL import GL
     from OpenGL.raw.GL.VERSION import GL_1_1 as RAW  # the plain functions keep no reference to arrays
 
@@ -291,7 +291,7 @@ class Renderer:
             held.callback(self._context.free)
             try:
                 self._mjr = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50.value)
-            except Exception as error:  # what MuJoCo and the drivers raise has no class of its own
+            except Exception as error:  # MuJoCo and the drivers raise many kinds of exceptions
                 raise MjsheafError(f"{backend} cannot draw {width}x{height} pixels: {error}") from error
             held.callback(self._mjr.free)
             held.callback(self._context.make_current)  # the first to be called
@@ -344,7 +344,7 @@ def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: FloatArra
     """
     of_body = np.ones(model.nbody)
     of_body[body_id] = scales
-    of_body = of_body[model.body_rootid]  # of a body of no vehicle: 1
+    of_body = of_body[model.body_rootid]  # 1 for bodies that belong to no vehicle
     if (of_body == 1.0).all():
         return
     parts = np.flatnonzero(np.isin(model.body_rootid, body_id) & ~np.isin(np.arange(model.nbody), body_id))
@@ -357,7 +357,7 @@ def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: FloatArra
     model.geom_rbound *= of_geom
     model.site_pos *= of_site[:, None]
     model.site_size *= of_site[:, None]
-    # A mesh's size is in its vertices; one that several have is scaled as its first vehicle is.
+    # A mesh's size is in its vertices. A mesh that vehicles share gets the scale of the first one.
     meshes = np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_MESH.value) & (of_geom != 1.0))
     own, first = np.unique(model.geom_dataid[meshes], return_index=True)
     for mesh, geom in zip(own, meshes[first], strict=True):
@@ -380,9 +380,9 @@ def _geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:
     return np.flatnonzero(np.isin(model.body_rootid[model.geom_bodyid], body_id))
 
 
-NEAR, FAR = 0.02, 40.0  # nearest and farthest drawn, as parts of the camera's shortest and longest distance
-FEWEST_SLICES = 12  # sides of a round thing
-FLATNESS = 0.6  # how far a side may be from the circle, in pixels
+NEAR, FAR = 0.02, 40.0  # clipping planes, as multiples of the camera's shortest and longest distance
+FEWEST_SLICES = 12  # minimum number of sides of round geoms
+FLATNESS = 0.6  # maximum distance of a side from the circle, pixels
 
 
 def set_detail(model: mujoco.MjModel, camera: CameraPath, radius: float, height: int) -> None:
@@ -394,11 +394,11 @@ def set_detail(model: mujoco.MjModel, camera: CameraPath, radius: float, height:
         radius: Radius of the largest vehicle, m.
         height: Height of the frames, pixels.
     """
-    # MuJoCo's own range comes from the model's first pose, not from this run; both are in units of the model's extent.
+    # MuJoCo's default range follows from the model's first pose, not from this run. The unit is the model's extent.
     model.vis.map.znear = NEAR * float(camera.distance.min()) / model.stat.extent
     model.vis.map.zfar = FAR * float(camera.distance.max()) / model.stat.extent
-    # Round things get no more sides than can be seen: vehicles of small round parts cost half of a frame. The largest
-    # round part is taken to be a third of its vehicle. n sides miss a circle of radius r by r (1 - cos(pi / n)).
+    # Round geoms get only as many sides as are visible, because small round parts can take half the time of a frame.
+    # The largest one is assumed to be a third of its vehicle. n sides miss a circle of radius r by r (1 - cos(pi / n)).
     nearest = camera.view(int(camera.distance.argmin()))
     part = max(radius / nearest.metres_per_pixel(height) / 3, 2 * FLATNESS)
     slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), FEWEST_SLICES)
