@@ -12,6 +12,7 @@ Modules:
 - verdict: Contents of compare.json, and the verdict in sentences.
 - compare: The whole comparison.
 - report: The page and the directory.
+- summary: The answer on one screen.
 - figures: Plots of the comparison.
 - overlay: Finished runs compared with the first of them.
 """

@@ -8,10 +8,10 @@ from mjsheaf.comparing.verdict import CompareRecord, PhaseRecord
 from mjsheaf.errors import shortened
 
 MAX_LINES = 14
-"""Largest number of lines of the answer. With six lines on the files, `compare` prints at most twenty."""
+"""Maximum number of lines of the answer. With six lines on the files, `compare` prints at most twenty."""
 
 WIDTH = 100
-"""Largest width of a line."""
+"""Maximum width of a line, characters."""
 
 _LABEL = 17
 _MAX_PHASES = 4
@@ -19,7 +19,7 @@ _MAX_EVENTS = 36  # characters
 
 
 def summary(record: CompareRecord) -> list[str]:
-    """Return the answer as lines of text: as many sentences of the verdict as fit, the most telling first."""
+    """Return the answer as lines of text, with the sentences of the verdict that fit, the most important first."""
     title = f"{record.scenario}: ideal kinematics against bodies, {record.law_in_words}, {record.time_s:.6g} s"
     lines = [*wrap(title, WIDTH)[:2], *_errors(record), *_phases(record.phases)]
     shown = 0
