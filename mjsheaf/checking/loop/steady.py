@@ -121,7 +121,7 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
         raise UndecidedError("the run has too many samples")
     last = len(path.samples) - 1
     counted = max(1, last - last // 2)
-    settling = last if not rate else int(_SETTLING / (rate * period)) + 1
+    settling = int(_SETTLING / (rate * period)) + 1 if rate and rate > 0.0 else last
     first = max(0, last - counted - settling)
     q_star = Carrier(system, certificate.spectrum).extend(path.samples[first:])
     if q_star.size > _MAX_NUMBERS:
