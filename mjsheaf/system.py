@@ -10,10 +10,12 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control import ControlArrays, LawArrays, edges_of
 from mjsheaf.control.law import new_control
+from mjsheaf.control.safety import SafetyArrays
+from mjsheaf.control.separation import Crew, Safety, pack_safety
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
-from mjsheaf.dynamics.motion import MotionArrays
+from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.media import FlowField, disturbance
 from mjsheaf.media.bounded import Bounds
@@ -119,6 +121,7 @@ class System:
         stopped: True for each vehicle whose thrusters have stopped, shape (V,); None if all of them run.
         waiting: Station of the vehicles that hold their position until they join; None if there are none.
         seed: Seed of gusts and waves.
+        safety: What keeps vehicles apart; None if nothing does.
     """
 
     name: str
@@ -138,6 +141,7 @@ class System:
     stopped: BoolArray | None = None
     waiting: Station | None = None
     seed: int = 0
+    safety: Safety | None = None
 
     def described_vehicle(self, name: str) -> Vehicle:
         """A vehicle as its files describe it; they are compiled once for a system and all copies of it.
@@ -222,17 +226,93 @@ class System:
     @cached_property
     def control(self) -> ControlArrays:
         """The law and the references for compiled code."""
-        return new_control(self.law, self.motion)
+        return new_control(self._with_safety(self.law, np.zeros(len(self.planar))), self.motion)
 
     @cached_property
     def control_of_bodies(self) -> ControlArrays:
-        """The same on bodies: feedforward looks ahead by their time constants too."""
-        terms = self.law.terms
-        if not terms.lead.any():
+        """The same on bodies: feedforward looks ahead by their time constants too, and vehicles keep further apart."""
+        law, terms = self.law, self.law.terms
+        if not (terms.lead.any() or self.safety):
             return self.control
-        tau = np.array([vehicle.reduced_model().tau[0] for vehicle in self.vehicles[: terms.agents]])
-        law = self.law._replace(terms=terms._replace(lead=terms.lead * (1.0 + tau / terms.period)))
-        return new_control(law, self.motion)
+        if terms.lead.any():
+            tau = np.array([vehicle.reduced_model().tau[0] for vehicle in self.vehicles[: terms.agents]])
+            law = law._replace(terms=terms._replace(lead=terms.lead * (1.0 + tau / terms.period)))
+        return new_control(self._with_safety(law, self.safety_margins) if self.safety else law, self.motion)
+
+    def _with_safety(self, law: LawArrays, margins: Array) -> LawArrays:
+        """Return a law that keeps vehicles apart as the scenario demands, by margins (V,) in m more."""
+        return law if self.safety is None else law._replace(safety=self.separation(margins))
+
+    def separation(self, margins: Array) -> SafetyArrays:
+        """Return what keeps vehicles apart for compiled code, with margins (V,) in m in addition to the distance.
+
+        Raises:
+            InputError: See `mjsheaf.control.separation.pack_safety`.
+        """
+        assert self.safety is not None
+        N, planar, grid = len(self.team.agents), self.planar, self.grid
+        yields = np.arange(len(planar)) < N
+        yields[:N] &= self.team.present
+        carried = np.array([self.flows[k].table[0, 2:5] for k in self.field]).reshape(-1, 3)
+        carried[planar, 2] = 0.0
+        kernels = np.array([self.flows[k].kernel_speed for k in self.field])
+        unsteady = np.nan_to_num(kernels + self.largest_disturbance, posinf=0.0)
+        about = np.linalg.norm(carried, axis=1) + unsteady
+        speed = self._target_speeds(about)
+        if self.waiting is not None:
+            speed[self.waiting.holds] = about[self.waiting.holds]
+        crew = Crew(
+            ids=self.team.agent_ids,
+            planar=planar,
+            height=self.bodies.surface_height,
+            limit=self.law.limit,
+            yields=yields,
+            radius=self.vehicle_radii if self.safety.distance == "size" else np.zeros(len(planar)),
+            margin=margins,
+            speed=speed,
+            carried=carried,
+            unsteady=unsteady,
+            period=self._hold,
+            start=grid.start,
+            end=grid.start + grid.steps * grid.period,
+        )
+        return pack_safety(self.safety, crew)
+
+    def _target_speeds(self, about: Array) -> Array:
+        """Bound the speed of targets relative to the medium, which moves at most at `about` (V,), shape (V,), m/s.
+
+        With a pull to its reference, a target is at most |p - r| <= |p_0 - r_0| + sup |w| / pull away from it. Agents
+        have 0.
+        """
+        speed, _ = reference_bounds(self.motion)
+        pull = self.motion.pull
+        starts = np.array([position_at(self.motion, v, self.grid.start) for v in range(len(pull))]).reshape(-1, 3)
+        behind = np.linalg.norm(starts - self.initial, axis=1)
+        return np.asarray(speed + np.where(pull > 0.0, pull * behind + about, 0.0))
+
+    @cached_property
+    def vehicle_radii(self) -> Array:
+        """Radius about its origin that holds what is seen of each vehicle, shape (V,), m."""
+        from mjsheaf.simulation.arena import compose  # imports MuJoCo
+        from mjsheaf.video.sizes import vehicle_radii
+
+        kinds = {id(vehicle): vehicle for vehicle in self.vehicles}
+        arena = compose(list(kinds.values()), [f"kind{k}" for k in range(len(kinds))])
+        radius = dict(zip(kinds, vehicle_radii(arena.model, arena.body), strict=True))
+        return np.array([radius[id(vehicle)] for vehicle in self.vehicles])
+
+    @cached_property
+    def safety_margins(self) -> Array:
+        """What bodies need beyond the distance to keep, shape (V,), m.
+
+        A vehicle whose velocity follows its command with time constant tau goes on for tau v once it is told to stop,
+        after a period at most; its origin is a hand's length behind the point that the law moves.
+        """
+        top = np.where(np.isfinite(self.law.limit), self.law.limit, 0.0)
+        top = np.maximum(top, reference_bounds(self.motion)[0])
+        tau = np.array([vehicle.reduced_model().tau.max() for vehicle in self.vehicles])
+        hand = np.array([vehicle.steering.hand for vehicle in self.vehicles])
+        return np.asarray(top * (tau + self._hold) + hand)
 
     @cached_property
     def station(self) -> Station:
@@ -279,6 +359,16 @@ class System:
         exposed = Exposure(met, ids, self.initial, wind, level, grid.start, end, grid.period, self.seed)
         with in_field("flow"):
             return pack_parts(self.flows, self.flow_names, self.field, self.planar, exposed)
+
+    def require_fitting(self) -> None:
+        """Require that what moves in the medium, and what keeps vehicles apart, fit the run.
+
+        Raises:
+            InputError: They do not; the message begins with the field.
+        """
+        _ = self.moving
+        if self.safety is not None:
+            _ = self.control
 
     @cached_property
     def medium(self) -> MediumArrays:

@@ -12,6 +12,7 @@ and desired value b,
     custom      terms that users registered (see `mjsheaf.control.custom`)
     residual    velocities from outside, such as the action of an environment
     reference   targets' own motion
+    safety      what keeps vehicles apart (see `mjsheaf.control.safety`)
     limit       largest commanded speed
 
 An edge moves those of its ends that listen: both of a communication edge, the agent of a sensing edge or an anchor,
@@ -38,6 +39,7 @@ from mjsheaf.control.links import (
     size_of_link_memory,
     split_link_memory,
 )
+from mjsheaf.control.safety import SafetyMemory, is_restrained, keep_apart, new_safety_memory
 from mjsheaf.control.terms import (
     TermArrays,
     TermMemory,
@@ -94,6 +96,7 @@ class LawArrays(NamedTuple):
         terms: what is added to -gain eta.
         links: what happens to measurements.
         custom: terms that users registered, of the types that `mjsheaf.control.custom` makes.
+        safety: SafetyArrays of what keeps vehicles apart; () where nothing does.
     """
 
     edges: EdgeArrays
@@ -103,6 +106,7 @@ class LawArrays(NamedTuple):
     terms: TermArrays
     links: LinkArrays
     custom: tuple[Any, ...] = ()
+    safety: Any = ()
 
     @property
     def term_names(self) -> tuple[str, ...]:
@@ -134,11 +138,13 @@ class Stages(NamedTuple):
         terms: Shipped terms beyond -k1 eta.
         links: Links over which measurements are made.
         rounds: Links over which agents exchange numbers.
+        safety: What keeps vehicles apart.
     """
 
     terms: tuple[int, ...]
     links: tuple[int, ...]
     rounds: tuple[int, ...]
+    safety: tuple[int, ...]
 
 
 class ControlArrays(NamedTuple):
@@ -157,7 +163,7 @@ class ControlArrays(NamedTuple):
 
 def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
     """Make the parameters of the onboard computers."""
-    present = law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect
+    present = law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect, len(law.safety) > 0
     return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
 
 
@@ -175,6 +181,7 @@ class Memory(NamedTuple):
         links: what the links hold.
         custom: what registered terms hold of each vehicle, shape (V, k).
         compared: What range and bearing edges make of y, shape (m,); y itself where all edges compare positions.
+        safety: What keeps vehicles apart found at the last sample; no part of the state.
     """
 
     flat: Array
@@ -186,6 +193,7 @@ class Memory(NamedTuple):
     links: LinkMemory
     custom: Array
     compared: Array
+    safety: SafetyMemory
 
 
 def new_memory(law: LawArrays, V: int) -> Memory:
@@ -208,6 +216,7 @@ def new_memory(law: LawArrays, V: int) -> Memory:
         of_links,
         custom,
         compared if law.edges.kinds else y,
+        new_safety_memory(law.safety, V),
     )
 
 
@@ -348,7 +357,9 @@ def evaluate_law(control, t, x, drift, memory):
     add_supplied(law, memory.supplied, memory.command)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
-        clipped = limit_speed(law.limit[v], memory.command[v])
+    keep_apart(stages.safety, law, t, x, memory)
+    for v in range(x.shape[0]):
+        clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(stages.safety, memory.safety, v)
         if not clipped:
             integrate(stages.terms, law.terms, v, memory.residual[v], memory.terms)
     remember(stages.terms, law.terms, t, x, memory.y, memory.terms)

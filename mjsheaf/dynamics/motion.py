@@ -44,7 +44,7 @@ class MotionArrays(NamedTuple):
 @inline_jit
 def add_reference(motion, v, t, x, command):
     """Add v(t) + pull (r(t) - x) of vehicle v to command (3,)."""
-    pull, first, pieces = motion.pull[v], motion.path[v, 0], motion.path[v, 1]
+    pull, pieces = motion.pull[v], motion.path[v, 1]
     for i in range(3):
         amplitude, rate = motion.amplitude[v, i], motion.rate[v, i]
         if amplitude != 0.0:  # agents have none
@@ -53,25 +53,55 @@ def add_reference(motion, v, t, x, command):
             position = motion.origin[v, i] + amplitude * np.sin(rate * t + motion.phase[v, i])
             command[i] += pull * (position - x[i])
     if pieces > 0:
-        s = t
-        if motion.period[v] > 0.0:
-            s = motion.knots[first] + (t - motion.knots[first]) % motion.period[v]
-        last = motion.knots[first + pieces]
-        s = min(max(s, motion.knots[first]), last)
-        k, beyond = first, first + pieces
-        while beyond - k > 1:  # knots[k] <= s, and s < knots[beyond] unless that is the last
-            middle = (k + beyond) // 2
-            if s >= motion.knots[middle]:
-                k = middle
-            else:
-                beyond = middle
-        h = s - motion.knots[k]
+        k, h = piece_at(motion, v, t)
         for i in range(3):
             position, velocity = 0.0, 0.0
             for j in range(_ORDER):  # Horner's scheme for the value and its derivative
                 velocity = velocity * h + position
                 position = position * h + motion.coefficients[k, j, i]
             command[i] += velocity + pull * (position - x[i])
+
+
+@inline_jit
+def piece_at(motion, v, t):
+    """Return the piece of the path of v at time t, s, and how long it has lasted then, s."""
+    first, pieces = motion.path[v, 0], motion.path[v, 1]
+    s = t
+    if motion.period[v] > 0.0:
+        s = motion.knots[first] + (t - motion.knots[first]) % motion.period[v]
+    last = motion.knots[first + pieces]
+    s = min(max(s, motion.knots[first]), last)
+    k, beyond = first, first + pieces
+    while beyond - k > 1:  # knots[k] <= s, and s < knots[beyond] unless that is the last
+        middle = (k + beyond) // 2
+        if s >= motion.knots[middle]:
+            k = middle
+        else:
+            beyond = middle
+    return k, s - motion.knots[k]
+
+
+@inline_jit
+def position_at(motion, v, t):
+    """Return where the reference of v is at time t, s, as three numbers, m."""
+    if motion.path[v, 1] > 0:
+        k, h = piece_at(motion, v, t)
+        x, y, z = 0.0, 0.0, 0.0
+        for j in range(_ORDER):
+            x = x * h + motion.coefficients[k, j, 0]
+            y = y * h + motion.coefficients[k, j, 1]
+            z = z * h + motion.coefficients[k, j, 2]
+        return x, y, z
+    return _swing(motion, v, 0, t), _swing(motion, v, 1, t), _swing(motion, v, 2, t)
+
+
+@inline_jit
+def _swing(motion, v, i, t):
+    """Return coordinate i of the Lissajous part of v at time t, s, m."""
+    position = motion.origin[v, i]
+    if motion.amplitude[v, i] != 0.0:
+        position += motion.amplitude[v, i] * np.sin(motion.rate[v, i] * t + motion.phase[v, i])
+    return position
 
 
 class Lissajous(Section):

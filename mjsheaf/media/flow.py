@@ -236,6 +236,27 @@ class FlowField(Section):
         # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
         return np.array([drift, *(row for row in rows if row[_STRENGTH] != 0.0)])
 
+    @cached_property
+    def kernel_speed(self) -> float:
+        """Bound on the speed of its kernels without the drift, anywhere, m/s; infinite with a pole without a core.
+
+        A pole g r / s^p with s = r^2 + c^2 is largest at r = c, where it is g / (2 c) (p = 1), or at r = c / 2^(1/2),
+        where it is 2 g / (3^(3/2) c^2) (p = 3/2, a source in space). A channel is at most |beta|.
+        """
+        total = 0.0
+        for row in self.table[1:]:
+            core = math.sqrt(row[9])
+            if row[0] == CHANNEL:
+                total += abs(row[_STRENGTH])
+            elif core == 0.0:
+                return math.inf
+            elif row[0] == SOURCE and row[1]:
+                total += abs(row[_STRENGTH]) * 2.0 / (3.0**1.5 * core * core)
+            else:
+                axis = 1.0 if row[0] == SOURCE else math.sqrt(row[5] ** 2 + row[6] ** 2 + row[7] ** 2)
+                total += abs(row[_STRENGTH]) * axis / (2.0 * core)
+        return total
+
     @property
     def is_still(self) -> bool:
         """True if the steady velocity is zero everywhere."""

@@ -24,6 +24,7 @@ _CHANGING = re.compile(
     r"controller\..+"
     r"|flow\.(agents|targets|air|water)(\..+)?"
     r"|links\.(all|communication|sensing)\.(noise|bias|loss|range|hold)(\..+)?"
+    r"|safety\.(distance|range|rate|authority|tie_break)"
 )
 _ROUNDING = 1e-6  # largest distance between a time and its sample, periods
 _Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
@@ -196,9 +197,11 @@ class Change(Event):
                 if path in _FIXED or not _CHANGING.fullmatch(path):
                     raise InputError(
                         "cannot change during a run; expected a field of controller but for its periods, a field of "
-                        "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
-                        "links.all, links.communication or links.sensing"
+                        "flow.agents, flow.targets, flow.air or flow.water, noise, bias, loss, range or hold of "
+                        "links.all, links.communication or links.sensing, or a field of safety but for its obstacles"
                     )
+                if path.startswith("safety.") and "safety" not in state.sections:
+                    raise InputError("the scenario has no section safety; expected one from the start of the run")
         before = set(_files_in(state.sections["controller"]))
         data = set(_data_in(state.sections["flow"]))
         for name, section in state.sections.items():
@@ -310,7 +313,7 @@ def phases_of_events(
     Args:
         events: Events in any order; those at one time happen in the order given.
         whole: The system with all agents and targets present.
-        sections: Controller, links and flow at the start, by name.
+        sections: Controller, links, flow and, if there is one, safety at the start, by name.
         adapt: makes the system of another team, and of other sections.
         drifting: Ids of agents that drift with the medium until they join.
 

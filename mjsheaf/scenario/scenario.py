@@ -18,6 +18,7 @@ from mjsheaf.control.custom import CustomTerm, pack_custom
 from mjsheaf.control.law import LawArrays, pack_law
 from mjsheaf.control.links import pack_links
 from mjsheaf.control.rounds import pack_rounds
+from mjsheaf.control.separation import Safety
 from mjsheaf.control.terms import (
     Drift,
     Feedforward,
@@ -417,6 +418,9 @@ class Scenario(Section):
         default_factory=list, description="what happens during the run: losses, joins, cuts, changed fields"
     )
     flow: Flow = Field(Flow(), description="velocity of the medium; at rest unless given")
+    safety: Safety | None = Field(
+        None, description="keeps agents apart from one another, from targets and from obstacles; nothing unless given"
+    )
     disturbance: Disturbances = Field(Disturbances(), description="bounded random velocities, in addition to the flow")
     spread: Spread = Field(Spread(), description="random initial conditions; none unless given")
     vehicles: Vehicles = Field(Vehicles(), description="bodies of the physics backend")
@@ -488,6 +492,7 @@ class Scenario(Section):
             InputError: an event cannot happen, or as for `whole`; the message begins with the field.
         """
         sections = {"controller": self.controller, "links": self.links, "flow": self.flow}
+        sections |= {"safety": self.safety} if self.safety else {}
         drifting = [agent.id for agent in self.agents if agent.drift]
         return phases_of_events(self.events, self.whole, sections, self._adapted, drifting)
 
@@ -502,8 +507,9 @@ class Scenario(Section):
         law = cast(Controller, sections["controller"])
         packed = self._pack_law(team, law, cast(Links, sections["links"]), whole.bodies.heading)
         flow = cast(Flow, sections["flow"])
-        system = replace(whole, team=team, gain=law.gain, law=packed, **flow.parts(self.team))
-        _ = system.moving  # which may not fit
+        safety = cast(Safety | None, sections.get("safety"))
+        system = replace(whole, team=team, gain=law.gain, law=packed, safety=safety, **flow.parts(self.team))
+        system.require_fitting()
         return system
 
     @cached_property
@@ -536,6 +542,7 @@ class Scenario(Section):
             effectiveness=g,
             **self.flow.parts(team),
             seed=self.seed,
+            safety=self.safety,
             tolerance=(self.ideal.rtol, self.ideal.atol),
             bodies=PhysicsOptions(
                 vehicle=self.vehicles.names(agents, targets),
@@ -548,7 +555,7 @@ class Scenario(Section):
                 surface_height=self.scene.height,
             ),
         )
-        _ = system.moving  # which may not fit
+        system.require_fitting()
         return system
 
     def _pack_law(self, team: Team, law: Controller, links: Links, heading: Array) -> LawArrays:

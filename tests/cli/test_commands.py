@@ -253,10 +253,10 @@ def test_table_fits_a_narrow_terminal(
     monkeypatch.setenv("COLUMNS", "80")
     assert call("run", "paper", *QUICK, "--set", "time.end=0.1", "--out", tmp_path / "out") == 0
     printed = capsys.readouterr().out
-    printed = printed[printed.index("paper on ideal") :].splitlines()
+    lines = printed[printed.index("paper on ideal") :].splitlines()
     groups = load_scenario("paper").formations
-    last = next(k for k, line in enumerate(printed) if line.startswith(groups[-1].name))
-    table = printed[: last + 1]
+    last = next(k for k, line in enumerate(lines) if line.startswith(groups[-1].name))
+    table = lines[: last + 1]
     assert {"paper", "ideal", "m", "0.1"} <= set(re.findall(r"[\w.]+", table[0]))
     assert max(map(len, table)) <= 80
     headings = next(k for k, line in enumerate(table) if line.startswith("team")) - 1

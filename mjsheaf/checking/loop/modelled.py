@@ -19,7 +19,7 @@ from mjsheaf.control.terms import no_terms
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.system import System
 
-_LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links", "custom"))
+_LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links", "custom", "safety"))
 _EDGES = frozenset(("tail", "head", "listens", "first", "F_tail", "F_head", "P_tail", "P_head", "b", "kinds"))
 _TERMS = frozenset((
     "agents", "dimension", "period", "sensing", "eigenvalues", "feedforward", "newton", "measured", "drift",
@@ -57,6 +57,8 @@ def unmodelled_parts(system: System) -> list[str]:
         parts.append("range and bearing edges, unless linearised")
     if law.supplied:
         parts.append("law in Python")
+    if system.safety is not None:
+        parts.append("filter that keeps vehicles apart")
     if (law.gain[:N] != system.gain).any():
         parts.append("gains that differ between agents")
     return parts + _terms_without_model(system)

@@ -1,0 +1,150 @@
+"""The velocity nearest to a wanted one under linear inequalities and a speed limit, in R^3, for compiled code.
+
+    minimise |u - w|^2  subject to  a_k . u >= c_k for every k, and |u| <= limit
+
+Constraints are added one at a time. If the nearest velocity under the first ones satisfies the next, it stays; if not,
+the next one is active at the new minimum, because the objective is strictly convex, and what is left is the same
+problem in the plane of that constraint, then on a line, then at a point (Seidel, Discrete Comput. Geom. 6, 1991). So
+active sets are found exactly, three constraints at most.
+
+With a limit: by the multiplier m >= 0 of |u|^2 <= limit^2, the minimum is the nearest velocity without a limit to s w,
+s = 1 / (1 + m) in (0, 1], and |u| does not decrease with s. It is found by bisection. Where c_k <= 0 for all k, zero is
+allowed, and the caller may scale u down instead: the set of allowed velocities is convex.
+
+If no velocity satisfies all constraints, c_k - t takes the place of c_k for the smallest t that leaves one: t is the
+least largest violation.
+"""
+
+import numpy as np
+
+from mjsheaf.jit import inline_jit, jit
+
+_ROUNDING = 1e-13  # m/s, for velocities and bounds of about 1: a constraint is violated beyond it
+_PARALLEL = 1e-20  # square of the sine of the angle between two planes, below which they do not meet
+_BISECTIONS = 60
+
+
+@inline_jit
+def _lacks(rows, k, shift, x, y, z):
+    """Return by how much constraint k falls short at a velocity, m/s, less rounding; positive where it is violated."""
+    short = rows[k, 3] - shift - (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z)
+    return short - _ROUNDING * (1.0 + abs(rows[k, 3]) + abs(x) + abs(y) + abs(z))
+
+
+@jit
+def _on_line(rows, k, j, shift, wx, wy, wz):
+    """Return the velocity nearest to w with constraints k and j active under those before j; False if there is none."""
+    ax, ay, az = rows[k, 0], rows[k, 1], rows[k, 2]
+    bx, by, bz = rows[j, 0], rows[j, 1], rows[j, 2]
+    lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+    across = lx * lx + ly * ly + lz * lz
+    if across <= _PARALLEL * aa * bb:
+        return False, wx, wy, wz
+    short_a = rows[k, 3] - shift - (ax * wx + ay * wy + az * wz)
+    short_b = rows[j, 3] - shift - (bx * wx + by * wy + bz * wz)
+    alpha = (bb * short_a - ab * short_b) / across
+    beta = (aa * short_b - ab * short_a) / across
+    x, y, z = wx + alpha * ax + beta * bx, wy + alpha * ay + beta * by, wz + alpha * az + beta * bz
+    for i in range(j):
+        if _lacks(rows, i, shift, x, y, z) <= 0.0:
+            continue
+        ix, iy, iz = rows[i, 0], rows[i, 1], rows[i, 2]
+        along = ix * lx + iy * ly + iz * lz
+        if along * along <= _PARALLEL * across * (ix * ix + iy * iy + iz * iz):
+            return False, x, y, z
+        step = (rows[i, 3] - shift - (ix * x + iy * y + iz * z)) / along
+        x, y, z = x + step * lx, y + step * ly, z + step * lz
+        for earlier in range(i):
+            if _lacks(rows, earlier, shift, x, y, z) > 0.0:
+                return False, x, y, z
+    return True, x, y, z
+
+
+@jit
+def _in_plane(rows, k, shift, wx, wy, wz):
+    """Return the velocity nearest to w with constraint k active under those before it; False if there is none."""
+    ax, ay, az = rows[k, 0], rows[k, 1], rows[k, 2]
+    square = ax * ax + ay * ay + az * az
+    if square == 0.0:
+        return False, wx, wy, wz
+    step = (rows[k, 3] - shift - (ax * wx + ay * wy + az * wz)) / square
+    x, y, z = wx + step * ax, wy + step * ay, wz + step * az
+    for j in range(k):
+        if _lacks(rows, j, shift, x, y, z) > 0.0:
+            found, x, y, z = _on_line(rows, k, j, shift, wx, wy, wz)
+            if not found:
+                return False, x, y, z
+    return True, x, y, z
+
+
+@jit
+def nearest(rows, count, shift, wx, wy, wz):
+    """Return the velocity nearest to w under constraints, without a limit.
+
+    Args:
+        rows: a_k and c_k of each constraint, shape (>= count, >= 4), c_k in m/s.
+        count: Number of constraints.
+        shift: What is taken off every c_k, m/s.
+        wx, wy, wz: The velocity w, m/s.
+
+    Returns:
+        True if there is one, and its components, m/s.
+    """
+    x, y, z = wx, wy, wz
+    for k in range(count):
+        if _lacks(rows, k, shift, x, y, z) > 0.0:
+            found, x, y, z = _in_plane(rows, k, shift, wx, wy, wz)
+            if not found:
+                return False, x, y, z
+    return True, x, y, z
+
+
+@jit
+def _is_feasible(rows, count, shift, limit):
+    """Return True if a velocity within the limit satisfies the constraints, each less `shift`."""
+    found, x, y, z = nearest(rows, count, shift, 0.0, 0.0, 0.0)
+    return found and x * x + y * y + z * z <= limit * limit * (1.0 + _ROUNDING)
+
+
+@jit
+def nearest_within(rows, count, limit, wx, wy, wz):
+    """Return the velocity nearest to w under constraints and, where some c_k > 0, the limit; and the violation.
+
+    Where no c_k is positive the velocity may exceed the limit: scaled down to it, it still satisfies the constraints.
+
+    Args:
+        rows, count, wx, wy, wz: As for `nearest`.
+        limit: Largest speed, m/s; may be infinite.
+
+    Returns:
+        Its components, and the least largest violation, m/s: 0 unless the constraints contradict one another.
+    """
+    found, x, y, z = nearest(rows, count, 0.0, wx, wy, wz)
+    largest = -np.inf
+    for k in range(count):
+        largest = max(largest, rows[k, 3])
+    if found and (largest <= 0.0 or x * x + y * y + z * z <= limit * limit):
+        return x, y, z, 0.0
+    violation = 0.0
+    if not _is_feasible(rows, count, 0.0, limit):
+        low, violation = 0.0, max(largest, 0.0)  # at which zero satisfies all
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + violation)
+            if _is_feasible(rows, count, middle, limit):
+                violation = middle
+            else:
+                low = middle
+    found, x, y, z = nearest(rows, count, violation, wx, wy, wz)
+    if found and x * x + y * y + z * z <= limit * limit:
+        return x, y, z, violation
+    low, high = 0.0, 1.0
+    for _ in range(_BISECTIONS):
+        share = 0.5 * (low + high)
+        found, x, y, z = nearest(rows, count, violation, share * wx, share * wy, share * wz)
+        if found and x * x + y * y + z * z <= limit * limit:
+            low = share
+        else:
+            high = share
+    found, x, y, z = nearest(rows, count, violation, low * wx, low * wy, low * wz)
+    return x, y, z, violation

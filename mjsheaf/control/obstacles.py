@@ -1,0 +1,121 @@
+"""Obstacles: convex bodies, at rest or in motion, and how far a point is from them, for compiled code.
+
+| kind       | set                                                       | size                             |
+|------------|-----------------------------------------------------------|----------------------------------|
+| sphere     | within `radius` of the centre                             | radius                           |
+| capsule    | within `radius` of a segment along its x axis             | half the length, radius          |
+| box        | |coordinates along its axes| <= half its sides            | half of each side                |
+| half_space | behind the plane through the centre, normal its x axis    |                                  |
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.dynamics.motion import MotionArrays, position_at
+from mjsheaf.jit import inline_jit, jit
+
+SPHERE, CAPSULE, BOX, HALF_SPACE = 0, 1, 2, 3
+"""Kinds of obstacles."""
+KINDS = ("sphere", "capsule", "box", "half_space")
+
+
+class ObstacleArrays(NamedTuple):
+    """K obstacles.
+
+    Attributes:
+        kind: Kind of each, shape (K,).
+        axes: Unit vectors of its axes, one row each, shape (K, 3, 3).
+        size: See above, shape (K, 3), m.
+        speed: Bound on the speed at which it moves, shape (K,), m/s.
+        motion: Where its centre is.
+    """
+
+    kind: IntArray
+    axes: Array
+    size: Array
+    speed: Array
+    motion: MotionArrays
+
+
+@inline_jit
+def _from_box(size, ax, ay, az):
+    """Return signed distance and outward normal, in the box's axes, of a point (ax, ay, az) from a box about 0."""
+    dx, dy, dz = abs(ax) - size[0], abs(ay) - size[1], abs(az) - size[2]
+    if dx <= 0.0 and dy <= 0.0 and dz <= 0.0:  # inside: the nearest face
+        if dx >= dy and dx >= dz:
+            return dx, np.copysign(1.0, ax), 0.0, 0.0
+        if dy >= dz:
+            return dy, 0.0, np.copysign(1.0, ay), 0.0
+        return dz, 0.0, 0.0, np.copysign(1.0, az)
+    px = np.copysign(max(dx, 0.0), ax)
+    py = np.copysign(max(dy, 0.0), ay)
+    pz = np.copysign(max(dz, 0.0), az)
+    away = np.sqrt(px * px + py * py + pz * pz)
+    return away, px / away, py / away, pz / away
+
+
+@inline_jit
+def _from_core(radius, x, y, z):
+    """Return signed distance and normal of a point (x, y, z) from a ball about 0; at 0 the normal is the x axis."""
+    away = np.sqrt(x * x + y * y + z * z)
+    if away == 0.0:
+        return -radius, 1.0, 0.0, 0.0
+    return away - radius, x / away, y / away, z / away
+
+
+@jit
+def distance_from(obstacles, k, t, x, y, z):
+    """Return how far a point is from obstacle k at time t, s, and the outward normal there.
+
+    Returns:
+        The signed distance to the surface in m, negative inside, and three numbers: the gradient of the distance, a
+        unit vector. The obstacle lies behind the plane through its nearest point across the gradient, as it is convex.
+    """
+    kind, size, axes = obstacles.kind[k], obstacles.size[k], obstacles.axes[k]
+    cx, cy, cz = position_at(obstacles.motion, k, t)
+    rx, ry, rz = x - cx, y - cy, z - cz
+    if kind == SPHERE:
+        return _from_core(size[0], rx, ry, rz)
+    ax = axes[0, 0] * rx + axes[0, 1] * ry + axes[0, 2] * rz
+    if kind == HALF_SPACE:
+        return ax, axes[0, 0], axes[0, 1], axes[0, 2]
+    if kind == CAPSULE:
+        along = min(max(ax, -size[0]), size[0])
+        return _from_core(size[1], rx - along * axes[0, 0], ry - along * axes[0, 1], rz - along * axes[0, 2])
+    ay = axes[1, 0] * rx + axes[1, 1] * ry + axes[1, 2] * rz
+    az = axes[2, 0] * rx + axes[2, 1] * ry + axes[2, 2] * rz
+    away, nx, ny, nz = _from_box(size, ax, ay, az)
+    return (
+        away,
+        nx * axes[0, 0] + ny * axes[1, 0] + nz * axes[2, 0],
+        nx * axes[0, 1] + ny * axes[1, 1] + nz * axes[2, 1],
+        nx * axes[0, 2] + ny * axes[1, 2] + nz * axes[2, 2],
+    )
+
+
+@jit
+def _distances(obstacles, times, points, out):
+    """Write the signed distance of points (T, P, 3) from every obstacle into out (T, P, K)."""
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            for k in range(out.shape[2]):
+                away, _, _, _ = distance_from(obstacles, k, times[i], points[i, p, 0], points[i, p, 1], points[i, p, 2])
+                out[i, p, k] = away
+
+
+def distances(obstacles: ObstacleArrays, times: Array, points: Array) -> Array:
+    """Compute signed distances to the surfaces of K obstacles.
+
+    Args:
+        obstacles: The obstacles.
+        times: Shape (T,), s.
+        points: Shape (T, P, 3), m.
+
+    Returns:
+        Shape (T, P, K), m; negative inside.
+    """
+    out = np.empty((*points.shape[:2], len(obstacles.kind)))
+    _distances(obstacles, np.asarray(times, dtype=np.float64), np.ascontiguousarray(points, dtype=np.float64), out)
+    return out

@@ -1,0 +1,315 @@
+"""The section `safety` of a scenario, and its arrays for compiled code: see `mjsheaf.control.safety`."""
+
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+
+from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.control.obstacles import KINDS, ObstacleArrays
+from mjsheaf.control.safety import SafetyArrays
+from mjsheaf.dynamics import motion as motions
+from mjsheaf.dynamics.motion import Motion
+from mjsheaf.errors import InputError, in_field
+from mjsheaf.io.section import Id, Number, Point, Positive, Section, tagged
+
+
+class Obstacle(Section):
+    """Base of all obstacles; subclasses must implement `place`, `axis` and `size`."""
+
+    id: Id | None = Field(None, description="name that results and pictures show; kind and number unless given")
+    motion: Motion | None = Field(None, description="motion of the centre, without turning; at rest unless given")
+
+    @property
+    def place(self) -> list[float]:
+        """Initial position of the centre, 2 or 3 coordinates, m."""
+        raise NotImplementedError
+
+    @property
+    def axis(self) -> Array:
+        """Direction of the x axis, shape (3,)."""
+        return np.array([1.0, 0.0, 0.0])
+
+    @property
+    def size(self) -> list[float]:
+        """Sizes as `mjsheaf.control.obstacles` has them, m."""
+        raise NotImplementedError
+
+
+class Sphere(Obstacle):
+    """A ball."""
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["sphere"] = Field("sphere", description="always sphere")
+    centre: Point = Field(description="its centre; of two numbers the third is scene.height [m]")
+    radius: Positive = Field(description="its radius [m]")
+
+    @property
+    def place(self) -> list[float]:
+        """The centre."""
+        return self.centre
+
+    @property
+    def size(self) -> list[float]:
+        """The radius."""
+        return [self.radius]
+
+
+class Capsule(Obstacle):
+    """All points within a radius of a segment."""
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["capsule"] = Field("capsule", description="always capsule")
+    ends: Annotated[list[Point], Field(min_length=2, max_length=2)] = Field(
+        description="the two ends of the segment; of two numbers the third is scene.height [m]"
+    )
+    radius: Positive = Field(description="its radius [m]")
+
+    @model_validator(mode="after")
+    def _is_long(self) -> "Capsule":
+        if len(self.ends[0]) != len(self.ends[1]) or self.ends[0] == self.ends[1]:
+            raise ValueError("ends: expected two different points of the same dimension")
+        return self
+
+    @property
+    def _span(self) -> Array:
+        return np.array([*np.subtract(self.ends[1], self.ends[0]), 0.0][:3])
+
+    @property
+    def place(self) -> list[float]:
+        """The middle of the segment."""
+        return [0.5 * (a + b) for a, b in zip(*self.ends, strict=True)]
+
+    @property
+    def axis(self) -> Array:
+        """From one end to the other."""
+        return np.asarray(self._span / np.linalg.norm(self._span, axis=0))
+
+    @property
+    def size(self) -> list[float]:
+        """Half the length of the segment, and the radius."""
+        return [0.5 * float(np.linalg.norm(self._span, axis=0)), self.radius]
+
+
+class Box(Obstacle):
+    """A box that stands upright."""
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["box"] = Field("box", description="always box")
+    centre: Point = Field(description="its centre; of two numbers the third is scene.height [m]")
+    sides: Annotated[list[Positive], Field(min_length=3, max_length=3)] = Field(
+        description="lengths of its sides along its x, y and z axes [m]"
+    )
+    heading: Number = Field(0.0, description="rotation about z [degrees]")
+
+    @property
+    def place(self) -> list[float]:
+        """The centre."""
+        return self.centre
+
+    @property
+    def axis(self) -> Array:
+        """Direction of the first side."""
+        angle = np.deg2rad(self.heading)
+        return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    @property
+    def size(self) -> list[float]:
+        """Half of each side."""
+        return [0.5 * side for side in self.sides]
+
+
+class HalfSpace(Obstacle):
+    """All that lies behind a plane, such as a wall or the ground."""
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["half_space"] = Field("half_space", description="always half_space")
+    point: Point = Field(description="a point of the plane; of two numbers the third is scene.height [m]")
+    normal: Point = Field(description="direction out of the obstacle, of any length [-]")
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> "HalfSpace":
+        if not any(self.normal):
+            raise ValueError("normal: is zero; expected a direction")
+        return self
+
+    @property
+    def place(self) -> list[float]:
+        """A point of the plane."""
+        return self.point
+
+    @property
+    def axis(self) -> Array:
+        """The normal."""
+        normal = np.array([*self.normal, 0.0][:3])
+        return np.asarray(normal / np.linalg.norm(normal, axis=0))
+
+    @property
+    def size(self) -> list[float]:
+        """None."""
+        return []
+
+
+AnyObstacle = Annotated[Sphere | Capsule | Box | HalfSpace, Field(discriminator="kind")]
+
+
+class Safety(Section):
+    """What keeps vehicles apart; see `mjsheaf.control.safety`."""
+
+    distance: Positive | Literal["size"] = Field(
+        description="between the positions of any two vehicles of which one is an agent, and from an agent to the "
+        "surface of an obstacle; `size`: spheres about the vehicles do not touch each other or an obstacle [m]"
+    )
+    range: Positive | None = Field(
+        None,
+        description="within which agents see other vehicles and obstacles, by a sensor of its own; as far as the "
+        "filter can act unless given [m]",
+    )
+    rate: Positive = Field(1.0, description="largest rate gamma at which h = |z|^2 - distance^2 may fall [1/s]")
+    authority: Literal["equal", "by_speed"] = Field(
+        "equal", description="by_speed: of two agents, the faster one gives way more, in proportion to velocity_limit"
+    )
+    tie_break: Literal["none", "right_hand"] = Field(
+        "none", description="right_hand: an agent turns what the filter takes off its speed to the right"
+    )
+    obstacles: list[AnyObstacle] = Field(default_factory=list, description="what agents keep away from too")
+
+    @property
+    def obstacle_ids(self) -> list[str]:
+        """Name of each obstacle."""
+        return [one.id or f"{one.kind}_{k}" for k, one in enumerate(self.obstacles, 1)]
+
+    @model_validator(mode="after")
+    def _named_once(self) -> "Safety":
+        ids = self.obstacle_ids
+        for k, id in enumerate(ids):
+            if id in ids[:k]:
+                raise ValueError(f"obstacles.{k}.id: there is another obstacle {id!r}; expected a unique name")
+        return self
+
+
+class Crew(NamedTuple):
+    """What the filter has to know of V vehicles; see `SafetyArrays` for speed, carried and unsteady.
+
+    Attributes:
+        ids: Ids of the agents.
+        planar: True for vehicles that live in the plane, shape (V,).
+        height: Height at which those are, m.
+        limit: Largest commanded speed of each vehicle, shape (V,), m/s.
+        yields: True for present agents, shape (V,).
+        radius: Radius of each vehicle, shape (V,), m.
+        margin: What is added to the distance for each vehicle, shape (V,), m.
+        period: Time for which commands are held, s.
+        start, end: Of the run, s.
+    """
+
+    ids: list[str]
+    planar: BoolArray
+    height: float
+    limit: Array
+    yields: BoolArray
+    radius: Array
+    margin: Array
+    speed: Array
+    carried: Array
+    unsteady: Array
+    period: float
+    start: float
+    end: float
+
+
+def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
+    """Return the section for compiled code.
+
+    Raises:
+        InputError: The range is missing, and an agent has no velocity limit from which it follows; or the motion of an
+            obstacle does not fit. The message begins with the field.
+    """
+    V, N = len(crew.planar), len(crew.ids)
+    by_size = safety.distance == "size"
+    own = crew.radius if by_size else np.full(V, 0.5 * float(safety.distance))
+    obstacles = pack_obstacles(safety, crew.height, crew.start, crew.end)
+    lift = np.zeros((V, 3))
+    lift[crew.planar, 2] = crew.height
+    arrays = SafetyArrays(
+        agents=N,
+        radius=own + crew.margin,
+        clearance=(own if by_size else 2.0 * own) + crew.margin,
+        reach=0.0,
+        rate=safety.rate,
+        share=_shares(safety, crew),
+        yields=crew.yields,
+        speed=crew.speed,
+        carried=crew.carried,
+        unsteady=crew.unsteady,
+        lift=lift,
+        planar=crew.planar,
+        right=safety.tie_break == "right_hand",
+        obstacles=obstacles,
+    )
+    reach = _farthest(arrays, crew) if safety.range is None else safety.range + 2.0 * float(crew.margin.max())
+    return arrays._replace(reach=reach)
+
+
+def _shares(safety: Safety, crew: Crew) -> Array:
+    """Return the weight of each vehicle in the division of what a pair must do.
+
+    Raises:
+        InputError: It is to follow from a velocity limit that an agent does not have.
+    """
+    share = np.ones(len(crew.planar))
+    if safety.authority == "by_speed":
+        for v, id in enumerate(crew.ids):
+            if not np.isfinite(crew.limit[v]):
+                raise InputError(f"safety.authority: {id} has no velocity_limit; expected one, or authority equal")
+            share[v] = crew.limit[v] if crew.yields[v] else 1.0
+    return share
+
+
+def _farthest(safety: SafetyArrays, crew: Crew) -> float:
+    """Return the distance beyond which the filter changes no command that is within the velocity limits, m.
+
+    The bound of a constraint at distance r is at most q - gamma (r^2 - D^2) / (2 r), taken as a whole for a pair, with
+    q the fastest at which two vehicles can close in.
+
+    Raises:
+        InputError: An agent has no velocity limit.
+    """
+    limit = crew.limit[: len(crew.ids)][crew.yields[: len(crew.ids)]]
+    if not np.isfinite(limit).all():
+        id = next(id for id, own in zip(crew.ids, crew.limit, strict=False) if not np.isfinite(own))
+        raise InputError(f"safety.range: {id} has no velocity_limit from which a range follows; expected either")
+    carried = np.linalg.norm(safety.carried, axis=1).max(initial=0.0)
+    others = max(safety.speed.max(initial=0.0), safety.obstacles.speed.max(initial=0.0))
+    closing = 2.0 * limit.max(initial=0.0) + others + 2.0 * (carried + safety.unsteady.max(initial=0.0))
+    D = max(2.0 * float(safety.radius.max()), float(safety.clearance.max()))
+    settled = closing / safety.rate
+    return float(max(settled + np.hypot(settled, D), D + closing * crew.period))
+
+
+def pack_obstacles(safety: Safety, height: float, start: float, end: float) -> ObstacleArrays:
+    """Return the obstacles of a section for compiled code; those in the plane are at a height in m.
+
+    Raises:
+        InputError: A motion does not fit; the message begins with the field.
+    """
+    some = safety.obstacles
+    K = len(some)
+    places, size, axes = np.zeros((K, 3)), np.zeros((K, 3)), np.zeros((K, 3, 3))
+    for k, one in enumerate(some):
+        places[k] = [*one.place, height][:3]
+        size[k, : len(one.size)] = one.size
+        x = one.axis
+        aside = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+        y = np.cross(aside, x)
+        y /= np.linalg.norm(y, axis=0)
+        axes[k] = x, y, np.cross(x, y)
+    dimensions = [len(one.place) for one in some]
+    with in_field("safety.obstacles"):
+        motion = motions.pack([one.motion for one in some], places, start, dimensions, end)
+    kinds = np.array([KINDS.index(one.kind) for one in some], dtype=np.int64)
+    return ObstacleArrays(kinds, axes, size, motions.reference_bounds(motion)[0], motion)
