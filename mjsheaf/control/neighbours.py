@@ -14,6 +14,7 @@ from mjsheaf.jit import inline_jit, jit
 
 _FARTHEST = 1e10  # m; positions beyond it are a blow-up, which is reported elsewhere
 _USUAL = 4.0  # mean distances from the middle, within which cells end
+_ROUNDING = 1e-12  # by which cells are wider: a product may round up
 _GROWTH = 1.25  # of the cells' width until there are few enough
 
 
@@ -25,7 +26,7 @@ class Cells(NamedTuple):
     Attributes:
         places: Positions of all vehicles in one space, shape (V, 3), m.
         corner: Smallest coordinates, shape (3,), m.
-        shape: Number of cells along each axis, and the width of a cell in m, shape (4,).
+        shape: Number of cells along each axis, and how many there are in a metre, shape (4,).
         start: Where the vehicles of each cell begin in `order`, shape (2 V + 3,).
         order: Vehicles sorted by cell, shape (V,).
         cell: Cell of each vehicle, shape (V,).
@@ -47,7 +48,7 @@ def new_cells(V: int) -> Cells:
 @inline_jit
 def cell_along(cells, axis, value):
     """Return the number of the cell along an axis that holds a coordinate, or the nearest one."""
-    place = (value - cells.corner[axis]) / cells.shape[3]
+    place = (value - cells.corner[axis]) * cells.shape[3]
     return int(min(max(place, 0.0), cells.shape[axis] - 1.0))
 
 
@@ -83,7 +84,7 @@ def _lay_out(cells, reach):
             width *= _GROWTH
     for axis in range(3):
         cells.shape[axis] = np.floor(cells.shape[axis] / width) + 1.0
-    cells.shape[3] = width
+    cells.shape[3] = (1.0 - _ROUNDING) / width
     return True
 
 

@@ -121,7 +121,8 @@ def keep_apart(stage, law, t, x, memory):
     for v in range(safety.agents):
         if safety.yields[v]:
             count = _constrain(safety, t, v, work)
-            _give_way(safety, v, count, law.limit[v], memory.command[v], work)
+            if count > 0:
+                _give_way(safety, v, count, law.limit[v], memory.command[v], work)
 
 
 @inline_jit

@@ -178,7 +178,7 @@ LOOPS_AND_LINKS = {
 def apart(one: xr.Dataset, other: xr.Dataset) -> float:
     """The largest difference of two runs' positions, m."""
     assert one.attrs["status"] == other.attrs["status"] == "finished"
-    names = ("agent_position", "target_position")
+    names = [name for name in ("agent_position", "target_position") if one[name].size]
     return max(float(np.nanmax(np.abs(one[name] - other[name]))) for name in names)
 
 

@@ -119,7 +119,7 @@ def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(tmp_path: P
     assert [record["status"] for record in study.records] == ["finished", "lost", "finished", "finished"]
     with (tmp_path / "out" / "table.csv").open() as file:
         told = [row["message"] for row in csv.DictReader(file)]
-    assert told[1].startswith("every worker that began it died, as it took more than its share of memory; fewer --work")
+    assert told[1].startswith("every worker that started it died, because it exceeded its memory limit; fewer --worke")
     assert told[0] == told[2] == told[3] == ""
 
 
