@@ -37,15 +37,15 @@ def _on_line(rows, k, j, shift, wx, wy, wz):
     ax, ay, az = rows[k, 0], rows[k, 1], rows[k, 2]
     bx, by, bz = rows[j, 0], rows[j, 1], rows[j, 2]
     lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+    aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
     across = lx * lx + ly * ly + lz * lz
     if across <= _PARALLEL * aa * bb:
         return False, wx, wy, wz
-    short_a = rows[k, 3] - shift - (ax * wx + ay * wy + az * wz)
-    short_b = rows[j, 3] - shift - (bx * wx + by * wy + bz * wz)
-    alpha = (bb * short_a - ab * short_b) / across
-    beta = (aa * short_b - ab * short_a) / across
-    x, y, z = wx + alpha * ax + beta * bx, wy + alpha * ay + beta * by, wz + alpha * az + beta * bz
+    step = (rows[k, 3] - shift - (ax * wx + ay * wy + az * wz)) / aa
+    x, y, z = wx + step * ax, wy + step * ay, wz + step * az
+    # On from there within plane k, along l x a: without the cancellation of the normal equations.
+    step = (rows[j, 3] - shift - (bx * x + by * y + bz * z)) / across
+    x, y, z = x + step * (ly * az - lz * ay), y + step * (lz * ax - lx * az), z + step * (lx * ay - ly * ax)
     for i in range(j):
         if _lacks(rows, i, shift, x, y, z) <= 0.0:
             continue

@@ -1,0 +1,64 @@
+"""The list of cells finds all pairs within range, whatever the places."""
+
+import numpy as np
+import pytest
+
+from mjsheaf.arrays import Array
+from mjsheaf.control.neighbours import Cells, cell_along, new_cells, sort_into_cells
+
+
+def candidates(cells: Cells, v: int) -> list[int]:
+    """Vehicles in the cells around that of vehicle v, as the filter visits them."""
+    wide, high, deep = (int(n) for n in cells.shape[:3])
+    column, line, layer = (cell_along(cells, axis, cells.places[v, axis]) for axis in range(3))
+    found: list[int] = []
+    for deck in range(max(layer - 1, 0), min(layer + 2, deep)):
+        for m in range(max(line - 1, 0), min(line + 2, high)):
+            row = (deck * high + m) * wide
+            first, end = cells.start[row + max(column - 1, 0)], cells.start[row + min(column + 2, wide)]
+            found += [int(j) for j in cells.order[int(first) : int(end)]]
+    return found
+
+
+def clouds() -> list[Array]:
+    rng = np.random.default_rng(0)
+    flat = rng.uniform(-30, 30, (200, 3)) * [1, 1, 0]
+    lost = rng.uniform(-10, 10, (120, 3))
+    lost[7] = [1e6, -1e6, 50.0]
+    grid = np.stack(np.meshgrid(*[np.arange(5.0)] * 3), axis=-1).reshape(-1, 3)
+    line = np.column_stack([np.arange(50.0), np.zeros(50), np.zeros(50)])
+    return [rng.uniform(-20, 20, (300, 3)), flat, lost, grid, line, np.zeros((6, 3)), np.array([[3.0, 4.0, 5.0]])]
+
+
+@pytest.mark.parametrize("k", range(7))
+@pytest.mark.parametrize("reach", [1e-6, 1.0, 3.0, 1000.0])
+def test_every_pair_within_range_is_found_once(k: int, reach: float) -> None:
+    places = clouds()[k]
+    cells = new_cells(len(places))
+    cells.places[:] = places
+    assert sort_into_cells(cells, reach)
+    away = np.linalg.norm(places[:, None] - places, axis=-1)
+    for v in range(len(places)):
+        near = candidates(cells, v)
+        assert len(near) == len(set(near))
+        assert set(np.flatnonzero(away[v] <= reach)) <= set(near)
+
+
+def test_the_work_is_proportional_to_the_number_of_vehicles() -> None:
+    rng = np.random.default_rng(1)
+    visited = []
+    for V in (500, 4000):
+        places = rng.uniform(0.0, 5.0 * np.sqrt(V), (V, 3)) * [1, 1, 0]
+        places[0] = [1e5, 0.0, 0.0]  # one that is lost does not make the cells of the others wide
+        cells = new_cells(V)
+        cells.places[:] = places
+        assert sort_into_cells(cells, 4.0)
+        visited.append(np.mean([len(candidates(cells, v)) for v in range(V)]))
+    assert visited[1] < 1.3 * visited[0]
+
+
+def test_positions_that_blew_up_are_refused() -> None:
+    for bad in (np.nan, np.inf, 1e30):
+        cells = new_cells(3)
+        cells.places[1, 2] = bad
+        assert not sort_into_cells(cells, 1.0)

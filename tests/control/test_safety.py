@@ -1,0 +1,276 @@
+"""The filter that keeps vehicles apart: the theorem in its docstring, on random teams, and what must not change."""
+
+from itertools import combinations
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import mjsheaf
+from mjsheaf import load_scenario, simulate, simulate_many
+from mjsheaf.arrays import Array
+from mjsheaf.control.obstacles import distances
+from mjsheaf.errors import MjsheafError
+from mjsheaf.scenario import Scenario
+from tests.builders import refused
+
+
+def swap(n: int = 8, *, height: float | None = 5.0, **safety: Any) -> dict[str, Any]:
+    """n vehicles on a circle exchange places with those opposite them."""
+    angle = 2.0 * np.pi * np.arange(n) / n
+    places = np.column_stack([10.0 * np.cos(angle), 10.0 * np.sin(angle)])
+    above, axes = ([], ["x", "y"]) if height is None else ([height], ["x", "y", "z"])
+    return {
+        "name": "swap",
+        "time": {"end": 25.0},
+        "controller": {"gain": 1.0, "velocity_limit": 2.0, "control_period": 0.05},
+        "agents": [{"id": f"A{k}", "position": [*place, *above]} for k, place in enumerate(places)],
+        "anchors": [{"agent": f"A{k}", "axes": axes, "value": [*-place, *above]} for k, place in enumerate(places)],
+        "safety": {"distance": 2.0, **safety},
+    }
+
+
+def positions_of(run: xr.Dataset) -> Array:
+    """Of the agents in space, shape (T, N, 3), m."""
+    found = np.nan_to_num(run["agent_position"].values)
+    return np.concatenate([found, np.zeros((*found.shape[:2], 3 - found.shape[2]))], axis=2)
+
+
+def pairs_of(places: Array) -> Array:
+    """Distance of each pair, shape (T, P), m."""
+    ends = np.array(list(combinations(range(places.shape[1]), 2)))
+    return np.asarray(np.linalg.norm(places[:, ends[:, 0]] - places[:, ends[:, 1]], axis=2))
+
+
+def random_swap(seed: int) -> dict[str, Any]:
+    """Agents of unlike speed that exchange places at random among obstacles, in the plane or in space."""
+    rng = np.random.default_rng(seed)
+    dimension, n = int(rng.integers(2, 4)), int(rng.integers(4, 41))
+    D, period = float(rng.uniform(0.5, 2.0)), float(rng.choice([0.02, 0.05, 0.1]))
+    rate = float(rng.uniform(0.3, 1.0) / period * rng.choice([0.05, 0.2, 1.0]))
+    size = 2.0 * D * n ** (1.0 / dimension) + 3.0 * D
+
+    def places() -> list[Array]:
+        found: list[Array] = []
+        while len(found) < n:
+            p = rng.uniform(-size, size, dimension)
+            if all(np.linalg.norm(p - q) >= 1.05 * D for q in found):
+                found.append(p)
+        return found
+
+    starts, ends = places(), places()
+    obstacles: list[dict[str, Any]] = []
+    for _ in range(int(rng.integers(0, 4))):
+        centre, radius = rng.uniform(-size, size, dimension), float(rng.uniform(0.3, 1.0))
+        if min(np.linalg.norm(centre - start) for start in starts) < D + 3.5:
+            continue
+        kinds: list[dict[str, Any]] = [
+            {"kind": "sphere", "centre": centre.tolist(), "radius": radius},
+            {"kind": "box", "centre": centre.tolist(), "sides": [1.0, 2.0 * radius, 1.5], "heading": 40.0},
+            {"kind": "capsule", "ends": [centre.tolist(), (centre + radius).tolist()], "radius": radius},
+        ]
+        one = kinds[int(rng.integers(3))]
+        if rng.random() < 0.3:
+            one["motion"] = {"kind": "lissajous", "amplitude": [1.0] * dimension, "rate": [0.1] * dimension}
+        obstacles.append(one)
+    limits = rng.uniform(0.7, 3.0, n)
+    safety = {
+        "distance": D,
+        "rate": rate,
+        "tie_break": str(rng.choice(["none", "right_hand"])),
+        "authority": str(rng.choice(["equal", "by_speed"])),
+        "obstacles": obstacles,
+    }
+    return {
+        "name": "swap",
+        "time": {"end": 12.0},
+        "controller": {"gain": 1.0, "control_period": period},
+        "agents": [
+            {"id": f"A{k}", "position": starts[k].tolist(), "velocity_limit": float(limits[k])} for k in range(n)
+        ],
+        "anchors": [{"agent": f"A{k}", "axes": list("xyz"[:dimension]), "value": ends[k].tolist()} for k in range(n)],
+        "safety": safety,
+    }
+
+
+def require_barrier(scenario: Scenario, run: xr.Dataset, violated: Array) -> None:
+    """h_(k+1) >= (1 - gamma h_c) h_k for every pair, and for every obstacle that was clear at the start.
+
+    Up to the first sample with a violation, of which there is none unless an obstacle moves.
+    """
+    assert scenario.safety is not None
+    places = positions_of(run)
+    end = int(np.flatnonzero(violated.any(axis=1))[0]) if violated.any() else len(places)
+    D, fall = float(scenario.safety.distance), scenario.safety.rate * scenario.controller.control_period
+    away = pairs_of(places[:end])
+    obstacles = scenario.system.control.law.safety.obstacles
+    clear = distances(obstacles, run["time"].values[:end], places[:end])
+    clear = clear.reshape(end, clear.shape[1] * clear.shape[2])
+    for found in (away, clear[:, clear[0] >= D]):
+        if found.size:
+            h = found**2 - D**2
+            assert found.min() >= D - 1e-9
+            assert (h[1:] - (1.0 - fall) * h[:-1]).min() >= -1e-9
+
+
+def violations(scenario: Scenario) -> tuple[xr.Dataset, Array]:
+    """A run on ideal kinematics, and the violation of every agent at every sample, shape (T, N)."""
+    found = []
+    with mjsheaf.Session(scenario, "ideal") as session:
+        for _ in range(scenario.system.grid.steps + 1):
+            session.observe()
+            found.append(session.engine.memory.safety.found[:, 3].copy())
+            if not session.finished:
+                session.step()
+    return simulate(scenario, backend="ideal"), np.array(found)
+
+
+@pytest.mark.parametrize("seed", [1, 6, 14, 21])
+def test_no_pair_comes_too_near(seed: int) -> None:
+    scenario = load_scenario(random_swap(seed))
+    run, violated = violations(scenario)
+    require_barrier(scenario, run, violated)
+
+
+@pytest.mark.slow
+def test_no_pair_comes_too_near_in_many_swaps() -> None:
+    ended_early = 0
+    for seed in range(100, 400):
+        scenario = load_scenario(random_swap(seed))
+        run, violated = violations(scenario)
+        moving = any(one.motion for one in scenario.safety.obstacles) if scenario.safety else False
+        assert moving or not violated.any()
+        ended_early += int(violated.any())
+        require_barrier(scenario, run, violated)
+    assert ended_early < 30
+
+
+def test_eight_that_meet_stop_and_turn_right_by_the_rule() -> None:
+    stuck = positions_of(simulate(load_scenario(swap()), backend="ideal"))
+    assert 2.0 - 1e-9 <= pairs_of(stuck).min() < 2.001
+    assert np.linalg.norm(stuck[-1] - stuck[0], axis=1).max() < 8.0
+    free = positions_of(simulate(load_scenario(swap(tie_break="right_hand")), backend="ideal"))
+    assert pairs_of(free).min() >= 2.0 - 1e-9
+    np.testing.assert_allclose(free[-1, :, :2], -free[0, :, :2], atol=0.5)
+
+
+@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
+def test_where_it_never_acts_the_run_is_the_same_to_the_bit(backend: str) -> None:
+    raw = swap()
+    raw["time"] = {"end": 1.0}
+    without = {key: value for key, value in raw.items() if key != "safety"}
+    one = simulate(load_scenario(raw | {"safety": {"distance": 0.1, "rate": 20.0}}), backend=backend)
+    other = simulate(load_scenario(without), backend=backend)
+    for name in ("agent_position", "velocity_command"):
+        np.testing.assert_array_equal(one[name].values, other[name].values)
+
+
+def test_order_of_agents_and_links_do_not_matter() -> None:
+    raw = random_swap(1)
+    raw["safety"]["obstacles"] = []
+    there = simulate(load_scenario(raw), backend="ideal")
+    back = simulate(load_scenario(raw | {"agents": raw["agents"][::-1]}), backend="ideal")
+    for name in there["agent"].values:
+        one, other = there["agent_position"].sel(agent=name), back["agent_position"].sel(agent=name)
+        np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_targets_are_avoided_whatever_they_do() -> None:
+    """A target comes straight at an agent that wants to stay: the agent, which is faster, makes room."""
+    raw = swap(2)
+    raw["agents"][0]["position"] = raw["anchors"][0]["value"] = [0.0, 0.0, 5.0]
+    path = {"kind": "waypoints", "points": [[20, 0.1, 5]], "speed": 1}
+    raw["targets"] = [{"id": "T1", "position": [-20.0, 0.1, 5.0], "motion": path}]
+    raw["sensing"] = [{"between": ["A1", "T1"], "offset": [0.0, 12.0, 0.0]}]
+    raw["anchors"] = raw["anchors"][:1]
+    raw["time"] = {"end": 40.0}
+    raw["controller"]["velocity_limit"] = 4.0
+    run = simulate(load_scenario(raw), backend="ideal")
+    away = np.linalg.norm(positions_of(run)[:, 0] - run["target_position"].values[:, 0], axis=1)
+    assert 2.0 - 1e-9 <= away.min() < 8.0
+
+
+def test_flow_and_disturbance_within_their_bounds_do_not_bring_vehicles_together() -> None:
+    raw = swap(6, height=None, tie_break="right_hand")
+    raw["flow"] = {
+        "water": {"dimension": 2, "core": 4.0, "drift": [0.3, 0.1], "vortices": [{"centre": [1, 0], "gamma": 2}]}
+    }
+    raw["disturbance"] = {"agents": {"bound": 0.1, "frequencies": [0.1, 0.5]}}
+    run = simulate(load_scenario(raw), backend="ideal")
+    away = pairs_of(positions_of(run))
+    assert away.min() >= 2.0 - 1e-9
+    assert away.min() < 5.5
+
+
+def test_a_lost_agent_is_an_obstacle() -> None:
+    raw = swap(2, tie_break="right_hand")
+    raw["agents"].append({"id": "lost", "position": [0.0, 0.2, 5.0]})
+    raw["anchors"].append({"agent": "lost", "axes": ["x", "y", "z"], "value": [0.0, 0.2, 5.0]})
+    raw["events"] = [{"time": 0.05, "lose": "lost"}]
+    run = simulate(load_scenario(raw), backend="ideal")
+    assert pairs_of(positions_of(run)).min() >= 2.0 - 1e-9
+    end = positions_of(run)[-1]
+    np.testing.assert_allclose(end[2], [0.0, 0.2, 5.0], atol=1e-3)
+
+
+def test_an_event_changes_the_distance() -> None:
+    raw = swap()
+    raw["events"] = [{"time": 15.0, "set": {"safety.distance": 3.0}}]
+    away = pairs_of(positions_of(simulate(load_scenario(raw), backend="ideal")))
+    assert away[:300].min() == pytest.approx(2.0, abs=1e-3)
+    assert away[-1].min() > 2.5  # pairs that are too near are driven apart
+
+
+def test_a_law_in_python_is_filtered_too() -> None:
+    def together(t: float, sample: Any) -> Array:
+        return np.asarray(-sample.truth.positions[: len(sample.disagreement)])
+
+    raw = swap()
+    run = simulate(load_scenario(raw), backend="ideal", controller=together)
+    assert pairs_of(positions_of(run)).min() >= 2.0 - 1e-9
+
+
+@pytest.mark.slow
+def test_both_engines_and_the_worlds_of_a_batch_do_the_same() -> None:
+    raw = swap(6, tie_break="right_hand", obstacles=[{"kind": "sphere", "centre": [3.0, 0.5, 5.0], "radius": 0.5}])
+    raw["time"] = {"end": 6.0}
+    raw["spread"] = {"position": 0.3}
+    scenario = load_scenario(raw)
+    one, other = simulate(scenario), simulate(scenario, engine="fused")
+    np.testing.assert_allclose(one["agent_position"], other["agent_position"], atol=1e-9)
+    worlds = simulate_many([scenario, scenario.with_seed(5)], engine="fused")
+    alone = simulate(scenario.with_seed(5), engine="fused")
+    np.testing.assert_array_equal(cast(xr.Dataset, worlds[1])["agent_position"].values, alone["agent_position"].values)
+
+
+@pytest.mark.slow
+def test_bodies_keep_their_distance() -> None:
+    raw = swap(tie_break="right_hand")
+    away = pairs_of(positions_of(simulate(load_scenario(raw), engine="fused")))
+    assert away.min() >= 2.0
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"distance": 0}, "safety.distance"),
+        ({"distance": "wide"}, "safety.distance"),
+        ({"rate": -1}, "safety.rate"),
+        ({"authority": "mine"}, "safety.authority"),
+        ({"obstacles": [{"kind": "sphere", "id": "a", "centre": [0, 0], "radius": 1}] * 2}, "unique name"),
+    ],
+)
+def test_bad_values_are_refused(change: dict[str, Any], told: str) -> None:
+    with refused(MjsheafError) as caught:
+        load_scenario(swap(**change))
+    assert told in str(caught.value)
+
+
+def test_without_velocity_limits_a_range_is_needed() -> None:
+    raw = swap()
+    del raw["controller"]["velocity_limit"]
+    with refused(MjsheafError) as caught:
+        load_scenario(raw)
+    assert "safety.range: A0 has no velocity_limit" in str(caught.value)
+    load_scenario(raw | {"safety": {"distance": 2.0, "range": 10.0}})
