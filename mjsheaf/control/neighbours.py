@@ -41,8 +41,10 @@ class Cells(NamedTuple):
 
 
 def new_cells(V: int) -> Cells:
-    """Return room for a list of cells of V vehicles."""
-    return Cells(np.zeros((V, 3)), np.zeros(3), np.zeros(4), np.zeros(2 * V + 3), np.zeros(V), np.zeros(V))
+    """Return room for a list of cells of V vehicles; none at all for none."""
+    some = V > 0
+    places, corner, shape = np.zeros((V, 3)), np.zeros(3 * some), np.zeros(4 * some)
+    return Cells(places, corner, shape, np.zeros((2 * V + 3) * some), np.zeros(V), np.zeros(V))
 
 
 @inline_jit
