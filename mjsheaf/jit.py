@@ -21,16 +21,19 @@ from typing import Any
 
 import llvmlite.binding
 import numpy as np
+from llvmlite import ir
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 
 try:
     from numba import config, njit
     from numba import types as types
-    from numba.core import event
+    from numba.core import cgutils, event
     from numba.core.dispatcher import Dispatcher as Dispatcher
     from numba.core.errors import NumbaError as NumbaError
+    from numba.extending import intrinsic
     from numba.extending import overload as overload
 
     from mjsheaf.waiting import compile_in_one_process
@@ -183,6 +186,41 @@ def external(library: Path, name: str, result: str, *arguments: str) -> Any:
     llvmlite.binding.load_library_permanently(str(library))
     signature = getattr(types, result)(*(getattr(types, argument) for argument in arguments))
     return types.ExternalFunction(name, signature)
+
+
+LANES = 8
+"""Numbers in a row of `lane_array`: two registers of AVX2, or one of AVX-512."""
+
+
+@intrinsic(prefer_literal=True)
+def _lanes_on_stack(_: Any, rows: Any) -> Any:
+    array = types.Array(types.float64, 2, "C")
+    if not isinstance(rows, types.IntegerLiteral):
+        return None
+    count = rows.literal_value
+
+    def generate(context: Any, builder: Any, *_: Any) -> Any:
+        place = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), count * LANES))
+        place.align = 64
+        made = context.make_array(array)(context, builder)
+        shape, strides = ([ir.Constant(ir.IntType(64), n) for n in pair] for pair in ((count, LANES), (8 * LANES, 8)))
+        data, itemsize = builder.bitcast(place, made.data.type), strides[1]
+        context.populate_array(made, data=data, shape=shape, strides=strides, itemsize=itemsize, meminfo=None)
+        return made._getvalue()
+
+    return array(rows), generate
+
+
+def _lanes_on_heap(rows: int) -> Array:
+    return np.empty((rows, LANES))
+
+
+lane_array: Any = _lanes_on_heap if INTERPRETED else _lanes_on_stack
+"""Return an array (rows, LANES) on the stack of the compiled function that calls this; its values are undefined.
+
+No other array overlaps it, and LLVM can prove so: loops over its lanes become vector instructions. It must not outlive
+the function, nor be handed to one that is not inlined. The number of rows is a literal or a global.
+"""
 
 
 _C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}

@@ -252,14 +252,7 @@ def medium_wrench(kind, height, normal, R, s, omega):
     s and omega are the velocity through the medium and the rates in body axes, (3,) each; height is that of the
     origin above the surface, m, and normal the surface's, along the body's x and y axes.
     """
-    D, Q, k = kind.drag, kind.quadratic, kind.explicit
-    force = drag_force(kind, s)
-    force = -force[0], -force[1], -force[2]
-    moment = (
-        -(k * D[3] + Q[3] * abs(omega[0])) * omega[0],
-        -(k * D[4] + Q[4] * abs(omega[1])) * omega[1],
-        -(k * D[5] + Q[5] * abs(omega[2])) * omega[2],
-    )
+    force, moment = drag_wrench(kind, s, omega)
     if kind.buoyancy > 0.0:
         # A moment K (b_z x n) rights the hull; its height and its tilt to the surface's normal n are small.
         force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * height))
@@ -271,6 +264,19 @@ def medium_wrench(kind, height, normal, R, s, omega):
     if kind.added:
         force, moment = _share_with_medium(kind, R, s, omega, force, moment)
     return force, moment
+
+
+@inline_jit
+def drag_wrench(kind, s, omega):
+    """Return force and moment of drag, as `medium_wrench`."""
+    D, Q, k = kind.drag, kind.quadratic, kind.explicit
+    force = drag_force(kind, s)
+    moment = (
+        -(k * D[3] + Q[3] * abs(omega[0])) * omega[0],
+        -(k * D[4] + Q[4] * abs(omega[1])) * omega[1],
+        -(k * D[5] + Q[5] * abs(omega[2])) * omega[2],
+    )
+    return (-force[0], -force[1], -force[2]), moment
 
 
 @inline_jit
@@ -391,11 +397,11 @@ def _allocate(kind, thrusters, upright, weight, turn, force, moment, effort):
         effort[k] = u
         within = within and thrusters[k].low <= u <= thrusters[k].high
     if kind.turning or not within:  # thrust and angle have no limits of each effort alone
-        _allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort)
+        allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort)
 
 
 @jit
-def _allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort):
+def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort):
     """Efforts within their limits: the weight, then roll and pitch, then yaw, then as much of translation as fits.
 
     Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it. A boat with

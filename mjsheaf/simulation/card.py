@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.batch import Batch, run_world
+from mjsheaf.simulation.fused import advance_each
 from mjsheaf.simulation.rows import Leaf, Taker, mapped
 
 WORLDS = 32
@@ -77,7 +78,8 @@ def _add_functions() -> None:
 def kernel_function(take_world: Taker) -> Callable[..., None]:
     """Return the kernel as a function that numba-cuda compiles: of `arguments`, and samples from `begin` to `end`.
 
-    It is `run_world` with the GPU's barrier in the place of the gate: no thread leaves before the last meeting.
+    It is `run_world` with the GPU's barrier in the place of the gate: no thread leaves before the last meeting. Each
+    thread moves one vehicle: the GPU's own threads are its lanes.
     """
     cuda = import_module("numba.cuda")
     _add_functions()
@@ -88,7 +90,7 @@ def kernel_function(take_world: Taker) -> Callable[..., None]:
         return True
 
     on_processor = run_world.py_func
-    names = {**on_processor.__globals__, "meet": meet}
+    names = {**on_processor.__globals__, "meet": meet, "advance_block": advance_each}
     advance = njit(error_model="numpy")(FunctionType(on_processor.__code__, names, on_processor.__name__))
     take = cuda.jit(device=True)(take_world)
 

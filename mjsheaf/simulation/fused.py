@@ -14,125 +14,56 @@ Everything else, from the law to the commands, is the functions that close the l
 of commands is `actuators.actuator_force` and `unit_wrench`.
 
 Between two evaluations of the law vehicles do not know of one another: each is moved up to the next in one go, and
-they are handed out to threads. Which thread moves a vehicle does not change a bit.
+they are handed out to threads. Which thread moves a vehicle does not change a bit. Neighbours of one kind move side by
+side where they can: see `lanes`.
 """
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import IntArray
-from mjsheaf.jit import as_records, inline_jit, jit
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.simulation.bodies import kinds_of
 from mjsheaf.simulation.engine import Recorder
 from mjsheaf.simulation.gate import fail, take
+from mjsheaf.simulation.lanes import advance_lanes, end_of_kind, fits_lanes
 from mjsheaf.simulation.loop import HUGE, Loop, record, sense_and_command
+from mjsheaf.simulation.motion import move, pack_motion
 from mjsheaf.simulation.threaded import BLOCK, ThreadedLoop, begin_span, end_span, next_row
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
-from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_world, triple, upward
-from mjsheaf.vehicles.vehicle import Vehicle
-
-# How a kind moves; body axes, about the origin of the body frame.
-MOTION = np.dtype(
-    [
-        ("inverse", "f8", (6, 6)),  # of the matrix above
-        ("inertia", "f8", (3, 3)),  # J, kg m^2
-        ("damping", "f8", 3),  # D, N m s/rad
-        ("weight", "f8"),  # N
-        ("weight_moment", "f8", 3),  # of the weight, upright, N m
-        ("mass_moment", "f8", 3),  # m c, kg m
-    ],
-    align=True,
-)
+from mjsheaf.vehicles.vectors import add
 
 _TURNS = 8  # in which a thread takes its share of the vehicles, so that none waits long for another
-_SMALL = 0.01  # rad^2: square of half a turn up to which its sine and cosine are short series
-
-
-def pack_motion(vehicles: Sequence[Vehicle], timestep: float) -> NDArray[np.void]:
-    """A MOTION for each kind of vehicle, in steps of so many s."""
-    motion = np.zeros(len(vehicles), MOTION)
-    for one, vehicle in zip(motion, vehicles, strict=True):
-        taken = vehicle.joint_damping
-        one["inverse"] = np.linalg.inv(vehicle.rigid_mass + timestep * np.diag(taken))
-        one["inertia"], one["damping"] = vehicle.inertia, taken[3:]
-        one["weight"], one["weight_moment"] = vehicle.weight - vehicle.ballast, vehicle.weight_moment
-        one["mass_moment"] = vehicle.mass * vehicle.centre_of_mass
-    return as_records(motion)
-
-
-@inline_jit
-def move(one, body, R, omega, force, moment, h, qpos, qvel):
-    """Take MuJoCo's step of h, s, under a force and a moment beside the weight; return whether the state is still good.
-
-    Args:
-        one: see MOTION.
-        body: see BODY.
-        R, omega: attitude (9,) and rates (3,).
-        force, moment: in body axes about the origin, (3,) each, N and N m.
-        h: s.
-        qpos, qvel: the state of all vehicles, of which the body's own is written.
-    """
-    a, d = body.qpos, body.dof
-    up, lever = upward(R, 1.0), triple(one.mass_moment)
-    force = subtract(force, upward(R, one.weight))
-    force = subtract(force, cross(omega, cross(omega, lever)))
-    moment = subtract(moment, cross(triple(one.weight_moment), up))
-    moment = subtract(moment, cross(omega, product(one.inertia, omega)))
-    D, inverse = one.damping, one.inverse
-    moment = moment[0] - D[0] * omega[0], moment[1] - D[1] * omega[1], moment[2] - D[2] * omega[2]
-    x = row_product(inverse[0], force, moment)
-    y = row_product(inverse[1], force, moment)
-    z = row_product(inverse[2], force, moment)
-    along = to_world(R, (x, y, z))
-    about = (
-        row_product(inverse[3], force, moment),
-        row_product(inverse[4], force, moment),
-        row_product(inverse[5], force, moment),
-    )
-    good = True
-    for i in range(3):
-        qvel[d + i] += h * along[i]
-        qvel[d + 3 + i] += h * about[i]
-        qpos[a + i] += h * qvel[d + i]
-        good &= (abs(along[i]) < HUGE) & (abs(about[i]) < HUGE) & (abs(qpos[a + i]) < HUGE)
-        good &= (abs(qvel[d + i]) < HUGE) & (abs(qvel[d + 3 + i]) < HUGE)
-    turn(qpos[a + 3 : a + 7], 0.5 * h * qvel[d + 3], 0.5 * h * qvel[d + 4], 0.5 * h * qvel[d + 5])
-    return good
-
-
-@inline_jit
-def turn(q, x, y, z):
-    """Make a quaternion q (4,) one again and turn it by twice the body's rotation vector (x, y, z), rad."""
-    square = x * x + y * y + z * z
-    if square < _SMALL:
-        c = 1.0 + square * (-1.0 / 2.0 + square * (1.0 / 24.0 + square * (-1.0 / 720.0 + square / 40320.0)))
-        s = 1.0 + square * (-1.0 / 6.0 + square * (1.0 / 120.0 + square * (-1.0 / 5040.0 + square / 362880.0)))
-    else:
-        half = np.sqrt(square)
-        c, s = np.cos(half), np.sin(half) / half
-    x, y, z = s * x, s * y, s * z
-    a, b, e, f = q[0], q[1], q[2], q[3]
-    square = a * a + b * b + e * e + f * f
-    size = 1.5 - 0.5 * square if abs(square - 1.0) < 1e-8 else 1.0 / np.sqrt(square)
-    a, b, e, f = size * a, size * b, size * e, size * f
-    q[0] = a * c - b * x - e * y - f * z
-    q[1] = a * x + b * c + e * z - f * y
-    q[2] = a * y - b * z + e * c + f * x
-    q[3] = a * z + b * y - e * x + f * c
 
 
 @jit
 def advance_block(loop, motion, first, last, step, count, log, row, bad):
     """Move vehicles from first up to last by `count` steps from step number `step`, fewer where one becomes bad.
 
-    Their samples before the first step are recorded as `row` of the log, unless that is negative.
+    Their samples before the first step are recorded as `row` of the log, unless that is negative. Neighbours of one
+    kind move in lanes where they fit, which does not change a bit.
 
     Returns:
         Whether none did; see `ThreadedLoop._work` on `bad`.
     """
+    all_good = True
+    begin = first
+    while begin < last:
+        end = end_of_kind(loop, begin, last)
+        if fits_lanes(loop, begin, end):
+            all_good &= advance_lanes(loop, motion, begin, end, step, count, log, row, bad)
+        else:
+            while end < last and not fits_lanes(loop, end, end_of_kind(loop, end, last)):
+                end = end_of_kind(loop, end, last)
+            all_good &= advance_each(loop, motion, begin, end, step, count, log, row, bad)
+        begin = end
+    return all_good
+
+
+@inline_jit
+def advance_each(loop, motion, first, last, step, count, log, row, bad):
+    """Move vehicles one after the other; as `advance_block`."""
     params, state = loop
     h, all_good = params.timestep, True
     for k in range(step, step + count):

@@ -236,8 +236,8 @@ def steer(kind, heading, sensed, wanted, force, weight):
     else:
         attitude = (heading[0], 0.0, 0.0, heading[1])
         if kind.steering == THRUST_VECTOR:
-            force, weight, attitude = _point_thrust(kind, heading, R, force, weight)
-        turn = _turn_to(kind, attitude, sensed.quaternion, omega)
+            force, weight, attitude = point_thrust(kind, heading, R, force, weight)
+        turn = turn_to(kind, attitude, sensed.quaternion, omega)
         # Thrust and drag act at the origin. Their sum accelerates the centre of mass c and the added mass at the
         # origin. To avoid turning the vehicle, the part that acts on c needs a moment of c times it. (The attitude hold
         # compensates for the Munk moment of added mass.)
@@ -271,7 +271,7 @@ def _turn_under_way(kind, s, wanted, surge, yaw):
 
 
 @inline_jit
-def _point_thrust(kind, heading, R, force, weight):
+def point_thrust(kind, heading, R, force, weight):
     """Convert a desired force and the weight, (3,) each, N, into thrust along z and the attitude that points it.
 
     The force is scaled, never turned, until thrust, tilt and downward force are within the vehicle's limits.
@@ -302,7 +302,7 @@ def _point_thrust(kind, heading, R, force, weight):
 
 
 @inline_jit
-def _turn_to(kind, attitude, quaternion, omega):
+def turn_to(kind, attitude, quaternion, omega):
     """Compute the moment that turns the vehicle from its quaternion to a desired attitude, body axes, N m."""
     w, x, y, z = attitude
     a, b, c, d = quaternion

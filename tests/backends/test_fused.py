@@ -160,6 +160,67 @@ def test_a_step_of_every_vehicle_is_that_of_mujoco_from_many_states(
     assert off_by(of_vehicles(names, timestep, effects=off), 300, 2) < EPSILON
 
 
+def of_lanes(folder: Path) -> list[str]:
+    """Vehicles of which lanes take several at a time, and others between them."""
+    odd = unlike(folder)[2]
+    return [
+        *["hexarotor"] * 8,
+        "otter",
+        *["quadrotor"] * 5,
+        *["x500"] * 4,
+        "wamv",
+        *[odd] * 4,
+        "hexarotor",
+        "hexarotor",
+    ]
+
+
+def test_a_step_in_lanes_is_that_of_mujoco(tmp_path: Path) -> None:
+    assert off_by(of_vehicles(of_lanes(tmp_path), 0.002), 30, 3) < EPSILON
+
+
+def test_a_vehicle_in_lanes_moves_as_it_does_alone(tmp_path: Path) -> None:
+    """Neighbours change no bit: at rest, at limits, in turns that no series reaches, and where one is bad.
+
+    One vehicle at a time is not moved in lanes.
+    """
+    rng = np.random.default_rng(4)
+    scenario = of_vehicles(of_lanes(tmp_path), 0.01)
+    together, alone = Fused(scenario.phases), Fused(scenario.phases)
+    V = len(together._vehicles)
+    nothing = Log(*(np.empty((0,) * values.ndim) for values in together._unrecorded.log[:-1]))
+    ours, theirs = together._loop.state, alone._loop.state
+    compared = 0
+    for k in range(40):
+        q, w = ours.qpos.reshape(V, 7), ours.qvel.reshape(V, 6)
+        q[:, :3], q[:, 3:] = rng.uniform(-9, 9, (V, 3)), Rotation.random(V, random_state=rng).as_quat()
+        q[:, 3:] *= 1.0 + 1e-9 * k
+        w[:] = rng.normal(0, 4, (V, 6)) * (rng.random((V, 1)) < 0.9)
+        w[rng.integers(V), 3:] *= 10.0
+        ours.act[:] = rng.uniform(0, 5, len(ours.act))
+        ours.memory.command[:] = rng.normal(0, 3, (V, 3)) * rng.choice([0.0, 0.1, 10.0])
+        worse = k % 4 == 3
+        if worse:
+            ours.memory.command[rng.integers(8), 0] = rng.choice([np.nan, np.inf, 1e300])
+            w[10, 0] = 1e11
+        for name in ("qpos", "qvel", "ctrl", "act"):
+            getattr(theirs, name)[:] = getattr(ours, name)
+        theirs.memory.command[:] = ours.memory.command
+        together._bad[:] = alone._bad[:] = -1
+        good = advance_block(together._loop, together._motion, 0, V, 5 * k, 5, nothing, -1, together._bad)
+        for v in range(V):
+            advance_block(alone._loop, alone._motion, v, v + 1, 5 * k, 5, nothing, -1, alone._bad)
+        found = together._bad >= 0
+        assert worse <= found.any()
+        assert good == (not found.any()) == (alone._bad < 0).all()
+        compared += good
+        np.testing.assert_array_equal(together._bad[found], alone._bad[found])
+        if good:  # where one is bad, its neighbours stop with it
+            for name in ("qpos", "qvel", "ctrl", "act"):
+                np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
+    assert compared > 20
+
+
 # -- runs --------------------------------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,355 @@
+"""Vehicles of one kind side by side: the fused engine's step, several vehicles an instruction.
+
+A block's numbers lie in rows of LANES, one lane a vehicle. Every loop over lanes is straight arithmetic, which LLVM
+turns into vector instructions: it calls nothing and takes no branch. Arithmetic is that of `fused.advance_each`, in its
+order, and lanes do not mix, so that a vehicle's bits are the same in a lane and alone. What happens rarely is done lane
+by lane afterwards: efforts beyond their limits, large turns in a step.
+
+Lanes take multirotors and other vehicles that fly, with thrusters fixed on the body. What floats, has added mass, turns
+its thrusters, or is lost is moved by `advance_each`.
+"""
+
+import numpy as np
+
+from mjsheaf.jit import LANES, inline_jit, jit, lane_array
+from mjsheaf.media.medium import advance as advance_medium
+from mjsheaf.media.medium import medium_velocity
+from mjsheaf.simulation.bodies import allocate_within_limits, drag_wrench
+from mjsheaf.simulation.loop import HUGE, record
+from mjsheaf.simulation.motion import NEARLY_UNIT, SMALL, accelerations, series, turned
+from mjsheaf.vehicles.actuators import actuator_force
+from mjsheaf.vehicles.steering import FULL, THRUST_VECTOR, drag_force, point_thrust, turn_to
+from mjsheaf.vehicles.vectors import add, cross, rotation, row_product, subtract, to_body, triple, upward
+
+_FEWEST = 4  # vehicles that move faster in lanes than one after the other
+_CHANNELS = 8  # largest number of actuators of a vehicle
+
+# Rows of a block.
+_POSITION, _QUATERNION, _VELOCITY, _RATES = 0, 3, 7, 10
+_MEDIUM, _COMMAND, _HEADING = 13, 16, 19
+_FORCE, _MOMENT = 21, 24  # on the body
+_WEIGHT, _TURN, _PUSH, _COUPLE = 27, 30, 33, 36  # that actuators are to make: see `bodies`
+_TOTAL = 39  # their sum, (6,)
+_BEYOND = 45  # 1 where an effort is beyond its limits
+_GOOD = 46  # 1 where the commands are good
+_SOUND = 47  # 1 where the state is
+_PARTS = 48  # of the unit quaternion of a turn: cosine, sine over the angle
+_SIZE = 50  # what makes the quaternion one
+_LARGE = 51  # 1 where the turn is large, or the quaternion far from one
+_ROWS = 52
+
+
+@inline_jit
+def end_of_kind(loop, first, last):
+    """Return the number after the last of the vehicles from `first` on, and before `last`, that are of one kind."""
+    bodies = loop.params.fleet.bodies
+    end = first + 1
+    while end < last and bodies[end].kind == bodies[first].kind:
+        end += 1
+    return end
+
+
+@inline_jit
+def fits_lanes(loop, first, last):
+    """Return True if the vehicles from first up to last, of one kind, can be moved in lanes."""
+    params, fleet = loop.params, loop.params.fleet
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    fits = (last - first >= _FEWEST) & (last - first <= LANES)
+    fits &= _flies_on_fixed_thrusters(kind) & (loop.state.qpos.itemsize == 8)
+    for v in range(first, last):
+        fits &= not params.stopped[v]
+    return fits
+
+
+@inline_jit
+def _flies_on_fixed_thrusters(kind):
+    fits = (kind.steering == FULL) | (kind.steering == THRUST_VECTOR)
+    fits &= (kind.planar == 0) & (kind.turning == 0) & (kind.in_flow == 0) & (kind.added == 0)
+    return fits & (kind.buoyancy == 0.0) & (kind.ballast == 0.0) & (kind.count <= _CHANNELS)
+
+
+@inline_jit
+def _three(block, row, lane):
+    return block[row, lane], block[row + 1, lane], block[row + 2, lane]
+
+
+@inline_jit
+def _put(block, row, lane, a):
+    block[row, lane] = a[0]
+    block[row + 1, lane] = a[1]
+    block[row + 2, lane] = a[2]
+
+
+@inline_jit
+def _quaternion(block, lane):
+    q = _QUATERNION
+    return block[q, lane], block[q + 1, lane], block[q + 2, lane], block[q + 3, lane]
+
+
+@inline_jit
+def _attitude(block, lane):
+    w, x, y, z = _quaternion(block, lane)
+    return rotation(w, x, y, z)
+
+
+@inline_jit
+def _gather(loop, first, last, block, activation):
+    """Read the state of the vehicles; lanes beyond the last repeat the first."""
+    fleet, state = loop.params.fleet, loop.state
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    for lane in range(LANES):
+        v = first + lane if first + lane < last else first
+        body = fleet.bodies[v]
+        for i in range(7):
+            block[_POSITION + i, lane] = state.qpos[body.qpos + i]
+        for i in range(6):
+            block[_VELOCITY + i, lane] = state.qvel[body.dof + i]
+        for i in range(3):
+            block[_COMMAND + i, lane] = state.memory.command[v, i]
+            block[_MEDIUM + i, lane] = 0.0
+        block[_HEADING, lane] = body.heading[0]
+        block[_HEADING + 1, lane] = body.heading[1]
+        for j in range(kind.count):
+            channel = fleet.thrusters[kind.thruster + j]
+            activation[j, lane] = state.act[body.state + channel.state] if channel.late else 0.0
+
+
+@inline_jit
+def _scatter(loop, first, last, block, activation, effort):
+    """Write the commands of the vehicles, their activations, and the state of those whose commands are good."""
+    _write_commands(loop, first, last, effort)
+    fleet, state = loop.params.fleet, loop.state
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    for v in range(first, last):
+        lane = v - first
+        body = fleet.bodies[v]
+        if block[_GOOD, lane] > 0.0:
+            for i in range(7):
+                state.qpos[body.qpos + i] = block[_POSITION + i, lane]
+            for i in range(6):
+                state.qvel[body.dof + i] = block[_VELOCITY + i, lane]
+        for j in range(kind.count):
+            channel = fleet.thrusters[kind.thruster + j]
+            if channel.late:
+                state.act[body.state + channel.state] = activation[j, lane]
+
+
+@inline_jit
+def _steer(kind, block):
+    """Write the wrench of drag and the wrenches that actuators are to make; see `bodies.thruster_commands`."""
+    K, com, share = kind.gain, triple(kind.com), triple(kind.rigid_mass_fraction)
+    for lane in range(LANES):
+        quaternion = _quaternion(block, lane)
+        R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
+        s = to_body(R, subtract(_three(block, _VELOCITY, lane), _three(block, _MEDIUM, lane)))
+        omega = _three(block, _RATES, lane)
+        drag, moment = drag_wrench(kind, s, omega)
+        _put(block, _FORCE, lane, drag)
+        _put(block, _MOMENT, lane, moment)
+        wanted = to_body(R, _three(block, _COMMAND, lane))
+        weight = upward(R, kind.supported_weight)
+        force = drag_force(kind, wanted)
+        force = (
+            force[0] + K[0] * (wanted[0] - s[0]),
+            force[1] + K[1] * (wanted[1] - s[1]),
+            force[2] + K[2] * (wanted[2] - s[2]),
+        )
+        heading = (block[_HEADING, lane], block[_HEADING + 1, lane])
+        attitude = (heading[0], 0.0, 0.0, heading[1])
+        if kind.steering == THRUST_VECTOR:
+            force, weight, attitude = point_thrust(kind, heading, R, force, weight)
+        turn = turn_to(kind, attitude, quaternion, omega)
+        net = subtract(force, drag_force(kind, s))
+        couple = cross(com, (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
+        carry = cross(com, weight)
+        _put(block, _WEIGHT, lane, weight)
+        _put(block, _TURN, lane, turn)
+        _put(block, _PUSH, lane, force)
+        _put(block, _COUPLE, lane, couple)
+        _put(block, _TOTAL, lane, add(weight, force))
+        _put(block, _TOTAL + 3, lane, add(carry, add(turn, couple)))
+
+
+@inline_jit
+def _allocate(loop, first, last, block, effort):
+    """Write the efforts; see `bodies.thruster_commands`."""
+    fleet, state = loop.params.fleet, loop.state
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    for lane in range(LANES):
+        block[_BEYOND, lane] = 0.0
+    for j in range(kind.count):
+        channel = thrusters[j]
+        for lane in range(LANES):
+            u = row_product(channel.row, _three(block, _TOTAL, lane), _three(block, _TOTAL + 3, lane))
+            effort[j, lane] = u
+            within = (channel.low <= u) & (u <= channel.high)
+            block[_BEYOND, lane] = block[_BEYOND, lane] if within else 1.0
+    for lane in range(last - first):
+        if block[_BEYOND, lane] > 0.0:
+            body = fleet.bodies[first + lane]
+            ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
+            weight, turn = _three(block, _WEIGHT, lane), _three(block, _TURN, lane)
+            force, moment = _three(block, _PUSH, lane), _three(block, _COUPLE, lane)
+            upright = _attitude(block, lane)[8]
+            allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, ctrl)
+            for j in range(kind.count):
+                effort[j, lane] = ctrl[j]
+
+
+@inline_jit
+def _act(kind, thrusters, block, activation, effort):
+    """Add the wrenches of the actuators, update their activations, and mark bad efforts."""
+    for lane in range(LANES):
+        block[_GOOD, lane] = 1.0
+    for j in range(kind.count):
+        channel = thrusters[j]
+        along, about = triple(channel.direction), triple(channel.moment)
+        for lane in range(LANES):
+            u = effort[j, lane]
+            f, after = actuator_force(channel, u, activation[j, lane])
+            activation[j, lane] = after
+            force = add(_three(block, _FORCE, lane), (f * along[0], f * along[1], f * along[2]))
+            moment = add(_three(block, _MOMENT, lane), (f * about[0], f * about[1], f * about[2]))
+            _put(block, _FORCE, lane, force)
+            _put(block, _MOMENT, lane, moment)
+            block[_GOOD, lane] = block[_GOOD, lane] if abs(u) < HUGE else 0.0
+
+
+@inline_jit
+def _move(one, h, block):
+    """Take MuJoCo's step of h, s; see `motion.move`."""
+    for lane in range(LANES):
+        R, omega = _attitude(block, lane), _three(block, _RATES, lane)
+        along, about = accelerations(one, R, omega, _three(block, _FORCE, lane), _three(block, _MOMENT, lane))
+        sound = (abs(along[0]) < HUGE) & (abs(along[1]) < HUGE) & (abs(along[2]) < HUGE)
+        sound &= (abs(about[0]) < HUGE) & (abs(about[1]) < HUGE) & (abs(about[2]) < HUGE)
+        v = _three(block, _VELOCITY, lane)
+        x = _three(block, _POSITION, lane)
+        v = (v[0] + h * along[0], v[1] + h * along[1], v[2] + h * along[2])
+        omega = (omega[0] + h * about[0], omega[1] + h * about[1], omega[2] + h * about[2])
+        x = (x[0] + h * v[0], x[1] + h * v[1], x[2] + h * v[2])
+        sound &= (abs(v[0]) < HUGE) & (abs(v[1]) < HUGE) & (abs(v[2]) < HUGE)
+        sound &= (abs(omega[0]) < HUGE) & (abs(omega[1]) < HUGE) & (abs(omega[2]) < HUGE)
+        sound &= (abs(x[0]) < HUGE) & (abs(x[1]) < HUGE) & (abs(x[2]) < HUGE)
+        _put(block, _VELOCITY, lane, v)
+        _put(block, _RATES, lane, omega)
+        _put(block, _POSITION, lane, x)
+        block[_SOUND, lane] = 1.0 if sound else 0.0
+
+
+@inline_jit
+def _turn(h, block):
+    """Turn the quaternions; see `motion.turn`."""
+    large = 0.0
+    for lane in range(LANES):
+        omega, q = _three(block, _RATES, lane), _quaternion(block, lane)
+        x, y, z = 0.5 * h * omega[0], 0.5 * h * omega[1], 0.5 * h * omega[2]
+        square = x * x + y * y + z * z
+        block[_PARTS, lane], block[_PARTS + 1, lane] = series(square)
+        norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+        block[_SIZE, lane] = 1.5 - 0.5 * norm
+        block[_LARGE, lane] = 0.0 if (square < SMALL) & (abs(norm - 1.0) < NEARLY_UNIT) else 1.0
+    for lane in range(LANES):
+        large += block[_LARGE, lane]
+    if large > 0.0:
+        _turn_far(h, block)
+    for lane in range(LANES):
+        omega, s = _three(block, _RATES, lane), block[_PARTS + 1, lane]
+        x, y, z = s * (0.5 * h * omega[0]), s * (0.5 * h * omega[1]), s * (0.5 * h * omega[2])
+        q = turned(_quaternion(block, lane), block[_SIZE, lane], block[_PARTS, lane], (x, y, z))
+        for i in range(4):
+            block[_QUATERNION + i, lane] = q[i]
+
+
+@inline_jit
+def _turn_far(h, block):
+    """Replace the series where a turn is large, and the size where a quaternion is far from one."""
+    for lane in range(LANES):
+        omega, q = _three(block, _RATES, lane), _quaternion(block, lane)
+        x, y, z = 0.5 * h * omega[0], 0.5 * h * omega[1], 0.5 * h * omega[2]
+        square = x * x + y * y + z * z
+        if not square < SMALL:
+            half = np.sqrt(square)
+            block[_PARTS, lane] = np.cos(half)
+            block[_PARTS + 1, lane] = np.sin(half) / half
+        norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+        if not abs(norm - 1.0) < NEARLY_UNIT:
+            block[_SIZE, lane] = 1.0 / np.sqrt(norm)
+
+
+@inline_jit
+def _mark_commands(loop, first, last, k, block, bad):
+    """Return True if all commands are good; write to `bad`, and keep the state of vehicles whose commands are not."""
+    all_good = True
+    for v in range(first, last):
+        if not block[_GOOD, v - first] > 0.0:
+            body = loop.params.fleet.bodies[v]
+            for i in range(7):
+                loop.state.qpos[body.qpos + i] = block[_POSITION + i, v - first]
+            for i in range(6):
+                loop.state.qvel[body.dof + i] = block[_VELOCITY + i, v - first]
+            bad[v] = 2 * k + 1
+            all_good = False
+    return all_good
+
+
+@inline_jit
+def _mark_states(first, last, k, block, bad):
+    """Return True if all states after step k are good; write to `bad`, unless the commands were."""
+    all_good = True
+    for v in range(first, last):
+        if block[_GOOD, v - first] > 0.0 and not block[_SOUND, v - first] > 0.0:
+            bad[v] = 2 * (k + 1)
+            all_good = False
+    return all_good
+
+
+@inline_jit
+def _meet_medium(params, state, first, last, block):
+    """Write the velocity of the medium at each vehicle."""
+    for v in range(first, last):
+        x, y, z = _three(block, _POSITION, v - first)
+        _put(block, _MEDIUM, v - first, medium_velocity(params.medium, state.medium, v, x, y, z))
+
+
+@inline_jit
+def _write_commands(loop, first, last, effort):
+    """Write the efforts to the commands of the vehicles."""
+    fleet = loop.params.fleet
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    for v in range(first, last):
+        for j in range(kind.count):
+            loop.state.ctrl[fleet.bodies[v].actuator + j] = effort[j, v - first]
+
+
+@jit
+def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
+    """Move vehicles for which `fits_lanes` holds; see `fused.advance_block`."""
+    params, state = loop
+    fleet, h = params.fleet, params.timestep
+    number = fleet.bodies[first].kind
+    kind, one = fleet.kinds[number], motion[number]
+    thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    block, activation, effort = lane_array(_ROWS), lane_array(_CHANNELS), lane_array(_CHANNELS)
+    _gather(loop, first, last, block, activation)
+    for lane in range(LANES):
+        block[_GOOD, lane] = 1.0
+    all_good = True
+    for k in range(step, step + count):
+        advance_medium(params.medium, params.start + k * h, first, last, state.medium)
+        _meet_medium(params, state, first, last, block)
+        _steer(kind, block)
+        _allocate(loop, first, last, block, effort)
+        if k == step and row >= 0:
+            _write_commands(loop, first, last, effort)
+            record(loop, log, row, first, last)
+        _act(kind, thrusters, block, activation, effort)
+        all_good &= _mark_commands(loop, first, last, k, block, bad)
+        _move(one, h, block)
+        _turn(h, block)
+        all_good &= _mark_states(first, last, k, block, bad)
+        if not all_good:
+            break
+    _scatter(loop, first, last, block, activation, effort)
+    return all_good
