@@ -198,7 +198,7 @@ class Change(Event):
                     raise InputError(
                         "cannot change during a run; expected a field of controller but for its periods, a field of "
                         "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
-                        "links.all, links.communication or links.sensing, or one of safety but for obstacles"
+                        "links.all, links.communication or links.sensing, or one of safety"
                     )
                 if path.startswith("safety.") and "safety" not in state.sections:
                     raise InputError("the scenario has no section safety; expected one from the start of the run")
