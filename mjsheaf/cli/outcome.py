@@ -60,6 +60,7 @@ def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
     print_lines(_headline(summary), *_verdict(summary["expect"], overridden))
     make_console().print(_table(summary))
     print_lines(
+        *_safety(summary.get("safety")),
         *_notes(summary),
         *(f"DRIFTS: {direction}; errors are against the q* of least norm" for direction in summary["free_directions"]),
         *_effort(summary),
@@ -116,7 +117,9 @@ def _verdict(expect: dict[str, Any], overridden: bool) -> list[str]:
         scope = " (the expectation is for the scenario without --set)" if overridden else ""
         return [f"NOT as expected: {'; '.join(missed)}{scope}"]
     held = [
-        f"{_words(check['measure'])} {check['found']:.3g} m, at most {check['bound']:g}" for check in expect["checks"]
+        f"{_words(check['measure'])} {check['found']:.3g} m, "
+        f"at {'least' if check['measure'] == 'smallest_separation' else 'most'} {check['bound']:g}"
+        for check in expect["checks"]
     ]
     return [f"as expected: {'; '.join(held)}"]
 
@@ -144,6 +147,28 @@ def _table(summary: dict[str, Any]) -> Any:
 
 def _numbers(values: dict[str, Any]) -> list[str]:
     return ["-" if values[measure] is None else f"{values[measure]:.4g}" for measure in _NORMS]
+
+
+def _safety(safety: dict[str, Any] | None) -> list[str]:
+    """Return how close vehicles came, and what the filter that keeps them apart did; nothing without one."""
+    if safety is None:
+        return []
+    shares, left = safety["filtered"], safety["smallest_separation"]
+    busiest = max(shares, key=shares.__getitem__)
+    lines = [
+        f"separation: the distance to keep is exceeded by {left:.3g} m or more; the filter acted on "
+        f"{sum(share > 0.0 for share in shares.values())} of {len(shares)} agents, on {busiest} most, "
+        f"{100.0 * shares[busiest]:.3g} % of the time"
+        if left is not None and left >= 0.0
+        else f"TOO CLOSE: a distance is {0.0 if left is None else -left:.3g} m below the one to keep"
+    ]
+    if safety["deadlocked"]:
+        names = shortened(", ".join(safety["deadlocked"]))
+        lines.append(f"DEADLOCKED: {names} block one another; safety.tie_break: right_hand makes them turn right")
+    if safety["infeasible"]:
+        names = shortened(", ".join(safety["infeasible"]))
+        lines.append(f"INFEASIBLE: no command kept every distance of {names} at some time; nothing is certain after it")
+    return lines
 
 
 def _effort(summary: dict[str, Any]) -> list[str]:

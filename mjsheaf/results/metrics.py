@@ -10,6 +10,8 @@ import xarray as xr
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array
+from mjsheaf.control.obstacles import distances
+from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
 from mjsheaf.team import Edge, Formation, Team
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 
 _FEW = 100  # maximum number of vehicles for which all pairs are compared
+_STUCK = 1.0 / 20.0  # fraction of the speed that the law asks for, below which an agent is deadlocked
 _ROUNDING = 1e-12  # fraction of the largest displacement below which a mean displacement counts as zero
 
 
@@ -124,6 +127,58 @@ def separations(positions: Array) -> Array:
             np.minimum(near, squares, out=near)
     found[known] = np.sqrt(nearest.T[known])
     return found
+
+
+def clearances(safety: SafetyArrays, times: Array, places: Array) -> Array:
+    """Compute the smallest distance minus the required one over all pairs with an agent, shape (T,), m.
+
+    Args:
+        safety: What vehicles keep apart, without margins.
+        times: Times of the samples, s.
+        places: Positions in space, shape (T, V, 3), m; a vehicle at NaN does not count.
+    """
+    N, radius = safety.agents, safety.radius
+    found = np.full(len(times), np.inf)
+    for k, at in enumerate(places):
+        known = np.flatnonzero(np.isfinite(at).all(axis=1))
+        tree = cKDTree(at[known])
+        agents = known[known < N]
+        if len(known) < 2 or not len(agents):
+            continue
+        # What the nearest pairs leave bounds the distance of all pairs that leave less.
+        near, who = tree.query(at[agents], 2)
+        left = (near[:, 1] - radius[agents] - radius[known[who[:, 1]]]).min()
+        reach = max(left, 0.0) + 2.0 * radius[known].max()
+        pairs = known[tree.query_pairs(reach * (1.0 + 1e-12), output_type="ndarray").reshape(-1, 2)]
+        pairs = pairs[(pairs < N).any(axis=1)]
+        away = np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1) - radius[pairs].sum(axis=1)
+        found[k] = min(left, away.min(initial=np.inf))
+    if len(safety.obstacles.kind):
+        clear = distances(safety.obstacles, times, places[:, :N]) - safety.clearance[:N, None]
+        found = np.fmin(found, np.nanmin(clear, axis=(1, 2)))
+    return found
+
+
+def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
+    """Return the field `safety` of summary.json from the data of a whole run; None without a filter.
+
+    An agent is deadlocked if over the last tenth of the run the filter replaces its command at every sample and leaves
+    less than a twentieth of the speed that the law asks for.
+    """
+    if "separation" not in dataset:
+        return None
+    correction, command = dataset["safety_correction"].values, dataset["velocity_command"].values
+    agents = [str(name) for name in dataset["agent"].values]
+    end = slice(-max(2, len(correction) // 10), None)
+    speed = np.sqrt(np.nansum(command[end] ** 2, axis=2))
+    stuck = (correction[end] > 0.0).all(axis=0) & (speed.mean(axis=0) < _STUCK * correction[end].mean(axis=0))
+    infeasible = (dataset["safety_violation"].values > 0.0).mean(axis=0)
+    return {
+        "smallest_separation": finite(dataset["separation"].values.min()),
+        "filtered": dict(zip(agents, (correction > 0.0).mean(axis=0).tolist(), strict=True)),
+        "deadlocked": [name for name, one in zip(agents, stuck, strict=True) if one],
+        "infeasible": {name: share for name, share in zip(agents, infeasible.tolist(), strict=True) if share},
+    }
 
 
 def mean_known(values: Array) -> Array:
@@ -272,9 +327,16 @@ def engine_of(dataset: xr.Dataset) -> str | None:
 
 
 def check_expectation(
-    expect: "Expect", backend: str, status: str, final: dict[str, Any], phases: Sequence[dict[str, Any]] = ()
+    expect: "Expect",
+    backend: str,
+    status: str,
+    final: dict[str, Any],
+    phases: Sequence[dict[str, Any]] = (),
+    safety: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Compare final errors, and those at the end of each phase, with the scenario's `expect:` block for a backend.
+
+    `safety` is what `safety_of` returns: its smallest separation must be at least the expected one.
 
     Returns:
         {"met": True, False, or None without expectations; "checks": one record per bound}. If a refusal is expected, a
@@ -284,6 +346,10 @@ def check_expectation(
     checks: list[dict[str, Any]] = []
     if expect.refused is not None:
         checks.append({"measure": "refused", "bound": expect.refused, "found": None, "met": False})
+    if bounds is not None and bounds.smallest_separation is not None:
+        bound, found = bounds.smallest_separation, (safety or {}).get("smallest_separation")
+        met = status == "finished" and found is not None and found >= bound
+        checks.append({"measure": "smallest_separation", "bound": bound, "found": found, "met": met})
     if bounds is not None:
         own = [phase["final"] or {} for phase in phases]
         places = [("", bounds, final), *((f"phases.{k}.", b, own[k] if k < len(own) else {})

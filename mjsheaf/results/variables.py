@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.law import disagreement
 from mjsheaf.control.links import NEW, SILENT
-from mjsheaf.results.metrics import Errors, evaluate_errors, separations
+from mjsheaf.control.safety import CAUSE, CORRECTION, VIOLATION
+from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
 from mjsheaf.team import Edge
 
 if TYPE_CHECKING:
@@ -119,6 +120,14 @@ class Samples:
         edges = len(self.own_edges)
         arrived = edges - self.log.heard.shape[1] + (self.log.heard == NEW).sum(axis=1)
         return np.asarray(arrived / max(edges, 1))
+
+    @cached_property
+    def clearances(self) -> Array:
+        """Smallest distance minus the required one over all pairs, shape (T,), m."""
+        system = self.system
+        safety = system.separation(np.zeros(len(system.planar)))
+        places = self.log.origin if self.on_bodies else self.positions + safety.lift
+        return clearances(safety, self.trajectory.time, places)
 
     @cached_property
     def channels(self) -> list[list[Any]]:
@@ -252,6 +261,7 @@ _HEARD: dict[str, Any] = {
     "where": lambda s: bool(s.linked) or s.system.law.links.record,
     "present": "over links, or with `links.record`",
 }
+_SAFE: dict[str, Any] = {"where": lambda s: s.system.safety is not None, "present": "with `safety`"}
 _RECORD: dict[str, Any] = {"where": lambda s: s.system.law.links.record, "present": "with `links.record`"}
 
 
@@ -309,6 +319,19 @@ VARIABLES: list[Variable] = [
              lambda s: s.padded(s.log.medium)),
     *of_each("{}_separation", _EACH, "m", "distance from each {} to the nearest other vehicle",
              lambda s: separations(s.log.origin if s.on_bodies else s.positions)),
+    Variable("separation", ("time",), "m",
+             "smallest distance minus the required one, over all pairs with an agent, and obstacles",
+             lambda s: s.clearances, **_SAFE),
+    Variable("safety_correction", ("time", "agent"), "m s-1",
+             "by how much the filter that keeps vehicles apart changed each agent's limited command",
+             lambda s: s.log.safety[:, : s.agents, CORRECTION], **_SAFE),
+    Variable("safety_cause", ("time", "agent"), "1",
+             "whose constraint the law's command violated most: 0 nobody's, 1 the first agent's, on through targets "
+             "and obstacles",
+             lambda s: s.log.safety[:, : s.agents, CAUSE].astype(np.int64), **_SAFE),
+    Variable("safety_violation", ("time", "agent"), "m s-1",
+             "violation that had to be accepted, as the constraints of an agent contradict one another",
+             lambda s: s.log.safety[:, : s.agents, VIOLATION], **_SAFE),
     *_renamed(of_each("{}_command", ("time", "{}", "channel"), _thruster_unit,
                       "u_i = W_i^+ [force; moment] + trim, thruster commands of each {}",
                       lambda s: s.by_channel(s.log.thruster_command), **_BODIES), "command"),

@@ -13,12 +13,15 @@ from mjsheaf.control.source import LawFile, find_law
 from mjsheaf.errors import NotUniqueError, RankError
 from mjsheaf.io.files import replace_file
 from mjsheaf.io.yaml import with_field
-from mjsheaf.results.metrics import MEASURES, check_expectation, summarize, summarize_phases
+from mjsheaf.results.metrics import MEASURES, check_expectation, safety_of, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
 
 BACKEND_ORDER = ("ideal", "physics")
 """Names of measures in an `expect:` block."""
+
+_AT_LEAST = "smallest_separation"  # the one measure with a lower bound
+_ROUNDED = 1e-3  # m: margins of smaller separations are those of this one
 
 SMALLEST_BOUND = 1e-9
 """Errors below this are rounding, which differs between machines, m."""
@@ -94,8 +97,11 @@ def try_scenario(
     status = dataset.attrs["status"]
     final = summarize(scenario.team, dataset)
     phases = summarize_phases(scenario.team, dataset)
-    checks = check_expectation(scenario.expect, backend, status, final, phases)["checks"]
+    safety = safety_of(dataset)
+    checks = check_expectation(scenario.expect, backend, status, final, phases, safety)["checks"]
     errors = {name: final[name] for name in MEASURES}
+    if safety is not None:
+        errors[_AT_LEAST] = safety["smallest_separation"]
     for k, phase in enumerate(phases):
         errors |= {f"phases.{k}.{name}": (phase["final"] or {}).get(name) for name in MEASURES}
     return Trial(backend, status, dataset.attrs["message"], errors, checks, law)
@@ -124,7 +130,7 @@ def loose(trial: Trial, factor: float) -> list[dict[str, Any]]:
     return [
         check
         for check in trial.checks
-        if check["measure"] != "refused"
+        if check["measure"] not in ("refused", _AT_LEAST)
         and check["met"]
         and check["bound"] > max(factor * check["found"], SMALLEST_BOUND)
     ]
@@ -143,7 +149,9 @@ def bounds_from(trial: Trial, margin: float) -> dict[str, Any]:
             phases = bounds.setdefault("phases", [])
             phases += [{} for _ in range(int(phase[1]) + 1 - len(phases))]
             own = phases[int(phase[1])]
-        if found is not None:
+        if found is not None and measure == _AT_LEAST:
+            own[measure] = round(found - margin * max(abs(found), _ROUNDED), 6)
+        elif found is not None:
             own[measure] = round_up(max(found * (1.0 + margin), SMALLEST_BOUND))
     if "phases" in bounds:
         bounds["phases"].pop()  # the last phase ends with the run
@@ -209,9 +217,10 @@ def miss(check: Mapping[str, Any]) -> str:
     if measure == "refused":
         what = "it ran" if found is None else "its refusal says something else"
         return f"{what}, expected a refusal that says {bound!r}"
+    side = "at least" if measure == _AT_LEAST else "at most"
     if found is None:
-        return f"{measure} has no value, expected at most {bound:g}"
-    return f"{measure} is {found:.4g}, expected at most {bound:g}"
+        return f"{measure} has no value, expected {side} {bound:g}"
+    return f"{measure} is {found:.4g}, expected {side} {bound:g}"
 
 
 def describe(trial: Trial, name: str, watch: str) -> str:
@@ -227,7 +236,8 @@ def describe(trial: Trial, name: str, watch: str) -> str:
     if refusal is not None:
         lines.append(f"  expected a refusal that says {refusal['bound']!r}")
     names = dict.fromkeys([*MEASURES, *trial.final, *bounds])
-    measures = [m for m in names if m in bounds or (m in MEASURES and trial.final.get(m) is not None)]
+    shown = (*MEASURES, _AT_LEAST)
+    measures = [m for m in names if m in bounds or (m in shown and trial.final.get(m) is not None)]
     if measures:
         width = max(18, *(len(m) + 1 for m in measures))
         lines.append(f"  {'measure (m)':<{width}}{'expected':>12}{'found':>12}")
@@ -237,13 +247,16 @@ def describe(trial: Trial, name: str, watch: str) -> str:
 
 
 def _line(measure: str, width: int, check: dict[str, Any] | None, found: float | None, status: str) -> str:
-    expected = "-" if check is None else f"<= {check['bound']:g}"
+    least = measure == _AT_LEAST
+    expected = "-" if check is None else f"{'>=' if least else '<='} {check['bound']:g}"
     line = f"  {measure:<{width}}{expected:>12}{'-' if found is None else f'{found:.4g}':>12}"
     if check is None or check["met"]:
         return line
     if found is None:
         return f"{line}  has no value"
-    if found <= check["bound"]:
+    if found >= check["bound"] if least else found <= check["bound"]:
         return f"{line}  but the run is {status}"
+    if least:
+        return f"{line}  {check['bound'] - found:.3g} m below"
     more = f"{100.0 * (found / check['bound'] - 1.0):.3g} % above" if check["bound"] > 0.0 else "above"
     return f"{line}  {more}"

@@ -24,7 +24,7 @@ from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.jit import working_time
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
-from mjsheaf.results.metrics import communication, delivery_of, engine_of, summarize_phases
+from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.netcdf import split, write_and_open
 from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
@@ -345,6 +345,8 @@ def account_of(
         phase |= _bounds_summary(*bound)
     with timings.part("notes"):
         summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, *bounds[0])
+        summary["safety"] = safety = safety_of(dataset)
+        summary["expect"] = _expectation(scenario, dataset.attrs, summary["final"], own, safety)
         terms = examine_terms(phases, dataset)
         if terms is not None:
             summary["terms"] = terms.record()
@@ -445,13 +447,14 @@ def _summary_of(
         "steps": periods * (round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1),
         "wall_time_s": None,
         "realtime_factor": None,
-        "expect": _expectation(scenario, controller, backend, status, final, own),
+        "expect": {},
         "final": final,
         "phases": own,
         "communication": communication(drawn, periods + 1, system.grid.period),
         "delivery": delivery_of(drawn),
         "free_directions": list(free),
         **_bounds_summary(theorem, of_law),
+        "safety": None,
         "terms": None,
         "notes": [],
         "video": None,
@@ -462,17 +465,16 @@ def _summary_of(
 
 def _expectation(
     scenario: Scenario,
-    controller: str | None,
-    backend: str,
-    status: str,
+    attrs: dict[str, Any],
     final: dict[str, Any],
     own: list[dict[str, Any]],
+    safety: dict[str, Any] | None,
 ) -> dict[str, Any]:
     """Compare errors with the scenario's expectations; bounds for another law are not checked."""
     expected = scenario.expect.controller
-    if expected is not None and not same_law(expected, controller):
+    if expected is not None and not same_law(expected, attrs.get("controller")):
         return {"met": None, "checks": [], "reason": f"the bounds are for the law {expected}"}
-    return check_expectation(scenario.expect, backend, status, final, own)
+    return check_expectation(scenario.expect, attrs["backend"], attrs["status"], final, own, safety)
 
 
 def _bounds_summary(theorem: "RunBound", of_law: "HeldBound") -> dict[str, Any]:

@@ -348,8 +348,12 @@ class PhaseBounds(Section):
 
 
 class Bounds(PhaseBounds):
-    """Largest final errors that are expected, and those at the end of each phase."""
+    """Largest final errors that are expected, those at the end of each phase, and the smallest separation."""
 
+    smallest_separation: Number | None = Field(
+        None,
+        description="with `safety`: what distances exceed the required ones by, at least, over the whole run [m]",
+    )
     phases: list[PhaseBounds] | None = Field(
         None, description="at the last sample of each phase of a run with events, but for the last phase"
     )

@@ -53,6 +53,8 @@ class Log(NamedTuple):
         saturation: share of each vehicle's thrusters at a limit, shape (T, V).
         heard: what each link heard (see `mjsheaf.control.links`), shape (T, L).
         measurements: as delivered, -b where nothing was heard, shape (T, m), m; only where they are asked for.
+        safety: what the filter that keeps vehicles apart found (see `mjsheaf.control.safety`), shape (T, V, 4); without
+            one (T, V, 0).
         extra: Extra of further variables; () without any.
     """
 
@@ -69,6 +71,7 @@ class Log(NamedTuple):
     saturation: Array
     heard: Array
     measurements: Array
+    safety: Array
     extra: Any = ()
 
     def span(self, begin: int, end: int) -> "Log":
@@ -96,6 +99,7 @@ def new_log(T: int, law: LawArrays, *, inputs: tuple[int, int] | None = None, ac
         saturation=np.empty((bodies, V)),
         heard=np.empty((T, len(links.table))),
         measurements=np.empty((T, len(law.edges.b) if links.record else 0)),
+        safety=np.zeros((T, V, 4 if law.safety else 0)),
         extra=_new_extra(T, V),
     )
 
@@ -170,6 +174,8 @@ def record_vehicle(run, memory, log, k, v, position, velocity, medium):
         log.command[k, v, i] = memory.command[v, i]
         log.velocity[k, v, i] = velocity[i]
         log.medium[k, v, i] = medium[i]
+    for i in range(log.safety.shape[2]):
+        log.safety[k, v, i] = memory.safety.found[v, i]
     _record_extra(log.extra, run, memory, k, v)
 
 

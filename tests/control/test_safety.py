@@ -12,6 +12,7 @@ from mjsheaf import load_scenario, simulate, simulate_many
 from mjsheaf.arrays import Array
 from mjsheaf.control.obstacles import distances
 from mjsheaf.errors import MjsheafError
+from mjsheaf.results.metrics import safety_of
 from mjsheaf.scenario import Scenario
 from tests.builders import refused
 
@@ -274,3 +275,24 @@ def test_without_velocity_limits_a_range_is_needed() -> None:
         load_scenario(raw)
     assert "safety.range: A0 has no velocity_limit" in str(caught.value)
     load_scenario(raw | {"safety": {"distance": 2.0, "range": 10.0}})
+
+
+def test_results_say_what_the_filter_did() -> None:
+    """The smallest separation is that of the positions; eight that block one another are deadlocked, and named."""
+    raw = swap()
+    raw["safety"]["obstacles"] = [{"kind": "sphere", "centre": [0.0, 0.0, 0.5], "radius": 0.5}]
+    run = simulate(load_scenario(raw), backend="ideal")
+    places = positions_of(run)
+    nearest = np.minimum(pairs_of(places).min(axis=1), np.linalg.norm(places - [0, 0, 0.5], axis=2).min(axis=1) - 0.5)
+    np.testing.assert_allclose(run["separation"], nearest - 2.0, atol=1e-12)
+    told = safety_of(run)
+    assert told is not None
+    assert told["deadlocked"] == [f"A{k}" for k in range(8)]
+    assert told["smallest_separation"] == pytest.approx((nearest - 2.0).min())
+    shares = (run["safety_correction"].values > 0.0).mean(axis=0)
+    assert list(told["filtered"].values()) == shares.tolist()
+    assert not told["infeasible"]
+    assert set(np.unique(run["safety_cause"])) <= set(range(10))
+    free = simulate(load_scenario(swap(tie_break="right_hand")), backend="ideal")
+    assert safety_of(free)["deadlocked"] == []  # type: ignore[index]
+    assert safety_of(simulate(load_scenario("midpoint", {"time.end": 1}), backend="ideal")) is None
