@@ -53,6 +53,8 @@ class TimeGrid:
         return np.asarray(self.start + self.period * np.arange(first, end), dtype=np.float64)
 
 
+_PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
+
 DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
 """Vehicle of an agent or target of each dimension unless the scenario names another; it takes any effects and tau."""
 
@@ -284,7 +286,7 @@ class System:
         With a pull to its reference, a target is at most |p - r| <= |p_0 - r_0| + sup |w| / pull away from it. Agents
         have 0.
         """
-        speed, _ = reference_bounds(self.motion)
+        speed, _ = reference_bounds(self.motion, parts=_PARTS)
         pull = self.motion.pull
         starts = np.array([position_at(self.motion, v, self.grid.start) for v in range(len(pull))]).reshape(-1, 3)
         behind = np.linalg.norm(starts - self.initial, axis=1)
@@ -309,7 +311,7 @@ class System:
         after a period at most; its origin is a hand's length behind the point that the law moves.
         """
         top = np.where(np.isfinite(self.law.limit), self.law.limit, 0.0)
-        top = np.maximum(top, reference_bounds(self.motion)[0])
+        top = np.maximum(top, reference_bounds(self.motion, parts=_PARTS)[0])
         tau = np.array([vehicle.reduced_model().tau.max() for vehicle in self.vehicles])
         hand = np.array([vehicle.steering.hand for vehicle in self.vehicles])
         return np.asarray(top * (tau + self._hold) + hand)

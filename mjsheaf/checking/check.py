@@ -24,6 +24,7 @@ from mjsheaf.checking.loop.steady import SteadyError, steady_error
 from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.proposals import Proposal, propose
+from mjsheaf.checking.separation import SafetyRecord, safety_record
 from mjsheaf.checking.theorem.certificate import Assumption, Certificate, Search, certificate_of, obstacle_of_team
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
@@ -146,6 +147,7 @@ class PhaseRecord(Record):
     targets: TargetsLoop
     margins: Margins
     rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
+    safety: SafetyRecord | None = Field(description="what keeps vehicles apart; null without it")
     disturbance: DisturbanceRecord
     fragility: Fragility = Field(description="which single event more breaks an assumption")
 
@@ -177,6 +179,10 @@ class CheckRecord(Record):
     disturbance: DisturbanceRecord
     fragility: Fragility
     rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
+    safety: SafetyRecord | None = Field(
+        description="what keeps vehicles apart, null without it; with it, what is said of the law and of loops is "
+        "about the team while the filter does not act"
+    )
     phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
     notes: list[str] = Field(default_factory=list, description="what in the files looks like a slip, in sentences")
 
@@ -326,6 +332,7 @@ _OF_PHASE = (
     "disturbance",
     "fragility",
     "rigidity",
+    "safety",
 )
 
 
@@ -413,6 +420,7 @@ def _examine_one(
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=mending),
         rigidity=rigidity,
+        safety=safety_record(system, certificate),
         theorem=_theorem(search, certificate, radius),
         law=law,
         links=links,

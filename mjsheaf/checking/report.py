@@ -16,6 +16,7 @@ from mjsheaf.checking.loop.links import LinkRecord
 from mjsheaf.checking.loop.loss import LossAnswer
 from mjsheaf.checking.loop.margins import BodyMargins, SpeedDemand
 from mjsheaf.checking.loop.targets_loop import TargetsLoop
+from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
 
 Row = tuple[str, str, str]
@@ -42,6 +43,7 @@ def report(record: CheckRecord) -> Group:
         _law(record),
         *_disturbance(record.disturbance),
         *_links(record.links),
+        *_separation(record.safety),
         *_proposals(record),
         _margins(record),
         *_fragility(record.fragility),
@@ -205,6 +207,27 @@ def _disturbance(found: DisturbanceRecord) -> list[Table]:
         remark = f"the medium is {_number(speed, 'm/s')} faster at times than its vehicle can be"
         rows.append(("cannot hold station", id, remark))
     return [_pairs("gusts and waves, once the loop has settled", rows)]
+
+
+def _separation(found: SafetyRecord | None) -> list[Table]:
+    """Return what is certain of the distances that vehicles keep; nothing without the filter."""
+    if found is None:
+        return []
+    rows: list[Row] = [("guaranteed", "yes" if found.guaranteed else "no", "on ideal kinematics, while feasible")]
+    rows += [("", "", f"because {reason}") for reason in found.reasons]
+    rows += [("sees within", _number(found.range, "m"), f"with gamma = {found.rate:.4g} 1/s")]
+    if found.parting:
+        rows.append(
+            ("flow", _number(found.parting, "m/s"), "by which the media about two vehicles may part; allowed for")
+        )
+    largest = max(found.margins, key=found.margins.__getitem__)
+    rows.append(("on bodies", _number(found.margins[largest], "m"), f"more for {largest}, which goes on when stopped"))
+    for pairs, where in ((found.unsafe, "q* too close"), (found.initial, "start too close")):
+        rows += [
+            (where, _number(-one.gap, "m"), f"{' - '.join(one.pair)} at {one.time:.4g} s") for one in pairs[:_MOST]
+        ]
+    rows.append(("the rest", "", "is about the team while the filter does not act, and links do not matter to it"))
+    return [_pairs("keeping apart", rows)]
 
 
 def _cost_rows(law: LawLoop) -> list[Row]:

@@ -5,6 +5,7 @@ from textwrap import wrap
 
 from mjsheaf.checking.check import CheckRecord, PhaseRecord
 from mjsheaf.checking.proposals import Proposal
+from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.theorem.certificate import Assumption
 
 MAX_LINES = 45
@@ -140,6 +141,8 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
     delay = "not known" if margin is None else f"{margin:.3g} s on all links alike"
     yield from _row("delay margin", delay)
     yield from _row("better law", _better(record.proposals, record.theorem.wanted_radius, as_if))
+    if record.safety is not None:
+        yield from _row("separation", _separation(record.safety))
     critical = record.fragility.critical_count
     first = [f"{loss.name} ({loss.kind})" for loss in record.fragility.critical[:3]]
     fragile = "no single loss breaks an assumption"
@@ -147,6 +150,21 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
         rest = f", or one of {critical - len(first)} more," if critical > len(first) else ""
         fragile = f"losing {' or '.join(first)}{rest} breaks an assumption"
     yield from _row("fragility", fragile)
+
+
+def _separation(safety: SafetyRecord) -> str:
+    """Return what is certain of the distances that vehicles keep."""
+    told = []
+    for pairs, where in ((safety.unsafe, "q* itself"), (safety.initial, "the start")):
+        if pairs:
+            worst = pairs[0]
+            more = f" and {len(pairs) - 1} pairs more" if len(pairs) > 1 else ""
+            told.append(
+                f"{where} is too close: {' - '.join(worst.pair)} by {-worst.gap:.3g} m at {worst.time:.4g} s{more}"
+            )
+    kept = "kept on ideal kinematics while no agent's constraints contradict one another"
+    told.append(kept if safety.guaranteed else f"not guaranteed: {safety.reasons[0]}")
+    return "; ".join([*told, "error bounds are undecided while the filter acts"])
 
 
 def _better(proposals: list[Proposal], radius: float, as_if: str) -> str:

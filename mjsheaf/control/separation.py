@@ -14,6 +14,9 @@ from mjsheaf.errors import InputError, in_field
 from mjsheaf.io.section import Id, Number, Point, Positive, Section, tagged
 
 
+_PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
+
+
 class Obstacle(Section):
     """Base of all obstacles; subclasses must implement `place`, `axis` and `size`."""
 
@@ -312,4 +315,4 @@ def pack_obstacles(safety: Safety, height: float, start: float, end: float) -> O
     with in_field("safety.obstacles"):
         motion = motions.pack([one.motion for one in some], places, start, dimensions, end)
     kinds = np.array([KINDS.index(one.kind) for one in some], dtype=np.int64)
-    return ObstacleArrays(kinds, axes, size, motions.reference_bounds(motion)[0], motion)
+    return ObstacleArrays(kinds, axes, size, motions.reference_bounds(motion, parts=_PARTS)[0], motion)

@@ -319,10 +319,11 @@ def _spline(motion: Waypoints | Recorded | File, initial: Array, start: float, e
     return recorded.spline(len(initial), start, end)
 
 
-def reference_bounds(motion: MotionArrays) -> tuple[Array, Array]:
+def reference_bounds(motion: MotionArrays, parts: int = 1) -> tuple[Array, Array]:
     """Bounds for all t on the speed |v(t)|, m/s, and the acceleration |v'(t)|, m/s^2, of every reference, shapes (V,).
 
-    A piece of a path is a polynomial, which lies in the convex hull of its Bernstein coefficients.
+    A piece of a path is a polynomial, which lies in the convex hull of its Bernstein coefficients; cut into `parts`,
+    the hulls are tighter.
     """
     from scipy.interpolate import BPoly, PPoly
 
@@ -333,6 +334,16 @@ def reference_bounds(motion: MotionArrays) -> tuple[Array, Array]:
             knots = motion.knots[first : first + pieces + 1]
             path = PPoly(motion.coefficients[first : first + pieces].transpose(1, 0, 2), knots)
             for order, bound in enumerate((speed, acceleration), 1):
-                hull = BPoly.from_power_basis(path.derivative(order)).c
+                hull = BPoly.from_power_basis(_cut(path.derivative(order), parts)).c
                 bound[v] = max(bound[v], float(np.linalg.norm(hull, axis=-1).max()))
     return speed, acceleration
+
+
+def _cut(path: "PPoly", parts: int) -> "PPoly":
+    """Return the same path with every piece cut into parts of one length."""
+    if parts == 1:
+        return path
+    shares = np.arange(parts) / parts
+    knots = np.append((path.x[:-1, None] + np.diff(path.x)[:, None] * shares).ravel(), path.x[-1])
+    taylor = [path(knots[:-1], order) / factorial(order) for order in range(len(path.c) - 1, -1, -1)]
+    return type(path)(np.array(taylor), knots)

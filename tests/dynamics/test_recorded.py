@@ -13,7 +13,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import mjsheaf
-from mjsheaf.dynamics.motion import Recorded, add_reference, pack, reference_bounds
+from mjsheaf.dynamics.motion import Recorded, Waypoints, add_reference, pack, reference_bounds
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.yaml import read_yaml
 
@@ -116,3 +116,15 @@ def test_files_stay_beside_the_scenario(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="lies outside"):
         mjsheaf.load_scenario(tmp_path / "in" / "s.yaml")
+
+
+@pytest.mark.parametrize("parts", [1, 4, 16])
+def test_bounds_of_speed_hold_and_are_tight_where_pieces_are_cut(parts: int) -> None:
+    """A quintic from rest to rest over 10 m at a mean speed of 2 m/s is fastest half way, at 15 / 8 of that."""
+    moving = Waypoints(points=[[10.0, 0.0]], speed=2.0)
+    motion = pack([moving], np.zeros((1, 3)), 0.0, [2])
+    speed, acceleration = reference_bounds(motion, parts)
+    assert speed[0] >= 3.75 * (1.0 - 1e-12)
+    assert acceleration[0] >= 10.0 / 3.0**0.5 * 4.0 / 10.0 * (1.0 - 1e-9)
+    if parts == 16:
+        assert speed[0] < 3.8

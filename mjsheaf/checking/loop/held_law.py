@@ -33,7 +33,7 @@ from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.checking.loop.modelled import require_model, terms_without_bound, unmodelled_parts
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
 from mjsheaf.checking.loop.targets_loop import targets_loop
-from mjsheaf.checking.theorem.certificate import Certificate
+from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_drift, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.topology.cohomology import DENSE_STATES
@@ -345,6 +345,8 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
     if not (targets := targets_loop(system)).stable:
         raise UndecidedError(targets.failure)
     found = _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
+    if system.safety is not None:
+        return replace(found, clipped=FILTERED)
     limit = system.law.limit[: len(agents)]
     over = (found.command > limit).any(axis=0)
     if over.any():

@@ -57,8 +57,6 @@ def unmodelled_parts(system: System) -> list[str]:
         parts.append("range and bearing edges, unless linearised")
     if law.supplied:
         parts.append("law in Python")
-    if system.safety is not None:
-        parts.append("filter that keeps vehicles apart")
     if (law.gain[:N] != system.gain).any():
         parts.append("gains that differ between agents")
     return parts + _terms_without_model(system)

@@ -21,7 +21,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import held_modes, linear_vehicles
 from mjsheaf.checking.loop.linear_law import LinearLaw, model_of
 from mjsheaf.checking.loop.modelled import require_model
-from mjsheaf.checking.theorem.certificate import Certificate
+from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_drift
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.control import LawArrays
@@ -109,6 +109,8 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
     """
     path = certificate.constants.path
     period = system.grid.period
+    if system.safety is not None:
+        raise UndecidedError(FILTERED)
     if system.grid.continuous:
         raise UndecidedError("the law is continuous")
     if certificate.spectrum.nullity:

@@ -54,6 +54,9 @@ from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread
 
+FILTERED = "the filter that keeps vehicles apart may act; undecided while it does"
+"""Why there is no bound on an error with a section `safety`."""
+
 Verdict = Literal["holds", "fails", "undecided", "does not apply"]
 Finding = tuple[Verdict, float | None, str, str]
 """Verdict, value, unit and witness of an assumption."""
@@ -365,12 +368,14 @@ def obstacle_of_targets(system: System) -> str:
 
 
 def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
-    """Why no bound of the continuous, unlimited law holds at this gain: a hold, a speed limit; or empty."""
+    """Why no bound of the continuous, unlimited law holds at this gain: a hold, a limit, a filter; or empty."""
     if not system.grid.continuous:
         product = system.gain * system.grid.period * spectrum.lambda_max
         if product >= 1.0:
             what = "diverges" if product >= 2.0 else "rings"
             return f"the held law {what} (k1 h lambda_max = {product:.3g}): a bound of continuous time says nothing"
+    if system.safety is not None:
+        return FILTERED
     limit = float(system.law.limit[: len(system.team.agents)].min())
     asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
     if np.isfinite(limit) and asked > limit:

@@ -1,0 +1,155 @@
+"""What `check` says of the filter that keeps vehicles apart: see `mjsheaf.control.safety`.
+
+The harmonic extension is compared with the distances that the scenario demands. Where q* itself is too close, filter
+and law contradict one another. The requirements of the filter's theorem are decided one by one.
+
+Everything else that `check` says of the law is about the team while the filter does not act. Its bounds on errors are
+undecided, as the filter adds velocities of which they do not know.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial import cKDTree
+
+from mjsheaf.arrays import Array
+from mjsheaf.checking.theorem.certificate import Certificate
+from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.control.obstacles import distances
+from mjsheaf.control.safety import SafetyArrays
+from mjsheaf.io.section import Finite, Record
+from mjsheaf.system import System
+
+_MOST_PAIRS = 200  # that a record names, the closest ones
+_ROUNDING = 1e-9  # m, of a distance
+
+
+class TooClose(Record):
+    """A pair that is closer than it should be."""
+
+    pair: list[str] = Field(description="ids of an agent and another vehicle or an obstacle")
+    time: float = Field(description="when they are closest, s")
+    gap: float = Field(description="their distance minus the required one, below 0, m")
+
+
+class SafetyRecord(Record):
+    """What keeps vehicles apart, and what is certain of it; lost and delayed links do not matter to it."""
+
+    unsafe: list[TooClose] = Field(description="pairs whose places in q* are too close, at samples of the run")
+    initial: list[TooClose] = Field(description="pairs that begin too close; the filter drives them apart")
+    guaranteed: bool = Field(
+        description="whether on ideal kinematics a pair that keeps its distance never loses it, while no agent's "
+        "constraints contradict one another"
+    )
+    reasons: list[str] = Field(description="why it is not guaranteed")
+    range: float = Field(description="distance within which agents see others, m")
+    rate: float = Field(description="gamma, 1/s")
+    parting: Finite = Field(
+        description="largest speed at which the media about two vehicles part, which the constraints allow for, m/s"
+    )
+    margins: dict[str, float] = Field(
+        description="what is added to the distance on bodies for each vehicle: how far it goes on when told to stop, m"
+    )
+
+
+def safety_record(system: System, certificate: Certificate) -> SafetyRecord | None:
+    """Return what is certain of the filter; None without one."""
+    if system.safety is None:
+        return None
+    arrays = system.separation(np.zeros(len(system.planar)))
+    names = [member.id for member in system.team.members] + system.safety.obstacle_ids
+    times, places = _places(system, certificate)
+    initial = system.initial[None] + arrays.lift
+    reasons = list(_reasons(system, arrays))
+    about = arrays.unsteady + np.linalg.norm(arrays.carried, axis=1)
+    moving = system.largest_disturbance + [system.flows[k].kernel_speed for k in system.field]
+    return SafetyRecord(
+        unsafe=_too_close(arrays, names, times, places),
+        initial=_too_close(arrays, names, times[:1], initial),
+        guaranteed=not reasons,
+        reasons=reasons,
+        range=arrays.reach,
+        rate=arrays.rate,
+        parting=2.0 * float(np.max(about)) if np.isfinite(moving).all() else None,
+        margins=dict(zip(names, system.safety_margins.tolist(), strict=False)),
+    )
+
+
+def _places(system: System, certificate: Certificate) -> tuple[Array, Array]:
+    """Return times (T,) in s and q* with the targets there, in space, shape (T, V, 3), m."""
+    path, team = certificate.constants.path, system.team
+    start = system.grid.start
+    samples = path.samples if path.cells is not None else path.samples[:1]
+    times: Array = start + system.grid.period * path.stride * np.arange(len(samples), dtype=np.float64)
+    if not len(samples):
+        times, samples = np.array([start]), system.initial[None, len(team.agents) :]
+    q_star: Array = team.unpack(Carrier(system, certificate.spectrum).extend(samples))
+    lift = np.zeros((len(system.planar), 3))
+    lift[system.planar, 2] = system.bodies.surface_height
+    return times, np.concatenate([q_star, samples], axis=1) + lift
+
+
+def _too_close(safety: SafetyArrays, names: list[str], times: Array, places: Array) -> list[TooClose]:
+    """List the pairs of an agent and something else that are too close at some time, the closest first."""
+    worst = dict[tuple[int, int], tuple[float, float]]()
+    N, V = safety.agents, len(safety.radius)
+    reach = 2.0 * float(safety.radius.max())
+    clear = distances(safety.obstacles, times, places[:, :N]) - safety.clearance[:N, None]
+    for k, at in enumerate(places):
+        pairs = cKDTree(at).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
+        gaps = np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1) - safety.radius[pairs].sum(axis=1)
+        found = [(int(i), int(j), gap) for (i, j), gap in zip(pairs, gaps.tolist(), strict=True) if min(i, j) < N]
+        found += [(int(i), V + int(j), float(clear[k, i, j])) for i, j in np.argwhere(clear[k] < 0.0)]
+        for i, j, gap in found:
+            if gap < min(worst.get((i, j), (0.0, 0.0))[0], -_ROUNDING):
+                worst[i, j] = gap, float(times[k])
+    closest = sorted(worst.items(), key=lambda item: item[1][0])[:_MOST_PAIRS]
+    return [TooClose(pair=[names[i], names[j]], time=time, gap=gap) for (i, j), (gap, time) in closest]
+
+
+def _reasons(system: System, safety: SafetyArrays) -> Iterator[str]:
+    """Yield the requirements of the theorem that are not met."""
+    N, grid, limit = safety.agents, system.grid, system.law.limit
+    ids = [member.id for member in system.team.members]
+    agents = [v for v in range(N) if safety.yields[v]]
+    if grid.continuous:
+        yield "the law is continuous: the theorem is about commands that are held for a period"
+    elif safety.rate * grid.period > 1.0:
+        yield f"rate times the control period is {safety.rate * grid.period:.3g}, above 1: take a smaller safety.rate"
+    if unlimited := [ids[v] for v in agents if not np.isfinite(limit[v])]:
+        yield f"{unlimited[0]} has no velocity_limit"
+    for v, id in enumerate(ids):
+        if not np.isfinite(system.flows[system.field[v]].kernel_speed):
+            yield f"the flow about {id} has a source or vortex without a core, of unbounded speed"
+            break
+        if not np.isfinite(system.largest_disturbance[v]):
+            yield f"the gusts that {id} meets are Gaussian, which no speed bounds"
+            break
+    if len(system.team.target_edges) and (system.law.gain[N:] > 0.0).any():
+        yield "the targets' own consensus moves them at a speed for which there is no bound here"
+    yield from _of_speeds(system, safety, agents, ids)
+
+
+def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], ids: list[str]) -> Iterator[str]:
+    """Yield why agents may not see others in time, or may be slower than what they are to avoid."""
+    limit, period = system.law.limit, 0.0 if system.grid.continuous else system.grid.period
+    own = [v for v in agents if np.isfinite(limit[v])]
+    if not own:
+        return
+    about = safety.unsteady + np.linalg.norm(safety.carried, axis=1)
+    others = [(id, safety.speed[v] + about[v]) for v, id in enumerate(ids) if not safety.yields[v]]
+    others += list(zip(system.safety.obstacle_ids if system.safety else [], safety.obstacles.speed, strict=True))
+    slowest = min(own, key=lambda v: limit[v])
+    for id, speed in others:
+        if speed + about[slowest] >= limit[slowest]:
+            yield (
+                f"{id} may come at {speed + about[slowest]:.3g} m/s relative to the medium about {ids[slowest]}, which "
+                f"commands at most {limit[slowest]:.3g} m/s"
+            )
+            break
+    fastest = float(limit[own].max())
+    closing = fastest + max(fastest, *(speed for _, speed in others), 0.0) + 2.0 * float(about.max())
+    D = max(2.0 * float(safety.radius.max()), float(safety.clearance.max()))
+    if safety.reach < D + closing * period:
+        yield f"safety.range is {safety.reach:.3g} m; expected at least {D + closing * period:.3g} m, a period ahead"

@@ -1,0 +1,92 @@
+"""What `check` says of the filter that keeps vehicles apart."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import check, load_scenario, simulate
+
+
+def escort(**safety: Any) -> dict[str, Any]:
+    """Two boats beside a target that passes a pier, on whose place in q* one of them meets the pier."""
+    return {
+        "name": "escort",
+        "time": {"end": 40},
+        "controller": {"gain": 0.5, "control_period": 0.05, "velocity_limit": 3},
+        "agents": [{"id": "B1", "position": [-20, 5]}, {"id": "B2", "position": [-20, -5]}],
+        "targets": [
+            {"id": "T", "position": [-20, 0], "motion": {"kind": "waypoints", "points": [[20, 0]], "speed": 1.0}}
+        ],
+        "communication": [["B1", "B2"]],
+        "sensing": [["B1", "T"], ["B2", "T"]],
+        "formations": [
+            {
+                "name": "pair",
+                "shape": "explicit",
+                "about": "T",
+                "members": ["B1", "B2"],
+                "displacements": [[0, 5], [0, -5]],
+            }
+        ],
+        "safety": {"distance": 2.0, **safety},
+    }
+
+
+PIER = {"kind": "sphere", "id": "pier", "centre": [0.0, 6.0], "radius": 0.5}
+
+
+def test_places_in_q_star_that_are_too_close_are_named_with_time_and_gap() -> None:
+    found = check(load_scenario(escort(obstacles=[PIER])))["safety"]
+    (worst,) = found["unsafe"]
+    assert worst["pair"] == ["B1", "pier"]
+    assert worst["gap"] == pytest.approx(1.0 - 0.5 - 2.0, abs=1e-3)
+    run = simulate(load_scenario(escort()), backend="ideal")
+    q_star = run["harmonic_extension"].values[:, 0, :2]
+    away = np.linalg.norm(q_star - [0.0, 6.0], axis=1)
+    assert worst["time"] == pytest.approx(float(run["time"][away.argmin()]), abs=0.2)
+    assert check(load_scenario(escort()))["safety"]["unsafe"] == []
+
+
+def test_pairs_that_begin_too_close_are_named() -> None:
+    raw = escort()
+    raw["agents"][0]["position"] = [-20, -4]
+    assert check(load_scenario(raw))["safety"]["initial"] == [
+        {"pair": ["B1", "B2"], "time": 0.0, "gap": pytest.approx(-1.0)}
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"controller.control_period": 0, "controller.record_period": 0.05}, "the law is continuous"),
+        ({"safety.rate": 30}, "above 1"),
+        ({"safety.range": 2.05}, "safety.range"),
+        ({"controller.velocity_limit": 1.0}, "T may come at"),
+        (
+            {"flow.water": {"dimension": 2, "gusts": None, "core": 0, "vortices": [{"centre": [9, 9], "gamma": 1}]}},
+            "core",
+        ),
+    ],
+)
+def test_what_the_theorem_requires_is_decided(change: dict[str, Any], told: str) -> None:
+    found = check(load_scenario(escort(), change))["safety"]
+    assert not found["guaranteed"]
+    assert any(told in reason for reason in found["reasons"])
+
+
+def test_everything_else_is_about_the_team_while_the_filter_does_not_act() -> None:
+    raw = escort()
+    found = check(load_scenario(raw))
+    without = check(load_scenario({key: value for key, value in raw.items() if key != "safety"}))
+    assert found["safety"]["guaranteed"]
+    assert found["ok"]
+    assert without["ok"]
+    assert found["law"]["rate"] == without["law"]["rate"]
+    assert without["steady"]["ideal"] is not None
+    for unknown in (found["steady"]["ideal"], found["law"]["radius"]):
+        assert unknown is None
+    assert "filter" in found["steady"]["reason"]
+    assert "filter" in found["law"]["reason"]
+    assert not found["theorem"]["applies"]
+    assert without["safety"] is None
