@@ -13,7 +13,6 @@ from mjsheaf.dynamics.motion import Motion
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.io.section import Id, Number, Point, Positive, Section, tagged
 
-
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 
 
