@@ -42,10 +42,10 @@ def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
 
     Args:
         path: Path of the file.
-        tidy: True to remove first the remains of killed processes, which reads the whole directory.
+        tidy: True to first remove files of killed processes, which reads the whole directory.
 
     Raises:
-        OSError: The file cannot be written. No new file remains, and an earlier one is unchanged.
+        OSError: The file cannot be written. Nothing changes then.
     """
     with _part(path, directory=False, tidy=tidy) as part:
         yield part
