@@ -32,37 +32,39 @@ def check(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the record as JSON (see mjsheaf schema --check).")
     ] = False,
-    full: Annotated[bool, typer.Option("--full", help="Print the whole report, not only the answer.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Print the whole report instead of one screen.")] = False,
     plot: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Draw spectrum, graph and the bounded difference into this file: .png, .svg or .pdf."
+            metavar="FILE",
+            help="Plot the spectrum, the graph and the bounded difference to this file: .png, .svg or .pdf.",
         ),
     ] = None,
     formats: Annotated[
         str | None,
-        typer.Option("--format", metavar="F1[,F2,...]", help="More formats of the plot: png, svg, pdf."),
+        typer.Option("--format", metavar="F1[,F2,...]", help="Additional formats of the plot: png, svg, pdf."),
     ] = None,
     title: TitleOption = True,
-    rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s; the best one unless given.")] = None,
+    rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s.", show_default="the best one")] = None,
     radius: Annotated[
-        float, typer.Option(help="Radius of |e|, norm of the whole team, for the search of gain and laws, m.")
+        float, typer.Option(help="Desired bound on |e|, norm of the whole team, m; gains and laws are proposed for it.")
     ] = 1.0,
     rho: Annotated[
         str | None,
         typer.Option(
             metavar="C0[,C1,...]",
-            help="Your own bound of the agents' slopes, C0 + C1 |e| + ..., 1/s; the flow's unless given.",
+            help="Your own bound on the slope of the agents' dynamics, C0 + C1 |e| + ..., 1/s.",
+            show_default="from the flow",
         ),
     ] = None,
 ) -> None:
-    """Decide the paper's assumptions for a scenario, name the agents free to drift, and propose a fix.
+    """Check whether the law can work for a team; if not, name the agents responsible and suggest a fix.
 
-    Computes Theorem 1 over the region to which its own bound confines the agents, the loop of the law as it is held,
-    with its terms, and a bound on its run, laws that would do better, the margins that theory leaves out, and which
-    single loss breaks an assumption. Exit code 1 if a numbered assumption fails or is undecided, if the loop of the law
-    (also over its links), of the targets' law or of the vehicles is unstable, or if the law has a part without a model.
-    The gain condition does not change it. Errors are the RMS over agents, in metres.
+    Decides the paper's assumptions and predicts the tracking error, the largest stable gain and the delay margin. With
+    --full it also prints the constants and bounds of Theorem 1, the sampled loop over its links, and better laws.
+
+    The exit code is 1 if an assumption fails or is undecided, if the loop of the law, of the vehicles or of the targets
+    is unstable, or if the law has a part that cannot be modelled. Errors are the RMS over agents, in metres.
     """
     figures = _figures_of(plot, formats, title)
     import json
@@ -98,10 +100,10 @@ def _print_record(record: "CheckRecord", scenario: str, *, full: bool) -> None:
 
 
 def _figures_of(plot: Path | None, formats: str | None, title: bool) -> FigureOptions:
-    """Return how the plot is written: in the format of its name, then in others.
+    """Return the formats of the plot, that of its name first, and its other options.
 
     Raises:
-        InputError: The name or a format is none of a figure, or formats are given without a plot.
+        InputError: The name or a format is not one of figures, or formats are given without a plot.
     """
     if plot is None and formats is not None:
         raise InputError(f"--format {formats}: there is no plot; expected --plot FILE with it")
@@ -114,10 +116,10 @@ def _figures_of(plot: Path | None, formats: str | None, title: bool) -> FigureOp
 
 
 def _rho_of(text: str | None) -> "Rho | None":
-    """Return the bound that --rho gives.
+    """Return the bound given by --rho.
 
     Raises:
-        InputError: It is no polynomial with coefficients of at least 0.
+        InputError: The text is not a polynomial with coefficients of at least 0.
     """
     from mjsheaf.control.theorem import as_rho
 
@@ -147,7 +149,7 @@ def _require_ok(scenario: str, record: "CheckRecord") -> None:
     """Refuse a scenario whose check, or that of one of its phases, is not ok.
 
     Raises:
-        NotHeldError: It is not; the message gives the reasons.
+        NotHeldError: A check is not ok; the message gives the reasons.
     """
     failures = [
         f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
@@ -178,7 +180,7 @@ def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
 
 
 def _failures_of_shape(part: "CheckRecord | PhaseRecord") -> "Iterator[str]":
-    """Yield why a team that Theorem 1 is not about does not hold its shape, or is not known to."""
+    """Yield why a team outside the scope of Theorem 1 does not, or may not, hold its shape."""
     shape = part.rigidity
     if shape.localizable is None and shape.rigid is not True:
         yield f"the formation is not rigid: its edges have rank {shape.rank} of {shape.needed}"
@@ -189,7 +191,7 @@ def _failures_of_shape(part: "CheckRecord | PhaseRecord") -> "Iterator[str]":
 
 
 def _failures_of_law(law: "LawLoop") -> "Iterator[str]":
-    """Yield why the loop of the law as it is held is not known to be stable."""
+    """Yield why the loop of the held law is not known to be stable."""
     from mjsheaf.checking.loop.modelled import because_of
 
     if law.unmodelled:
@@ -206,4 +208,4 @@ def _failures_of_links(links: "LinkRecord | None") -> "Iterator[str]":
 
     if links is not None and links.stable is False:
         known = links.delay_margin is not None and not links.delay.stable
-        yield UNSTABLE_LINKS + (f"; it bears up to {links.delay_margin:.6g} s of delay" if known else "")
+        yield UNSTABLE_LINKS + (f"; it tolerates {links.delay_margin:.6g} s of delay" if known else "")

@@ -51,14 +51,14 @@ def compare(
     quality: Annotated[
         Literal["good", "draft"], typer.Option(help="Quality of the video; a draft takes a fraction of the time.")
     ] = "draft",
-    full: Annotated[bool, typer.Option("--full", help="Print the whole report, not only the answer.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Print the whole report instead of one screen.")] = False,
 ) -> None:
-    """Compare ideal kinematics with bodies: what each effect costs, and what to change.
+    """Compare ideal kinematics with bodies: the error due to each effect, and what to change.
 
-    Climbs a ladder from the theory's kinematics to the scenario's own bodies, one effect at a time. In a scenario with
-    events every variant runs the same phases, and each phase has its own error budget. Writes
-    compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and compare.mp4 (ideal left,
-    bodies right) into the directory, runs/NAME-compare unless given. The video comes last.
+    Simulates a series of variants from ideal kinematics to the scenario's bodies, adding one effect at a time. In a
+    scenario with events every variant runs the same phases, and each phase has its own error budget. Writes
+    compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and then compare.mp4 (ideal left,
+    bodies right) to a directory (default runs/NAME-compare).
     """
     with progress_bars() as bars:
         from mjsheaf.comparing.report import publish
@@ -89,7 +89,7 @@ def compare(
 
 
 def _print_comparison(record: "CompareRecord", *, full: bool) -> None:
-    """Print the answer, or the whole report."""
+    """Print one screen, or the whole report."""
     from mjsheaf.comparing.report import report
     from mjsheaf.comparing.summary import summary
 
@@ -100,12 +100,12 @@ def _print_comparison(record: "CompareRecord", *, full: bool) -> None:
 
 
 def _draw_video(published: "Published", quality: str) -> None:
-    """Draw the video of a published comparison, and print where it is or why there is none."""
+    """Draw the video of a published comparison and print its path, or why there is none."""
     from mjsheaf.comparing.report import add_video
 
     directory = published.directory
-    print_lines(f"drawing the video; everything else is there: open {directory / 'report.html'} in any browser")
-    with progress_bars() as bars, saying_what_is_kept(lambda: f"{directory} is complete but for its video"):
+    print_lines(f"drawing the video; all other files are written: open {directory / 'report.html'} in any browser")
+    with progress_bars() as bars, saying_what_is_kept(lambda: f"{directory} is complete except for its video"):
         reason = add_video(published, quality, bars)
     if reason:
         print_note(reason)
@@ -114,16 +114,16 @@ def _draw_video(published: "Published", quality: str) -> None:
 
 
 def compare_runs(
-    directories: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Directories of finished runs, 2 to 8.")],
+    directories: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Directories of 2 to 8 finished runs.")],
     out: OutOption = None,
     formats: FormatOption = "png",
     title: TitleOption = True,
 ) -> None:
-    """Compare finished runs with the first of them, without running anything.
+    """Compare finished runs with the first one, without simulating.
 
-    Draws their errors on one axis, prints a table of errors and differences, and makes a page on which the agents of
-    the other runs are drawn translucent. Writes runs.json, runs.csv, errors.png and report.html into the directory,
-    runs/SCENARIO-runs unless given.
+    Plots their errors on one axis, prints a table of errors and differences, and writes a page that draws the agents of
+    the other runs translucent. Writes runs.json, runs.csv, errors.png and report.html to a directory (default
+    runs/SCENARIO-runs).
     """
     figures = figure_options(formats, title)
     with progress_bars() as bars:

@@ -16,13 +16,13 @@ from mjsheaf.errors import InputError, shortened
 def list_(
     files: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[FILE]...", help="Descriptions of vehicles of your own, listed with --vehicles."),
+        typer.Argument(metavar="[FILE]...", help="Description files of your own vehicles, for --vehicles."),
     ] = None,
     vehicles: Annotated[
-        bool, typer.Option("--vehicles", help="List vehicles instead: those that come with mjsheaf, then your own.")
+        bool, typer.Option("--vehicles", help="List vehicles instead: the included ones, then those of FILE.")
     ] = False,
 ) -> None:
-    """List the scenarios and studies, or the vehicles, that come with mjsheaf, and vehicles of your own."""
+    """List the included scenarios and studies, or the included vehicles and your own."""
     if vehicles:
         _list_vehicles(files or [])
     elif files:
@@ -95,11 +95,11 @@ def _limit(value: float) -> str:
 
 
 def new(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Of the scenario, or the path of the file to write.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, or path of the file to write.")],
 ) -> None:
-    """Write a scenario to begin with: NAME.yaml, which runs as it is and says in comments what to change.
+    """Write NAME.yaml, a commented scenario to start from. It runs as it is.
 
-    A file that is there is not replaced.
+    An existing file is not replaced.
     """
     from mjsheaf.io.files import naming, write_whole
     from mjsheaf.scenario.load import list_scenarios, name_from
@@ -110,7 +110,7 @@ def new(
     if path.exists() or path.is_symlink():
         raise InputError(f"{path}: exists already; expected another name")
     if name in list_scenarios():
-        raise InputError(f"{name}: comes with mjsheaf, which would take that one; expected another name")
+        raise InputError(f"{name}: is the name of an included scenario; expected another name")
     require_file_name("NAME", path, ".yaml", ".yml")
     template = Path(__file__).parents[1] / "scenario" / "template.yaml"
     text = template.read_text(encoding="utf-8").replace("{file}", path.name).replace("{name}", name_from(path))
@@ -121,18 +121,18 @@ def new(
 
 
 def schema(
-    check: Annotated[bool, typer.Option("--check", help="Of the record that `check --json` prints instead.")] = False,
-    compare: Annotated[bool, typer.Option("--compare", help="Of compare.json instead.")] = False,
-    study: Annotated[bool, typer.Option("--study", help="Of a study file, for sweep, instead.")] = False,
-    vehicle: Annotated[bool, typer.Option("--vehicle", help="Of a vehicle's description file instead.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Schema of the output of `check --json`.")] = False,
+    compare: Annotated[bool, typer.Option("--compare", help="Schema of compare.json.")] = False,
+    study: Annotated[bool, typer.Option("--study", help="Schema of a study file, for sweep.")] = False,
+    vehicle: Annotated[bool, typer.Option("--vehicle", help="Schema of a vehicle's description file.")] = False,
 ) -> None:
-    """Print the JSON Schema of a scenario file."""
+    """Print the JSON Schema of a scenario file, or of another file if an option selects it."""
     asked = {"vehicle": vehicle, "study": study, "compare": compare, "check": check}
     print(json.dumps(schema_of(next((what for what in asked if asked[what]), "")), indent=2))
 
 
 def schema_of(what: str) -> dict[str, Any]:
-    """The JSON Schema of a scenario file, or of a 'check', a 'compare', a 'study' or a 'vehicle'."""
+    """Return the JSON Schema of a scenario file, or of a 'check', a 'compare', a 'study' or a 'vehicle'."""
     from importlib import import_module
 
     module, name = {
@@ -148,18 +148,24 @@ def schema_of(what: str) -> dict[str, Any]:
 
 def bench(
     topics: Annotated[
-        list[str] | None, typer.Argument(metavar="[TOPIC]...", help="What to measure; everything unless given.")
+        list[str] | None, typer.Argument(metavar="[TOPIC]...", help="Topics to measure.", show_default="all")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print figures and table as JSON.")] = False,
-    full: Annotated[bool, typer.Option("--full", help="More repetitions and the largest sizes; minutes.")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="More repetitions and larger sizes; takes minutes more.")
+    ] = False,
     peers: Annotated[
         str | None,
-        typer.Option(metavar="PYTHON", help="A Python that has crazyflow or gym-pybullet-drones.", show_default="this"),
+        typer.Option(
+            metavar="PYTHON",
+            help="Python interpreter with crazyflow or gym-pybullet-drones installed.",
+            show_default="this one",
+        ),
     ] = None,
 ) -> None:
-    """Measure speed on this machine: each number next to its reference, in about two minutes.
+    """Measure speed on this machine, with a reference next to each number; takes about two minutes.
 
-    Topics: ideal, loop, fused, threads, assembly, sheaf; with mjsheaf's source tree also startup, peers, hardware,
+    Topics: ideal, loop, fused, threads, assembly, sheaf; in mjsheaf's source tree also startup, peers, hardware,
     video and memory.
     """
     with progress_bars(lines=None if as_json else "stdout") as bars:
@@ -172,7 +178,7 @@ def bench(
     machine = found["machine"]
     title = f"mjsheaf {machine['mjsheaf']} on {machine['processors']} processors, MuJoCo {machine['mujoco']}"
     figures = ("ours", "reference", "ratio")
-    headings = ("", "", *figures, "wanted", "met", "reference is")
+    headings = ("", "", *figures, "required", "met", "reference is")
     table = make_table(*headings, numbers=figures, fixed=headings[:-1], title=title, box=None, padding=(0, 1))
     topic = ""
     for row in found["rows"]:

@@ -27,9 +27,11 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
-    help="Teams of unlike vehicles track targets by a decentralized sheaf law, on ideal kinematics and MuJoCo bodies.",
+    help="Simulate teams of boats and drones that track targets under a decentralized sheaf law, on ideal kinematics "
+    "or MuJoCo bodies.",
     epilog="Begin with [bold]mjsheaf list[/bold] and [bold]mjsheaf run midpoint[/bold], then [bold]mjsheaf new mine"
-    "[/bold]. Exit codes: 0 done; 1 it does not hold; 2 bad input; 3 the simulation blew up.",
+    "[/bold]. Exit codes: 0 success; 1 an assumption, expectation or bound does not hold; 2 bad input; "
+    "3 the simulation diverged.",
 )
 
 _COMMANDS: dict[Callable[..., None], str] = {
@@ -152,7 +154,7 @@ _PLAINER = {
 
 
 class _Notes(logging.Handler):
-    """What the package tells of itself goes to stderr, wherever that is by then: progress bars redirect it."""
+    """Handler that prints log messages to the current stderr, which progress bars may redirect."""
 
     def emit(self, record: logging.LogRecord) -> None:
         print(f"note: {printable(record.getMessage())}", file=sys.stderr)
@@ -166,7 +168,7 @@ def _end_of_pipe() -> int:
 
 
 def _place_of(error: OSError) -> str:
-    """What an error of the operating system is about."""
+    """Return the file or stream that an error of the operating system refers to."""
     if error.filename is not None:
         return os.fsdecode(error.filename)
     try:
@@ -179,8 +181,8 @@ def _place_of(error: OSError) -> str:
 _DESCRIPTIONS: tuple[tuple[tuple[type[Exception], ...], Callable[[Any], str]], ...] = (
     ((OSError,), lambda error: f"{_place_of(error)}: {error.strerror or error}"),
     ((ImportError,), lambda error: f"cannot load what it needs: {error}"),  # also a library without memory
-    # The second is raised by libraries that run out of memory in C.
-    ((MemoryError, SystemError), lambda error: f"not enough memory: {error}; ask for fewer samples or vehicles"),
+    # Libraries that run out of memory in C raise the second one.
+    ((MemoryError, SystemError), lambda error: f"not enough memory: {error}; use fewer samples or vehicles"),
 )
 """Descriptions of errors that are not mjsheaf's, by their types."""
 

@@ -1,7 +1,7 @@
-"""Arguments and options that several commands share, and what commands raise.
+"""Arguments, options and errors that several commands share.
 
-Only typer is imported at the top of this package's commands; each imports what it needs when it runs, so that help
-comes at once.
+Modules of this package import only typer at the top. Each command imports the rest when it runs, so that help appears
+at once.
 """
 
 from collections.abc import Iterable
@@ -20,47 +20,52 @@ if TYPE_CHECKING:
 
 
 Backend = StrEnum("Backend", ["PHYSICS", "IDEAL"])
-"""What moves the vehicles; values are the names in small letters."""
+"""Model of the vehicles' motion; values are the names in lower case."""
 
 Engine = StrEnum("Engine", ["MUJOCO", "FUSED"])
-"""What moves bodies."""
+"""Engine that simulates bodies."""
 
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A name from `mjsheaf list`, or the path of a YAML file.")
 ]
 BackendOption = Annotated[Backend, typer.Option(help="MuJoCo bodies, or the paper's first-order kinematics.")]
 EngineOption = Annotated[
-    Engine, typer.Option(help="What moves bodies: MuJoCo, or the same equations compiled, faster and without contacts.")
+    Engine,
+    typer.Option(
+        help="Engine for bodies: MuJoCo, or the same equations compiled, which is faster but has no contacts."
+    ),
 ]
 ThreadsOption = Annotated[
     int | None,
-    typer.Option(min=1, metavar="N", help="Threads that move bodies; results are the same.", show_default="idle cores"),
+    typer.Option(
+        min=1, metavar="N", help="Threads for the bodies; results do not depend on it.", show_default="idle cores"
+    ),
 ]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="PATH=VALUE",
-        help="Override a field of the scenario; may be repeated. Items of lists go by id, name or number: "
+        help="Override a field of the scenario; may be repeated. Select items of lists by id, name or index: "
         "controller.gain=30, agents.A1.heading=90, sensing.0.weight=2.",
     ),
 ]
-SeedOption = Annotated[int | None, typer.Option(help="Seed of disturbances and of spread initial conditions.")]
-OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Directory of the results.")]
-VideoOption = Annotated[bool, typer.Option("--video/--no-video", help="Whether to draw the video.")]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of disturbances and of random initial conditions.")]
+OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Directory for the results.")]
+VideoOption = Annotated[bool, typer.Option("--video/--no-video", help="Draw a video.")]
 LegendOption = Annotated[
     bool | None,
     typer.Option(
         "--legend/--no-legend",
-        help="Explain colours, lines and arrows in a panel of the video next to the scene.",
+        help="Explain colours, lines and arrows in a panel next to the scene.",
         show_default="as the scenario says: legend",
     ),
 ]
 QualityOption = Annotated[
     Literal["good", "draft"] | None,
     typer.Option(
-        help="Of the video. A draft takes a fraction of the time: the scene is coarse, with hard edges, and there are "
-        "at most 15 frames a second; the writing is as sharp.",
+        help="Quality of the video. A draft takes a fraction of the time: the scene is coarse, with hard edges, at "
+        "most 15 frames per second. Text stays sharp.",
         show_default="as the scenario says: good",
     ),
 ]
@@ -70,21 +75,21 @@ ControllerOption = Annotated[
     str | None,
     typer.Option(
         metavar="FILE.py:NAME",
-        help="A law of your own in Python, a function or class, called once a control period: law(t, sample) "
+        help="Your own law in Python: a function or class, called once per control period. law(t, sample) "
         "returns the agents' velocities, shape (N, 3), in m/s.",
     ),
 ]
 FormatOption = Annotated[
-    str, typer.Option("--format", metavar="F1[,F2,...]", help="Of the plots: png, svg, pdf, or several of them.")
+    str, typer.Option("--format", metavar="F1[,F2,...]", help="Formats of the plots: png, svg, pdf, or several.")
 ]
-TitleOption = Annotated[bool, typer.Option("--title/--no-title", help="Whether the plots have a title.")]
+TitleOption = Annotated[bool, typer.Option("--title/--no-title", help="Give the plots a title.")]
 
 
 def figure_options(formats: str, title: bool) -> "FigureOptions":
-    """What --format and --no-title say.
+    """Return the options of figures that --format and --no-title select.
 
     Raises:
-        InputError: there is no such format.
+        InputError: There is no such format.
     """
     from mjsheaf.io.figures import FigureOptions
 
@@ -92,7 +97,7 @@ def figure_options(formats: str, title: bool) -> "FigureOptions":
 
 
 class NotHeldError(MjsheafError):
-    """What was asked does not hold: an assumption, an expectation or a bound."""
+    """An assumption, an expectation or a bound does not hold."""
 
     exit_code = 1
 
@@ -100,11 +105,11 @@ class NotHeldError(MjsheafError):
 def prepare(
     source: str, overrides: Iterable[str] | None, seed: int | None, out: Path | None, backend: str, kind: str
 ) -> "tuple[Scenario, Path, str]":
-    """The scenario of `run` or `compare`, the directory of its results, and its origin as they keep it.
+    """Return the scenario of `run` or `compare`, the directory for its results, and its origin.
 
     Raises:
-        ScenarioError: the scenario or an override is not valid.
-        PlaceError: the directory, not asked for by name, holds the results of another scenario of this name.
+        ScenarioError: The scenario or an override is not valid.
+        PlaceError: The default directory contains results of another scenario with the same name.
     """
     from mjsheaf.results.store import require_same_origin
     from mjsheaf.scenario.load import load_scenario, origin
@@ -124,7 +129,7 @@ def require_file_name(option: str, path: Path, *suffixes: str) -> None:
     """Refuse the name of a file that cannot be written.
 
     Raises:
-        InputError: it has another suffix, is a directory, or is not in one that exists.
+        InputError: The name has another suffix or is a directory, or its directory does not exist.
     """
     if path.suffix not in suffixes or path.is_dir():
         raise InputError(f"{option} {path}: expected a file whose name ends in {' or '.join(suffixes)}")
@@ -133,15 +138,15 @@ def require_file_name(option: str, path: Path, *suffixes: str) -> None:
 
 
 def note_idle_seed(scenario: str, backend: str) -> None:
-    """Tell the user that the seed does not matter."""
+    """Print a note that the seed has no effect."""
     print_note(f"the seed changes nothing: {scenario} has no spread and no disturbance on backend {backend}")
 
 
 def changes_of(overrides: Iterable[str] | None, seed: int | None = None) -> dict[str, Any]:
-    """What --set and --seed change: field path to value.
+    """Return the changes made by --set and --seed: field path to value.
 
     Raises:
-        ScenarioError: one is not PATH=VALUE.
+        ScenarioError: An override is not PATH=VALUE.
     """
     from mjsheaf.scenario.load import parse_override
 

@@ -41,19 +41,21 @@ def announcing(scenario: "Scenario", backend: str, progress: "Progress") -> "Pro
 
 
 def print_start(scenario: "Scenario", backend: str) -> None:
-    """Print what runs."""
+    """Print the size, engine and duration of a run that starts."""
     agents = _count(len(scenario.agents), "agent")
     targets = _count(len(scenario.targets), "target")
     seconds = scenario.time.end - scenario.time.start
     line = f"{scenario.name}: {agents} and {targets} on {_MOVED_BY[backend]}, {seconds:.6g} s"
-    with suppress(BrokenPipeError):  # the run goes on for its files; the first line after it ends the command
+    with suppress(BrokenPipeError):  # the run continues, for its files; the next line printed ends the command
         print(printable(line), flush=True)
 
 
 def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
     """Print the result of a published run, then its errors, its notes and its files.
 
-    `overridden` says that fields of the scenario were overridden, of which its expectation does not know.
+    Args:
+        outcome: The published run.
+        overridden: True if fields of the scenario were overridden, which its expectation does not account for.
     """
     summary = outcome.summary
     replaced = [outcome.replaced] if outcome.replaced else []
@@ -92,7 +94,7 @@ def _notes(summary: dict[str, Any]) -> list[str]:
 
 
 def _headline(summary: dict[str, Any]) -> str:
-    """Return in a sentence how a run ended, and how far agents are from where they should be."""
+    """Return a sentence about how a run ended and how far agents are from their places."""
     final = summary["final"]
     if summary["status"] != "finished":
         return f"{summary['status']}: {summary['message']}"
@@ -172,14 +174,14 @@ def _safety(safety: dict[str, Any] | None) -> list[str]:
 
 
 def _effort(summary: dict[str, Any]) -> list[str]:
-    """Return how long the simulation took, and what agents send where they send something."""
+    """Return the duration of the simulation and, if agents send messages, their number."""
     speed = f"{summary['realtime_factor']:.3g} x real time"
     lines = [f"{summary['steps']} steps in {summary['wall_time_s']:.2f} s ({speed})"]
     sent = summary["communication"]
     if sent["exchanges_per_second"]:
         lines.append(
-            f"{sent['exchanges_per_second']:.4g} exchanges between neighbours a second, in which an agent sends "
-            f"{sent['numbers_per_agent_second']:.4g} numbers"
+            f"{sent['exchanges_per_second']:.4g} exchanges between neighbours per second; each agent sends "
+            f"{sent['numbers_per_agent_second']:.4g} numbers per second"
         )
     return lines
 

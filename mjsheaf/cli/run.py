@@ -1,4 +1,4 @@
-"""`mjsheaf run`, `mjsheaf expect`, and what shows a finished run again: `video`, `plot` and `report`."""
+"""`mjsheaf run`, `mjsheaf expect`, and the commands that draw a finished run again: `video`, `plot` and `report`."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -48,10 +48,13 @@ def run(
     out: OutOption = None,
     video: VideoOption = True,
     expect: Annotated[
-        bool, typer.Option("--expect", help="Exit with 1 if the run misses the scenario's `expect:` block.")
+        bool, typer.Option("--expect", help="Exit with code 1 if the run violates the scenario's `expect:` block.")
     ] = False,
     allow_drift: Annotated[
-        bool, typer.Option("--allow-drift", help="Run it though agents are free to drift, against the least q*.")
+        bool,
+        typer.Option(
+            "--allow-drift", help="Run even if agents are free to drift; errors refer to the q* of least norm."
+        ),
     ] = False,
     controller: ControllerOption = None,
     quality: QualityOption = None,
@@ -61,11 +64,11 @@ def run(
     engine: EngineOption = Engine.MUJOCO,
     threads: ThreadsOption = None,
 ) -> None:
-    """Simulate a scenario and leave data, plots, a page to look at and a video.
+    """Simulate a scenario and write data, plots, a page that replays the run, and a video.
 
     Writes result.nc, summary.json, scenario.yaml, errors.png, trajectories.png, configurations.png, report.html and
-    video.mp4 into the directory (runs/NAME-BACKEND unless given): the video last, all else at once. Refuses, with exit
-    code 1, a team in which some agent is free to drift.
+    then video.mp4 to a directory (default runs/NAME-BACKEND). Refuses a team in which an agent is free to drift (exit
+    code 1).
     """
     with progress_bars() as bars:
         from mjsheaf.cli.outcome import announcing, print_outcome
@@ -115,7 +118,7 @@ def _law_of(scenario: str, loaded: "Scenario", controller: str | None, expect: b
 
 @contextmanager
 def _as_expected(scenario: str, refusal: str | None) -> Iterator[None]:
-    """Name the scenario in what a run is refused with, and say if another refusal is expected."""
+    """Name the scenario in the errors of a block, and add whether another refusal was expected."""
     try:
         yield
     except PlaceError:
@@ -130,7 +133,7 @@ def _require_expected(scenario: str, summary: dict[str, Any]) -> None:
     """Refuse a run that misses its expectation, or exceeds a bound.
 
     Raises:
-        NotHeldError: It does. A bound that is exceeded is an error of mjsheaf's.
+        NotHeldError: The run does. An exceeded bound is a fault in mjsheaf.
     """
     from mjsheaf.runs.expecting import miss
 
@@ -148,7 +151,7 @@ def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions
     from mjsheaf.runs.publish import add_video, without_video
 
     directory = outcome.directory
-    print_lines(f"drawing the video; everything else is there: open {directory / 'report.html'} in any browser")
+    print_lines(f"drawing the video; all other files are written: open {directory / 'report.html'} in any browser")
     with progress_bars() as bars, saying_what_is_kept(partial(without_video, directory)):
         outcome = add_video(outcome, scenario, options, bars)
     for note in outcome.notes:
@@ -160,21 +163,30 @@ def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions
 
 def expect(
     scenario: ScenarioArgument,
-    update: Annotated[bool, typer.Option("--update", help="Write the `expect:` block from what is found.")] = False,
+    update: Annotated[
+        bool, typer.Option("--update", help="Write the `expect:` block from the measured errors.")
+    ] = False,
     backend: Annotated[
-        list[Backend] | None, typer.Option(help="May be repeated; both, or those with an expectation, unless given.")
+        list[Backend] | None,
+        typer.Option(
+            help="Backend to run on; may be repeated.", show_default="those with an expectation; with --update both"
+        ),
     ] = None,
     margin: Annotated[
-        float, typer.Option(min=0.0, max=10.0, help="How far --update puts bounds above what is found, as a share.")
+        float,
+        typer.Option(
+            min=0.0, max=10.0, help="Margin of the bounds that --update writes, relative to the measured errors."
+        ),
     ] = 0.05,
     controller: ControllerOption = None,
 ) -> None:
-    """Hold runs of a scenario against its `expect:` block, or write that block from them.
+    """Run a scenario and compare its errors with its `expect:` block, or write that block from the run.
 
-    The law is that of --controller, else that of `expect.controller`, else the scenario's own.
+    The law is that of --controller, else that of `expect.controller`, else the scenario's own. The command writes no
+    directory. The exit code is 1 if an expectation is missed.
 
-    Writes no directory. Exit code 1 where an expectation is missed. --update keeps the rest of the file as it is; a
-    team that is refused is expected to be refused, and a run that blows up is not written (exit code 3).
+    --update changes nothing else in the file. If the team is refused, it writes that a refusal is expected. If the run
+    diverges, it writes nothing (exit code 3).
     """
     with progress_bars() as bars:
         from mjsheaf.control.source import find_law, name_law_from
@@ -214,7 +226,7 @@ def _require_met(scenario: str, trials: "Sequence[Trial]") -> None:
     """Refuse runs that miss an expectation.
 
     Raises:
-        NotHeldError: One does.
+        NotHeldError: A run does.
     """
     from mjsheaf.runs.expecting import miss, missed
 
@@ -227,7 +239,7 @@ def _backends_to_try(scenario: str, loaded: "Scenario", chosen: "Sequence[Backen
     """Return the backends on which `expect` runs a scenario.
 
     Raises:
-        InputError: A chosen one, or every one, has no expectation, and none is to be written.
+        InputError: A chosen backend, or every one, has no expectation, and --update is not given.
     """
     from mjsheaf.runs.expecting import BACKEND_ORDER, expected_backends
 
@@ -241,29 +253,34 @@ def _backends_to_try(scenario: str, loaded: "Scenario", chosen: "Sequence[Backen
 
 def video(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a finished run.")],
-    out: Annotated[Path | None, typer.Option(help="The MP4 to write.", show_default="DIR/video.mp4")] = None,
+    out: Annotated[Path | None, typer.Option(help="MP4 file to write.", show_default="DIR/video.mp4")] = None,
     width: Annotated[int | None, typer.Option(help="Frame width in pixels, even.")] = None,
     height: Annotated[int | None, typer.Option(help="Frame height in pixels, even.")] = None,
-    fps: Annotated[int | None, typer.Option(help="Frames per second.")] = None,
+    fps: Annotated[int | None, typer.Option(help="Frames per second of video.")] = None,
     speed: Annotated[float | None, typer.Option(help="Simulated seconds per second of video.")] = None,
-    azimuth: Annotated[float | None, typer.Option(help="Bearing of the camera, degrees.")] = None,
-    elevation: Annotated[float | None, typer.Option(help="Elevation of the camera, degrees; -90 from above.")] = None,
-    distance: Annotated[float | None, typer.Option(help="Distance of the camera, m; default follows the team.")] = None,
+    azimuth: Annotated[float | None, typer.Option(help="Azimuth of the camera, degrees.")] = None,
+    elevation: Annotated[
+        float | None, typer.Option(help="Elevation of the camera, degrees; -90 looks straight down.")
+    ] = None,
+    distance: Annotated[
+        float | None, typer.Option(help="Distance of the camera, m; by default it keeps the team in view.")
+    ] = None,
     trail: Annotated[float | None, typer.Option(help="Length of the trails, s.")] = None,
     vehicle_scale: Annotated[
         str | None,
         typer.Option(
             "--scale",
             metavar="S|NAME=S,...",
-            help="Draw vehicles this many times larger; agents, targets and kinds of vehicle by name: 2,wamv=1.",
+            help="Scale factor of the drawn vehicles, for all or by name of an agent, target or kind of vehicle: "
+            "2,wamv=1.",
         ),
     ] = None,
     quality: QualityOption = None,
     legend: LegendOption = None,
 ) -> None:
-    """Draw the video of a finished run again, without running it.
+    """Draw the video of a finished run again, without simulating.
 
-    What is not given is taken from the run's scenario.
+    Options that are not given come from the scenario of the run.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
     changes |= {"vehicle_scale": None} if vehicle_scale is None else _scales(vehicle_scale)
@@ -289,10 +306,10 @@ def video(
 
 
 def _scales(text: str) -> dict[str, Any]:
-    """What --scale says, as options of a video; it replaces all that the scenario says.
+    """Return the video options that --scale sets; they replace those of the scenario.
 
     Raises:
-        InputError: it says nothing.
+        InputError: The text is neither a number nor NAME=NUMBER.
     """
     try:
         parts = [part.rpartition("=") for part in text.split(",")]
@@ -304,10 +321,12 @@ def _scales(text: str) -> dict[str, Any]:
 
 
 def report(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The directory of a finished run.")],
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; report.html in DIR unless given.")] = None,
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a finished run.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="HTML file to write.", show_default="DIR/report.html")
+    ] = None,
 ) -> None:
-    """Write the page of a finished run again: one HTML file that replays it in any browser, offline."""
+    """Write the page of a finished run again: one HTML file that replays the run in any browser, offline."""
     with progress_bars("writing the page"):
         from mjsheaf.page import write_page_again
 
@@ -319,12 +338,14 @@ def report(
 
 
 def plot(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The directory of a finished run.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a finished run.")],
     formats: FormatOption = "png",
     title: TitleOption = True,
-    out: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Where to put them; DIR unless given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Directory for the plots.", show_default="DIR")
+    ] = None,
 ) -> None:
-    """Draw the plots of a finished run again, such as without titles and in other formats, for a paper."""
+    """Draw the plots of a finished run again, for example as PDF without titles for a paper."""
     with progress_bars() as bars:
         figures = figure_options(formats, title)
         from mjsheaf.runs.publish import plot_again
@@ -342,7 +363,7 @@ def _require_outside_of_runs(path: Path, own: Path) -> None:
     """Refuse a file of --out in the directory of a run, unless it is the run's `own`.
 
     Raises:
-        InputError: it lies in one.
+        InputError: The file lies in the directory of a run.
     """
     from mjsheaf.results.store import enclosing_run
 

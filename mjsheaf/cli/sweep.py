@@ -33,61 +33,67 @@ if TYPE_CHECKING:
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 GridOption = Annotated[
     list[str] | None,
-    typer.Option(metavar="PATH=V1,V2,...", help="Sweep a field that --set reaches; each with every other."),
+    typer.Option(
+        metavar="PATH=V1,V2,...", help="Values of a field, PATH as for --set; repeated, all combinations are run."
+    ),
 ]
 WorkersOption = Annotated[
     int | None,
-    typer.Option(
-        min=1, metavar="N", help="Processes of this machine, threads with --batch.", show_default="one a core"
-    ),
+    typer.Option(min=1, metavar="N", help="Local processes; with --batch, threads.", show_default="one per core"),
 ]
 DeviceOption = Annotated[
     Literal["cpu", "gpu"] | None,
-    typer.Option(help="gpu: many runs at once on a CUDA GPU, by the fused engine.", show_default="cpu"),
+    typer.Option(help="gpu: many runs at once on a CUDA GPU with the fused engine.", show_default="cpu"),
 ]
 
 
 def sweep(
     source: Annotated[
-        str, typer.Argument(metavar="STUDY|SCENARIO", help="A study file or a scenario: a name, or a YAML file.")
+        str, typer.Argument(metavar="STUDY|SCENARIO", help="Name or YAML file of a study or a scenario.")
     ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the study: new, or one to be gone on with.")],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Directory for the study: a new one, or that of a study to resume.")
+    ],
     grid: GridOption = None,
-    seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Every point with the seeds A to B - 1.")] = None,
+    seeds: Annotated[
+        str | None, typer.Option(metavar="A:B", help="Run every point with each of the seeds A to B - 1.")
+    ] = None,
     overrides: SetOption = None,
     backend: Annotated[Backend | None, typer.Option(help="As for run.", show_default="physics")] = None,
     workers: WorkersOption = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler that exists, instead of this machine.")
+        str | None, typer.Option(metavar="ADDRESS", help="Running dask scheduler to use instead of local processes.")
     ] = None,
-    threads: Annotated[bool, typer.Option("--threads", help="Threads of one process instead of processes.")] = False,
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Run again what ended otherwise than finished.")
+    threads: Annotated[
+        bool, typer.Option("--threads", help="Use threads of one process instead of processes.")
     ] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Repeat all runs that did not finish.")] = False,
     trajectories: Annotated[
         bool, typer.Option("--trajectories", help="Keep result.nc of every run in DIR/trajectories.")
     ] = False,
-    measure: Annotated[Measure | None, typer.Option(help="The error that plots show.", show_default="all")] = None,
+    measure: Annotated[Measure | None, typer.Option(help="Error that the plots show.", show_default="all")] = None,
     formats: FormatOption = "png",
     title: TitleOption = True,
     engine: Annotated[Engine | None, typer.Option(help="As for run.", show_default="mujoco")] = None,
     device: DeviceOption = None,
     batch: Annotated[
-        bool, typer.Option("--batch", help="Runs of one team together, by the fused engine; records keep less.")
+        bool,
+        typer.Option("--batch", help="Simulate the runs of one team together on the fused engine; keep scores only."),
     ] = False,
     controller: ControllerOption = None,
 ) -> None:
-    """Run a scenario many times, on every core or a cluster; after a kill, the same command resumes.
+    """Run a scenario with many gains, seeds or topologies, on all cores or a cluster.
 
-    Writes table.csv and table.parquet with a row a run, plots and index.html. The table reports a run that fails, and
-    the others continue; the exit code is then still 0.
+    Writes table.csv and table.parquet with one row per run, plots, and index.html. If the command is interrupted, the
+    same command resumes it. A failed run becomes a row of the table; the other runs continue, and the exit code is
+    still 0.
     """
     _take_one_thread_each()
     with progress_bars() as bars:
         from mjsheaf.studies import load_plan, run_study
 
         given = {"--workers": workers is not None, "--threads": threads}
-        _refuse(given, scheduler is not None, "beside --scheduler, whose workers exist; give either")
+        _refuse(given, scheduler is not None, "with --scheduler, which has its own workers; give one of the two")
         figures = figure_options(formats, title)
         plan = load_plan(
             source,
@@ -110,9 +116,9 @@ def sweep(
 
 
 def _take_one_thread_each() -> None:
-    """Let every worker use one core, as workers side by side share the cores.
+    """Limit every worker to one core.
 
-    This holds also for threads of this process, whose numpy is not imported yet.
+    This includes threads of this process, because numpy is not imported yet.
     """
     from mjsheaf.threads import ONE_THREAD
 
@@ -123,14 +129,14 @@ def _take_one_thread_each() -> None:
 def _describe_kept(plan: "Plan", out: Path) -> str:
     """Return how many runs of a study have ended."""
     ended = len(list(out.glob("runs/[0-9]*.json")))
-    return f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command goes on"
+    return f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command resumes the study"
 
 
 def _refuse(given: dict[str, bool], excluded: bool, reason: str) -> None:
-    """Refuse the first of some options that is given, if they are excluded.
+    """Refuse the first given one of some options, if they are excluded.
 
     Raises:
-        InputError: One is given.
+        InputError: An excluded option is given.
     """
     for option, is_given in given.items():
         if excluded and is_given:
@@ -153,10 +159,10 @@ def _points_of(grid: Sequence[str], seeds: str | None) -> dict[str, Any]:
 
 
 def _workers_for(plan: "Plan", given: dict[str, bool], workers: int | None, scheduler: str | None) -> "Begin":
-    """Return the function that begins the workers of a study: on a GPU, on threads, on a cluster or on this machine.
+    """Return the function that starts the workers of a study: GPU, threads, cluster or local processes.
 
     Raises:
-        InputError: An option that is given has no meaning for them, or there is no GPU.
+        InputError: A given option has no meaning for these workers, or there is no GPU.
     """
     from mjsheaf.studies.workers import local_workers, workers_at
 
@@ -164,13 +170,13 @@ def _workers_for(plan: "Plan", given: dict[str, bool], workers: int | None, sche
         from mjsheaf.simulation.card import require_card
         from mjsheaf.studies.batches import on_card
 
-        _refuse(given, True, "on device gpu, which runs all together; leave it out")
+        _refuse(given, True, "on device gpu, which runs everything at once; omit it")
         require_card()
         return on_card
     if plan.study.batch:
         from mjsheaf.studies.batches import on_threads
 
-        _refuse({**given, "--workers": False}, True, "with --batch, whose runs are on threads; leave it out")
+        _refuse({**given, "--workers": False}, True, "with --batch, which uses threads; omit it")
         return partial(on_threads, workers)
     if scheduler is not None:
         return partial(workers_at, scheduler, print_note)

@@ -1,9 +1,9 @@
 """The terminal that a command runs in: streams, tables, progress, and the signals that end it.
 
-Ctrl-C, SIGTERM and SIGHUP end a command in order: what is half done is removed. Each is raised where it arrives, as an
-exception. Inside a callback of a library, or a hook of fork, Python prints what is raised and goes on. So the signal is
-also remembered, and whoever reports progress calls `raise_if_stopped`. One that arrives while an earlier one is being
-obeyed changes nothing: else it would stop the removal half-way.
+Ctrl-C, SIGTERM and SIGHUP end a command in order: incomplete files are removed. A signal raises an exception where it
+arrives. Inside a callback of a library, or a hook of fork, Python prints the exception and continues. Therefore the
+signal is also stored, and code that reports progress calls `raise_if_stopped`. A second signal has no effect, because
+it would interrupt the removal of files.
 """
 
 import io
@@ -29,7 +29,7 @@ _received: int | None = None
 
 
 class Stopped(SystemExit):
-    """A signal has asked this process to stop; `code` is what shells expect, 128 and the signal's number."""
+    """Raised by a signal that ends this process; `code` is 128 plus the signal's number, as shells expect."""
 
     def __init__(self, number: int) -> None:
         super().__init__(128 + number)
@@ -38,7 +38,7 @@ class Stopped(SystemExit):
 
 @contextmanager
 def saying_what_is_kept(describe: Callable[[], str]) -> Iterator[None]:
-    """Say what was written so far, in the words of `describe`, if a signal ends the block."""
+    """Report the files written before a signal ended the block, as text returned by `describe`."""
     try:
         yield
     except Stopped as stopped:
@@ -47,21 +47,21 @@ def saying_what_is_kept(describe: Callable[[], str]) -> Iterator[None]:
 
 
 def raise_if_stopped() -> None:
-    """Raise `Stopped` where a signal came, whose own exception may have been lost."""
+    """Raise `Stopped` if a signal has arrived; its own exception may have been lost."""
     if _received is not None:
         raise Stopped(_received)
 
 
 def was_stopped() -> bool:
-    """Whether a signal has asked this process to stop."""
+    """Return True if a signal has arrived that ends this process."""
     return _received is not None
 
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Let the signals raise `Stopped` inside the block. A signal that the process was told to ignore stays ignored.
+    """Let signals raise `Stopped` inside the block. A signal that the process ignores stays ignored.
 
-    After one that was obeyed they are ignored: the process is about to end, and libraries tidy up as it does.
+    After the first signal all are ignored, because the process is ending and libraries clean up.
     """
     global _received
     _received = None
@@ -116,14 +116,14 @@ def open_streams() -> None:
 
 
 def make_console(min_width: int = 20, **options: Any) -> "Console":
-    """Make a console at least so many columns wide, whatever the terminal or COLUMNS says.
+    """Make a console of at least `min_width` columns, even if the terminal or COLUMNS is narrower.
 
-    In fewer columns than the default a table has no room for its text.
+    With fewer columns than the default, a table has no room for its text.
     """
     from rich.console import Console
 
     class Cleaned(Console):
-        """A console that escapes what a terminal would obey in the text that it is handed."""
+        """Console that escapes control sequences in the text it prints."""
 
         def render(self, *arguments: Any, **named: Any) -> "Iterator[Segment]":
             for segment in super().render(*arguments, **named):
@@ -135,13 +135,13 @@ def make_console(min_width: int = 20, **options: Any) -> "Console":
 
 
 def make_table(*headings: str, numbers: Sequence[str] = (), fixed: Sequence[str] = (), **options: Any) -> "Table":
-    """A table without rows.
+    """Make a table without rows.
 
     Args:
-        headings: of the columns.
-        numbers: those of columns of numbers, which stand at the right.
-        fixed: those of columns that are never wrapped.
-        options: of rich's Table.
+        headings: Headings of the columns.
+        numbers: Headings of columns of numbers, which are right-aligned.
+        fixed: Headings of columns that are never wrapped.
+        options: Options of rich's Table.
     """
     from rich.table import Column, Table
 
@@ -156,7 +156,7 @@ def print_lines(*lines: object) -> None:
 
 
 def print_note(text: str) -> None:
-    """Tell the user something beside the result, on stderr."""
+    """Print a note on stderr."""
     make_console(stderr=True, soft_wrap=True).print(f"note: {text}", markup=False)
 
 
@@ -164,13 +164,13 @@ def print_note(text: str) -> None:
 def progress_bars(
     what: str = "loading", *, lines: Literal["stdout", "stderr"] | None = "stdout"
 ) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function of (what is being done, done, in all) that shows it: in a bar on stderr if that is a terminal.
+    """Yield a function of (activity, done, total) that shows progress.
 
-    Otherwise it writes lines. Either shows within a second that something is done, also that loops are being compiled.
-    Each call ends the work if a signal has asked for that.
+    It draws a bar on stderr if that is a terminal, and writes lines otherwise. Progress appears within a second, also
+    while loops are being compiled. A call raises `Stopped` if a signal has arrived.
 
     Args:
-        what: What is being done until the first call.
+        what: Activity until the first call.
         lines: Stream for lines; None writes none.
     """
     from mjsheaf.progress import Lines, Terminal, View, displaying

@@ -347,7 +347,7 @@ def add_video(published: Published, quality: str | None = None, progress: Progre
     try:
         _, reason = draw_video(partial(film_side_by_side, published.scenario, *datasets, path, drawing, quality))
     except UnwritableError as error:
-        raise PlaceError(f"{error}; {directory} is complete but for its video") from error
+        raise PlaceError(f"{error}; {directory} is complete except for its video") from error
     if not reason:
         record = published.comparison.record.model_copy(update={"video": path.name})
         save_summary(record.model_dump(mode="json"), directory / "compare.json")

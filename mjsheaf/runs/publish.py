@@ -311,7 +311,7 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
 
 def without_video(directory: Path) -> str:
     """Return a sentence about a run without a video, and the command that draws it."""
-    return f"{directory} is complete but for its video, which `mjsheaf video {shlex.quote(str(directory))}` draws"
+    return f"{directory} is complete except for its video, which `mjsheaf video {shlex.quote(str(directory))}` draws"
 
 
 @dataclass(frozen=True)

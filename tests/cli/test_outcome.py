@@ -110,7 +110,7 @@ def test_a_signal_during_the_video_leaves_the_run_and_says_how_to_draw_it(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False, preexec_fn=heed_interrupts
     )
     assert done.returncode == code
-    assert one_line(done.stderr, word, "complete but for its video", f"mjsheaf video '{out}'")
+    assert one_line(done.stderr, word, "complete except for its video", f"mjsheaf video '{out}'")
     assert "nothing was written" not in done.stderr
     assert {path.name for path in out.iterdir()} == RUN_FILES
     assert json.loads((out / "summary.json").read_text())["video"] is None

@@ -130,7 +130,7 @@ def test_a_video_that_cannot_be_written_is_an_error_that_names_the_run(
 
     drawn_by(draw, monkeypatch)
     with pytest.raises(
-        PlaceError, match=r"No space left on device; .*run is complete but for its video, which `mjsheaf"
+        PlaceError, match=r"No space left on device; .*run is complete except for its video, which `mjsheaf"
     ):
         execute(short, "ideal", tmp_path / "run", video=video_options(short))
     assert {p.name for p in (tmp_path / "run").iterdir()} == RUN_FILES
