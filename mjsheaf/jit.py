@@ -1,8 +1,9 @@
 """Compiled functions: one decorator, and a cache on disk that never serves old code.
 
-numba caches machine code next to the source and notices when that source changes, but not when a compiled function
-that it calls, in another file, does. So the code of every file is stamped with a hash of that file and of those from
-which it imports, directly or not, and dropped when the stamp does not match: an edit recompiles only its callers.
+numba caches machine code next to the source. It notices when that source changes, but not when a compiled function
+that it calls in another file changes. So the machine code of every file is stamped with a hash of that file and of all
+files that it imports, directly or indirectly. If the stamp does not match, the machine code is deleted: an edit
+recompiles only its callers.
 """
 
 import ast
@@ -130,7 +131,7 @@ def compiling() -> tuple[int, int] | None:
 
 
 def working_time() -> float:
-    """A clock in s, of which differences count, that stands still while compiling."""
+    """Return a time in s, for differences, from a clock that stops during compilation."""
     return perf_counter() - _compilations.seconds
 
 

@@ -1,7 +1,7 @@
-"""Common style of figures: size, type, colours (the same in videos), names that never overlap, PNG, SVG and PDF.
+"""Common style of figures: size, fonts, colours (the same in videos), labels that never overlap, PNG, SVG and PDF.
 
-Figures are drawn at the width of two columns of a journal, with type of the size that is printed. Groups differ by
-colour, marker and dash at once, so that they can be told apart without colour too.
+Figures are drawn at the width of two columns of a journal, with the font size of the printed page. Groups differ by
+colour, marker and dash at once, so they remain distinct without colour.
 
 Matplotlib's object interface is used throughout: no global state, no display.
 """
@@ -389,10 +389,10 @@ _NARROW = 5.0  # ratio of largest to smallest value below which a logarithmic ax
 
 
 def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> None:
-    """Make axis 'x' or 'y' of a panel logarithmic, of at most so many decades; all such axes have the same labels.
+    """Make axis 'x' or 'y' of a panel logarithmic, with labels in one style and a maximum number of decades.
 
-    They are powers of 10, of which at least two are seen, with marks between them. Of the values that are drawn only
-    those that are finite and positive count; without any, a line says so. Values that hardly differ stay linear.
+    The labels are powers of 10, at least two of them visible, with minor ticks between. Only finite positive values
+    determine the limits; if there are none, the panel says so. If values hardly differ, the axis stays linear.
     """
     positive = values[np.isfinite(values) & (values > 0)]
     if not positive.size:

@@ -305,10 +305,10 @@ class System:
 
     @cached_property
     def safety_margins(self) -> Array:
-        """What bodies need beyond the distance to keep, shape (V,), m.
+        """Distance that each body needs in addition to the separation, shape (V,), m.
 
-        A vehicle whose velocity follows its command with time constant tau goes on for tau v once it is told to stop,
-        after a period at most; its origin is a hand's length behind the point that the law moves.
+        A vehicle whose velocity follows its command with time constant tau travels tau v after the command to stop,
+        which is delayed by at most one period. The point that the law moves is a hand length ahead of its origin.
         """
         top = np.where(np.isfinite(self.law.limit), self.law.limit, 0.0)
         top = np.maximum(top, reference_bounds(self.motion, parts=_PARTS)[0])

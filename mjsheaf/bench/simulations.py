@@ -38,7 +38,7 @@ def ideal(short: bool = False, end: float | None = None) -> list[Row]:
     simulate = best(lambda: mjsheaf.simulate(scenario, backend="ideal", progress=False), repetitions, thread_time)
     what = f"published run, {system.grid.steps} steps, s"
     return [
-        at_most("ideal", what, run, WANTED["ideal"], run / WANTED["ideal"], 1.0, "wanted time"),
+        at_most("ideal", what, run, WANTED["ideal"], run / WANTED["ideal"], 1.0, "required time"),
         informs("ideal", "simulate() of it, s", simulate, AUTHORS_S, "the authors' code"),
     ]
 
@@ -92,7 +92,7 @@ def fused(short: bool = False, sizes: tuple[int, ...] = (1, 100, 1000, 10_000)) 
     theirs = best(lambda: engine_of(system).run(), max(2, repetitions // 10), thread_time)
     steps = system.grid.steps * system.steps_per_sample
     what = f"published run on bodies, {steps} steps, s"
-    rows.append(at_most("fused", what, run, bound, run / bound, 1.0, "wanted time"))
+    rows.append(at_most("fused", what, run, bound, run / bound, 1.0, "required time"))
     rows.append(informs("fused", "the same run against MuJoCo, s", run, theirs, "by MuJoCo"))
     return rows
 
@@ -104,7 +104,7 @@ def _fused_swarm(size: int, repetitions: int) -> Row:
     step()  # compiles
     alone = 1e9 / (steps * (size + 1)) * best(step, repetitions, thread_time)
     what = f"{size + 1} tilted hexarotors, a vehicle and step, ns"
-    return at_most("fused", what, alone, bound, alone / bound, 1.0, "wanted time")
+    return at_most("fused", what, alone, bound, alone / bound, 1.0, "required time")
 
 
 def threads(
@@ -172,4 +172,4 @@ def assembly(short: bool = False, size: int = 1000) -> list[Row]:
     World(swarm(4)).step(1)  # compiles
     total, wanted = elapsed(lambda: World(swarm(size)), perf_counter), WANTED["assembly"]
     what = f"scenario to world, {size + 1} vehicles, s"
-    return [at_most("assembly", what, total, wanted, total / wanted, 1.0, "wanted time")]
+    return [at_most("assembly", what, total, wanted, total / wanted, 1.0, "required time")]

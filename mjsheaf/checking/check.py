@@ -46,7 +46,7 @@ _ZERO = 1e-9  # of the largest eigenvalue: one that is no larger is zero
 
 
 class RegionSummary(Record):
-    """Where the constants were taken."""
+    """Region over which the constants were taken."""
 
     source: str
     verified: bool = Field(description="whether agents of an unlimited law are proven to stay there; else a guess")
@@ -55,7 +55,7 @@ class RegionSummary(Record):
     start: float = Field(description="s")
     end: float = Field(description="s")
     samples: int = Field(description="cells that cover the targets' path, or instants where it is not known")
-    path_error: Finite = Field(description="of the targets' path, for which the bounds allow, m; null: not known")
+    path_error: Finite = Field(description="error of the targets' path that the bounds include, m; null: not known")
 
 
 class ExplainedCohomology(RelativeCohomology):
@@ -172,7 +172,7 @@ class CheckRecord(Record):
         description="edges that would make assumption 5 hold, the shortest ones; empty if it holds"
     )
     proposals: list[Proposal] = Field(
-        description="laws whose bound is at most the wanted radius, cheapest of each kind"
+        description="laws whose bound is at most the desired radius, the cheapest of each kind"
     )
     targets: TargetsLoop = Field(description="the targets' own law, on ideal kinematics and on their vehicles")
     margins: Margins
@@ -184,7 +184,9 @@ class CheckRecord(Record):
         "about the team while the filter does not act"
     )
     phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
-    notes: list[str] = Field(default_factory=list, description="what in the files looks like a slip, in sentences")
+    notes: list[str] = Field(
+        default_factory=list, description="values in the files that look like mistakes, in sentences"
+    )
 
     def verdict(self) -> str:
         """The check in a few words: what holds, where, and what does not."""

@@ -83,7 +83,7 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> list[Line2D]:
         axis.axhline(limit, color=_GAP, linestyle="--", label=f"2 / (k1 h) = {limit:.3g}: the held law diverges above")
     if record.margins.bodies.largest_gain is not None:
         limit = t.lambda_max * record.margins.bodies.largest_gain / t.gain
-        axis.axhline(limit, color=_FREE, linestyle=":", label=f"{limit:.3g}: vehicles swing up above")
+        axis.axhline(limit, color=_FREE, linestyle=":", label=f"{limit:.3g}: vehicles unstable above")
     label_axes(
         axis, f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}", "number of the eigenvalue", "eigenvalue"
     )

@@ -1,4 +1,4 @@
-"""A finished run: how much of Theorem 1's bound it used, and how it ended.
+"""Ending of a finished run, and the fraction of Theorem 1's bound that it reached.
 
 `compare`, `sweep` and `run` judge the ending by the team's tracking error E(t), the RMS over agents of |q*_i - q_i|,
 over the last quarters of a run:

@@ -78,7 +78,7 @@ def _cohomology(found: ExplainedCohomology) -> list[Text]:
     if (plan := found.mending) is not None:
         kind = "the smallest set" if plan.exact else "a small set (greedy)"
         lines += [
-            Text(f"what mends it: {kind} of {plan.needed} out of {plan.candidates} that sensors could support"),
+            Text(f"fix: {kind} of {plan.needed} out of {plan.candidates} that sensors could support"),
             *(
                 Text(
                     f"  {x.description}: holds {x.nullity_reduction} of {found.dimension} directions by itself, "
@@ -246,7 +246,7 @@ _WORDS = {True: "stable", False: "UNSTABLE", None: "undecided"}
 
 
 def _links(links: LinkRecord | None) -> list[Table]:
-    """What links do to the law."""
+    """Return the tables about the law over its links."""
     if links is None:
         return []
     rows = _delay_rows(links)
@@ -403,7 +403,7 @@ def _bodies(bodies: BodyMargins) -> list[Row]:
     beyond = "at no gain that was tried" if bodies.largest_gain is None else "beyond it"
     rows = [
         ("loop on bodies", word, f"spectral radius {bodies.spectral_radius:.6g} over {bodies.period:g} s"),
-        ("largest gain on bodies", _number(bodies.largest_gain, "1/s"), f"{beyond} the vehicles swing up, or circle"),
+        ("largest gain on bodies", _number(bodies.largest_gain, "1/s"), f"{beyond} the vehicles oscillate or diverge"),
     ]
     if mode is not None:
         about = "" if mode.agent is None else f", about {mode.agent}"
@@ -412,7 +412,7 @@ def _bodies(bodies: BodyMargins) -> list[Row]:
 
 
 def _speed_of_bodies(speeds: list[SpeedDemand]) -> Row:
-    """What following q* takes, against what bodies can make."""
+    """Return the row that compares the speeds required to follow q* with those of the vehicles."""
     known = [s for s in speeds if s.steady is not None]
     if not known:
         return "speed along q*", "-", "a field is singular"
@@ -426,7 +426,7 @@ def _speed_of_bodies(speeds: list[SpeedDemand]) -> Row:
 
 
 def _speed_of_limits(speeds: list[SpeedDemand]) -> list[Row]:
-    """What following q* takes, against the limits that the law keeps, where these are too low."""
+    """Return rows for velocity limits below the speed required to follow q*."""
     short = [s for s in speeds if s.limit is not None and s.steady is not None and s.steady > s.limit]
     if not short:
         return []

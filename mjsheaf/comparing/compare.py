@@ -191,4 +191,4 @@ def _harm(phases: Sequence[Phase], run: Run, seed: int) -> list[str]:
     if not any(phase.system.law.extended for phase in phases):
         return []
     found = examine_terms(phases, run.recording.dataset("physics", seed))
-    return list(found.harm) if found else []
+    return list(found.warnings) if found else []

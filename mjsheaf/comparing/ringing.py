@@ -88,7 +88,7 @@ class Mode:
         frequency: Natural frequency |s|, rad/s.
         rate: Decay rate, 1/s.
         displacement: Displacement of the agents' stacked positions, scaled to 1 for the farthest agent, shape (n,).
-        swings: True if the mode oscillates, that is, if its root is complex.
+        oscillates: True if the root of the mode is complex.
         left: Row that maps (e, e') to the mode's coordinate, shape (2n,). For an overdamped mode, the coordinate is
             along the displacement.
         who: Agent that moves most.
@@ -98,7 +98,7 @@ class Mode:
     frequency: float
     rate: float
     displacement: Array
-    swings: bool
+    oscillates: bool
     left: Complex
     who: str
 
@@ -123,7 +123,7 @@ def ringing_of(system: System) -> RingingRecord | None:
         predicted_damping_ratio_held=_held_damping(system, matrix, mode),
         predicted_frequency_rad_s=mode.frequency,
         predicted_overshoot=_overshoot(np.array(states)[:, :n], mode),
-        overdamped=not mode.swings,
+        overdamped=not mode.oscillates,
         delay_s=system.grid.period * _late(system),
         measured=measured,
     )
@@ -164,8 +164,8 @@ def least_damped(system: System, matrix: Array) -> Mode:
     roots, right = linalg.eig(matrix)
     ratio = -roots.real / np.abs(roots)
     k = int(np.argmin(np.where(roots.imag >= 0.0, ratio, np.inf)))
-    swings = bool(abs(roots[k].imag) > _REAL_ROOT * abs(roots[k]))
-    if swings:
+    oscillates = bool(abs(roots[k].imag) > _REAL_ROOT * abs(roots[k]))
+    if oscillates:
         shape = right[:n, k] / right[np.argmax(np.abs(right[:n, k])), k]
         displacement, left = shape.real, np.linalg.pinv(right)[k]
         damping, frequency, rate = float(ratio[k]), float(abs(roots[k])), float(-roots[k].real)
@@ -179,13 +179,13 @@ def least_damped(system: System, matrix: Array) -> Mode:
         rate = frequency * (damping - np.sqrt(max(damping**2 - 1.0, 0.0)))
     moved = np.linalg.norm(system.team.unpack(displacement), axis=1)
     who = system.team.agent_ids[int(moved.argmax())]
-    return Mode(damping, frequency, rate, displacement / moved.max(), swings, left, who)
+    return Mode(damping, frequency, rate, displacement / moved.max(), oscillates, left, who)
 
 
 def _held_damping(system: System, matrix: Array, mode: Mode) -> float:
     """Compute the smallest -Re s / |s| of the bodies under a law held over h, exactly, from eigenvalues exp(s h)."""
     n, h = len(matrix) // 2, system.grid.period
-    if system.grid.continuous or not mode.swings:
+    if system.grid.continuous or not mode.oscillates:
         return mode.damping
     free = matrix.copy()
     push = free[:, :n].copy()  # effect of the law, which holds the e measured at the start of the period
@@ -220,7 +220,7 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
     initial = positions_at_q_star(system, system.initial[None])[0]
     initial[:N] += amplitude * team.unpack(mode.displacement)
     span = _DECAYS / mode.rate
-    if mode.swings:  # long enough for the first overshoot
+    if mode.oscillates:  # long enough for the first overshoot
         span = max(span, 1.5 * np.pi / np.sqrt(mode.frequency**2 - mode.rate**2))
     steps = int(np.ceil(min(span, _LONGEST) / grid.period))
     return replace(
@@ -303,7 +303,7 @@ def _fit_decay(e: Array, mode: Mode, period: float) -> tuple[float | None, float
     """Fit damping ratio and natural frequency to errors, shape (T, n), m; None if they do not oscillate."""
     own = np.concatenate([e, np.gradient(e, period, axis=0, edge_order=2)], axis=1) @ mode.left
     step = max(1, round(2.0 * np.pi / mode.frequency / _POINTS_PER_PERIOD / period))
-    signals = np.stack([own.real, own.imag])[: 2 if mode.swings else 1]
+    signals = np.stack([own.real, own.imag])[: 2 if mode.oscillates else 1]
     # The samples at each offset satisfy the same recurrence. They are cut to one length and share one fit.
     count = signals.shape[1] // step
     if count < 5:

@@ -1,4 +1,4 @@
-"""Control effectiveness g_i(q, t) of an ideal agent: full row rank, with more inputs than states if wanted.
+"""Control effectiveness g_i(q, t) of an ideal agent: full row rank, and possibly more inputs than states.
 
 g(q, t) = R(psi(q, t)) W: a thruster layout W fixed in a frame whose heading psi = psi_0 + psi_q . q + psi_t t depends
 on position and time. R turns about z. As R is a rotation, g^+ = W^+ R^T, and g has full row rank where W has.
@@ -100,5 +100,5 @@ def without_full_row_rank(arrays: EffectivenessArrays, dimensions: list[int]) ->
 
 
 def is_rank_deficient(singular: NDArray[np.floating]) -> bool:
-    """Whether singular values, largest first, say that a g is not of full row rank: relative to the largest."""
+    """Return True if singular values, largest first, show that g lacks full row rank, relative to the largest."""
     return bool(singular[-1] <= RANK_TOLERANCE * singular[0])

@@ -211,7 +211,7 @@ class File(Section):
 
     kind: Literal["file"] = Field("file", description="always file")
     path: str = Field(
-        description="of a CSV file with rows t, x, y, z in s and m, or a header that names them; beside the scenario"
+        description="CSV file with rows t, x, y, z in s and m, or a header that names them; relative to the scenario"
     )
     pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
 

@@ -117,7 +117,7 @@ class TermsInRun:
         commanded: Commanded speed, RMS over the whole run, m/s.
         at_limit: Fraction of samples and agents at the velocity limit.
         saturated: Fraction of time and agents' thrusters at a limit; None on ideal kinematics.
-        harm: Warnings with the fault, the term that causes it, and a fix; empty in a healthy run.
+        warnings: Sentences with the fault, the term that causes it, and a fix; empty in a healthy run.
     """
 
     on: tuple[str, ...]
@@ -125,7 +125,7 @@ class TermsInRun:
     commanded: float
     at_limit: float
     saturated: float | None
-    harm: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def record(self) -> dict[str, Any]:
         """Return the entry of summary.json."""
@@ -135,7 +135,7 @@ class TermsInRun:
             "commanded_m_s": self.commanded,
             "share_at_limit": self.at_limit,
             "share_saturated": self.saturated,
-            "harm": list(self.harm),
+            "harm": list(self.warnings),
         }
 
 
@@ -159,7 +159,7 @@ def notes_of_run(
     """
     found = [Note("slip", sentence) for sentence in slips]
     found += [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
-    found += [Note("terms", sentence) for sentence in (terms.harm if terms else ())]
+    found += [Note("terms", sentence) for sentence in (terms.warnings if terms else ())]
     found += [Note("shape", sentence) for sentence in describe_reflections(phases[-1].system.team, dataset)]
     found += _about_the_end(dataset, ending)
     stuck = find_stuck(phases, dataset)
@@ -530,7 +530,7 @@ def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Terms
         at_limit=at_limit / (rest * terms.agents),
         saturated=saturated / rest if bodies else None,
     )
-    return replace(found, harm=tuple(_harm(system, terms, found)))
+    return replace(found, warnings=tuple(_harm(system, terms, found)))
 
 
 def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:

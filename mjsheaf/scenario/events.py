@@ -86,10 +86,10 @@ class State:
             raise InputError("no agent is left; expected at least one")
         unseen = (self.lost | self.waiting) - self.absent
 
-        def speaks(edge: Edge) -> bool:
+        def is_active(edge: Edge) -> bool:
             return frozenset(edge.between) not in self.cut and edge.head not in unseen
 
-        return self.team.changed(sorted(self.absent), speaks) if self.absent | unseen | self.cut else self.team
+        return self.team.changed(sorted(self.absent), is_active) if self.absent | unseen | self.cut else self.team
 
 
 class Event(Section):

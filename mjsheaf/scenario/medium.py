@@ -27,7 +27,7 @@ AnyFlow = Annotated[
 
 
 class Flow(Section):
-    """Flow of the medium, in one of two ways: by dimension (air, water), or by role (agents, targets), as the paper."""
+    """Flow of the medium, given either by medium (air, water) or, as in the paper, by role (agents, targets)."""
 
     agents: AnyFlow | None = Field(
         None, description="flow that all agents meet, planar and spatial ones; not together with air or water"

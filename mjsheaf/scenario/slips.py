@@ -7,7 +7,7 @@ from mjsheaf.scenario.scenario import Agent, Scenario, Target
 from mjsheaf.vehicles.steering import ThrustVector
 from mjsheaf.vehicles.vehicle import Vehicle
 
-_LEAST_TILT = 2.0  # degrees; a multirotor that leans less makes no speed to speak of, and 2 rad is no tilt
+_LEAST_TILT = 2.0  # degrees; a multirotor that tilts less hardly moves, and 2 rad would not be a tilt
 
 
 def slips_of(scenario: Scenario) -> list[str]:

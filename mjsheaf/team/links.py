@@ -56,7 +56,7 @@ class GilbertElliott(Section):
 
     @property
     def bad(self) -> float:
-        """Stationary probability of the bad state, in which an edge begins; 0 where no state ever changes."""
+        """Stationary probability of the bad state, also at the start; 0 if no state ever changes."""
         total = self.to_bad + self.to_good
         return self.to_bad / total if total > 0.0 else 0.0
 
@@ -67,7 +67,7 @@ class GilbertElliott(Section):
 
 
 def chain_of(loss: float | GilbertElliott | None) -> GilbertElliott:
-    """Losses as a chain of two states, alike where losses are independent."""
+    """Return losses as a chain of two states, which have equal losses if losses are independent."""
     return loss if isinstance(loss, GilbertElliott) else GilbertElliott(
         to_bad=0.0, to_good=1.0, loss_good=loss or 0.0, loss_bad=loss or 0.0
     )  # fmt: skip

@@ -37,18 +37,18 @@ class NullMode:
 
 
 def sparsified(basis: sparse.csr_array, owner: IntArray) -> sparse.csc_array:
-    """A basis of the same space in which few agents move, and along axes where that is possible.
+    """Return a sparse basis of the same space: few agents move in each vector, along axes where possible.
 
-    Independent parts come apart, and no vector's support contains that of another: they form a reduced echelon form.
-    Where a part is small, its pivots are exchanged while fewer agents, or else fewer coordinates, move.
+    Independent parts are separated, and no vector's support contains that of another: the basis is in reduced echelon
+    form. In a small part, pivots are exchanged as long as fewer agents, or as many agents and fewer coordinates, move.
 
     Args:
-        basis: columns, shape (n, r), of full column rank.
-        owner: number of the agent that each row belongs to, ascending, shape (n,).
+        basis: Columns of full column rank, shape (n, r).
+        owner: Number of the agent that each row belongs to, ascending, shape (n,).
 
     Returns:
-        Array of shape (n, r), its columns in the order of the first row that moves; each has largest entry 1, and
-        entries below 1e-7 are zero.
+        Array of shape (n, r), with columns in the order of their first nonzero row. Each column has largest entry 1,
+        and entries below 1e-7 are zero.
     """
     if basis.shape[1] == 0:
         return sparse.csc_array(basis.shape)

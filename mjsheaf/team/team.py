@@ -84,11 +84,11 @@ class Team:
                 self.members + ground, self.communication + self.sensing + self.target_edges + self.anchors
             )
 
-    def changed(self, absent: Collection[str], speaks: Callable[[Edge], bool]) -> "Team":
-        """Return the same agents and targets, some of them absent, with the edges for which `speaks` is true."""
+    def changed(self, absent: Collection[str], is_active: Callable[[Edge], bool]) -> "Team":
+        """Return the same agents and targets, some of them absent, with the edges for which `is_active` is true."""
 
         def kept(edges: Iterable[Edge]) -> list[Edge]:
-            return [e for e in edges if not {e.tail, e.head} & set(absent) and speaks(e)]
+            return [e for e in edges if not {e.tail, e.head} & set(absent) and is_active(e)]
 
         return Team(
             self.agents,
@@ -184,10 +184,10 @@ class Team:
         return self.unpack(self.extend(p, q))
 
     def extend(self, p: Array, q: Array | None = None) -> Array:
-        """Stacked q* (..., n_q) of stacked targets (..., n_p), m; NaN for absent agents.
+        """Return the stacked q* (..., n_q) of stacked targets (..., n_p), m; NaN for absent agents.
 
-        Where q* is not linear in p, or the team has no targets and no anchors, the solution near the agents at q
-        (..., n_q); see `mjsheaf.team.shapes`. Without q agents are at 0.
+        If q* is not linear in p, or the team has neither targets nor anchors, this is the solution near the agents'
+        positions q (..., n_q), or near 0 without q; see `mjsheaf.team.shapes`.
         """
         if self.plain:
             known = self.dirichlet.extend(p)

@@ -36,7 +36,7 @@ def test_alike_bodies_have_the_damping_of_the_closed_form(tau: float, gain: floa
     expected = 1.0 / (2.0 * np.sqrt(gain * system.largest_eigenvalue * tau))
     mode = least_damped(system, second_order(system))
     assert mode.damping == pytest.approx(expected, rel=1e-9)
-    assert mode.swings == (expected < 1.0)
+    assert mode.oscillates == (expected < 1.0)
     margin = body_margin(system, spectrum_of(system.team), np.full(2, tau))
     assert mode.damping == pytest.approx(margin.damping_fastest)
 

@@ -31,7 +31,7 @@ def examined(name: str, backend: str, **changes: Any) -> TermsInRun:
 def test_healthy_terms_are_not_blamed(name: str, backend: str, simulated: Simulated) -> None:
     found = examine_terms(load_scenario(name).system, simulated(name, backend))
     assert found is not None
-    assert not found.harm
+    assert not found.warnings
     assert found.jump < 0.01 * found.commanded
     assert (found.saturated is None) == (backend == "ideal")
 
@@ -43,16 +43,16 @@ def test_unfiltered_noise_is_blamed_on_the_terms_that_pass_it_on(backend: str, s
     assert found is not None
     assert found.at_limit > 0.9
     assert found.jump > 0.5 * found.commanded
-    (sentence,) = found.harm
+    (sentence,) = found.warnings
     assert "controller.feedforward.filter" in sentence
     assert "controller.drift.filter" in sentence
     mended = examined("noisy_odometry", backend, controller__feedforward__filter=2, controller__drift__filter=2)
-    assert not mended.harm
+    assert not mended.warnings
 
 
 def test_a_term_whose_filter_holds_the_noise_back_is_not_blamed() -> None:
     filtered = {"controller__feedforward__filter": 2, "time__end": 20}
-    (sentence,) = examined("noisy_odometry", "ideal", **filtered).harm
+    (sentence,) = examined("noisy_odometry", "ideal", **filtered).warnings
     assert "controller.drift.filter" in sentence
     assert "controller.feedforward.filter" not in sentence
 
@@ -60,38 +60,38 @@ def test_a_term_whose_filter_holds_the_noise_back_is_not_blamed() -> None:
 def test_extrapolation_on_bodies_multiplies_noise_and_is_named() -> None:
     """By 1 + tau / h, of which ideal kinematics know nothing: there the same law does no harm."""
     law = {"controller__feedforward": {"rounds": 3, "extrapolate": True}, "time__end": 30}
-    (sentence,) = examined("harbour_feedforward", "physics", **law).harm
+    (sentence,) = examined("harbour_feedforward", "physics", **law).warnings
     assert "controller.feedforward.extrapolate" in sentence
     assert "controller.drift.filter" not in sentence
-    assert not examined("harbour_feedforward", "ideal", **law).harm
+    assert not examined("harbour_feedforward", "ideal", **law).warnings
 
 
 def test_a_loop_that_rings_is_told_from_noise() -> None:
     changes = {"controller__gain": 100, "controller__velocity_limit": 40, "time__end": 10}
-    (sentence,) = examined("paper_feedforward", "ideal", **changes).harm
+    (sentence,) = examined("paper_feedforward", "ideal", **changes).warnings
     assert "controller.gain" in sentence
     assert "newton.rounds" in sentence
     assert "filter" not in sentence
-    assert not examined("paper_feedforward", "ideal", controller__gain=60, time__end=10).harm
+    assert not examined("paper_feedforward", "ideal", controller__gain=60, time__end=10).warnings
 
 
 def test_an_integral_that_no_gain_can_hold_is_named() -> None:
     """With h k_I beyond k1 the loop's determinant 1 - h lambda (k1 - h k_I) is above one; less gain makes it worse."""
-    (sentence,) = examined("paper", "ideal", controller__integral__gain=1e4, time__end=1).harm
+    (sentence,) = examined("paper", "ideal", controller__integral__gain=1e4, time__end=1).warnings
     assert "controller.integral.gain" in sentence
     assert "controller.gain" not in sentence
 
 
 def test_feedforward_has_no_part_in_ringing() -> None:
     changes = {"controller__feedforward__rounds": 1, "controller__gain": 60, "time__end": 1}
-    (sentence,) = examined("paper", "ideal", **changes).harm
+    (sentence,) = examined("paper", "ideal", **changes).warnings
     assert "controller.gain" in sentence
     assert "feedforward" not in sentence
 
 
 def test_a_limit_that_leaves_terms_no_room_is_named() -> None:
     found = examined("paper_feedforward", "ideal", controller__velocity_limit=15, time__end=10)
-    (sentence,) = found.harm
+    (sentence,) = found.warnings
     assert found.at_limit > 0.9
     assert found.jump < 0.01 * found.commanded
     assert "velocity_limit" in sentence
@@ -130,5 +130,5 @@ def test_a_run_prints_the_note_and_keeps_it(tmp_path: Path) -> None:
     assert record["on"] == ["feedforward", "drift"]
     assert record["jump_m_s"] == pytest.approx(found.jump, rel=1e-12)
     assert record["share_at_limit"] == found.at_limit
-    assert record["harm"] == list(found.harm)
+    assert record["harm"] == list(found.warnings)
     assert "controller.drift.filter" in " ".join(answer.out.split())

@@ -1,14 +1,14 @@
-"""The law with measurements as old as they are, on ideal kinematics: stable or not, and up to which delay.
+"""Stability and delay margin of the law with delayed measurements, on ideal kinematics.
 
-The loop is 1 + L(z) z^-d = 0 in each mode, L that of the loop without delay, whose poles lie on z = 1 or inside the
-circle. Where |L| = 1 at one frequency theta only, the loop is stable up to d theta = pi + arg L there, and unstable
-from there on (Nyquist). Of the paper's law that is k1 h lambda < 2 sin(pi / (2 (2 d + 1))).
+In each mode the loop is 1 + L(z) z^-d = 0. L is the loop without delay; its poles lie on z = 1 or inside the unit
+circle. If |L| = 1 at a single frequency theta, the loop is stable up to d theta = pi + arg L there, and unstable beyond
+(Nyquist). For the paper's law the condition is k1 h lambda < 2 sin(pi / (2 (2 d + 1))).
 
-Where the edges of the paper's law have unlike delays up to d, the delay of lambda_max suffices. A root z = exp(i theta)
-of the team's loop, with x its vector and w_e = k1 h x* H_e x >= 0, has sum w_e cos(theta (d_e + 1/2)) = 0 and
-sum w_e sin(theta (d_e + 1/2)) = 2 sin(theta / 2). The first takes theta >= pi / (2 d + 1), so that by the second
-sum w_e >= 2 sin(pi / (2 (2 d + 1))), while sum w_e <= k1 h lambda_max. So no root crosses the circle as the gain rises
-from a small one, with which the loop is stable.
+If the edges of the paper's law have different delays up to d, the condition at lambda_max suffices. A root
+z = exp(i theta) of the team's loop, with vector x and w_e = k1 h x* H_e x >= 0, satisfies
+sum w_e cos(theta (d_e + 1/2)) = 0 and sum w_e sin(theta (d_e + 1/2)) = 2 sin(theta / 2). The first equation requires
+theta >= pi / (2 d + 1), so the second gives sum w_e >= 2 sin(pi / (2 (2 d + 1))). But sum w_e <= k1 h lambda_max. So no
+root crosses the circle as the gain rises from a small value, for which the loop is stable.
 """
 
 from typing import Any

@@ -432,10 +432,10 @@ def _parts_of_d(system: System, drive: _Drive, apart: Array, change: Array) -> d
 
 
 def law_loop(system: System, certificate: Certificate, *, carried: bool = False) -> LawLoop:
-    """The loop of a system's law, and a bound on its run where there is one.
+    """Analyse the loop of a system's law, and bound its run where a bound exists.
 
-    `carried` marks a law whose terms remember a phase before: then the bound, in which they begin with nothing, is
-    only of the paper's law.
+    If `carried`, the law's terms keep their memory from the phase before. The bound assumes empty memory, so it is then
+    computed for the paper's law only.
     """
     terms, h = system.law.terms, system.grid.period
     if system.team.directed:

@@ -41,10 +41,10 @@ _ROUNDING = 1e-9  # of a factor: closer to 1 nothing is decided
 
 
 class LossAnswer(Record):
-    """Decay rate of errors in mean square while measurements are lost, a lost one being skipped.
+    """Decay rate of the mean square error under packet loss; the law skips lost measurements.
 
-    Where edges disagree at q*, or where e does not go to zero, each loss moves agents: the resulting errors are
-    not counted.
+    If edges disagree at q*, or if e does not converge to zero, each loss moves agents. The resulting errors are not
+    counted.
     """
 
     stable: bool | None = Field(None, description="E|e|^2 falls; null where undecided: see reason")

@@ -1,25 +1,26 @@
-"""Theorem 1 for a system, before any run: its constants, the region over which they hold, and what it says.
+"""Theorem 1 for a system before a run: its constants, the region over which they hold, and its bound.
 
-The constants are taken over the tube that the theorem's own bound makes about q* (see `constants`). That is no circle.
-Let b(t) be the theorem's bound with some rho, and let rho be at least the flow's largest slope over a tube that is a
-little wider than b. As |e(t0)| <= b(t0), e is inside the tube for a while. As long as it is, the segments from q* to q
-are too, |f~| <= rho |e|, and the theorem's proof gives |e| <= b: so e does not come to the tube's boundary, and never
+The constants are taken over the tube around q* that the theorem's own bound defines (see `constants`). This is not
+circular. Let b(t) be the theorem's bound with some rho, and let rho be at least the flow's largest slope over a tube
+slightly wider than b. Because |e(t0)| <= b(t0), e is inside the tube at first. While it is, the segments from q* to q
+are too, |f~| <= rho |e|, and the theorem's proof gives |e| <= b. So e never reaches the boundary of the tube and never
 leaves it. The search starts with the smallest rho.
 
-Under a hold h with k1 h lambda_max <= 1 the bound holds too, but for a floor. Let F = f_bar + omega_bar,
-a = k1 lambda_min and R = F / (a - rho). As I - s k1 H has the norm 1 - s a for s <= h, after a sample e_k
+With a hold h and k1 h lambda_max <= 1 the bound also holds, down to a floor. Let F = f_bar + omega_bar,
+a = k1 lambda_min and R = F / (a - rho). Because I - s k1 H has norm 1 - s a for s <= h, after a sample e_k
 
-    |e(t_k + s)| <= (1 - s a) |e_k| + s (F + rho E),       E the largest |e| of the period so far.
+    |e(t_k + s)| <= (1 - s a) |e_k| + s (F + rho E),       E the largest |e| since the sample.
 
-Where |e_k| <= R, E > R would give E - R <= s rho (E - R) with s rho < 1: so |e| <= R, then and ever after. Where
-|e_k| > R, E > |e_k| is contradicted in the same way, and |e| <= |e_k| - s ((a - rho) |e_k| - F) is below the solution
-of y' = -(a - rho) y + F from |e_k|, which is convex and has this tangent; y is below the theorem's bound, as
-(y^2)' <= -2 lambda_V y^2 + F^2 / a. So |e(t)| <= max(b(t), R), where R is at most the ultimate radius.
+If |e_k| <= R, then E > R would give E - R <= s rho (E - R) with s rho < 1, a contradiction. So |e| <= R from then on.
+If |e_k| > R, then E > |e_k| is contradicted in the same way. So |e| <= |e_k| - s ((a - rho) |e_k| - F), which is below
+the solution y of y' = -(a - rho) y + F from |e_k|, because y is convex and has this tangent. And y is below the
+theorem's bound, because (y^2)' <= -2 lambda_V y^2 + F^2 / a. So |e(t)| <= max(b(t), R), where R is at most the
+ultimate radius.
 
-Where the gain condition fails, the same holds of the bound with rho = 0 and f_bar enlarged by 2 sqrt(N) sup |f_i|,
-which needs no slope; its tube is the region then.
+If the gain condition fails, the same is true of the bound with rho = 0 and f_bar enlarged by 2 sqrt(N) sup |f_i|, which
+needs no slope. The region is then the tube of that bound.
 
-The paper's numbered assumptions are decided here too, each with the number behind its verdict and a witness.
+This module also decides the paper's numbered assumptions, each with the number behind its verdict and a witness.
 """
 
 from copy import copy
@@ -100,10 +101,10 @@ class Certificate:
         region: Region that holds the agents.
         assumptions: Verdicts on the paper's seven assumptions.
         theorem: Theorem 1 with these constants; its own `applies` is the gain condition alone.
-        weaker: the bound that holds whatever the slopes: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
-        approximate: whether the law is held over a period; the theorem's law is continuous.
-        reason: why it does not apply; empty where the gain condition, every assumption and the rest hold.
-        obstacle: what excludes any bound of continuous time, gain condition or not; or empty.
+        weaker: Bound that holds for any slope: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
+        approximate: True if the law is held over a period; the theorem's law is continuous.
+        reason: Reason why the theorem does not apply; empty if it does.
+        obstacle: Reason why no bound of continuous time exists, with or without the gain condition; or empty.
     """
 
     spectrum: Spectrum
@@ -379,7 +380,7 @@ def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, b
     limit = float(system.law.limit[: len(system.team.agents)].min())
     asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
     if np.isfinite(limit) and asked > limit:
-        return f"the law may ask for {asked:.3g} m/s, beyond a speed limit of {limit:.3g} m/s"
+        return f"the law may command {asked:.3g} m/s, above a speed limit of {limit:.3g} m/s"
     return ""
 
 

@@ -193,7 +193,7 @@ class _Setting(NamedTuple):
         start, column, value: L_T over padded targets by compressed rows: their own law is -gain (L_T p - c_T).
         acceleration, speed: sup |v'| and sup |v| of their references, shape (M,), m/s^2 and m/s.
         shake: sup |omega'| at a fixed place, shape (M,), m/s^2.
-        swing: Largest norm of the Jacobian of omega, shape (M,), 1/s.
+        slope: Largest norm of the Jacobian of omega, shape (M,), 1/s.
         turn: Step much shorter than the time scales of motion and disturbance, s.
         decay: Rate of consensus and pull if the law is continuous, else 0, 1/s.
         share: Step size as a fraction of the usual one.
@@ -210,7 +210,7 @@ class _Setting(NamedTuple):
     acceleration: Array
     speed: Array
     shake: Array
-    swing: Array
+    slope: Array
     turn: float
     decay: float
     share: float
@@ -246,7 +246,7 @@ def _bound_speeds(setting, medium, continuous, h, x, bound):
                 D += setting.acceleration[v] + pull[v] * (setting.speed[v] + V) + gain[v] * np.sqrt(moved)
             bound.D[v] = D
             bound.slope[v] = slope + pull[v] + gain[v] * np.sqrt(moving)
-            bound.shake[v] = setting.shake[v] + (setting.swing[v] * V if setting.swing[v] > 0.0 else 0.0)
+            bound.shake[v] = setting.shake[v] + (setting.slope[v] * V if setting.slope[v] > 0.0 else 0.0)
             right = right and bound.speed[v] + h * (D + bound.shake[v]) <= V
         if right:
             return True
@@ -490,7 +490,7 @@ def _integrate(system: System, share: float, tolerance: float, margin: float) ->
     fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound.speed, nan=np.inf)))]
     raise _UnknownPathError(
         f"{fastest} cannot be followed beyond t = {now:.6g} s: it runs into a singularity, "
-        "or moves too fast for what numbers resolve so late"
+        "or moves too fast for the resolution of floating-point time"
     )
 
 

@@ -1,12 +1,14 @@
-"""The spectrum of H, which sets the speed of the law, and sigma_max(B), which sets how hard targets pull.
+"""Spectrum of H, relative cohomology and fragility of a team.
 
-Everything is taken on D = K^{1/2} delta on the agents, H = D^T D, rather than on H: eigenvalues are squares of singular
-values of D and cannot come out negative. The relative cohomology, the null space of delta itself, says
-which are zero; inner products do not change it. Connected components of D are treated separately.
+The spectrum of H sets the speed of the law, and sigma_max(B) how strongly targets pull. Both are computed from
+D = K^{1/2} delta on the agents, with H = D^T D: eigenvalues are squares of singular values of D, so none is negative.
+The relative cohomology, the null space of delta, determines which of them are zero; inner products do not change it.
+Connected components of D are treated separately.
 
-The relative cohomology H^0(G, G_p; F) in the team's terms: which agents are free to drift or barely held.
+The relative cohomology H^0(G, G_p; F) is described by the agents that are free to drift, or barely held.
 
-Fragility: what the loss of a single sensing edge, link, anchor or agent breaks, and the lambda_min after it.
+Fragility lists the assumptions that break when a single sensing edge, link, anchor or agent is lost, and lambda_min
+after the loss.
 """
 
 from collections import Counter, defaultdict
@@ -243,7 +245,7 @@ EXACT_LOSSES = 1000
 
 
 class Loss(Record):
-    """What the loss of one edge, agent or target does, or of all edges between two ends (a link)."""
+    """Effect of losing one edge, agent or target, or all edges between two ends (a link)."""
 
     kind: Kind
     name: str = Field(description='such as "A1 - T2", "A1 - A4 (1 of 2)", "A1 - A4 (all 2)", "A2 along z", "A3"')
@@ -252,7 +254,7 @@ class Loss(Record):
 
 
 class Fragility(Record):
-    """Which single loss breaks an assumption."""
+    """Single losses that break an assumption."""
 
     exact: bool = Field(description="whether H was decomposed after each loss; else lambda_min is not known")
     method: str

@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 from mjsheaf.arrays import Array
 from mjsheaf.team import Team
 
-_MAX_AGENTS = 1500  # of a team, for which distances of all pairs are computed
+_MAX_AGENTS = 1500  # largest team whose pairwise distances are computed
 _MAX_LISTED = 3
 
 

@@ -1,13 +1,14 @@
-"""What would make the relative cohomology trivial: the smallest set of extra edges or anchors.
+"""Smallest set of extra edges or anchors that makes the relative cohomology trivial.
 
-Every agent may be linked to every other and may sense every target, comparing the coordinates that both have, and may
-be given a position measurement along one axis. A pair that shares an edge with other maps may get this one beside it.
-All have inner product I.
+Candidates are links between any two agents, sensing of any target by any agent, comparing the coordinates that both
+ends have, and position measurements of any agent along one axis. A pair that already shares an edge with other maps may
+get a second one. All candidates have inner product I.
 
-A candidate C holds the row space of C T in the r free directions T: wanted are the fewest subspaces whose sum is R^r.
-Candidates that hold the same subspace form a group. Among the smallest sets the one with the largest lambda_min is
-wanted. For a set with rows C that is, to first order, the smallest eigenvalue of S = (C N)^T (I + C H^+ C^T)^-1 (C N),
-N an orthonormal basis of what is free; sets are ranked by it, and the best of them compared by lambda_min itself.
+A candidate C holds the row space of C T in the r free directions T. The search is for the fewest subspaces whose sum is
+R^r. Candidates that hold the same subspace form a group. Among the smallest sets, the search chooses the one with the
+largest lambda_min. For a set with rows C, lambda_min is to first order the smallest eigenvalue of
+S = (C N)^T (I + C H^+ C^T)^-1 (C N), where N is an orthonormal basis of the free directions. Sets are ranked by it, and
+the best ones are compared by lambda_min itself.
 """
 
 import itertools
@@ -30,18 +31,18 @@ from mjsheaf.team.null_modes import null_mode_basis
 Kind = Literal["communication", "sensing", "anchor"]
 
 EXACT_COMBINATIONS = 20_000
-"""Sets of one size are tried one by one while there are at most so many."""
+"""Largest number of sets of one size that are tried one by one."""
 
 JOINT_DIMENSION = 12
 JOINT_CLASSES = 60
-"""Up to so many free directions, and kinds of agents by how they move, all are held together. Beyond, directions in
-which different agents move are held apart."""
+"""Largest number of free directions, and of classes of agents with the same motion, for which one joint set is sought.
+Above, directions in which different agents move are treated separately."""
 
 RANKED_STATES = 400
-"""Up to so many states of the agents, sets are ranked by lambda_min; beyond, the first one is taken."""
+"""Largest number of agents' states for which sets are ranked by lambda_min; above, the first set is taken."""
 
 COMPARED = ((150, 32), (RANKED_STATES, 8))
-"""Up to so many states, so many sets are compared by lambda_min itself."""
+"""Pairs of a largest number of states, and the number of sets compared by lambda_min itself up to there."""
 
 _AXES = "xyz"
 _RANK = 1e-6  # singular values, of vectors whose largest entry is 1
@@ -112,9 +113,9 @@ class Group:
     """Candidates that hold the same free directions.
 
     Attributes:
-        projector: on the row space of C T, where T are the free directions, shape (r, r).
-        rank: how many free directions each candidate holds.
-        blocks: kind, agents and ends; each pair of them is a candidate.
+        projector: Projector on the row space of C T, where T are the free directions, shape (r, r).
+        rank: Number of free directions that each candidate holds.
+        blocks: Kind, agents and ends; each pair of an agent and an end is a candidate.
     """
 
     projector: Array
@@ -122,7 +123,7 @@ class Group:
     blocks: list[tuple[Kind, Sequence[int], Sequence[int]]]
 
     def members(self, most: int) -> list[Candidate]:
-        """The candidates by preference; of each block at most `most`, spread evenly."""
+        """Return the candidates by preference; of each block at most `most`, spread evenly."""
         found = []
         for kind, agents, ends in self.blocks:
             size = len(agents) * len(ends)
@@ -133,11 +134,11 @@ class Group:
 
 
 Alike = tuple[list[int], Array]
-"""Numbers of agents that move alike, and how they move in each of r directions, shape (dimension, r)."""
+"""Numbers of agents with the same motion, and that motion in each of r directions, shape (dimension, r)."""
 
 
 def alike(team: Team, free: sparse.csc_array) -> list[Alike]:
-    """Sort the agents that move by how they move in the free directions T, shape (n, r)."""
+    """Group the moving agents by their motion in the free directions T, shape (n, r)."""
     entries = free.tocoo()
     agent, axis = np.divmod(team.slots[entries.row], 3)
     agents, place = np.unique(agent, return_inverse=True)
@@ -152,7 +153,7 @@ def alike(team: Team, free: sparse.csc_array) -> list[Alike]:
 
 
 def by_dimension(members: Sequence[Member], numbers: Iterable[int]) -> dict[int, list[int]]:
-    """Numbers of agents or targets, by the dimension of their state."""
+    """Return the numbers of agents or targets, by the dimension of their state."""
     found: dict[int, list[int]] = {}
     for k in numbers:
         found.setdefault(members[k].dimension, []).append(k)
@@ -162,12 +163,13 @@ def by_dimension(members: Sequence[Member], numbers: Iterable[int]) -> dict[int,
 def group_candidates(
     team: Team, classes: Sequence[Alike], still: Mapping[int, Sequence[int]], links: bool
 ) -> list[Group]:
-    """Group all candidates that hold something by what they hold, groups of highest rank first.
+    """Group all useful candidates by the subspace that they hold, groups of highest rank first.
 
     Args:
-        classes: the agents that move, by how they move.
-        still: numbers of the agents that move in no free direction, by dimension.
-        links: whether links between agents that both move are candidates.
+        team: The team.
+        classes: Moving agents, grouped by their motion.
+        still: Numbers of the agents that move in no free direction, by dimension.
+        links: True if links between agents that both move are candidates.
     """
     targets = by_dimension(team.targets, range(len(team.targets)))
     groups: dict[bytes, Group] = {}
@@ -199,7 +201,7 @@ class Repair(Record):
     description: str = Field(
         description='such as "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2"'
     )
-    nullity_reduction: int = Field(alias="removes", description="how many free directions it holds by itself")
+    nullity_reduction: int = Field(alias="removes", description="number of free directions that it holds by itself")
     lambda_min_alone: float = Field(description="of H with this repair alone")
     lambda_min_without: float = Field(description="of H with all repairs but this one; 0, as none can be spared")
 
@@ -209,16 +211,16 @@ class Augmentation(Record):
 
     needed: int
     exact: bool = Field(
-        description="whether no smaller set exists among the candidates; else greedy, and none can be spared"
+        description="true if no smaller set exists among the candidates; else greedy, and no repair is redundant"
     )
-    candidates: int = Field(description="how many edges and anchors would hold something that is free")
+    candidates: int = Field(description="number of edges and anchors that would hold a free direction")
     repairs: list[Repair]
     lambda_min: float = Field(description="of H with all repairs")
     alternatives: list[list[str]] = Field(description="other sets of the same size, described, the best first")
 
 
 def plan_augmentation(team: Team) -> Augmentation | None:
-    """Find the smallest set of edges and anchors that makes H^0(G, G_p; F) trivial; None where it is."""
+    """Find the smallest set of edges and anchors that makes H^0(G, G_p; F) trivial; None if it is already."""
     free = null_mode_basis(team)
     r = free.shape[1]
     if r == 0:
@@ -260,8 +262,8 @@ def _list_choices(team: Team, free: sparse.csc_array, owner: IntArray) -> tuple[
         owner: Agent that each state belongs to, shape (n,).
 
     Returns:
-        Sets of one size, of which the first is likely the best; the number of candidates; and True if it is certain
-        that no smaller set exists.
+        Sets of one size, likely the best first; the number of candidates; and True if it is certain that no smaller set
+        exists.
     """
     still = by_dimension(team.agents, np.setdiff1d(np.arange(len(team.agents)), owner[free.indices]).tolist())
     joint = free.shape[1] <= JOINT_DIMENSION and len(alike(team, free)) <= JOINT_CLASSES
@@ -296,7 +298,7 @@ def _compare(team: Team, choices: Sequence[Choice], states: int) -> list[tuple[f
 
 
 def _parts(free: sparse.csc_array, owner: IntArray) -> list[sparse.csc_array]:
-    """Free directions in which no agent of another part moves."""
+    """Split the free directions into parts, such that no agent moves in two parts."""
     entries = free.tocoo()
     moves = sparse.coo_array((np.ones(free.nnz), (owner[entries.row], entries.col))).tocsr()
     _, label = csgraph.connected_components(moves.T @ moves, directed=False)

@@ -1,8 +1,8 @@
 """Rigidity of a team at a shape.
 
-The rank is that of the coboundary of communication edges, linearised. It is enough if it is that of all motions but
-those that no edge of these kinds can ever see: of translations, rotations and a scale those which the edges leave free.
-For ranges alone that is n d - d (d + 1) / 2, for bearings n d - d - 1, for positions n d - d.
+The rank is that of the linearised coboundary of communication edges. A rigid team has the rank of all motions except
+those that edges of these kinds can never measure: translations, rotations and scaling, as far as the edges leave them
+free. The required rank is n d - d (d + 1) / 2 for ranges alone, n d - d - 1 for bearings, and n d - d for positions.
 """
 
 import itertools
