@@ -7,6 +7,7 @@ from mjsheaf.checking.check import CheckRecord, PhaseRecord
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.theorem.certificate import Assumption
+from mjsheaf.checking.topology.cohomology import Fragility
 
 MAX_LINES = 45
 """Largest number of lines of the answer."""
@@ -30,7 +31,7 @@ def screen(record: CheckRecord, name: str) -> list[str]:
 
     Args:
         record: Record of the check.
-        name: Scenario as the user named it, for the command that prints the whole report.
+        name: Scenario as the user named it, for the last line.
     """
     lines = _wrapped(f"{record.scenario}: {_headline(record)}", "")
     failures = list(_failures(record))
@@ -72,7 +73,7 @@ def _count(assumptions: list[Assumption]) -> str:
 
 
 def _unstable(record: CheckRecord) -> Iterator[tuple[str, str]]:
-    """Yield the loops that are not stable, and what would make them so."""
+    """Yield the loops that are not stable, each with a fix."""
     law = record.law
     if law.unmodelled:
         yield "the law is undecided", f"check has no model of {', '.join(law.unmodelled)}"
@@ -136,20 +137,27 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
     gains = [f"{law.largest_gain:.4g} 1/s on ideal kinematics" if law.largest_gain is not None else ""]
     gains += [f"{bodies.largest_gain:.4g} 1/s on the vehicles" if bodies.largest_gain is not None else ""]
     known = ", ".join(text for text in gains if text) or "not known"
-    yield from _row("largest gain", f"{known}; it is {record.theorem.gain:.4g} 1/s")
+    yield from _row("largest gain", f"{known}; the gain is {record.theorem.gain:.4g} 1/s")
     margin = None if record.links is None else record.links.delay_margin
     delay = "not known" if margin is None else f"{margin:.3g} s on all links alike"
     yield from _row("delay margin", delay)
     yield from _row("better law", _better(record.proposals, record.theorem.wanted_radius, as_if))
     if record.safety is not None:
         yield from _row("separation", _separation(record.safety))
-    critical = record.fragility.critical_count
-    first = [f"{loss.name} ({loss.kind})" for loss in record.fragility.critical[:3]]
-    fragile = "no single loss breaks an assumption"
-    if critical:
-        rest = f", or one of {critical - len(first)} more," if critical > len(first) else ""
-        fragile = f"losing {' or '.join(first)}{rest} breaks an assumption"
-    yield from _row("fragility", fragile)
+    yield from _row("fragility", _fragile(record.fragility))
+
+
+def _fragile(fragility: Fragility) -> str:
+    """Return which single losses break an assumption."""
+    if not fragility.critical_count:
+        return "no single loss breaks an assumption"
+    losses = [f"{loss.name} ({loss.kind})" for loss in fragility.critical[:3]]
+    more = fragility.critical_count - len(losses)
+    if more:
+        losses.append("1 other" if more == 1 else f"one of {more} others")
+    *others, last = losses
+    either = f"{', '.join(others)} or {last}" if others else last
+    return f"losing {either} breaks an assumption"
 
 
 def _separation(safety: SafetyRecord) -> str:
@@ -174,12 +182,12 @@ def _better(proposals: list[Proposal], radius: float, as_if: str) -> str:
         return f"none found with a certified error of at most {radius:g} m"
     best = min(usable, key=lambda p: p.bound_per_agent)
     fields = ", ".join(f"{key}: {_value(value)}" for key, value in best.controller.items() if value is not None)
-    cost = f", {best.exchanges:.4g} exchanges a second" if best.exchanges else ""
+    cost = f", {best.exchanges:.4g} exchanges per second" if best.exchanges else ""
     return f"{fields} (error at most {best.bound_per_agent:.3g} m, RMS over agents{as_if}{cost})"
 
 
 def _value(value: object) -> str:
-    """Return a value as a scenario file has it, without fields that are 0 or false as they are by default."""
+    """Return a value as in a scenario file, without fields that have their default 0 or false."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_value(inner)}" for key, inner in value.items() if inner) + "}"
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else f"{value}"

@@ -534,7 +534,7 @@ def _bounded_difference(system: System, constants: Constants, smooth: Verdict, f
     if path.warning:
         return "undecided", None, "m/s", f"the path is not known: {path.warning}"
     if free:
-        return "undecided", bound, "m/s", "q* is not unique, so that f_q(q*) is not defined"
+        return "undecided", bound, "m/s", "q* is not unique, so f_q(q*) is undefined"
     if not np.isfinite(bound):
         return "undecided", bound, "m/s", "q* or a target comes near a singular kernel of the flow"
     where = f"largest about t = {constants.difference.time:.4g} s; the path is followed to {path.error:.1g} m"
