@@ -119,16 +119,21 @@ def _reasons(system: System, safety: SafetyArrays) -> Iterator[str]:
         yield f"rate times the control period is {safety.rate * grid.period:.3g}, above 1: take a smaller safety.rate"
     if unlimited := [ids[v] for v in agents if not np.isfinite(limit[v])]:
         yield f"{unlimited[0]} has no velocity_limit"
-    for v, id in enumerate(ids):
-        if not np.isfinite(system.flows[system.field[v]].kernel_speed):
-            yield f"the flow about {id} has a source or vortex without a core, of unbounded speed"
-            break
-        if not np.isfinite(system.largest_disturbance[v]):
-            yield f"the gusts that {id} meets are Gaussian, which no speed bounds"
-            break
+    yield from _of_medium(system, ids)
     if len(system.team.target_edges) and (system.law.gain[N:] > 0.0).any():
         yield "the targets' own consensus moves them at a speed for which there is no bound here"
     yield from _of_speeds(system, safety, agents, ids)
+
+
+def _of_medium(system: System, ids: list[str]) -> Iterator[str]:
+    """Yield why no speed bounds the medium."""
+    kernels = np.array([system.flows[k].kernel_speed for k in system.field])
+    for speeds, why in (
+        (kernels, "the flow about {} has a source or vortex without a core, of unbounded speed"),
+        (system.largest_disturbance, "the gusts that {} meets are Gaussian, which no speed bounds"),
+    ):
+        if not np.isfinite(speeds).all():
+            yield why.format(ids[int(np.isinf(speeds).argmax())])
 
 
 def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], ids: list[str]) -> Iterator[str]:

@@ -39,6 +39,11 @@ if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
     from mjsheaf.video.film import VideoOptions
 
+_DriftFlag = Annotated[
+    bool,
+    typer.Option("--allow-drift", help="Run even if agents are free to drift; errors refer to the q* of least norm."),
+]
+
 
 def run(
     scenario: ScenarioArgument,
@@ -50,12 +55,7 @@ def run(
     expect: Annotated[
         bool, typer.Option("--expect", help="Exit with code 1 if the run violates the scenario's `expect:` block.")
     ] = False,
-    allow_drift: Annotated[
-        bool,
-        typer.Option(
-            "--allow-drift", help="Run even if agents are free to drift; errors refer to the q* of least norm."
-        ),
-    ] = False,
+    allow_drift: _DriftFlag = False,
     controller: ControllerOption = None,
     quality: QualityOption = None,
     legend: LegendOption = None,

@@ -46,6 +46,14 @@ DeviceOption = Annotated[
     typer.Option(help="gpu: many runs at once on a CUDA GPU with the fused engine.", show_default="cpu"),
 ]
 
+_SchedulerOption = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Running dask scheduler to use instead of local processes.")
+]
+_ThreadsFlag = Annotated[bool, typer.Option("--threads", help="Use threads of one process instead of processes.")]
+_BatchFlag = Annotated[
+    bool, typer.Option("--batch", help="Simulate the runs of one team together on the fused engine; keep scores only.")
+]
+
 
 def sweep(
     source: Annotated[
@@ -61,12 +69,11 @@ def sweep(
     overrides: SetOption = None,
     backend: Annotated[Backend | None, typer.Option(help="As for run.", show_default="physics")] = None,
     workers: WorkersOption = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Running dask scheduler to use instead of local processes.")
-    ] = None,
-    threads: Annotated[
-        bool, typer.Option("--threads", help="Use threads of one process instead of processes.")
-    ] = False,
+    scheduler: _SchedulerOption = None,
+    threads: _SchedulerOption = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Running dask scheduler to use instead of local processes.")
+]
+_ThreadsFlag = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Repeat all runs that did not finish.")] = False,
     trajectories: Annotated[
         bool, typer.Option("--trajectories", help="Keep result.nc of every run in DIR/trajectories.")
@@ -76,10 +83,7 @@ def sweep(
     title: TitleOption = True,
     engine: Annotated[Engine | None, typer.Option(help="As for run.", show_default="mujoco")] = None,
     device: DeviceOption = None,
-    batch: Annotated[
-        bool,
-        typer.Option("--batch", help="Simulate the runs of one team together on the fused engine; keep scores only."),
-    ] = False,
+    batch: _BatchFlag = False,
     controller: ControllerOption = None,
 ) -> None:
     """Run a scenario with many gains, seeds or topologies, on all cores or a cluster.

@@ -346,11 +346,8 @@ def check_expectation(
     checks: list[dict[str, Any]] = []
     if expect.refused is not None:
         checks.append({"measure": "refused", "bound": expect.refused, "found": None, "met": False})
-    if bounds is not None and bounds.smallest_separation is not None:
-        bound, found = bounds.smallest_separation, (safety or {}).get("smallest_separation")
-        met = status == "finished" and found is not None and found >= bound
-        checks.append({"measure": "smallest_separation", "bound": bound, "found": found, "met": met})
     if bounds is not None:
+        checks += _separation_check(bounds.smallest_separation, safety, status)
         own = [phase["final"] or {} for phase in phases]
         places = [("", bounds, final), *((f"phases.{k}.", b, own[k] if k < len(own) else {})
                                          for k, b in enumerate(bounds.phases or []))]  # fmt: skip
@@ -361,3 +358,12 @@ def check_expectation(
                     met = status == "finished" and found is not None and found <= bound
                     checks.append({"measure": place + name, "bound": bound, "found": found, "met": met})
     return {"met": all(c["met"] for c in checks) if checks else None, "checks": checks}
+
+
+def _separation_check(bound: float | None, safety: dict[str, Any] | None, status: str) -> list[dict[str, Any]]:
+    """Return the record of the one lower bound, if there is one."""
+    if bound is None:
+        return []
+    found = (safety or {}).get("smallest_separation")
+    met = status == "finished" and found is not None and found >= bound
+    return [{"measure": "smallest_separation", "bound": bound, "found": found, "met": met}]
