@@ -70,10 +70,7 @@ def sweep(
     backend: Annotated[Backend | None, typer.Option(help="As for run.", show_default="physics")] = None,
     workers: WorkersOption = None,
     scheduler: _SchedulerOption = None,
-    threads: _SchedulerOption = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Running dask scheduler to use instead of local processes.")
-]
-_ThreadsFlag = False,
+    threads: _ThreadsFlag = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Repeat all runs that did not finish.")] = False,
     trajectories: Annotated[
         bool, typer.Option("--trajectories", help="Keep result.nc of every run in DIR/trajectories.")
