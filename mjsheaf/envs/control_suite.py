@@ -1,7 +1,7 @@
 """A scenario as an environment of dm_control: its viewer, wrappers and learners work on it."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from mjsheaf.engine import mujoco
 from mjsheaf.envs.episode import Episode
 from mjsheaf.envs.suite import Physics, control, specs, wrapper
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.world import World
 
 
 class BodyPhysics(Physics):  # type: ignore[misc] # dm_control has no types
@@ -24,7 +25,7 @@ class BodyPhysics(Physics):  # type: ignore[misc] # dm_control has no types
 
     def __init__(self, episode: Episode) -> None:
         self.episode = episode
-        super().__init__(wrapper.MjData(episode.world.data))
+        super().__init__(wrapper.MjData(cast(World, episode.world).data))
 
     def step(self, nstep: int = 1) -> None:
         """Take physics steps with the loop closed."""

@@ -13,17 +13,20 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjsheaf.arguments import require_scenario
+from mjsheaf.arguments import require_choice, require_scenario
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.loop import ClosedLoop
 from mjsheaf.simulation.session import Session
-from mjsheaf.simulation.world import World
 from mjsheaf.team import Edge
 from mjsheaf.vehicles.effects import capability_of, of_each
 
 DEFAULT_ACTION_LIMIT = 10.0
 """Largest action of an agent without a velocity limit whose thrusters have no limits either, m/s."""
+
+ACTIONS = ("residual", "velocity")
+"""Kinds of actions: velocities that are added to the commands of the law, or that take their place."""
 
 _log = logging.getLogger("mjsheaf")
 
@@ -55,7 +58,14 @@ class Episode:
     """
 
     def __init__(
-        self, scenario: Scenario, *, horizon: float | None = None, seed: int | None = None, visible: bool = True
+        self,
+        scenario: Scenario,
+        *,
+        horizon: float | None = None,
+        seed: int | None = None,
+        visible: bool = True,
+        action: str = "residual",
+        engine: str = "mujoco",
     ) -> None:
         """Prepare the first episode.
 
@@ -64,6 +74,8 @@ class Episode:
             horizon: Length of an episode, s, a whole number of control periods; up to `time.end` unless given.
             seed: Seed of every episode instead of the scenario's.
             visible: False for a model without the geoms that are only to be seen.
+            action: 'residual': actions are added to the commands of the agents' law; 'velocity': they take their place.
+            engine: Engine that moves the bodies, 'mujoco' or 'fused'.
 
         Raises:
             InputError: The scenario cannot be simulated on bodies, or an argument is not valid.
@@ -72,9 +84,10 @@ class Episode:
         require_scenario(scenario)
         if seed is not None:
             scenario = scenario.with_seed(seed)
-        self.session = Session(scenario, visible=visible)
+        require_choice("action", action, ACTIONS)
+        self.session = Session(scenario, visible=visible, commanded=action == "velocity", engine=engine)
         self.scenario = scenario
-        self.world = cast(World, self.session.engine)
+        self.world = cast(ClosedLoop, self.session.engine)
         team = scenario.team
         self.agents = list(team.agent_ids)
         self.dimensions = np.array([agent.dimension for agent in team.agents])
@@ -86,9 +99,10 @@ class Episode:
         self.edges = {name: [edge for ends, _, edge in every if name in ends] for name in self.agents}
         self.reset()
 
-    def reset(self) -> None:
-        """Go back to the start: the same episode again, to the bit."""
-        self.session.reset()
+    def reset(self, seed: int | None = None) -> None:
+        """Go back to the start: the same episode again, to the bit, or that of another seed from here on."""
+        self.session.reset(seed)
+        self.scenario = self.session.scenario
         self.message = ""
         self.sample()
 
@@ -142,6 +156,13 @@ class Episode:
     def present(self) -> BoolArray:
         """True for each agent that is part of the team now, shape (N,)."""
         return self.world.system.team.present
+
+    @property
+    def gone(self) -> BoolArray:
+        """True for each agent that is lost for good, shape (N,): it is part of the team now and later in no phase."""
+        now = self.world.steps_taken // self.world.steps_per_sample
+        later = [phase.system.team.present for phase in self.world.phases if phase.start > now]
+        return ~np.logical_or.reduce([self.present, *later])
 
     @property
     def rewards(self) -> Array:

@@ -15,7 +15,7 @@ from typing import Any
 
 from mjsheaf.engine import mujoco
 
-__all__ = ["Physics", "control", "mujoco", "specs", "wrapper"]
+__all__ = ["MovableCamera", "Physics", "control", "mujoco", "specs", "wrapper"]
 
 _VARIABLES = ("MUJOCO_GL", "PYOPENGL_PLATFORM")
 
@@ -68,6 +68,7 @@ def _load(module: str) -> Any:
 
 
 Physics: Any = _load("dm_control.mujoco").Physics
+MovableCamera: Any = _load("dm_control.mujoco").MovableCamera
 wrapper: Any = _load("dm_control.mujoco.wrapper")
 control: Any = _load("dm_control.rl.control")
 specs: Any = _load("dm_env.specs")

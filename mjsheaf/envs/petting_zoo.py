@@ -1,0 +1,105 @@
+"""A scenario as a parallel environment of PettingZoo."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
+
+from mjsheaf.arrays import Array
+from mjsheaf.envs.flat import RENDER_MODES, FlatEpisode
+from mjsheaf.scenario import Scenario
+
+
+class TeamParallelEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo's type variables are its own
+    """The environment that `parallel_env` returns.
+
+    Attributes:
+        episode: The core.
+        possible_agents: Ids of all agents, those included that join later.
+        agents: Ids of the agents whose episode goes on.
+    """
+
+    def __init__(self, episode: FlatEpisode) -> None:
+        self.episode = episode
+        period = episode.scenario.whole.grid.period
+        self.metadata = {
+            "name": f"mjsheaf_{episode.scenario.name}_v0",
+            "render_modes": RENDER_MODES,
+            "render_fps": max(1, round(1.0 / period)),
+            "is_parallelizable": True,
+        }
+        self.render_mode = episode.render_mode
+        self.possible_agents = list(episode.agents)
+        self.agents: list[str] = []
+        self.state_space = spaces.Box(-np.inf, np.inf, episode.state().shape, np.float64)
+
+    def observation_space(self, agent: str) -> spaces.Box:
+        """Return the space of an agent's observation."""
+        return self.episode.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Box:
+        """Return the space of an agent's action."""
+        return self.episode.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+        """Begin an episode: that of a seed, or the same again; `options` are accepted and not used."""
+        self.episode.reset(seed)
+        self.agents = list(self.possible_agents)
+        return self.episode.flat(), {name: {} for name in self.agents}
+
+    def step(
+        self, actions: dict[str, Array]
+    ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Take one control period; see `parallel_env`."""
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        episode, live = self.episode, self.agents
+        episode.act_flat({name: actions[name] for name in live if name in actions})
+        episode.step_period()
+        broken, over = bool(episode.message), episode.finished
+        observations, rewards, gone = episode.flat(), episode.rewards.tolist(), episode.gone | broken
+        number = {name: episode.agents.index(name) for name in live}
+        terminated = {name: bool(gone[i]) for name, i in number.items()}
+        truncated = {name: over and not ended for name, ended in terminated.items()}
+        self.agents = [name for name in live if not (over or terminated[name])]
+        paid = {name: rewards[i] for name, i in number.items()}
+        info: dict[str, dict[str, Any]] = {name: {"message": episode.message} if broken else {} for name in live}
+        return {name: observations[name] for name in live}, paid, terminated, truncated, info
+
+    def state(self) -> Array:
+        """Return all that determines the rest of the episode."""
+        return self.episode.state()
+
+    def render(self) -> Any:
+        """Return a picture, shape (480, 640, 3); None without a render mode."""
+        return self.episode.picture() if self.render_mode else None
+
+    def close(self) -> None:
+        """End the run."""
+        self.episode.session.close()
+
+
+def parallel_env(scenario: Scenario, **options: Any) -> TeamParallelEnv:
+    """Return a scenario on bodies as a `pettingzoo.ParallelEnv`; a step is one control period.
+
+    Zero actions give the run of `mjsheaf run`, to the bit. An action is an array (n_i,) in [-1, 1], times the agent's
+    action limit a velocity that is added to the law's command; `episode.action_limits` has the limits in m/s. An
+    observation is an array of what the agent itself measures. The reward is -|q* - q|^2 of the agent, m^2.
+
+    An agent that is lost for good terminates. One that rejoins, or joins later, takes part from the start: while it is
+    absent its observation is zero, and its action is ignored. All are truncated at `time.end`, or at the horizon, and
+    terminate if the simulation blows up. `reset(seed)` begins the episode of that seed, and `reset()` the same again.
+
+    Args:
+        scenario: The scenario, as `mjsheaf.load_scenario` returns it.
+        **options: `horizon`, `seed`, `action` and `engine` of `Episode`; `parts` of an observation (see
+            `mjsheaf.envs.flat.PARTS`); `render_mode` None or 'rgb_array'.
+
+    Raises:
+        InputError: The scenario cannot be simulated on bodies, or an option is not valid.
+        NotUniqueError: The harmonic extension is not unique.
+    """
+    return TeamParallelEnv(FlatEpisode(scenario, **options))

@@ -1,0 +1,198 @@
+"""The environments of PettingZoo and Gymnasium: their own conformance suites, and the run itself where nobody acts."""
+
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from pettingzoo.test import parallel_api_test, parallel_seed_test  # type: ignore[import-untyped]
+
+import mjsheaf
+from mjsheaf import load_scenario, simulate, simulate_many
+from mjsheaf.arrays import Array
+from mjsheaf.envs import env, parallel_env, vector_env
+from mjsheaf.errors import InputError
+from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.load import list_scenarios
+from mjsheaf.video import available_backend
+from tests.builders import mixed_scenario, refused
+
+LOST = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}, {"time": 0.2, "join": "boat"}]}
+GONE = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}]}
+SMALL = [name for name in list_scenarios() if len(load_scenario(name).agents) <= 20]
+
+
+def still(space: Any) -> Array:
+    """The action that changes nothing."""
+    return np.zeros(space.shape)
+
+
+@pytest.fixture(autouse=True)
+def _warnings_are_errors() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def short(name: str) -> Scenario | None:
+    """A shipped scenario over 25 samples from its start; None if it is refused, or has events later."""
+    scenario = load_scenario(name)
+    if scenario.expect.refused is not None:
+        return None
+    if scenario.events:
+        return scenario
+    period = scenario.whole.grid.period
+    return load_scenario(name, {"time.end": scenario.time.start + 25 * period})
+
+
+@pytest.mark.parametrize("change", [{"time": {"end": 0.2}}, LOST, GONE])
+def test_the_conformance_suites_pass(change: dict[str, Any]) -> None:
+    scenario = mixed_scenario(**change)
+    parallel_api_test(parallel_env(scenario), num_cycles=60)
+    parallel_seed_test(lambda: parallel_env(scenario), num_cycles=30)
+    check_env(env(scenario), skip_render_check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMALL)
+def test_the_conformance_suites_pass_on_every_shipped_scenario(name: str) -> None:
+    scenario = short(name)
+    if scenario is None:
+        return
+    parallel_api_test(parallel_env(scenario), num_cycles=1000)
+    parallel_seed_test(lambda: parallel_env(scenario, horizon=5 * scenario.whole.grid.period), num_cycles=500)
+    check_env(env(scenario, horizon=5 * scenario.whole.grid.period), skip_render_check=True)
+
+
+@pytest.mark.parametrize("change", [{"time": {"end": 0.2}}, LOST])
+def test_zero_actions_are_the_run_to_the_bit(change: dict[str, Any]) -> None:
+    scenario = mixed_scenario(**change)
+    expected = simulate(scenario)["agent_position"].values
+    team, whole = parallel_env(scenario), env(scenario)
+    team.reset()
+    whole.reset()
+    for k in range(1, len(expected)):
+        team.step({name: still(team.action_space(name)) for name in team.agents})
+        whole.step(still(whole.action_space))
+        for world in (team.episode.world, whole.episode.world):
+            found = world.positions()[: len(scenario.agents)]
+            known = ~np.isnan(expected[k])
+            np.testing.assert_array_equal(found[known], expected[k][known])
+    assert not team.agents
+
+
+def test_an_agent_that_is_lost_for_good_terminates_and_one_that_rejoins_is_masked() -> None:
+    for change, ends in ((LOST, False), (GONE, True)):
+        team = parallel_env(mixed_scenario(**change))
+        team.reset()
+        ended: dict[str, int] = {}
+        step = 0
+        while team.agents:
+            observations, rewards, terminated, truncated, _ = team.step({})
+            step += 1
+            for name, own in terminated.items():
+                if own:
+                    ended[name] = step
+            if "boat" in observations and 10 <= step < 20:
+                assert not observations["boat"].any()
+                assert rewards["boat"] == 0.0
+        assert ("boat" in ended) is ends
+        assert set(truncated) | set(ended) == set(team.possible_agents)
+
+
+def test_every_world_is_the_fused_run_of_its_seed_to_the_bit() -> None:
+    scenario = mixed_scenario(time={"end": 0.2}, spread={"position": 0.5}, disturbance={"agents": {"bound": 0.3}})
+    worlds = vector_env(scenario, 3)
+    worlds.reset(seed=5)
+    expected = simulate_many([scenario.with_seed(5 + k) for k in range(3)], engine="fused")
+    steps = expected[0].sizes["time"] - 1  # type: ignore[union-attr]
+    for _ in range(steps):
+        _, rewards, _, truncated, _ = worlds.step(still(worlds.action_space))
+    assert truncated.all()
+    for k, run in enumerate(expected):
+        last = run["agent_position"].values[-1]  # type: ignore[index]
+        found = worlds.envs[k].episode.world.positions()[: len(last)]
+        np.testing.assert_array_equal(found[~np.isnan(last)], last[~np.isnan(last)])
+        error = run["tracking_error"].values[-1]  # type: ignore[index]
+        assert rewards[k] == pytest.approx(-np.nansum(error**2))
+
+
+def test_a_run_that_ended_begins_again_or_stands_still() -> None:
+    scenario = mixed_scenario(time={"end": 0.05})
+    for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED):
+        worlds = vector_env(scenario, 2, autoreset_mode=mode)
+        first, _ = worlds.reset()
+        zero = still(worlds.action_space)
+        for _ in range(5):
+            last, _, _, truncated, _ = worlds.step(zero)
+        assert truncated.all()
+        after, rewards, _, truncated, _ = worlds.step(zero)
+        assert not truncated.any()
+        assert not rewards.any()
+        np.testing.assert_array_equal(after, first if mode is AutoresetMode.NEXT_STEP else last)
+        if mode is AutoresetMode.DISABLED:
+            again, _ = worlds.reset(options={"reset_mask": np.array([True, False])})
+            np.testing.assert_array_equal(again, np.stack([first[0], last[1]]))
+
+
+def test_actions_in_place_of_the_law_move_the_vehicles() -> None:
+    scenario = mixed_scenario(
+        time={"end": 1.0}, controller={"gain": 1.0, "control_period": 0.01, "velocity_limit": 2.0}
+    )
+    moved = env(scenario, action="velocity")
+    moved.reset()
+    action = still(moved.action_space)
+    action[0] = 1.0
+    before = moved.episode.world.positions()[0]
+    over = False
+    while not over:
+        *_, over, _ = moved.step(action)
+    after = moved.episode.world.positions()[0]
+    assert 1.0 < after[0] - before[0] <= 2.2
+    np.testing.assert_allclose(after[1:], before[1:], atol=0.5)
+
+
+def test_seeds_and_parts() -> None:
+    scenario = mixed_scenario(time={"end": 0.1}, spread={"position": 0.5})
+    one = env(scenario, parts=["measurements", "present"])
+    first, _ = one.reset(seed=3)
+    other, _ = one.reset(seed=4)
+    again, _ = one.reset(seed=3)
+    same, _ = one.reset()
+    assert not np.array_equal(first, other)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(first, same)
+    whole = env(scenario)
+    assert len(first) < len(whole.reset()[0])
+    for wrong in ({"parts": ["smell"]}, {"render_mode": "human"}, {"action": "thrust"}, {"horizon": 99.0}):
+        with refused(InputError):
+            env(scenario, **wrong)
+
+
+def test_shipped_scenarios_are_registered() -> None:
+    lines = ("import gymnasium, mjsheaf.envs", "made = gymnasium.make('mjsheaf/midpoint-v0', horizon=0.1)")
+    script = "\n".join([*lines, "made.reset()", "print(made.spec.id)"])
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "mjsheaf/midpoint-v0", done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(available_backend()[0] is None, reason="no offscreen GL")
+def test_pictures_show_the_vehicles() -> None:
+    seen = env(mixed_scenario(time={"end": 0.1}), render_mode="rgb_array")
+    seen.reset()
+    picture = seen.render()
+    assert picture.shape == (480, 640, 3)
+    assert picture.std() > 5.0
+
+
+def test_importing_the_package_loads_neither_library() -> None:
+    script = "import sys, mjsheaf\nprint({'gymnasium', 'pettingzoo'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+    assert mjsheaf.envs.__all__ == ["Episode", "dm_env", "env", "parallel_env", "vector_env"]
