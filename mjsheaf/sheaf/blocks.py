@@ -114,11 +114,11 @@ class InnerProduct:
 
     @classmethod
     def of_blocks(cls, blocks: Iterable[tuple[IntArray, Array]], size: int) -> "InnerProduct":
-        """The inner product with the given blocks, the identity elsewhere.
+        """Assemble the inner product from blocks, with the identity elsewhere.
 
         Args:
-            blocks: of k stalks of dimension d the first coordinates (k,) and matrices (k, d, d), which are SPD.
-            size: n.
+            blocks: First coordinates (k,) and SPD matrices (k, d, d) of k stalks of dimension d, for each d.
+            size: Dimension n of the space.
         """
         rest = np.ones(size, dtype=bool)
         placed: list[tuple[NDArray[Any], tuple[Any, ...]]] = []
@@ -237,9 +237,10 @@ def _dense_null_space(matrix: Array, scale: float, rtol: float) -> Array:
 
 
 def _surely_injective(upper: Array, tolerance: float) -> bool:
-    """Whether a triangular inverse alone shows it: the smallest singular value is at least 1 / |R^-1|_F.
+    """Return True if a triangular inverse proves full rank: the smallest singular value is at least 1 / |R^-1|_F.
 
-    That costs a fraction of the decomposition, which only a matrix with a null space, or nearly one, then needs.
+    This costs a fraction of a singular value decomposition, which then only matrices of deficient or nearly deficient
+    rank need.
     """
     if upper.shape[0] < upper.shape[1] or upper.shape[1] < _INVERTED_COLUMNS:
         return False

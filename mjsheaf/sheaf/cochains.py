@@ -73,7 +73,7 @@ class Cochains:
         return list(itertools.compress(self._number, self.free(list(boundary)).tolist()))
 
     def free(self, boundary: Sequence[Hashable]) -> BoolArray:
-        """Which vertices are not in the boundary, shape (V,)."""
+        """Return a mask of the vertices that are not in the boundary, shape (V,)."""
         free = np.ones(len(self._number), dtype=bool)
         free[self.numbers(boundary)] = False
         return free

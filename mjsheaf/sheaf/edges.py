@@ -22,15 +22,15 @@ from mjsheaf.tiers import Tiered
 
 @dataclass(frozen=True)
 class EdgeBundle:
-    """k edges whose maps have the same shapes.
+    """Bundle of k edges whose maps have the same shapes.
 
     Attributes:
-        tail, head: vertex numbers, shape (k,).
+        tail, head: Vertex numbers, shape (k,).
         maps: F_tail of every edge row by row, then F_head of every edge, in one array for the compiled loops.
-        shape: (m, n_tail, n_head), the dimensions of the edge stalk and of the two vertex stalks.
-        offset: desired value b of each edge, shape (k, m).
-        weight: inner product K of each edge stalk, shape (k, m, m), or None for the identity.
-        number: of each edge in the sheaf, in the order in which edges were added, shape (k,).
+        shape: Dimensions (m, n_tail, n_head) of the edge stalk and of the two vertex stalks.
+        offset: Desired value b of each edge, shape (k, m).
+        weight: Inner product K of each edge stalk, shape (k, m, m), or None for the identity.
+        number: Number of each edge in the sheaf, in the order in which edges were added, shape (k,).
     """
 
     tail: IntArray
@@ -133,7 +133,7 @@ def _join(group: list[EdgeBundle]) -> EdgeBundle:
 
 
 def starts(length: IntArray) -> IntArray:
-    """Where each of several stretches begins that follow one another, shape (k,)."""
+    """Return the start of each of k consecutive segments of the given lengths, shape (k,)."""
     return np.cumsum(length) - length
 
 
@@ -167,11 +167,11 @@ def _joined(parts: list[NDArray[Any]], dtype: type) -> NDArray[Any]:
 
 
 class Ends(NamedTuple):
-    """Where k edges begin and end.
+    """Ends of k edges.
 
     Attributes:
-        tails, heads: the vertices as the user calls them.
-        tail, head: the same by number, shape (k,).
+        tails, heads: Names of the vertices.
+        tail, head: Numbers of the vertices, shape (k,).
     """
 
     tails: Sequence[Any]
@@ -187,12 +187,12 @@ class Ends(NamedTuple):
 def checked_bundle(
     ends: Ends, dimension: IntArray, F_tails: Any, F_heads: Any, offset: Any, weight: Any, number: IntArray
 ) -> EdgeBundle:
-    """A bundle of k edges of equal stalk dimensions; maps, offset, weight and errors as in `Sheaf.add_edges`.
+    """Make a bundle of k edges of equal stalk dimensions; maps, offset, weight and errors as in `Sheaf.add_edges`.
 
     Args:
-        ends: of the edges.
-        dimension: of each vertex stalk, shape (V,).
-        number: of each edge, shape (k,).
+        ends: Ends of the edges.
+        dimension: Dimension of each vertex stalk, shape (V,).
+        number: Number of each edge, shape (k,).
     """
     k = len(ends.tail)
     loops = np.flatnonzero(ends.tail == ends.head)
@@ -299,13 +299,14 @@ def first_rows(t: EdgeTable, vertices: IntArray) -> IntArray:
 def block_rows(
     t: EdgeTable, place: IntArray, columns: IntArray, *, sign: float = 1.0, upper: bool = False
 ) -> tuple[Array, IntArray, IntArray, Array]:
-    """Compressed rows (values, indices, indptr) of sign * delta^T delta, or of its strict upper triangle.
+    """Compute compressed rows (values, indices, indptr) of sign * delta^T delta, or of its strict upper triangle.
 
     Args:
-        place: first row of each vertex, -1 at those without rows, shape (V,).
-        columns: vertices of the columns, in order.
-        sign: a factor.
-        upper: whether to keep only what lies above the diagonal; the diagonal comes last then, else an empty array.
+        t: Table of the edges.
+        place: First row of each vertex, -1 for vertices without rows, shape (V,).
+        columns: Vertices of the columns, in order.
+        sign: Factor of the product.
+        upper: True to keep only entries above the diagonal. The fourth array is then the diagonal, else empty.
     """
     indptr = np.zeros(int(np.diff(t.column)[place >= 0].sum()) + 1, dtype=np.int64)
     nothing = indptr, np.empty(0, dtype=np.int32), np.empty(0)
@@ -429,8 +430,8 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
     _, column, tail, head, _, size, F, at_tail, at_head, first, incident = t
     indptr, _, values = rows
     last = np.full(len(place), -1, dtype=np.int64)
-    end = indptr[:-1].copy()  # of what each row has so far
-    start = indptr[:-1].copy()  # of the row's newest block
+    end = indptr[:-1].copy()  # end of the entries written to each row
+    start = indptr[:-1].copy()  # start of the row's newest block
     begin = 0
     for u in columns:
         n_u = column[u + 1] - column[u]

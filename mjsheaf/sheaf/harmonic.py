@@ -69,13 +69,13 @@ _NO_REFINEMENT_BELOW, _ONE_REFINEMENT_BELOW = 1e-12, 1e-9
 
 @dataclass(frozen=True)
 class HarmonicExtension:
-    """A harmonic extension, and what is free in it.
+    """Harmonic extension with its free directions.
 
     Attributes:
-        x: value of every vertex, boundary included.
-        unique: whether H^0(G, U; F) = 0.
-        null_basis: basis of H^0(G, U; F), orthonormal in the inner products of the vertex stalks, shape
-            (n_W, dimension); any combination may be added to the interior values. Zero columns where the extension is
+        x: Value of every vertex, boundary included.
+        unique: True if H^0(G, U; F) = 0.
+        null_basis: Basis of H^0(G, U; F), orthonormal in the inner products of the vertex stalks, shape
+            (n_W, dimension). Any combination may be added to the interior values. It has no columns if the extension is
             unique.
         energy: Dirichlet energy 1/2 |delta x - b|_K^2.
     """
@@ -103,17 +103,17 @@ class DirichletProblem:
     def __init__(
         self, stalks: Cochains, table: EdgeTable, whitened: EdgeTable, offset: Array, boundary: Sequence[Hashable]
     ) -> None:
-        """Name the boundary; `Sheaf.dirichlet_problem` does it for a sheaf.
+        """Set up the problem for a boundary; `Sheaf.dirichlet_problem` does this for a sheaf.
 
         Args:
-            stalks: of the vertices.
-            table: the edges, as given; those that the sheaf gets later are not in the problem.
-            whitened: the same in edge coordinates in which the inner product is the identity.
-            offset: b in these coordinates, shape (m,).
-            boundary: the vertices U.
+            stalks: Stalks of the vertices.
+            table: Edges as given; edges added to the sheaf later are not part of the problem.
+            whitened: The same edges in coordinates in which the inner product is the identity.
+            offset: Desired values b in these coordinates, shape (m,).
+            boundary: Vertices U of the boundary.
 
         Raises:
-            SheafError: a boundary vertex is unknown or named twice.
+            SheafError: A boundary vertex is unknown or named twice.
         """
         if len(set(boundary)) != len(boundary):
             raise SheafError("a boundary vertex is named twice")
@@ -182,7 +182,7 @@ class DirichletProblem:
 
     @property
     def unique(self) -> bool:
-        """Whether the extension is unique: H^0(G, U; F) = 0, the paper's Assumption on relative cohomology."""
+        """True if the extension is unique: H^0(G, U; F) = 0, the paper's Assumption on relative cohomology."""
         return self.sparse_null_basis.shape[1] == 0
 
     @cached_property
@@ -191,9 +191,9 @@ class DirichletProblem:
         return solver_of(self._problem, self._null_space, self._regularisation)
 
     def _regularisation(self) -> Array:
-        """What makes H regular when added to its diagonal, shape (n_W,).
+        """Diagonal matrix that makes H regular when added to it, shape (n_W,).
 
-        Coordinates that single out each null direction are held at zero: that costs nothing.
+        It fixes at zero the coordinates that identify each null direction, which costs no energy.
         """
         diagonal = np.zeros(self._problem.states)
         if not self.unique:
@@ -201,12 +201,12 @@ class DirichletProblem:
         return diagonal
 
     def extend(self, boundary: ArrayLike) -> Array:
-        """Interior values, shape (..., n_W), in vertex order, for boundary vectors of shape (..., n_U).
+        """Compute interior values, shape (..., n_W), in vertex order, for boundary vectors of shape (..., n_U).
 
-        Where they are not unique, those of minimum norm in the inner products of the vertex stalks.
+        If they are not unique, the result has minimum norm in the inner products of the vertex stalks.
 
         Raises:
-            SheafError: the boundary vectors have the wrong length, or the solution is not accurate (see `solver`).
+            SheafError: The boundary vectors have the wrong length, or the solution is inaccurate (see `solver`).
         """
         y = np.asarray(boundary, dtype=np.float64)
         n_W, n_U = self._problem.states, len(self._columns_U)
@@ -223,7 +223,7 @@ class DirichletProblem:
         return result
 
     def _shortest(self, x: Array) -> Array:
-        """The columns of x without their part in the null space: as short as they can be made along it."""
+        """Remove from the columns of x their component in the null space, which minimises their norm."""
         x = _project_out(self._null_space, x)
         if self._product is None or not self._null_space.shape[1]:
             return x
@@ -231,9 +231,9 @@ class DirichletProblem:
         return np.asarray(x - N @ (N.T @ (self._product.matrix @ x)))
 
     def solve(self, right_hand_side: ArrayLike) -> Array:
-        """H^-1 r for one or many vectors r of shape (..., n_W); of minimum norm where H is singular.
+        """Compute H^-1 r for one or many vectors r of shape (..., n_W).
 
-        What r has along the null space, where H has no inverse, is left out.
+        If H is singular, the result has minimum norm, and the component of r in the null space is ignored.
         """
         r = np.asarray(right_hand_side, dtype=np.float64)
         if not r.size:

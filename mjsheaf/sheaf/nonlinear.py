@@ -8,10 +8,10 @@ On an edge from tail to head, z = F_head x_head - F_tail x_tail + lift is the re
 | range    | abs(z)      | a distance                    | w        | w (1 - h*/abs(z)) z      | w g g^T           |
 | bearing  | g = z/abs(z)| a unit vector, tail to head   | w abs(z) | -w P h*, P = I - g g^T   | w P/abs(z)        |
 
-so that the disagreement is D^T c, D the coboundary of z. A directed edge pulls its tail alone: D^T loses the head's
-columns and H is not symmetric. Of positions and ranges c is the derivative of an energy, 1/2 |h - h*|_K^2; of bearings
-of none, as the weight depends on z.
-Where z = 0 there is no direction: a range or bearing edge pulls nothing there.
+The disagreement is D^T c, where D is the coboundary of z. A directed edge pulls its tail alone: D^T loses the head's
+columns, and H is not symmetric. For positions and ranges, c is the derivative of the energy 1/2 |h - h*|_K^2. For
+bearings there is no such energy, because the weight depends on z. If z = 0 there is no direction, and a range or
+bearing edge exerts no pull.
 """
 
 import itertools
@@ -266,7 +266,7 @@ class NonlinearSheaf:
         return sheaf
 
     def gradient(self, x: Any) -> Array:
-        """Return D^T c of every vertex, shape (n,): the disagreement eta, by which the law moves agents down."""
+        """Return D^T c of every vertex, shape (n,): the disagreement eta, against which the law moves agents."""
         arrays = self._arrays
         return np.asarray(arrays.pulled.T @ arrays.pull(arrays.D @ self.pack(x) + arrays.lift))
 
@@ -279,11 +279,11 @@ class NonlinearSheaf:
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike], start: Any) -> NonlinearExtension:
         """Extend values of boundary vertices to a stationary point of the energy, by Gauss-Newton from `start`.
 
-        There may be several, of which the one that is found is near the start; free motions stay as they are there.
+        If there are several stationary points, the result is one near the start. Free motions stay at their start.
 
         Args:
             boundary: Values of boundary vertices.
-            start: Value of every vertex, as a mapping or a vector; those of boundary vertices do not count.
+            start: Value of every vertex, as a mapping or a vector; values of boundary vertices are ignored.
 
         Raises:
             SheafError: The iteration does not converge.

@@ -1,14 +1,15 @@
-"""Sections that vanish on some vertices, along a forest, with a certificate that none was missed.
+"""Sections that vanish on some vertices, computed along a forest, with a certificate that none was missed.
 
-Where the map F_w of an edge e = (u, w) is injective, the value at u and the residual on e determine the value at w,
-x_w = F_w^+ (F_u x_u - y_e). A forest of such edges, rooted at held vertices and, where none is in reach, at free ones,
-leaves only the free roots open: x = P r + G y, with r the values at the free roots and y = delta x. The sections are
-those P r that all edges accept: a small problem in place of a large one.
+If the map F_w of an edge e = (u, w) is injective, the value at u and the residual on e determine the value at w:
+x_w = F_w^+ (F_u x_u - y_e). Take a forest of such edges, rooted at fixed vertices, or at free ones if none is
+reachable. Only the values r at the free roots remain unknown: x = P r + G y with y = delta x. The sections are those
+P r that satisfy all edges. This is a small problem instead of a large one.
 
-The certificate: delta x >= |x| / |G| for x orthogonal to P, so that delta has at most dim r singular values under
-1 / |G|, which is compared with the tolerance. |x_w| <= a |x_u| + b |y_e| with a >= |F_w^+ F_u| and b >= |F_w^+| bounds
-G entry by entry, and |G|^2 <= |G|_1 |G|_inf, both sums along the forest. Rotations give |G|^2 <= depth times size of a
-tree, far from any tolerance. Components for which the bound is too weak are left to the general method of `blocks`.
+The certificate: |delta x| >= |x| / |G| for x orthogonal to P. So delta has at most dim r singular values below 1 / |G|,
+which is compared with the tolerance. The inequality |x_w| <= a |x_u| + b |y_e| with a >= |F_w^+ F_u| and b >= |F_w^+|
+bounds G entry by entry, and |G|^2 <= |G|_1 |G|_inf, both sums along the forest. Rotations give
+|G|^2 <= depth times size of a tree, far from any tolerance. If the bound is too weak for a component, the general
+method of `blocks` is used.
 """
 
 from typing import NamedTuple
@@ -30,14 +31,14 @@ _SECTION_ACCURACY = 1e-7  # relative: sections are then good to rounding over th
 
 
 class Forest(NamedTuple):
-    """A forest on the free vertices.
+    """Forest on the free vertices.
 
     Attributes:
-        order: the free vertices, each after its parent, shape (W,).
-        parent: by vertex: the edge to the parent, or -1 at free roots, shape (V,).
-        component: by vertex: a number that connected free vertices share, at most V, shape (V,).
-        rows, columns: by component: bounds of |G|_inf and |G|_1, shape (V,).
-        norm_low, norm_high: bounds of the largest singular value of delta on the free vertices.
+        order: Free vertices, each after its parent, shape (W,).
+        parent: Edge to the parent of each vertex, -1 at free roots, shape (V,).
+        component: Number of each vertex's component, the same for connected free vertices, at most V, shape (V,).
+        rows, columns: Bounds on |G|_inf and |G|_1 of each component, shape (V,).
+        norm_low, norm_high: Bounds on the largest singular value of delta on the free vertices.
     """
 
     order: IntArray
@@ -400,8 +401,8 @@ def _slots(t: EdgeTable, forest: Forest, chosen: BoolArray) -> IntArray:
     return slot
 
 
-def _grouped(label: IntArray, wanted: IntArray) -> list[IntArray]:
-    """The places of each of the wanted labels, ascending."""
+def _grouped(label: IntArray, chosen: IntArray) -> list[IntArray]:
+    """Return the indices of each chosen label, ascending."""
     order = np.argsort(label, kind="stable")
-    begin, end = (np.searchsorted(label[order], wanted, side) for side in ("left", "right"))
+    begin, end = (np.searchsorted(label[order], chosen, side) for side in ("left", "right"))
     return [order[i:j] for i, j in zip(begin.tolist(), end.tolist(), strict=True)]

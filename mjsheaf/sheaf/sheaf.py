@@ -32,18 +32,18 @@ from mjsheaf.sheaf.sections import certified_sections, section_basis
 
 
 class Sheaf(Cochains):
-    """A cellular sheaf on a graph, with inner products on its stalks and desired values on its edges.
+    """Cellular sheaf on a graph, with inner products on its stalks and desired values on its edges.
 
     Vertex v has the stalk R^{n_v}; an edge e = (i, j) has the stalk R^{m_e} and restriction maps F_{i,e} (m_e, n_i)
     and F_{j,e} (m_e, n_j). The coboundary is (delta x)_e = F_{i,e} x_i - F_{j,e} x_j. An edge may also carry a desired
     value b_e of that difference (`offset`) and an inner product K_e on its stalk (`weight`, symmetric positive
     definite). Parallel edges may be added, loops not.
 
-    A vertex stalk has the inner product M_v (`inner_products`), the identity unless given. It decides lengths and
-    angles of 0-cochains: the adjoint delta^* = M^-1 delta^T K, the Laplacian delta^* delta, which basis of sections is
-    orthonormal, which section is the nearest, which of many harmonic extensions the shortest. Null spaces, Betti
-    numbers, Dirichlet energies and the set of harmonic extensions do not depend on it; nor does the tolerance of ranks,
-    which is on delta in the given coordinates.
+    A vertex stalk has the inner product M_v (`inner_products`), by default the identity. It defines lengths and angles
+    of 0-cochains, and so the adjoint delta^* = M^-1 delta^T K, the Laplacian delta^* delta, orthonormal bases of
+    sections, the nearest section, and the harmonic extension of minimum norm. Null spaces, Betti numbers, Dirichlet
+    energies and the set of harmonic extensions do not depend on it. Neither does the tolerance of ranks, which applies
+    to delta in the given coordinates.
 
     0-cochains are vectors of length n = sum n_v in vertex order, or mappings from vertex to value; 1-cochains are
     vectors of length m = sum m_e in the order in which edges were added.
@@ -71,7 +71,7 @@ class Sheaf(Cochains):
 
     @property
     def number_of_edges(self) -> int:
-        """How many edges have been added, parallel ones counted apart."""
+        """Number of edges, counting parallel edges separately."""
         return self._edges
 
     @property
@@ -196,7 +196,7 @@ class Sheaf(Cochains):
         return sheaf
 
     def _chosen(self, edges: Iterable[int], inside: BoolArray) -> BoolArray:
-        """Which edges are named, checked; `inside` tells which have both ends in the subgraph."""
+        """Return a mask of the given edges, after validation; `inside` marks edges with both ends in the subgraph."""
         chosen = np.zeros(self._edges, dtype=bool)
         for e in edges:
             if isinstance(e, bool) or not isinstance(e, int | np.integer) or not 0 <= e < self._edges:
@@ -349,9 +349,9 @@ class Sheaf(Cochains):
         return DirichletProblem(self, self.table, self.whitened_table, self.whitened_offset(), boundary)
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
-        """The 0-cochain of least Dirichlet energy with the given values of boundary vertices.
+        """Return the 0-cochain of least Dirichlet energy with the given values of boundary vertices.
 
-        Where it is not unique it is the one of minimum norm, with the basis of what is free.
+        If it is not unique, the result has minimum norm, and comes with a basis of the free directions.
         """
         return self.dirichlet_problem(list(boundary)).harmonic_extension(boundary)
 

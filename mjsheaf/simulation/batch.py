@@ -264,7 +264,7 @@ class Batch:
         message = ""
         if vehicle >= 0:
             message = blow_up_of(self._systems[w], self.rows.loop_of(w), int(vehicle), int(when) // 2)
-        late = np.sqrt(found[[LATE_TRACKING, LATE_DISAGREEMENT]] / (goal.samples - goal.late))
+        late = np.sqrt(found[[LATE_TRACKING, LATE_DISAGREEMENT]] / (goal.samples - goal.half))
         bounded = not message and bool(np.isfinite(goal.bounds[self.scores.bound[w]]).any())
         return Outcome(
             message,

@@ -1,41 +1,42 @@
-"""Vehicles in the compiled loop: what the medium does to each, and its onboard computer.
+"""Vehicles in the compiled loop: forces of the medium, and the onboard computer.
 
-Vehicles are records: compiled code passes one pointer on, and a vehicle's numbers share cache lines. What all vehicles
-of a kind have in common is there once.
+Vehicles are records: compiled code passes one pointer, and a vehicle's numbers share cache lines. Numbers that all
+vehicles of a kind share are stored once.
 
-A vehicle with attitude R, velocity v and rates omega in a medium that moves at w meets, with v_r = R^T (v - w),
+A vehicle with attitude R, velocity v and rates omega in a medium that moves at w experiences, with v_r = R^T (v - w),
 
     drag           -D v_r - Q |v_r| v_r, and the same about the axes                          body axes
     hydrostatics   weight carried at the centre of buoyancy, -K (height above the surface, roll, pitch)
     added mass     -M_A a - C_A(v_r) v_r  (Kirchhoff; Fossen, Handbook of Marine Craft Hydrodynamics, 2011, ch. 6)
 
-Linear drag that is stiff (D / M above 10 1/s, whatever the timestep), and does not fight added mass, is split: the
-largest coefficient is damping of the free joint, which MuJoCo integrates implicitly, so that it costs no small steps;
-the joint damps along world axes, so the difference to R D R^T, and what the medium's own velocity adds, is applied as a
+Stiff linear drag (D / M above 10 1/s, for any timestep) that does not counteract added mass is split. The largest
+coefficient becomes damping of the free joint, which MuJoCo integrates implicitly, so no small steps are needed. The
+joint damps along world axes. The difference to R D R^T, and the part due to the medium's velocity, is applied as a
 force.
 
-Added mass cannot be fed back as a force: that diverges once it exceeds the mass. Instead every wrench F on the body but
-those of contacts is applied as S F with S = M_RB (M_RB + M_A)^-1, and MuJoCo's M_RB a = S F is (M_RB + M_A) a = F. The
-medium's acceleration is neglected.
+Added mass cannot be fed back as a force: that diverges if it exceeds the mass. Instead every wrench F on the body,
+except those of contacts, is applied as S F with S = M_RB (M_RB + M_A)^-1, and MuJoCo's M_RB a = S F is
+(M_RB + M_A) a = F. The medium's acceleration is neglected.
 
-The onboard computer knows its vehicle, its attitude, and what it measures: v_r and omega. It is not handed the medium.
-With the commanded velocity v_c relative to the medium, in body axes, and d the vehicle's drag law, it makes
+The onboard computer has the parameters of its vehicle and measures attitude, v_r and omega. It has no access to the
+medium's velocity. With the commanded velocity v_c relative to the medium, in body axes, and the vehicle's drag law d,
+it computes
 
-    force      F = d(v_c) + M k_v (v_c - v_r), so that q' = w + v_c is left, with tau = M / (M k_v + D)
-    attitude   J (k theta - b omega), theta twice the vector part of the quaternion to the wanted attitude (Wie and
+    force      F = d(v_c) + M k_v (v_c - v_r), so that q' = w + v_c in the limit, with tau = M / (M k_v + D)
+    attitude   J (k theta - b omega), theta twice the vector part of the quaternion to the desired attitude (Wie and
                Barba, J. Guidance 8, 1985: for small angles the rotation vector)
     efforts    u = W^+ [weight] + s_1 W^+ [roll, pitch] + s_2 W^+ [yaw] + s_3 W^+ [F], each s in [0, 1], one after the
-               other, the largest within limits; of a boat with thrusters that do not push both ways, those that come
-               nearest to the wanted wrench: see `vehicles.allocation`
+               other, the largest within limits. For a boat with one-way thrusters, the efforts nearest to the desired
+               wrench: see `vehicles.allocation`
 
-What the force becomes is its steering's, what commands efforts take its actuators'.
+The vehicle's steering converts the force, and its actuators convert the efforts to commands.
 
-A lost aircraft falls, and rests on the surface of the scene. Below it, at a depth d, a critically damped spring acts at
-its centre of mass:
+A lost aircraft falls and comes to rest on the surface of the scene. At a depth d below it, a critically damped spring
+acts at its centre of mass:
 
     force      m (omega^2 d - 2 omega v_z) upwards, never downwards, its spring at most three times the weight; and
                -2 omega m v horizontally
-    moment     -2 omega J times the rates: it lies as it came down
+    moment     -2 omega J times the rates, so it keeps the attitude of its fall
 
 with omega = 50 rad/s on ground, where it sinks in by 4 mm, and 10 rad/s on water, where it floats 10 cm deep.
 """
@@ -99,7 +100,7 @@ KIND = np.dtype(
         ("row_norm", "f8", 3),  # norms of the rows surge, sway and yaw of W; 0 for one that is not commanded
         ("forward_only", "i8"),  # whether it is steered at its hand point and cannot back
         ("turning_price", "f8"),  # surge force for each unit of yaw moment, 1/m
-        ("turning_speed", "f8"),  # wanted speed above which it turns round, m/s
+        ("turning_speed", "f8"),  # desired speed above which it turns round, m/s
         ("in_flow", "i8"),  # whether the force of some of its actuators depends on velocity: see `flow_wrench`
     ],
     align=True,
@@ -144,13 +145,13 @@ class Fleet(NamedTuple):
 
 
 class Sensed(NamedTuple):
-    """What a vehicle measures of itself, as tuples of compiled code.
+    """Onboard measurements of a vehicle, as tuples for compiled code.
 
     Attributes:
-        R: attitude, body to world, (9,).
-        quaternion: the same, (4,).
-        velocity: through the medium, body axes, (3,), m/s.
-        rates: body axes, (3,), rad/s.
+        R: Attitude, body to world, (9,).
+        quaternion: The same attitude, (4,).
+        velocity: Velocity through the medium, body axes, (3,), m/s.
+        rates: Angular velocity, body axes, (3,), rad/s.
     """
 
     R: tuple[float, ...]
@@ -167,13 +168,13 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:
 
 
 def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, surface: str = "none") -> Fleet:
-    """Pack vehicles, each on a free joint of its own, in order.
+    """Pack vehicles in order, each on its own free joint.
 
     Args:
-        vehicles: what each is.
-        heading: that each holds, shape (V,), rad.
-        timestep: of the physics, s.
-        surface: that of the scene, on which lost aircraft come to rest.
+        vehicles: Models of the vehicles.
+        heading: Heading that each keeps, shape (V,), rad.
+        timestep: Physics step, s.
+        surface: Surface of the scene, on which lost aircraft come to rest.
     """
     types, number = kinds_of(vehicles)
     kinds = np.zeros(len(types), KIND)
@@ -215,8 +216,8 @@ def _pack(vehicle: Vehicle, kind: np.void) -> None:
     if floats is None:
         kind["supported_weight"] = vehicle.weight
         if vehicle.ballast > 0.0:
-            # Ballast has no inertia that would swing with it, and the lag of rotors would let it topple the vehicle:
-            # it hangs where it and the model's weight together act in the plane of the origin.
+            # Ballast has no rotational inertia, so with the lag of rotors it could topple the vehicle. It is therefore
+            # placed such that its weight and the model's together act in the plane of the origin.
             kind["ballast_point"][2] *= 1.0 - vehicle.weight / vehicle.ballast
             kind["com"][2] = 0.0
     else:
@@ -306,11 +307,11 @@ def apply_wrench(kind, qvel, R, force, moment, applied):
 
 @inline_jit
 def _share_with_medium(kind, R, s, omega, force, moment):
-    """The wrench under which MuJoCo's body moves as one with added mass does under the given one, body axes.
+    """Return the wrench that moves MuJoCo's body as the given wrench moves a body with added mass, body axes.
 
-    MuJoCo solves M_RB a + h = Q + G with h the rigid body's centrifugal wrench and G its weight. Wanted is
-    (M_RB + M_A) a + h = F + G + C with C = M_A [omega x v_r; 0] - C_A(v_r) v_r, as a is taken in axes that do not turn.
-    Hence Q = S (F + G - h + C) + h - G.
+    MuJoCo solves M_RB a + h = Q + G, where h is the rigid body's centrifugal wrench and G its weight. The desired
+    motion is (M_RB + M_A) a + h = F + G + C with C = M_A [omega x v_r; 0] - C_A(v_r) v_r, because a refers to axes that
+    do not rotate. Hence Q = S (F + G - h + C) + h - G.
     """
     m, c, A = kind.mass, triple(kind.com), kind.added_mass
     weight = upward(R, -kind.weight)
@@ -340,13 +341,13 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
     """Write the commands of a vehicle's actuators.
 
     Args:
-        kind: see KIND.
-        thrusters: its own channels, shape (s,); see CHANNEL.
-        heading: cosine and sine of half the heading to hold, (2,).
-        command: velocity wanted relative to the medium, world axes, (3,), m/s.
-        sensed: see `Sensed`.
-        act: activations, its own first.
-        ctrl: the commands, shape (s,), written.
+        kind: Parameters of the vehicle's kind; see KIND.
+        thrusters: Channels of the vehicle, shape (s,); see CHANNEL.
+        heading: Cosine and sine of half the desired heading, (2,).
+        command: Desired velocity relative to the medium, world axes, (3,), m/s.
+        sensed: Measured state; see `Sensed`.
+        act: Activations, those of the vehicle first.
+        ctrl: Commands, shape (s,), written.
     """
     R, s = sensed.R, sensed.velocity
     wanted = to_body(R, command)
@@ -413,7 +414,7 @@ def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment
         allocate_nearest(thrusters, triple(kind.row_norm), add(weight, force), yaw, effort)
         return
     if upright < _TIPPED and kind.supported_weight > 0.0:
-        # Thrusters asked for a weight that they cannot carry would be at their limits, and none left to turn.
+        # If thrusters had to carry more weight than they can, they would saturate, and no thrust would remain to turn.
         force, moment = add(force, weight), add(moment, carry)
         weight, carry = (0.0, 0.0, _TIPPED * kind.supported_weight), (0.0, 0.0, 0.0)
         force = subtract(force, weight)

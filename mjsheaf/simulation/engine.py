@@ -57,7 +57,7 @@ class Engine(ABC):
     steps_per_sample: int
     _control: ControlArrays  # of the present phase
     _timestep: float  # s
-    _chunk: int  # steps in one compiled call, after which Ctrl-C is heard
+    _chunk: int  # steps in one compiled call; Ctrl-C takes effect between calls
     _stride: int  # the same where nothing is recorded
     _unrecorded: Recorder
 
@@ -90,7 +90,7 @@ class Engine(ABC):
         """Make what no seed changes."""
 
     def _take(self, run: System | Sequence[Phase]) -> None:
-        """Take over the phases of a run, and what is known of all of them."""
+        """Store the phases of a run, and the data common to all of them."""
         self._phases = phases_of(run)
         self.system = self._phases[0].system
         self._views: dict[int, View] = {}
@@ -239,8 +239,8 @@ class Engine(ABC):
         """Take n steps with the loop closed.
 
         Raises:
-            UnstableError: the state became bad; the message names vehicle, time and likely cause.
-            InputError: a law in Python raised an exception, or asked for no velocity.
+            UnstableError: The state diverged; the message names vehicle, time and likely cause.
+            InputError: A law in Python raised an exception, or returned no velocity.
         """
         require_whole("n", n, 0)
         while n > 0:
@@ -328,19 +328,19 @@ class Engine(ABC):
     # -- what agents know ----------------------------------------------------------------------------------------------
 
     def add_to_command(self, velocity: Array) -> None:
-        """Add velocities to what the compiled law commands, before the speed limit, until other ones are given.
+        """Set velocities that are added to the commands of the compiled law, before the speed limit.
 
-        They count from the law's next evaluation on. Zeros change nothing, to the bit. Agents that are `commanded` have
-        no other law.
+        They apply from the law's next evaluation until the next call. Zeros change no bit. Agents that are `commanded`
+        have no other law.
 
         Args:
-            velocity: Of the agents, relative to the medium, padded, shape (N, 3), m/s.
+            velocity: Velocity of each agent relative to the medium, padded, shape (N, 3), m/s.
         """
         self._enter_phase()
         self.memory.supplied[: len(velocity)] = np.where(self._coordinates, velocity, 0.0)
 
     def observe(self) -> Sample:
-        """Return what agents may know now, and apart from that the truth; the run goes on as if nobody had looked."""
+        """Return the measurements available to agents now and, separately, the true state; the run is not affected."""
         self._enter_phase()
         memory = self.memory
         kept = memory.flat.copy()
@@ -376,19 +376,19 @@ class Engine(ABC):
     # -- the state -----------------------------------------------------------------------------------------------------
 
     def get_state(self) -> Array:
-        """Return all that decides how the run goes on, the seed among it, as one array.
+        """Return the complete state of the run, including the seed, as one array.
 
-        A law in Python keeps its own state, which is not in it.
+        It does not contain the state of a law in Python.
         """
         self._enter_phase()  # where a phase begins, as `set_state` expects it
         before = self._before if self._observed == self.steps_taken else self._now
         return np.concatenate([[self.seed], self._get_motion(), self.memory.flat, before.ravel()])
 
     def set_state(self, state: Array) -> None:
-        """Go on from a state of `get_state`, to the bit as the run did from which it was taken, under its seed.
+        """Continue from a state of `get_state`, bit for bit as the run from which it was taken, with its seed.
 
         Raises:
-            InputError: the state is of another size, so not one of this scenario, or not finite.
+            InputError: The state has another size, so it is not one of this scenario, or it is not finite.
         """
         values = np.ascontiguousarray(state, dtype=np.float64)
         before = self.get_state()

@@ -1,7 +1,7 @@
-"""Threads that run one compiled function together, and the gate where they wait for one another.
+"""Team of threads that run one compiled function, and the barrier that synchronises them.
 
-A gate is an array of integers, zeros at first: how many arrived so far, which unit of work is next, whether the work
-has failed, and whether it is abandoned. Threads meet there without the interpreter, thousands of times a second.
+A gate is the barrier: an array of integers, initially zero, with the number of arrivals, the next unit of work, and
+flags for failed and abandoned work. Threads synchronise there without the interpreter, thousands of times per second.
 """
 
 from collections.abc import Callable
@@ -145,5 +145,5 @@ def fail(gate):
 
 @inline_jit
 def failed(gate):
-    """Whether a thread reported, before the last meeting, that the work failed."""
+    """Return True if a thread reported a failure before the last barrier."""
     return gate[_FAILED] != 0

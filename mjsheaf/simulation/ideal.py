@@ -52,20 +52,20 @@ _USUAL_STEPS = 2_000  # of the integrator in a period: those above it are counte
 
 
 class Integrator(NamedTuple):
-    """What moves V vehicles between samples, and the integrator's work arrays.
+    """Model of V vehicles between samples, and the integrator's work arrays.
 
     Attributes:
-        medium, effectiveness: what surrounds the vehicles, and how inputs become velocities.
-        tolerance: relative and absolute error of each step.
-        period: over which commands are held, s.
-        station: positions that vehicles hold, at every instant.
-        memory: of the law.
-        state: positions at a stage, shape (V, 3), m.
+        medium, effectiveness: Flow and disturbances around the vehicles, and the map from inputs to velocities.
+        tolerance: Relative and absolute error of each step.
+        period: Time over which commands are held, s.
+        station: Positions that vehicles keep, at every instant.
+        memory: Memory of the law.
+        state: Positions at a stage, shape (V, 3), m.
         slope: x' at each stage, shape (7, V, 3), m/s.
-        input: u of an agent, shape (s,).
+        input: Input u of an agent, shape (s,).
         medium_state: State of the medium at the present time.
-        surplus: steps beyond the usual ones so far, less what later periods have left of theirs, by the first of the
-            vehicles that are integrated together, shape (V,).
+        surplus: Accumulated steps in excess of the usual number per period, reduced by periods that need fewer, by the
+            first of the vehicles that are integrated together, shape (V,).
     """
 
     medium: MediumArrays
@@ -168,9 +168,9 @@ def _first_step(follow, run, t, x, first, last):
 
 @inline_jit
 def take_step(follow, run, t, h, x, first, last):
-    """Try a step of the vehicles from first to last from t to t + h; return its error, of which 1 is tolerated.
+    """Try a step of the vehicles from first to last from t to t + h; return its error relative to the tolerance.
 
-    run.slope[0] holds x' at t; afterwards run.state holds the positions at t + h and run.slope[6] x' there.
+    run.slope[0] contains x' at t. On return, run.state contains the positions at t + h, and run.slope[6] x' there.
     """
     for stage in range(1, 7):
         for v in range(first, last):

@@ -35,7 +35,7 @@ _ROUNDING = 1e-9  # entries of the difference quotients below it are rounding: 1
 _NEUTRAL = 1e-5  # 1/s: a singular value of the rates below it is a direction in which nothing holds or drives
 _STILL = 1e-7  # m/s, m/s^2, ...: rates of an equilibrium
 _NEWTON_STEPS = 20
-_SETTLE_TIME = 20.0  # s, for which a vehicle is simulated before Newton's second attempt
+_SETTLE_TIME = 20.0  # s; duration of the simulation before Newton's second attempt
 _MOST_SETTLE_STEPS = 10_000
 
 
@@ -77,19 +77,19 @@ def _linear_key(stations: Sequence[Station], control: ControlArrays, timestep: f
 def linearise(
     stations: Sequence[Station], control: ControlArrays, timestep: float, steps: int
 ) -> list[LinearVehicle | str]:
-    """Linearise each vehicle's loop about the equilibrium in which it holds station.
+    """Linearise each vehicle's loop about the equilibrium in which it keeps its station.
 
     Args:
-        stations: the vehicles; all are linearised side by side in one arena.
-        control: any: the law is not evaluated, but compiled code is handed it.
-        timestep: of the physics, s.
-        steps: physics steps in a control period; 1 where the law is evaluated at each.
+        stations: Vehicles with their stations; all are linearised side by side in one arena.
+        control: Any control; compiled code needs it as an argument, but the law is not evaluated.
+        timestep: Physics step, s.
+        steps: Number of physics steps in a control period; 1 if the law is evaluated at each.
 
     Returns:
-        For each, the model; or, where there is none, why.
+        The model of each vehicle, or the reason why there is none.
 
     Raises:
-        InputError: a vehicle does not go into an arena.
+        InputError: A vehicle does not fit into an arena.
     """
     bench = _Bench(stations, control, timestep)
     found = bench.settle()

@@ -1,7 +1,7 @@
-"""The loop on bodies: the law at its period, what each vehicle measures and commands, samples.
+"""Loop on bodies: the law at its period, the measurements and commands of each vehicle, and the samples.
 
-What moves the bodies is an engine: MuJoCo (see `world`), or our own function (see `fused`). All of a step is compiled
-code; samples are recorded inside the loop, into arrays allocated once.
+An engine moves the bodies: MuJoCo (see `world`), or our own function (see `fused`). The whole step is compiled code.
+Samples are recorded inside the loop, into arrays allocated once.
 """
 
 from abc import abstractmethod
@@ -37,7 +37,7 @@ HUGE = 1e10
 
 
 class Params(NamedTuple):
-    """What does not change from step to step: worlds of a batch share it but for the fields that are `Own`.
+    """Constants of a run. Worlds of a batch share them, except for the fields marked `Own`.
 
     Attributes:
         control: Law and references of the onboard computers.
@@ -65,7 +65,7 @@ class Params(NamedTuple):
 
 
 class State(NamedTuple):
-    """What changes from step to step.
+    """State of a run, which changes from step to step.
 
     Attributes:
         qpos: Positions of the free joints, shape (7 V,).
@@ -159,9 +159,9 @@ def medium_at(params, state, v):
 
 @jit
 def _flow_wrench_of(loop, v, R):
-    """Force and moment of what flows past the actuators of vehicle v; see `flow_wrench`.
+    """Compute the force and moment of the flow past the actuators of vehicle v; see `flow_wrench`.
 
-    Few vehicles have any: in a function of its own it takes no registers from the loop of the others.
+    Few vehicles have any. A separate function takes no registers from the loop of the others.
     """
     params, state = loop
     body = params.fleet.bodies[v]
@@ -218,7 +218,7 @@ def sense_and_command(loop, v):
 
 @jit
 def place_targets(loop, recorder):
-    """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
+    """Set the controlled position, attitude and speed of every target to its reference at this sample."""
     k, fleet, state = recorder.written[0], loop.params.fleet, loop.state
     agents = fleet.bodies.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
@@ -329,7 +329,7 @@ class ClosedLoop(Engine):
     """
 
     _loop: Loop
-    _at_once: ClassVar = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
+    _at_once: ClassVar = 200_000  # physics steps times vehicles in a compiled call; Ctrl-C takes effect between calls
 
     def _take(self, run: System | Sequence[Phase]) -> None:
         super()._take(run)
@@ -439,7 +439,7 @@ class ClosedLoop(Engine):
 
     @property
     def command(self) -> Array:
-        """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s."""
+        """Commanded velocities of the law's last evaluation, shape (V, 3), m/s."""
         return self.memory.command
 
     @property

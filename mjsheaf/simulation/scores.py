@@ -1,4 +1,4 @@
-"""How far a run is from where it should be, sample by sample, for runs of which nothing else is kept."""
+"""Errors of a run, sample by sample, for runs that keep only scores."""
 
 from typing import NamedTuple
 
@@ -15,15 +15,15 @@ _MOST_NUMBERS = 12_000_000  # of what carries targets to q*
 
 
 class Goal(NamedTuple):
-    """What worlds of N agents are scored by, over T samples.
+    """Reference for the scores of worlds of N agents, over T samples.
 
     Attributes:
-        carry, rest: q* = carry p + rest of stacked positions p, shapes (n_q, n_p) and (n_q,).
-        own: vehicle and axis of each number of q, then of p, shape (n_q + n_p, 2).
-        first: where each agent's numbers begin in q, shape (N + 1,).
-        bounds: on |e| at each sample, shape (U, T), m; infinite where there is none.
-        samples: T.
-        late: the first of the last half.
+        carry, rest: Coefficients of q* = carry p + rest for stacked positions p, shapes (n_q, n_p) and (n_q,).
+        own: Vehicle and axis of each number of q, then of p, shape (n_q + n_p, 2).
+        first: Index of each agent's first number in q, shape (N + 1,).
+        bounds: Bounds on |e| at each sample, shape (U, T), m; infinite where there is none.
+        samples: Number T of samples.
+        half: First sample of the second half.
     """
 
     carry: Array
@@ -32,20 +32,20 @@ class Goal(NamedTuple):
     first: IntArray
     bounds: Array
     samples: int
-    late: int
+    half: int
 
 
 class Scores(NamedTuple):
-    """What becomes of W worlds, written as they run.
+    """Scores of W worlds, written as they run.
 
     Attributes:
-        bound: which of the goal's bounds is a world's, shape (W,).
-        squares: |q*_i - q_i|^2 at the present sample, shape (W, N), m^2.
-        y, eta: what exact links would measure and the eta of that, shapes (W, m) and (W, V, 3), m; of links that are
-            exact it is the law's own, and these have no numbers.
-        bad: when each vehicle was bad, NEVER where it was not, shape (W, V); see `ThreadedLoop._work`.
-        found: see the columns below, shape (W, 7).
-        ended: the vehicle that was bad first, and when; -1 while none is, shape (W, 2).
+        bound: Index of each world's bound in the goal, shape (W,).
+        squares: Squared errors |q*_i - q_i|^2 at the present sample, shape (W, N), m^2.
+        y, eta: Measurements over exact links and their eta, shapes (W, m) and (W, V, 3), m; empty if all links are
+            exact, because the law's own are then used.
+        bad: Time at which each vehicle diverged, NEVER if it did not, shape (W, V); see `ThreadedLoop._work`.
+        found: Scores, see the columns below, shape (W, 7).
+        ended: First vehicle that diverged and the time, -1 if none has, shape (W, 2).
     """
 
     bound: IntArray
@@ -88,7 +88,7 @@ def score(goal, scores, w, n, loop):
         square += scores.squares[w, i]
         size += np.sqrt(eta[i, 0] ** 2 + eta[i, 1] ** 2 + eta[i, 2] ** 2)
     found[TRACKING], found[DISAGREEMENT], found[TAKEN] = np.sqrt(square / N), size / N, n + 1.0
-    late = n >= goal.late
+    late = n >= goal.half
     if late:
         found[LATE_TRACKING] += square / N
         found[LATE_DISAGREEMENT] += (size / N) ** 2
@@ -109,7 +109,7 @@ def require_scorable(system: System) -> None:
     if not system.team.plain:
         raise InputError(
             "communication: q* of a team with range, bearing or directed edges, or without targets and anchors, is no "
-            "linear function of the targets, by which a batch is scored; expected runs one by one"
+            "linear function of the targets, as a batch requires for its scores; expected separate runs"
         )
     n_q, n_p = system.team.first_state[-1], system.team.dirichlet.B.shape[1]
     if n_q * n_p > _MOST_NUMBERS:
@@ -120,7 +120,7 @@ def require_scorable(system: System) -> None:
 
 
 def goal_of(system: System, bounds: Array) -> Goal:
-    """What worlds of a system that passed `require_scorable` are scored by, with bounds (U, T) in m."""
+    """Return the goal of a system that passed `require_scorable`, with bounds (U, T) in m."""
     team, steps, n_p = system.team, system.grid.steps, system.team.dirichlet.B.shape[1]
     rest = team.extend(np.zeros(n_p))
     return Goal(
@@ -130,5 +130,5 @@ def goal_of(system: System, bounds: Array) -> Goal:
         first=np.asarray(team.first_state, dtype=np.int64),
         bounds=bounds,
         samples=steps + 1,
-        late=(steps + 1) // 2,
+        half=(steps + 1) // 2,
     )

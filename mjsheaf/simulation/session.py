@@ -27,15 +27,15 @@ _WORTH_THREADS = 1e6  # vehicles times physics steps: less ends before another t
 
 
 class Session:
-    """A run with the loop closed, one control period at a time.
+    """Closed-loop run that advances one control period at a time.
 
-    What it does is what `simulate` does, to the bit: `step` repeated gives the samples of its dataset. Close it, or use
-    it in a `with` block, if it has several threads.
+    It gives the results of `simulate` bit for bit: repeated calls of `step` give the samples of its dataset. If it has
+    several threads, close it or use it in a `with` block.
 
     Attributes:
         scenario: The scenario, with the seed of the run.
         backend: 'physics' or 'ideal'.
-        engine: What moves the vehicles: a `World` on MuJoCo and one thread, else an `Engine` of its own kind.
+        engine: Engine that moves the vehicles: a `World` for MuJoCo with one thread, else another `Engine`.
     """
 
     def __init__(
@@ -58,12 +58,12 @@ class Session:
             engine: Engine that moves bodies: 'mujoco' or 'fused'; see `simulate`.
             threads: Number of threads that move the bodies; None takes the idle processors, see `simulate`.
             controller: A law in Python in place of the agents' own; see `simulate`.
-            commanded: True if what `step` is given takes the place of the agents' own law; by default it is added.
-            allow_drift: Simulate a team whose harmonic extension is not unique too; see `simulate`.
-            visible: True for a MuJoCo model with the geoms that are only to be seen.
+            commanded: True if the argument of `step` replaces the agents' own law; by default it is added.
+            allow_drift: True to also simulate a team whose harmonic extension is not unique; see `simulate`.
+            visible: True for a MuJoCo model that includes purely visual geoms.
 
         Raises:
-            InputError: As for `simulate`.
+            InputError: An argument or the scenario is invalid, as for `simulate`.
             NotUniqueError: The harmonic extension is not unique, and drift is not allowed.
         """
         require_scenario(scenario)
@@ -143,9 +143,9 @@ class Session:
 
     @property
     def state(self) -> Array:
-        """All that decides how the run goes on, the seed too, as one array; set it to go on from there, to the bit.
+        """Complete state of the run, including the seed, as one array; set it to continue from there, bit for bit.
 
-        A law in Python keeps its own state, which is not in it.
+        It does not contain the state of a law in Python.
         """
         return self.engine.get_state()
 
@@ -173,9 +173,9 @@ def engine_of(
     commanded: bool = False,
     visible: bool = False,
 ) -> "Engine":
-    """Return the engine that a run names, at its start; arguments as of `Session`, and the seed of a law in Python.
+    """Return the engine of a run at its start; arguments as for `Session`, and the seed of a law in Python.
 
-    What cannot be simulated is not refused here: see `require_simulable`.
+    This function does not refuse runs that cannot be simulated; see `require_simulable`.
     """
     from mjsheaf.control.controller import controller_of
     from mjsheaf.system import phases_of

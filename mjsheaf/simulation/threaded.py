@@ -20,8 +20,8 @@ BLOCK = 8
 """Vehicles that a thread takes at a time; fewer are not worth one."""
 
 AT_ONCE = 2_000_000
-"""Steps times vehicles in one compiled call, after which Ctrl-C is heard; long enough for threads to find a processor
-each."""
+"""Steps times vehicles in one compiled call; Ctrl-C takes effect between calls. A call is long enough for each thread
+to get a processor."""
 
 NEVER = int(np.iinfo(np.int64).max)
 """When a vehicle was bad that was not: see `ThreadedLoop._work`."""
@@ -39,9 +39,9 @@ def crew_size(plan: PhysicsOptions, controlled: bool) -> int:
 
 @inline_jit
 def begin_span(loop, k, recorder, row, thread, threads, meetings, gate):
-    """Evaluate the law where step k is due, on thread 0, while the others wait; return whether to go on.
+    """Evaluate the law on thread 0 if it is due at step k, while the others wait; return True to continue.
 
-    Targets are put where the recorder wants them, and the sample counted that is to be `row` of its log, unless that is
+    Also place the targets for the recorder, and count the sample that becomes `row` of its log, unless `row` is
     negative.
     """
     if thread == 0:
@@ -57,7 +57,7 @@ def begin_span(loop, k, recorder, row, thread, threads, meetings, gate):
 
 @inline_jit
 def end_span(threads, meetings, gate):
-    """Wait until all vehicles have moved; return whether to go on."""
+    """Wait until all vehicles have moved; return True to continue."""
     return wait(gate, meetings + 2, threads) and not failed(gate)
 
 

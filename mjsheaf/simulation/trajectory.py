@@ -1,4 +1,4 @@
-"""What a backend returns, and what it says when a simulation blows up."""
+"""Result of a backend, and its message if a simulation diverges."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of res
 
 
 def samples_in_piece(system: System) -> int:
-    """How many samples of a run are handled at a time, so that memory does not grow with its length."""
+    """Return the number of samples in a chunk, chosen so that memory does not grow with the length of a run."""
     return max(16, min(2048, _PIECE // len(system.team.members)))
 
 
 class Extra(NamedTuple):
-    """What the loop records for entries with a compiled reader in the list of variables (`results.variables`).
+    """Recorded values of variables with a compiled reader (see `results.variables`).
 
     Attributes:
-        values: Their numbers, one entry after the other, shape (T, V, width).
-        read: Compiled function that writes those of one vehicle.
+        values: Values of all these variables, one after the other, shape (T, V, width).
+        read: Compiled function that writes the values of one vehicle.
     """
 
     values: Array
@@ -37,24 +37,24 @@ class Extra(NamedTuple):
 
 
 class Log(NamedTuple):
-    """T samples of V vehicles, as they were in the loop; arrays that a backend does not fill have no samples.
+    """T samples of V vehicles, recorded in the loop; arrays that a backend does not fill have no samples.
 
     Attributes:
-        positions: where the law sees the vehicles, padded, shape (T, V, 3), m.
-        residual: eta of the agents by what they heard, L_T p - c_T of the targets, padded, shape (T, V, 3), m.
-        command: commanded velocities relative to the medium, limited, shape (T, V, 3), m/s.
-        velocity: of the controlled state on ideal kinematics, of the body's origin on bodies, shape (T, V, 3), m/s.
-        medium: velocity of flow and disturbance about each vehicle, shape (T, V, 3), m/s.
-        inputs: u_i = g_i^+ command on ideal kinematics, shape (T, N, s).
-        origin: of bodies, shape (T, V, 3), m.
-        quaternions: attitudes of bodies (w, x, y, z), body to world, shape (T, V, 4).
-        thruster_command: of all actuators, shape (T, A).
-        thruster_output: what lags leave of it: the actuators' forces, N, or angles, rad, shape (T, A).
-        saturation: share of each vehicle's thrusters at a limit, shape (T, V).
-        heard: what each link heard (see `mjsheaf.control.links`), shape (T, L).
-        measurements: as delivered, -b where nothing was heard, shape (T, m), m; only where they are asked for.
-        safety: what the filter that keeps vehicles apart found (see `mjsheaf.control.safety`), shape (T, V, 4); without
-            one (T, V, 0).
+        positions: Positions seen by the law, padded, shape (T, V, 3), m.
+        residual: eta of the agents from received measurements, L_T p - c_T of the targets, padded, shape (T, V, 3), m.
+        command: Commanded velocities relative to the medium, limited, shape (T, V, 3), m/s.
+        velocity: Velocity of the controlled state on ideal kinematics, of the body's origin on bodies, shape (T, V, 3),
+            m/s.
+        medium: Velocity of flow and disturbance around each vehicle, shape (T, V, 3), m/s.
+        inputs: Inputs u_i = g_i^+ command on ideal kinematics, shape (T, N, s).
+        origin: Origins of bodies, shape (T, V, 3), m.
+        quaternions: Attitudes of bodies (w, x, y, z), body to world, shape (T, V, 4).
+        thruster_command: Commands of all actuators, shape (T, A).
+        thruster_output: Lagged commands: forces of the actuators, N, or angles, rad, shape (T, A).
+        saturation: Fraction of each vehicle's thrusters at a limit, shape (T, V).
+        heard: Reception on each link (see `mjsheaf.control.links`), shape (T, L).
+        measurements: Delivered measurements, -b if nothing was received, shape (T, m), m; recorded on request.
+        safety: Results of the safety filter (see `mjsheaf.control.safety`), shape (T, V, 4); without one (T, V, 0).
         extra: Extra of further variables; () without any.
     """
 
@@ -119,7 +119,7 @@ def _new_extra(T: int, V: int) -> Extra | tuple[()]:
 
 
 def _one_after_the_other(first: Any, width: int, then: Any) -> Any:
-    """Return the compiled reader of two, the first of which writes so many numbers."""
+    """Return a compiled reader that calls two readers; the first one writes `width` numbers."""
 
     def read(run, memory, v, out):
         first(run, memory, v, out[:width])
@@ -157,16 +157,16 @@ class Trajectory:
 
 @inline_jit
 def record_vehicle(run, memory, log, k, v, position, velocity, medium):
-    """Write what every backend records of vehicle v as sample k.
+    """Write the values that every backend records of vehicle v as sample k.
 
     Args:
-        run: what compiled readers read from: a Loop on bodies, an Integrator on ideal kinematics.
-        memory: of the law.
-        log: see Log.
-        k, v: numbers of the sample and the vehicle.
-        position: where the law sees it, at least 3 numbers, m.
-        velocity: of the vehicle, at least 3 numbers, m/s.
-        medium: velocity about it, (x, y, z), m/s.
+        run: Source of the compiled readers: a Loop on bodies, an Integrator on ideal kinematics.
+        memory: Memory of the law.
+        log: Log to write to.
+        k, v: Numbers of the sample and the vehicle.
+        position: Position seen by the law, at least 3 numbers, m.
+        velocity: Velocity of the vehicle, at least 3 numbers, m/s.
+        medium: Velocity of the medium around it, (x, y, z), m/s.
     """
     for i in range(3):
         log.positions[k, v, i] = position[i]
@@ -188,7 +188,7 @@ def _record_extra(extra, run, memory, k, v):
 
 @inline_jit
 def record_links(memory, log, k):
-    """Write what was heard, and measurements where they are asked for, as sample k."""
+    """Write the reception on each link as sample k, and measurements if the log has room for them."""
     for i in range(log.heard.shape[1]):
         log.heard[k, i] = memory.links.heard[i]
     for i in range(log.measurements.shape[1]):
@@ -230,7 +230,7 @@ def blow_up_message(
 
 
 def likely_cause(system: System, law_period: float) -> str:
-    """Return the first stability margin that the system violates, with the field that would mend it.
+    """Return the first stability margin that the system violates, with the field that fixes it.
 
     Args:
         system: The system.
@@ -291,10 +291,10 @@ def _agents_loop(system: System) -> tuple[float, str, str, int]:
 
 
 def largest_integral(system: System) -> float:
-    """The k_I, 1/s^2, from which on the held integral diverges; 0 without terms.
+    """Return the smallest k_I, 1/s^2, with which the held integral diverges; 0 without terms.
 
-    For lambda, an eigenvalue of H, the held loop of e and z has the determinant 1 - h (k1 lambda - h k_I lambda), and
-    with the Newton direction, were its rounds exact, 1 - h (k1 - h k_I lambda): below one only for smaller k_I.
+    For an eigenvalue lambda of H, the held loop of e and z has the determinant 1 - h (k1 lambda - h k_I lambda). With
+    the Newton direction and exact rounds it is 1 - h (k1 - h k_I lambda). Both are below 1 only for smaller k_I.
     """
     terms = system.law.terms
     if not terms.agents:
