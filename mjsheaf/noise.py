@@ -83,13 +83,13 @@ def normal_of(p):
 
 @jit
 def normals(seed, stream, number, count):
-    """Four independent standard normal numbers.
+    """Return four independent standard normal numbers.
 
     Args:
-        seed: of the run.
-        stream: what they are for, and for whom, two numbers below 2^31.
-        number: of the sample.
-        count: of four numbers at a time within the sample.
+        seed: Seed of the run.
+        stream: Purpose of the numbers and their vehicle or edge, two numbers below 2^31.
+        number: Number of the sample.
+        count: Number of the group of four within the sample.
     """
     words = _words(seed, stream, number, count)
     first, second = np.sqrt(-2.0 * np.log((words[0] + 0.5) * _UNIT)), np.sqrt(-2.0 * np.log((words[2] + 0.5) * _UNIT))

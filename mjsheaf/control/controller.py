@@ -150,13 +150,13 @@ class LocalSample:
 
 @dataclass(frozen=True)
 class Agent:
-    """Description of an agent, from which its law is made.
+    """Description of an agent for its law.
 
     Attributes:
         id: Id of the agent.
         dimension: Dimension of its state, 2 or 3.
-        edges: its own edges: communication, sensing, anchors.
-        rng: its own random numbers.
+        edges: Edges of the agent: communication, sensing, anchors.
+        rng: Random number generator of the agent.
     """
 
     id: str

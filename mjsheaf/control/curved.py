@@ -1,12 +1,12 @@
-"""Range and bearing edges in the law: a stage between measuring and pulling back.
+"""Range and bearing edges in the law: a stage between measurement and pullback.
 
-With z = y + b the relative position of an edge and g = z / |z|, the vector that is pulled back in place of z is
+Let z = y + b be the relative position of an edge and g = z / |z|. The vector pulled back instead of z is
 
     range      (1 - r / |z|) z
     bearing    (g . g*) g - g*
 
-(see `mjsheaf.sheaf.nonlinear`); nothing where z is 0, as with a silent link. The kinds of edges that a team has are a
-named tuple in `EdgeArrays`, or () where all compare positions: the type alone tells numba to compile nothing more.
+(see `mjsheaf.sheaf.nonlinear`), and zero if z is 0, as without a measurement. The kinds of a team's edges are a named
+tuple in `EdgeArrays`, or () if all edges compare positions. The type () makes numba compile nothing for this stage.
 """
 
 from collections.abc import Sequence

@@ -84,18 +84,18 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
     """Register a compiled term of the law under its function's name: a decorator.
 
     Args:
-        parameters: Names of the numbers that a scenario gives it, in the order in which it sees them.
-        memory: How many numbers it remembers of each agent.
+        parameters: Names of the numbers that a scenario sets, in the order in which the term receives them.
+        memory: Number of values that the term stores for each agent.
 
     Returns:
-        A decorator of a function `term(residual, command, memory, parameters, period)`, which numba must be able to
-        compile without allocating arrays. `residual` is the agent's eta, shape (3,), m; `command` its velocity so far,
-        shape (3,), m/s, to be added to; `memory`, shape (memory,), what it remembers, to be written to; `period` the
-        control period, s.
+        A decorator of a function `term(residual, command, memory, parameters, period)`. numba must be able to compile
+        the function without allocating arrays. `residual` is the agent's eta, shape (3,), m. The term adds to
+        `command`, the agent's velocity from the terms before it, shape (3,), m/s. It may write to `memory`, shape
+        (memory,), which persists between samples. `period` is the control period, s.
 
     Raises:
-        InputError: The name is taken by a term of mjsheaf, a parameter's name is no name or is there twice, or the
-            function does not compile, writes to residual or parameters, or uses numbers that it does not have.
+        InputError: A term of mjsheaf has this name, a parameter's name is invalid or repeated, or the function does not
+            compile, writes to residual or parameters, or uses indices out of range.
     """
     names = tuple(parameters)
     if isinstance(parameters, str) or len(set(names)) != len(names) or not all(map(_is_name, names)):

@@ -1,18 +1,18 @@
-"""The velocity nearest to a wanted one under linear inequalities and a speed limit, in R^3, for compiled code.
+"""Velocity nearest to a desired one under linear inequalities and a speed limit, in R^3, for compiled code.
 
     minimise |u - w|^2  subject to  a_k . u >= c_k for every k, and |u| <= limit
 
-Constraints are added one at a time. If the nearest velocity under the first ones satisfies the next, it stays; if not,
-the next one is active at the new minimum, because the objective is strictly convex, and what is left is the same
-problem in the plane of that constraint, then on a line, then at a point (Seidel, Discrete Comput. Geom. 6, 1991). So
-active sets are found exactly, three constraints at most.
+Constraints are added one at a time. If the nearest velocity under the previous constraints satisfies the next one, it
+is kept. If not, the next constraint is active at the new minimum, because the objective is strictly convex. The problem
+then reduces to the plane of that constraint, with a second one to a line, and with a third one to a point (Seidel,
+Discrete Comput. Geom. 6, 1991). So active sets are found exactly, with at most three constraints.
 
-With a limit: by the multiplier m >= 0 of |u|^2 <= limit^2, the minimum is the nearest velocity without a limit to s w,
-s = 1 / (1 + m) in (0, 1], and |u| does not decrease with s. It is found by bisection. Where c_k <= 0 for all k, zero is
-allowed, and the caller may scale u down instead: the set of allowed velocities is convex.
+With a limit, let m >= 0 be the multiplier of |u|^2 <= limit^2. The minimum is the velocity nearest to s w without a
+limit, with s = 1 / (1 + m) in (0, 1]. |u| does not decrease with s, so bisection finds it. If c_k <= 0 for all k, zero
+is allowed, and the caller may scale u down instead, because the set of allowed velocities is convex.
 
-If no velocity satisfies all constraints, c_k - t takes the place of c_k for the smallest t that leaves one: t is the
-least largest violation.
+If no velocity satisfies all constraints, c_k is replaced by c_k - t with the smallest t that makes the problem
+feasible: t is the minimum of the largest violation.
 """
 
 import numpy as np
@@ -109,16 +109,17 @@ def _is_feasible(rows, count, shift, limit):
 
 @jit
 def nearest_within(rows, count, limit, wx, wy, wz):
-    """Return the velocity nearest to w under constraints and, where some c_k > 0, the limit; and the violation.
+    """Return the velocity nearest to w under the constraints, and the violation.
 
-    Where no c_k is positive the velocity may exceed the limit: scaled down to it, it still satisfies the constraints.
+    The limit applies if some c_k > 0. If no c_k is positive, the velocity may exceed the limit, because it still
+    satisfies the constraints when it is scaled down.
 
     Args:
         rows, count, wx, wy, wz: As for `nearest`.
         limit: Largest speed, m/s; may be infinite.
 
     Returns:
-        Its components, and the least largest violation, m/s: 0 unless the constraints contradict one another.
+        Its components, and the smallest possible largest violation, m/s: 0 unless the constraints are infeasible.
     """
     found, x, y, z = nearest(rows, count, 0.0, wx, wy, wz)
     largest = -np.inf

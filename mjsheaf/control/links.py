@@ -85,14 +85,14 @@ class LinkMemory(NamedTuple):
     """State of the links between samples: views of the law's memory, of size 0 without links.
 
     Attributes:
-        heard: SILENT, HELD or NEW for each link at the present sample, shape (L,).
+        heard: Reception on each link at the present sample, SILENT, HELD or NEW, shape (L,).
         velocity: F p' of targets by sensing edges that have links, shape (m,), m/s; empty without feedforward.
-        attitude: Attitudes of the vehicles, shape (V, 4), where a sensor needs them.
-        before: positions at the present sample and at the one before, in turn, shape (2, V, 3), m.
-        cells: Delay line of each link, a slot for each sample under way (1 + its number, 0 if lost; y, own
-            displacement so far), then twice the last that was received, for samples of even and of odd number: state
-            of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which it arrived (0 before
-            any), y, displacement, filtered velocity.
+        attitude: Attitudes of the vehicles, shape (V, 4), if a sensor needs them.
+        before: Positions at the present and the previous sample, alternating, shape (2, V, 3), m.
+        cells: Delay line of each link. It has a slot for each sample in transit: 1 + its number (0 if lost), y, and the
+            agent's displacement up to it. Two copies of the last received sample follow, for even and odd samples:
+            state of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which it arrived (0
+            before any), y, displacement, filtered velocity.
     """
 
     heard: Array
@@ -419,15 +419,15 @@ def multiply(F, v, out):
 
 @inline_jit
 def take_in(law, link, n, m, slot, before, now, y, terms, memory):
-    """Write what an edge has at sample n into y and, with its velocity, into the memory.
+    """Write the measurement of an edge at sample n to y and, with its velocity, to the memory.
 
     Args:
         law: Law of the team.
         link: Link of the edge.
         n: Number of the sample.
-        m: Numbers that the edge measures.
+        m: Number of values that the edge measures.
         slot: Index of the cells with the sample that is due.
-        before, now: Indices of the cells with what was received, up to the sample before and up to this one.
+        before, now: Indices of the cells with the last reception, up to the previous sample and up to this one.
         y: Measurements, in place.
         terms: Memory of the terms.
         memory: Memory of the links.

@@ -1,25 +1,25 @@
-"""A stage of the law that keeps vehicles apart: a control barrier for each pair that is near.
+"""Safety filter: a stage of the law that keeps vehicles apart, with a control barrier for each pair within range.
 
-With z = x_i - x_j, D the distance that the pair must keep and h = |z|^2 - D^2, agent i commands the velocity nearest to
+Let z = x_i - x_j, D the distance that the pair must keep, and h = |z|^2 - D^2. Agent i commands the velocity nearest to
 the law's that satisfies, for everything within range,
 
     2 z . u_i >= -w_i gamma h + 2 w_i |z| d        another agent, w_i + w_j = 1, and the same with -z for it
     2 z . u_i >= -gamma h + 2 |z| (s + d)          a target, a lost agent, or an obstacle that moves no faster than s
 
-where d bounds how fast the media about the two part: |w_i - w_j| <= d. Of an obstacle z points from its nearest point
-to the agent, and |z| is the distance to its surface.
+where d bounds the relative velocity of the media around the two: |w_i - w_j| <= d. For an obstacle, z points from its
+nearest point to the agent, and |z| is the distance to its surface.
 
 Theorem. On ideal kinematics with commands held for h_c, gamma h_c <= 1, a pair that satisfies its constraints has
 h_(k+1) >= (1 - gamma h_c) h_k. Proof: z(t) = z_k + t (u_i - u_j) + a(t), |a(t)| <= t d. Then |z(t)|^2 >= |z_k|^2
-+ 2 z_k . (z(t) - z_k) >= |z_k|^2 + t (2 z_k . (u_i - u_j) - 2 |z_k| d) >= |z_k|^2 - t gamma h_k, as the two constraints
-add up to 2 z . (u_i - u_j) >= -gamma h + 2 |z| d. The first step drops a square, so that sampling costs nothing. For
-an obstacle, convex, the distance is at least that to the plane through its nearest point, where the same holds.
-Hence h >= 0 from the first sample on at which it holds, if none of the problems is infeasible and no pair crosses
-from beyond the range to within D in one period. The speed limit, which scales commands, keeps constraints whose bound
-is not positive; for others it is part of the problem: see `mjsheaf.control.halfspaces`.
++ 2 z_k . (z(t) - z_k) >= |z_k|^2 + t (2 z_k . (u_i - u_j) - 2 |z_k| d) >= |z_k|^2 - t gamma h_k, because the two
+constraints add up to 2 z . (u_i - u_j) >= -gamma h + 2 |z| d. The first step drops a square, so sampling needs no extra
+margin. An obstacle is convex: its distance is at least that to the plane through its nearest point, for which the same
+holds. Hence h >= 0 from the first sample at which it holds, if no problem is infeasible and no pair crosses from beyond
+the range to within D in one period. The speed limit scales commands, which keeps constraints whose bound is not
+positive. For the others it is part of the problem: see `mjsheaf.control.halfspaces`.
 
-Where the law's command satisfies all constraints, it stays as it is to the bit. Which vehicles are near follows from
-positions, whatever the edges of the team and their links: every agent has a sensor of its own for that, of this range.
+If the law's command satisfies all constraints, it does not change by a bit. Which vehicles are within range follows
+from positions, for any edges and links of the team: every agent has a separate sensor of this range.
 """
 
 from typing import Any, NamedTuple
@@ -39,20 +39,20 @@ _INSIDE = 0.5  # of the distance to keep: nearer than that, the bound of an obst
 
 
 class SafetyArrays(NamedTuple):
-    """What vehicles keep apart, for V vehicles and K obstacles.
+    """Parameters of the safety filter for V vehicles and K obstacles.
 
     Attributes:
         agents: Number of agents, which are the first of the vehicles.
-        radius: Share of each vehicle in the distance that a pair keeps, shape (V,), m: D = radius_i + radius_j.
+        radius: Contribution of each vehicle to the distance that a pair keeps, shape (V,), m: D = radius_i + radius_j.
         clearance: Distance that each vehicle keeps to obstacles, shape (V,), m.
-        reach: Distance within which agents see others, m.
+        reach: Range of the agents' sensors, m.
         rate: gamma, 1/s.
         share: Weight of each agent in w_i = share_i / (share_i + share_j), shape (V,).
-        yields: True for agents that keep their part of the bargain, shape (V,): present agents.
+        yields: True for vehicles that run the filter, shape (V,): present agents.
         speed: Bound on the speed relative to the medium of a vehicle that does not yield, shape (V,), m/s.
-        carried: Velocity of the medium about each vehicle that is the same everywhere, shape (V, 3), m/s.
-        unsteady: Bound on what the medium differs from that, shape (V,), m/s.
-        lift: What is added to a position for that in space, shape (V, 3), m: the height of planar vehicles.
+        carried: Uniform part of the medium's velocity around each vehicle, shape (V, 3), m/s.
+        unsteady: Bound on the remaining velocity of the medium, shape (V,), m/s.
+        lift: Offset from a position to the position in space, shape (V, 3), m: the height of planar vehicles.
         planar: True for vehicles that live in the plane, shape (V,).
         right: True if agents that give way turn to their right.
         obstacles: Obstacles.
@@ -75,12 +75,12 @@ class SafetyArrays(NamedTuple):
 
 
 class SafetyMemory(NamedTuple):
-    """What the stage found at the last sample, and scratch space; none of it decides how a run goes on.
+    """Results of the stage at the last sample, and scratch space; the run does not depend on it.
 
     Attributes:
-        found: Of each vehicle, shape (V, 4): by how much its limited command differs from the law's, m/s; the speed
-            that the law asked for, limited, m/s; the number, from 1, of the vehicle or obstacle (after the vehicles)
-            whose constraint was violated most, 0 without one; and the violation that had to be accepted, m/s.
+        found: Results of each vehicle, shape (V, 4): difference between its limited command and the law's, m/s; the
+            law's limited speed, m/s; number, from 1, of the vehicle or obstacle (after the vehicles) whose constraint
+            the law violated most, 0 if none; and the violation that had to be accepted, m/s.
         rows: Constraints of one agent: a, c in m/s and the cause, shape (V + K, 5).
         cells: List of cells.
     """

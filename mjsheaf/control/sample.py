@@ -94,7 +94,7 @@ def perceived(edge: Edge, y: Array) -> Perceived:
 
 
 class View:
-    """Places of what agents know in the memory of a law; each phase of a run has its own.
+    """Places of the agents' measurements in the memory of a law; each phase of a run has its own.
 
     Attributes:
         team: The run's team.
@@ -102,7 +102,7 @@ class View:
         edges: Edges at which agents measure: communication, sensing, anchors; E of them.
         places: Slice of `memory.y` with the numbers of each edge.
         linked: True for each edge that has a link, shape (E,).
-        links: Index in `memory.links.heard` of each edge with a link.
+        links: Index of each edge with a link in the links' memory.
         neighbours: Indices of the agents that each agent communicates with.
     """
 

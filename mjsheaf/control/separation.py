@@ -160,7 +160,7 @@ AnyObstacle = Annotated[Sphere | Capsule | Box | HalfSpace, Field(discriminator=
 
 
 class Safety(Section):
-    """What keeps vehicles apart; see `mjsheaf.control.safety`."""
+    """Fields of the safety filter; see `mjsheaf.control.safety`."""
 
     distance: Positive | Literal["size"] = Field(
         description="between the positions of any two vehicles of which one is an agent, and from an agent to the "
@@ -195,18 +195,18 @@ class Safety(Section):
 
 
 class Crew(NamedTuple):
-    """What the filter has to know of V vehicles; see `SafetyArrays` for speed, carried and unsteady.
+    """Data of V vehicles for the filter; see `SafetyArrays` for speed, carried and unsteady.
 
     Attributes:
         ids: Ids of the agents.
         planar: True for vehicles that live in the plane, shape (V,).
-        height: Height at which those are, m.
+        height: Height of planar vehicles, m.
         limit: Largest commanded speed of each vehicle, shape (V,), m/s.
         yields: True for present agents, shape (V,).
         radius: Radius of each vehicle, shape (V,), m.
-        margin: What is added to the distance for each vehicle, shape (V,), m.
+        margin: Addition to the distance for each vehicle, shape (V,), m.
         period: Time for which commands are held, s.
-        start, end: Of the run, s.
+        start, end: Start and end time of the run, s.
     """
 
     ids: list[str]

@@ -1,20 +1,20 @@
-"""Terms of the law beyond -k1 eta, from the same information: neighbours' numbers, own odometry and memory.
+"""Terms of the law in addition to -k1 eta, from the same data: neighbours' messages, own odometry and memory.
 
 With H and B of the harmonic extension H q* = B p + c, an agent at a sample
 
-    feedforward   adds v + lead (v - v_before), where H v = B p': how q* moves
-    newton        commands k1 delta, where H delta = -eta, in place of -k1 eta
-    drift         subtracts the velocity that adds to the command, as estimated by the agent itself
-    integral      takes off k_I z, where z' = eta
+    feedforward   adds v + lead (v - v_before), where H v = B p' is the velocity of q*
+    newton        commands k1 delta, where H delta = -eta, instead of -k1 eta
+    drift         subtracts the agent's own estimate of the medium velocity
+    integral      subtracts k_I z, where z' = eta
 
-Both systems are solved by rounds of Chebyshev's iteration, begun with what the sample before left: a round is one
-exchange, in which agent i receives F_j x_j from its neighbours j. The range of the eigenvalues of H is fixed before the
-run. Over links on which messages can be delayed or lost, rounds are those of `mjsheaf.control.rounds`.
-An agent that senses a target knows the velocity of that from how its measurement changed and how it moved itself.
+Both linear systems are solved by rounds of Chebyshev's iteration, starting from the result of the previous sample. A
+round is one exchange: agent i receives F_j x_j from its neighbours j. The range of the eigenvalues of H is fixed before
+the run. Over links on which messages can be delayed or lost, rounds are those of `mjsheaf.control.rounds`. An agent
+that senses a target computes the target's velocity from the change of its measurement and from its own motion.
 
-Differences need earlier samples. In the first sample of a run feedforward and drift add nothing. On an edge
-that is new in a phase, a target is taken to move as v says for one sample. v is extrapolated once rounds have left a
-thousandth of what they began with; an agent whose edges change waits for that again, and no other does.
+Differences need earlier samples. At the first sample of a run feedforward and drift add nothing. On an edge that is new
+in a phase, the target is assumed to move with v for one sample. v is extrapolated once rounds have reduced the initial
+residual to a thousandth. After a change of its edges an agent waits for that again; the others do not.
 """
 
 from collections.abc import Sequence
@@ -371,8 +371,8 @@ class Traffic(NamedTuple):
 def traffic_of(terms: TermArrays, team: Team) -> Traffic:
     """Count the messages of the whole team in a sample.
 
-    A round of feedforward or of Newton is an exchange of its own: on each communication edge with m numbers, tail
-    and head send each other F x, m numbers, which may be lost. Under a delay a term has one round a sample.
+    A round of feedforward or of Newton is a separate exchange: on each communication edge with m numbers, tail and head
+    send each other F x, m numbers, which may be lost. Under a delay a term has one round per sample.
     """
     most = 1 if terms.rounds.delay else terms.feedforward + terms.newton
     rounds, edges = min(terms.feedforward, most) + min(terms.newton, most), team.communication

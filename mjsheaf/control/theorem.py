@@ -4,18 +4,18 @@ rho bounds the agents' drift: |f~| = |f_q(q*, t) - f_q(q, t)| <= rho(|e|) |e| wi
 e' = -k1 H e + f_B + f~ + Delta, |f_B| <= f_bar, |Delta| <= omega_bar. With V = |e|^2 / 2, completing the square gives
 V' <= -(k_min - rho(|e|)) |e|^2 + mu, in continuous time and while the run stays where rho and f_bar hold.
 
-Where rho is strictly increasing and unbounded this is the paper's theorem unchanged (its proof writes rho once
-where it means rho_bar). Here rho need only not decrease. chi is then any radius with rho(chi) <= k_min - lambda_V, the
-largest that can be shown, and the argument survives:
+If rho is strictly increasing and unbounded, this is the paper's theorem unchanged (its proof writes rho once where it
+means rho_bar). Here rho only has to be nondecreasing. chi is then any radius with rho(chi) <= k_min - lambda_V, the
+largest that can be proven, and the argument still holds:
 
-- D = {|e| <= chi} has rho(|e|) <= rho(chi) <= k_min - lambda_V, hence V' <= -2 lambda_V V + mu in it: no inverse, no
-  continuity of rho is used.
+- D = {|e| <= chi} has rho(|e|) <= rho(chi) <= k_min - lambda_V, hence V' <= -2 lambda_V V + mu in it. This uses neither
+  an inverse nor continuity of rho.
 - There |e(t)|^2 is at most the estimate, a mean of |e_0|^2 and r^2 with r^2 = mu / lambda_V. For e_0 in
   S = {|e_0| <= chi - r} and r > 0 it is below (|e_0| + r)^2 <= chi^2: no solution reaches the boundary of D, so it
   never leaves. For r = 0, the drive is 0 and V' < 0 on the boundary. (Either way D itself is never left as long as
   r < chi: the paper's S is smaller than it need be.)
-- The gain condition rho(2 r) < k_min - lambda_V makes chi >= 2 r, so r <= chi - r: U lies in S. Equality, which a jump
-  of rho right at 2 r would allow, is excluded by asking for it at slightly more than 2 r.
+- The gain condition rho(2 r) < k_min - lambda_V makes chi >= 2 r, so r <= chi - r: U lies in S. A jump of rho exactly
+  at 2 r would allow equality. To exclude it, the condition is required at slightly more than 2 r.
 
 A constant rho gives an infinite chi: D and S are the whole space.
 """

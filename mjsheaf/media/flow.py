@@ -238,10 +238,10 @@ class FlowField(Section):
 
     @cached_property
     def kernel_speed(self) -> float:
-        """Bound on the speed of its kernels without the drift, anywhere, m/s; infinite with a pole without a core.
+        """Upper bound of the speed of the kernels without the drift, m/s; infinite for a pole without a core.
 
-        A pole g r / s^p with s = r^2 + c^2 is largest at r = c, where it is g / (2 c) (p = 1), or at r = c / 2^(1/2),
-        where it is 2 g / (3^(3/2) c^2) (p = 3/2, a source in space). A channel is at most |beta|.
+        A pole g r / s^p with s = r^2 + c^2 has its maximum g / (2 c) at r = c (p = 1), or 2 g / (3^(3/2) c^2) at
+        r = c / 2^(1/2) (p = 3/2, a source in space). A channel is at most |beta|.
         """
         total = 0.0
         for row in self.table[1:]:

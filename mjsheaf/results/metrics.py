@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 _FEW = 100  # maximum number of vehicles for which all pairs are compared
-_STUCK = 1.0 / 20.0  # fraction of the speed that the law asks for, below which an agent is deadlocked
+_STUCK = 1.0 / 20.0  # fraction of the law's commanded speed below which an agent is deadlocked
 _ROUNDING = 1e-12  # fraction of the largest displacement below which a mean displacement counts as zero
 
 
@@ -162,8 +162,8 @@ def clearances(safety: SafetyArrays, times: Array, places: Array) -> Array:
 def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     """Return the field `safety` of summary.json from the data of a whole run; None without a filter.
 
-    An agent is deadlocked if over the last tenth of the run the filter replaces its command at every sample and leaves
-    less than a twentieth of the speed that the law asks for.
+    An agent is deadlocked if, over the last tenth of the run, the filter changes its command at every sample and
+    reduces its speed below a twentieth of the law's.
     """
     if "separation" not in dataset:
         return None

@@ -326,8 +326,8 @@ VARIABLES: list[Variable] = [
              "by how much the filter that keeps vehicles apart changed each agent's limited command",
              lambda s: s.log.safety[:, : s.agents, CORRECTION], **_SAFE),
     Variable("safety_cause", ("time", "agent"), "1",
-             "whose constraint the law's command violated most: 0 nobody's, 1 the first agent's, on through targets "
-             "and obstacles",
+             "vehicle or obstacle whose constraint the law's command violated most: 0 none, 1 the first agent, then "
+             "agents, targets and obstacles in order",
              lambda s: s.log.safety[:, : s.agents, CAUSE].astype(np.int64), **_SAFE),
     Variable("safety_violation", ("time", "agent"), "m s-1",
              "violation that had to be accepted, as the constraints of an agent contradict one another",

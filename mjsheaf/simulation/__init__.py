@@ -1,9 +1,10 @@
-"""From a system to trajectories: ideal kinematics, or bodies.
+"""Simulate a system on ideal kinematics or on bodies.
 
-Where to look: session holds `Session`, which chooses an engine. engine has what all engines share: phases, samples,
-states. ideal integrates first-order kinematics; loop closes the loop about what moves bodies: world holds `World`,
-about MuJoCo's step, and fused a compiled one of our own, on the threads of threaded, which meet at a gate. bodies turns
-velocity commands into thrust, and the medium into forces; arena composes MuJoCo's model. batch runs many runs of one
-team, which lie side by side in rows and leave scores, on threads or on a card. linear linearises a vehicle's own loop;
-trajectory is what all return. Nothing is imported here: MuJoCo is heavy.
+`session` contains `Session`, which selects an engine, and `engine` the code common to all engines: phases, samples and
+states. `ideal` integrates first-order kinematics. `loop` closes the loop around an engine for bodies: `world` contains
+`World`, which uses MuJoCo, and `fused` our own compiled engine, on the threads of `threaded`, synchronised by `gate`.
+`bodies` computes thruster commands and the forces of the medium, and `arena` composes the MuJoCo model. `batch`
+simulates many runs of one team, laid out by `rows`, on threads or, with `card`, on a GPU, and keeps their `scores`.
+`linear` linearises a vehicle's own loop. `trajectory` defines the result of all engines. This module imports nothing,
+because MuJoCo is slow to import.
 """

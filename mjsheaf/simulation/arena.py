@@ -55,7 +55,7 @@ def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
 SURFACES = ("water", "ground", "none")
 
 _ARENA_BYTES = 2**16
-"""For a vehicle without contacts, of which it uses some 500; by itself MuJoCo reserves 150 GB for ten thousand."""
+"""Arena memory for a vehicle without contacts, which uses about 500. MuJoCo's default is 150 GB for ten thousand."""
 
 _NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # MuJoCo's default: the material's colour counts
 
@@ -101,18 +101,18 @@ def compose(
     """Put vehicles into one arena.
 
     Args:
-        vehicles: what each is.
-        ids: their names, unique.
-        timestep: physics step in s.
-        contacts: whether vehicles collide with one another.
-        surface: one of SURFACES.
-        surface_height: z of the surface, m.
+        vehicles: Models of the vehicles.
+        ids: Unique names of the vehicles.
+        timestep: Physics step, s.
+        contacts: True if vehicles collide with one another.
+        surface: Surface of the scene, one of SURFACES.
+        surface_height: Height z of the surface, m.
         colours: RGB of each vehicle's livery, shape (V, 3), or None.
-        visible: False leaves out what is only to be seen: geoms that have no mass and touch nothing. The physics is the
-            same to the bit; a step is about a sixth quicker.
+        visible: False omits purely visual geoms, which have no mass and no contacts. The physics is the same bit for
+            bit; a step is about a sixth faster.
 
     Raises:
-        InputError: a vehicle's file does not go into one model with the others, or means something else in it.
+        InputError: A vehicle's file cannot be combined with the others in one model, or would change its meaning there.
     """
     root = mujoco.MjSpec.from_file(str(resource_directory("models") / "arena.xml"))
     root.option.timestep = timestep
@@ -200,12 +200,12 @@ def _quiet() -> Iterator[None]:
 
 
 def _prepared(vehicle: Vehicle, visible: bool) -> tuple[mujoco.MjSpec, mujoco.MjSpec, bool]:
-    """A vehicle's file fit to be attached, the same bare, and whether it is one body.
+    """Return a vehicle's specification for attachment, a bare copy, and True if it is a single body.
 
-    Bare is without materials and textures, which the first vehicle of a kind shares with the others: MuJoCo draws no
-    model with a thousand of them. One body, at the origin, level, and with nothing beside it, can be on the free joint
-    itself: a step is then a quarter quicker than with a body made to hold what the file has. Unless it is to be
-    visible, geoms that are only to be seen are left out.
+    The bare copy has no materials and textures. The first vehicle of a kind shares its own with the others, because
+    MuJoCo cannot draw a model with a thousand of them. A single body at the origin, level and without siblings, can be
+    placed on the free joint directly. A step is then a quarter faster than with an extra body that contains the file's
+    content. If the model is not visible, purely visual geoms are omitted.
     """
     spec = attachable(vehicle)
     alone = _is_one_body(spec.worldbody)

@@ -1,7 +1,7 @@
-"""Many runs of one team through one kernel, of which scores are kept.
+"""Simulate many runs of one team with one kernel and keep their scores.
 
-Runs are worlds (see `rows`): errors at the end and over the last half, and how much of a bound each used, is what
-remains of them (see `scores`). What a processor's threads and a card run is `run_world`.
+Each run is a world (see `rows`). Its scores are the errors at the end and over the second half, and the fraction of a
+bound that it reached (see `scores`). Processor threads and a GPU both run `run_world`.
 """
 
 from collections.abc import Generator, Sequence
@@ -49,23 +49,23 @@ def meet(gate, meetings, members):
 
 @jit
 def run_world(loop, motion, goal, scores, nothing, w, there, begin, end, block, member, members, gate):
-    """What one of its members does of world w from sample `begin` up to `end`, each with the steps after it.
+    """Do one member's share of world w from sample `begin` up to `end`, each with the steps after it.
 
-    Member 0 evaluates the law and keeps the scores; agents, and vehicles in blocks, are dealt out to all. Members come
-    to the same meetings whatever becomes of their world, also where there is none: on a card those of many worlds meet
-    together.
+    A world is simulated by one or more threads, its members. Member 0 evaluates the law and writes the scores. Agents,
+    and vehicles in blocks, are divided among all members. Every member reaches the same barriers, even if its world has
+    diverged or does not exist, because on a GPU the members of many worlds share a barrier.
 
     Args:
-        loop: of the world.
-        motion: a MOTION for each kind.
-        goal, scores: see there.
-        nothing: a Log without samples.
-        w: number of the world.
-        there: whether there is such a world.
-        begin, end: samples; after the last of the goal's no step is taken.
-        block: vehicles that are moved together. A processor works on several at a time; a thread of a card on one.
-        member, members: which of how many.
-        gate: where they meet, a new one.
+        loop: Loop of the world.
+        motion: A MOTION for each kind of vehicle.
+        goal, scores: Goal and scores of the batch; see `scores`.
+        nothing: Log without samples.
+        w: Number of the world.
+        there: True if the world exists.
+        begin, end: Range of samples; after the goal's last sample no step is taken.
+        block: Number of vehicles that are moved together: several on a processor, one in a thread of a GPU.
+        member, members: Number of this member, and number of members.
+        gate: Barrier of the members, in its initial state.
     """
     params = loop.params
     V, N, meetings = params.fleet.bodies.shape[0], goal.first.shape[0] - 1, 0
@@ -103,14 +103,15 @@ def keep_first(bad, ended):
 
 
 class Outcome(NamedTuple):
-    """What became of a world.
+    """Outcome of a world.
 
     Attributes:
-        message: what blew up, where and when; empty where nothing did.
-        samples: taken.
-        tracking_error, mean_disagreement: of the team at the last of them: RMS of |q*_i - q_i| and mean |eta_i|, m.
-        late_tracking_error, late_mean_disagreement: RMS of both over the last half; None where the run blew up.
-        ratio, settled_ratio: largest |e| over its bound after the start, and over the last half; None without a bound.
+        message: Vehicle, place and time of a divergence; empty if there was none.
+        samples: Number of samples taken.
+        tracking_error, mean_disagreement: Errors of the team at the last sample: RMS of |q*_i - q_i|, mean |eta_i|, m.
+        late_tracking_error, late_mean_disagreement: RMS of both over the second half; None if the run diverged.
+        ratio, settled_ratio: Maximum of |e| over its bound after the start, and over the second half; None without a
+            bound.
     """
 
     message: str
@@ -159,14 +160,14 @@ class Batch:
         """Lay out the worlds.
 
         Args:
-            runs: at their start, of one team; what is run are copies. That q* is unique is not asked of them here.
-            bounds: for each, on |e| at every sample, with what counts as no error, shape (T,), above 0 m; runs may
-                share one. Infinite ones bound nothing; without any, no ratio is computed.
-            order, number: as of `Rows`.
+            runs: Runs of one team at their start, which are copied. A unique q* is not required here.
+            bounds: Bound on |e| of each run at every sample, including the error that counts as none, shape (T,), above
+                0 m; runs may share one. Infinite bounds have no effect. Without bounds, no ratio is computed.
+            order, number: Layout and number type, as for `Rows`.
 
         Raises:
-            InputError: as for `Rows` and `require_world`; or bounds are not one for each run, of another length or not
-                above 0.
+            InputError: As for `Rows` and `require_world`; or the number of bounds is not that of the runs, or a bound
+                has another length or is not above 0.
         """
         runs = list(runs)
         for run in runs:
@@ -196,7 +197,7 @@ class Batch:
 
     @property
     def chunk(self) -> int:
-        """Samples between two looks at whether to go on."""
+        """Number of samples between two checks for the end."""
         params = self.rows.loop.params
         return max(1, AT_ONCE // (params.per_sample * len(params.fleet.bodies)))
 
@@ -249,14 +250,14 @@ class Batch:
                 stop.set()
 
     def outcomes(self) -> list[Outcome]:
-        """What became of the worlds, once they have run; see `outcome`."""
+        """Return the outcomes of all worlds after the run; see `outcome`."""
         return [self.outcome(w) for w in range(len(self))]
 
     def outcome(self, w: int) -> Outcome:
-        """What became of a world, once it has run.
+        """Return the outcome of a world after its run.
 
         Raises:
-            InputError: it has not.
+            InputError: The world has not run.
         """
         found, goal, (vehicle, when) = self.scores.found[w], self.goal, self.scores.ended[w]
         if found[TAKEN] < goal.samples and vehicle < 0:
@@ -294,7 +295,7 @@ def _checked(bounds: Sequence[Array], runs: int, samples: int) -> list[Array]:
 
 
 def _distinct(bounds: Sequence[Array]) -> tuple[IntArray, Array]:
-    """Which of the distinct arrays each is, and these, shape (U, T)."""
+    """Return the index of each array among the distinct ones, and the distinct arrays, shape (U, T)."""
     found = dict[bytes, tuple[int, Array]]()
     which = [found.setdefault(one.tobytes(), (len(found), one))[0] for one in bounds]
     return np.array(which, dtype=np.int64), np.array([one for _, one in found.values()])

@@ -1,12 +1,12 @@
-"""The worlds of a batch on a CUDA card: `batch.run_world` as a kernel, one source for both.
+"""Worlds of a batch on a CUDA GPU: `batch.run_world` as a kernel, one source for both.
 
-numba-cuda compiles the functions that the CPU runs, from the law to the step, as functions of the card. Neighbouring
-threads of a block take neighbouring worlds (32 of them, a warp) at the same vehicle, so that they do not diverge where
-worlds are alike, and load neighbouring numbers; the members of a world are the block's second dimension. What worlds
-hold stays on the card, their scores alone come back.
+numba-cuda compiles the functions that the CPU runs, from the law to the step, as device functions. Neighbouring threads
+of a block take neighbouring worlds (32 of them, a warp) at the same vehicle. So they do not diverge as long as worlds
+take the same branches, and they load neighbouring numbers. The members of a world are the block's second dimension. The
+state of the worlds stays on the GPU; only their scores are copied back.
 
-A card contracts products and sums into one rounding, and has sines of its own: worlds end within rounding of where they
-do on a processor, not on its bits.
+A GPU contracts a product and a sum into one rounding and has its own sine. Its results agree with those of a processor
+to within rounding, not bit for bit.
 """
 
 import functools
@@ -42,15 +42,15 @@ _LIBDEVICE = {
 
 
 def require_card() -> None:
-    """Refuse to go on without a card.
+    """Require a CUDA GPU.
 
     Raises:
-        InputError: numba-cuda is not installed, or finds no card.
+        InputError: numba-cuda is not installed, or finds no GPU.
     """
     if importlib.util.find_spec("numba_cuda") is None:
         raise InputError("device gpu: numba-cuda is not installed; expected pip install 'mjsheaf[cuda]', or device cpu")
     if not import_module("numba.cuda").is_available():
-        raise InputError("device gpu: no CUDA card is found; expected one with its driver, or device cpu")
+        raise InputError("device gpu: no CUDA GPU is found; expected one with its driver, or device cpu")
 
 
 def _add_functions() -> None:
@@ -121,16 +121,16 @@ def place_of(values: NDArray[Any], rows: NDArray[Any], begin: int) -> dict[str, 
 
 
 def run_on_card(batch: Batch) -> Iterator[int]:
-    """Run all worlds of a batch, once; as `Batch.each`, but for them to end together.
+    """Run all worlds of a batch once, like `Batch.each`; all worlds end together.
 
     Args:
-        batch: laid out with order="F".
+        batch: Batch laid out with order="F".
 
     Yields:
         The number of each world.
 
     Raises:
-        InputError: there is no card.
+        InputError: There is no GPU.
     """
     require_card()
     cuda = import_module("numba.cuda")

@@ -1,21 +1,21 @@
-"""The fused engine: free vehicles moved by one compiled function, without MuJoCo, along its very trajectory.
+"""Fused engine: one compiled function that moves free vehicles along MuJoCo's trajectory, without MuJoCo.
 
-A vehicle is one rigid body on a free joint. With R its attitude, m, c and J its mass, centre of mass and inertia about
-the origin, and f and n the force and moment of medium, actuators and weight on it, in body axes about the origin,
+A vehicle is one rigid body on a free joint. Let R be its attitude, m, c and J its mass, centre of mass and inertia
+about the origin, and f and n the force and moment of medium, actuators and weight, in body axes about the origin.
 MuJoCo's step of h is
 
     [[m I + h d, -m [c]], [m [c], J + h D]] [a; alpha] = [f - m omega x (omega x c); n - omega x J omega - D omega]
 
     v += h R a,   omega += h alpha,   x += h v,   q <- q exp(h omega / 2)
 
-where the free joint takes the linear damping d and D implicitly (mj_Euler); what of d it takes explicitly, the loop
-applies again as a force (see `bodies`), so that neither is in f. The matrix is of the kind, inverted once.
-Everything else, from the law to the commands, is the functions that close the loop about MuJoCo's step; what it makes
-of commands is `actuators.actuator_force` and `unit_wrench`.
+where the free joint integrates the linear damping d and D implicitly (mj_Euler). The loop compensates the explicit part
+of d with a force (see `bodies`), so neither is in f. The matrix depends on the kind only and is inverted once. All
+other code, from the law to the commands, is shared with MuJoCo's loop. `actuators.actuator_force` and `unit_wrench`
+convert commands to forces.
 
-Between two evaluations of the law vehicles do not know of one another: each is moved up to the next in one go, and
-they are handed out to threads. Which thread moves a vehicle does not change a bit. Neighbours of one kind move side by
-side where they can: see `lanes`.
+Between two evaluations of the law vehicles are independent: each is moved up to the next evaluation in one call, and
+vehicles are divided among threads. The assignment to threads does not change a bit. Where possible, neighbours of one
+kind move side by side: see `lanes`.
 """
 
 import numpy as np
@@ -85,10 +85,10 @@ def advance_each(loop, motion, first, last, step, count, log, row, bad):
 
 @inline_jit
 def apply_actuators(loop, body, force, moment):
-    """Add to force and moment what a vehicle's actuators make of its commands, and go on with their activations.
+    """Add the force and moment of a vehicle's actuators, and advance their activations.
 
     Returns:
-        Whether all commands are good; force and moment, body axes, (3,) each.
+        True if all commands are good; force and moment, body axes, (3,) each.
     """
     fleet, state = loop.params.fleet, loop.state
     kind, good = fleet.kinds[body.kind], True
@@ -147,11 +147,11 @@ class Fused(ThreadedLoop):
 
     @property
     def compiled(self) -> tuple[Loop, NDArray[np.void]]:
-        """What compiled code is given: the loop, and a MOTION for each kind of vehicle."""
+        """Arguments of the compiled code: the loop, and a MOTION for each kind of vehicle."""
         return self._loop, self._motion
 
     def adopt(self, loop: Loop) -> None:
-        """Go on in another place of memory: with a loop that is a copy of this one's."""
+        """Continue with a copy of this loop in another place in memory."""
         self._loop = loop
 
     def _command(self) -> None:

@@ -111,13 +111,13 @@ def _types_of(tree: Any) -> Iterator[type]:
 
 
 class Rows:
-    """Runs of one team, at their start, as rows.
+    """Runs of one team at their start, as rows of arrays.
 
     Attributes:
         loop: Loop of the batch.
-        take: Function that takes a world out of it; see `world_taker`.
+        take: Function that extracts a world from it; see `world_taker`.
         motion: A MOTION for each kind of vehicle.
-        values: Numbers that worlds have of their own, shape (W, n), of which `loop` has views.
+        values: Numbers that differ between worlds, shape (W, n); `loop` has views of them.
     """
 
     def __init__(
@@ -126,14 +126,14 @@ class Rows:
         """Lay out copies of the runs.
 
         Args:
-            runs: at their start, of one team.
-            order: "C" puts a world's numbers side by side, "F" each number of all worlds.
-            number: type of all that is not a count, float64 or float32. Single precision loses what is small beside
-                a coordinate: near the origin up to 2e-4 m, 10 km away from it much of a step.
+            runs: Runs of one team at their start.
+            order: "C" stores the numbers of a world contiguously, "F" each number of all worlds.
+            number: Type of all real numbers, float64 or float32. Single precision loses increments that are small
+                compared to a coordinate: up to 2e-4 m near the origin, and much of a step 10 km away from it.
 
         Raises:
-            InputError: there is no run, one has begun, or it differs from the first in what worlds share; or a type
-                other than double or single precision.
+            InputError: There is no run, one has begun, or one differs from the first in data that worlds share; or the
+                type is neither double nor single precision.
         """
         if not runs:
             raise InputError("no run; expected one or more")

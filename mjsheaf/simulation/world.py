@@ -1,8 +1,8 @@
-"""MuJoCo moves the bodies: the engine with contacts, and the one that users see, as `World`.
+"""MuJoCo engine for bodies, with contacts; `World` is its public class.
 
-What happens before a step is a function of ours that writes into MuJoCo's arrays, not one of MuJoCo's global callbacks:
-those belong to the whole process, and slow down or break whatever else it simulates. mj_step is called through its C
-symbol, which frees it from the interpreter.
+Before each step our own function writes to MuJoCo's arrays. It does not use MuJoCo's global callbacks, because these
+belong to the whole process and slow down or break other simulations in it. mj_step is called through its C symbol,
+without the interpreter.
 """
 
 from itertools import pairwise
@@ -41,13 +41,13 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class MujocoArrays(NamedTuple):
-    """What the loop writes into MuJoCo beside the state, for compiled code.
+    """Arrays of MuJoCo, in addition to the state, for compiled code.
 
     Attributes:
-        qacc: to see whether it is good.
-        applied: qfrc_applied.
-        gear: actuator_gear.
-        model, data: addresses.
+        qacc: Accelerations, read to detect divergence.
+        applied: Applied forces qfrc_applied.
+        gear: Gears actuator_gear.
+        model, data: Addresses of the model and its data.
     """
 
     qacc: Array
@@ -92,7 +92,7 @@ evaluate_forces = Tiered(apply_forces, records=True)
 
 @jit
 def _is_bad(values):
-    """Whether MuJoCo would call one of the numbers bad: it is not finite, or huge."""
+    """Return True if MuJoCo would treat one of the numbers as bad: it is not finite, or huge."""
     bad = 0
     for i in range(values.shape[0]):  # no early exit: compiled to vector instructions
         bad += not abs(values[i]) < HUGE
@@ -158,7 +158,7 @@ def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
         apply_forces(loop, arrays, params.start + k * params.timestep, first, last)
         if k == step and row >= 0:
             record(loop, log, row, first, last)
-        # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
+        # If a command is bad, MuJoCo sets all commands to zero and continues, which would be another simulation.
         if _is_bad(ctrl):
             _mark_bad_commands(loop, first, last, k, bad)
             return False
@@ -260,16 +260,16 @@ class World(ClosedLoop):
         evaluate_forces(self._loop, self._arrays, self.time, 0, len(self._vehicles))
 
     def reset(self, seed: int | None = None) -> None:
-        """Go back to the initial condition.
+        """Return to the initial condition.
 
-        Where a command is bad there already, `data` has positions but no forces, and `step` raises UnstableError.
+        If a command is already invalid there, `data` has positions but no forces, and `step` raises UnstableError.
 
         Args:
-            seed: Seed of the run from here on: of initial conditions, disturbances, links and a law in Python. None
-                keeps the seed, and gives the same run again, to the bit.
+            seed: New seed of initial conditions, disturbances, links and a law in Python. None keeps the seed and
+                repeats the same run, bit for bit.
 
         Raises:
-            InputError: There is a seed and the world was not made from a Scenario, or it is no whole number from 0 on.
+            InputError: A seed is given but the world was not made from a Scenario, or the seed is not an integer >= 0.
         """
         if seed is not None:
             self.restart(seed)
@@ -281,10 +281,10 @@ class World(ClosedLoop):
         (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
 
     def set_state(self, state: Array) -> None:
-        """Go on from a state of `get_state`, to the bit as the world did from which it was taken.
+        """Continue from a state of `get_state`, bit for bit as the world from which it was taken.
 
         Raises:
-            InputError: the state is of another size, so not one of this scenario, or not finite.
+            InputError: The state has another size, so it is not one of this scenario, or it is not finite.
         """
         super().set_state(state)
         mujoco.mj_fwdPosition(self.model, self.data)
@@ -306,15 +306,15 @@ class World(ClosedLoop):
         return found
 
     def actuators(self, id: str) -> IntArray:
-        """Indices of a vehicle's actuators in `model` and in `data.ctrl`, in the order of `result.nc`'s thrusters.
+        """Return indices of a vehicle's actuators in `model` and `data.ctrl`, in the order of thrusters in `result.nc`.
 
-        For example `world.model.actuator_gainprm[world.actuators("A1"), 0] = 0` stops all thrusters of A1.
+        For example, `world.model.actuator_gainprm[world.actuators("A1"), 0] = 0` stops all thrusters of A1.
 
         Args:
-            id: of an agent or a target.
+            id: Id of an agent or a target.
 
         Raises:
-            InputError: there is no such vehicle.
+            InputError: There is no such vehicle.
         """
         index = self.system.team.index
         if id not in index:

@@ -345,7 +345,7 @@ def test_the_report_of_a_phase_says_what_is_free_and_what_mends_it() -> None:
     terminal = Console(width=200, file=StringIO())
     terminal.print(report(record))
     before, after = terminal.file.getvalue().split("from t = 0.3 s on: lose T2")  # type: ignore[attr-defined]
-    for words in ("free to drift: H^0(G, G_p; F) has dimension 2", "what mends it: the smallest set", "A2"):
+    for words in ("free to drift: H^0(G, G_p; F) has dimension 2", "fix: the smallest set", "A2"):
         assert words in after
     assert "free to drift: " not in before
 

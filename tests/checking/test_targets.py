@@ -131,7 +131,7 @@ def test_a_motion_that_is_too_fast_for_so_late_a_time_is_not_known() -> None:
     scenario["targets"][0]["motion"] = motion
     path = follow_targets(scenario_from_mapping(scenario).system)
     assert path.cells is None
-    assert "moves too fast for what numbers resolve so late" in path.warning
+    assert "moves too fast for the resolution of floating-point time" in path.warning
 
 
 def test_a_sensitive_path_is_not_known() -> None:
