@@ -60,7 +60,9 @@ def only_errors(text: str) -> bool:
 
 
 def one_line(text: str, *named: object) -> bool:
-    """Whether stderr is one line of mjsheaf's that names all of these; the words around them are free."""
+    """Whether stderr is one line of mjsheaf's, beside progress, that names all of these; other words are free."""
+    lines = text.splitlines(keepends=True)
+    text = "".join(line for line in lines if not line.endswith(" s since the start\n"))
     return text.startswith("mjsheaf: ") and text.count("\n") == 1 and text.endswith("\n") and names(text, *named)
 
 
