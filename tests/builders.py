@@ -1,4 +1,4 @@
-"""Scenarios, vehicles, teams, sheaves, studies and films that tests share, and plain forms to compare results with."""
+"""Scenarios, vehicles, teams, sheaves, studies and videos that tests share, and plain forms to compare results with."""
 
 import json
 import re
@@ -190,7 +190,7 @@ def random_scenario(seed: int) -> dict[str, Any]:
     def edge(tail: str, head: str) -> dict[str, Any]:
         e: dict[str, Any] = {"between": [tail, head], "weight": float(rng.uniform(0.5, 2.0))}
         kind = rng.choice(["shared", "local_frame", "random"])
-        if kind == "random":  # near a rotation of the shared coordinates, so that nobody is nearly free
+        if kind == "random":  # near a rotation of the shared coordinates, so that no agent is nearly free
             m = min(dimension[tail], dimension[head])
             turn = np.linalg.qr(rng.standard_normal((m, m)))[0]
             F = [turn @ (np.eye(m, dimension[v]) + 0.2 * rng.standard_normal((m, dimension[v]))) for v in (tail, head)]
@@ -343,7 +343,7 @@ def yaws(count: int, seed: int = 0) -> Array:
     return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
 
 
-# -- one vehicle alone, in a medium that is at rest or moves evenly, asked for a constant velocity ---------------------
+# -- one vehicle alone, in a uniform medium, with a constant velocity command ------------------------------------------
 
 
 ENGINE = "mujoco"
@@ -351,7 +351,7 @@ ENGINE = "mujoco"
 
 
 class Alone(World):
-    """A world whose law asks vehicle 0 for `wanted` (3,), m/s."""
+    """Make a world whose law commands vehicle 0 to move with `wanted` (3,), m/s."""
 
     wanted = np.zeros(3)
 
@@ -383,7 +383,7 @@ def alone(
 ) -> World:
     """A world with vehicle 0, at the origin with a heading in degrees, in a medium that moves at `drift`, m/s.
 
-    It is asked for no velocity; see `ask`. Effects are switched as in a scenario.
+    Its command is zero; see `ask`. Effects are switched as in a scenario.
     """
     n = load_vehicle(vehicle).dimension
     flow = {} if drift is None else {"agents": {"dimension": n, "drift": list(drift)[:n]}}
@@ -405,7 +405,7 @@ def alone(
 
 
 def ask(world: World, velocity: Any) -> None:
-    """From now on vehicle 0 is asked for a velocity (n,) relative to the medium, world axes, in place of the law's."""
+    """Replace the command of vehicle 0 by a velocity (n,) relative to the medium, world axes."""
     assert isinstance(world, Alone | AloneFused)
     world.wanted = np.append(velocity, np.zeros(3))[:3]
     world.close_loop(sample=True)
@@ -449,7 +449,7 @@ def step_unpowered(world: World, count: int) -> None:
 
 
 def wrench(world: World) -> Array:
-    """What the commands of vehicle 0 amount to, body axes, shape (6,)."""
+    """Return the wrench of the commands of vehicle 0, body axes, shape (6,)."""
     vehicle, _, _, thrusters = body(world)
     return np.asarray(vehicle.W @ world.data.ctrl[thrusters])
 
@@ -547,7 +547,7 @@ def small_plan(gains: tuple[float, ...] = (1.0, 3.0), seeds: tuple[int, int] | N
     )
 
 
-# -- films -------------------------------------------------------------------------------------------------------------
+# -- videos ------------------------------------------------------------------------------------------------------------
 
 
 def make_model() -> mujoco.MjModel:
@@ -627,7 +627,7 @@ def refused(error: type[Exception], *named: object) -> Iterator[pytest.Exception
 
 
 def names(text: str, *named: object) -> bool:
-    """Whether a text contains all of these as whole words or numbers."""
+    """Return True if a text contains all of these as whole words or numbers."""
     return all(re.search(rf"(?<!\w){re.escape(str(each))}(?!\w)", text) for each in named)
 
 

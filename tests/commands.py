@@ -26,7 +26,7 @@ RUN_FILES = DATA_FILES | {"errors.png", "trajectories.png", "configurations.png"
 
 
 class Answer(NamedTuple):
-    """What a command said: exit code, stdout, stderr."""
+    """Answer of a command: exit code, stdout, stderr."""
 
     code: int
     out: str
@@ -49,18 +49,18 @@ def answer_of(*arguments: str | Path) -> Answer:
 
 
 def is_refusal(answer: Answer, *named: object) -> bool:
-    """Whether a command was refused as the contract says: exit code 2 and one line that names all of these."""
+    """Return True if a command was refused by the contract: exit code 2 and one line that contains all of these."""
     return answer.code == 2 and one_line(answer.err, *named)
 
 
 def only_errors(text: str) -> bool:
-    """Whether stderr is an error of mjsheaf's: a line for each mistake, at most eleven of them."""
+    """Return True if stderr is an error of mjsheaf's: a line for each mistake, at most eleven of them."""
     lines = text.split("\n")[:-1]
     return text.endswith("\n") and 0 < len(lines) <= 11 and all(line.startswith("mjsheaf: ") for line in lines)
 
 
 def one_line(text: str, *named: object) -> bool:
-    """Whether stderr is one line of mjsheaf's, beside progress, that names all of these; other words are free."""
+    """Return True if stderr is one line of mjsheaf's, next to progress, that contains all of these, in any wording."""
     lines = text.splitlines(keepends=True)
     text = "".join(line for line in lines if not line.endswith(" s since the start\n"))
     return text.startswith("mjsheaf: ") and text.count("\n") == 1 and text.endswith("\n") and names(text, *named)
@@ -92,7 +92,7 @@ def heed_interrupts() -> None:
 
 @contextlib.contextmanager
 def files_of_at_most(size: int) -> Iterator[None]:
-    """No file of this process, or of those that it starts, grows beyond so many bytes: as on a full disk."""
+    """Limit the size of files of this process and its children, in bytes, as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:

@@ -1,7 +1,7 @@
-"""The same bits, whatever the machine does beside: threads of BLAS, hash seeds, numpy's own instructions.
+"""Results have the same bits with any number of BLAS threads, hash seed and instruction set of numpy.
 
-They do depend on the processor for which OpenBLAS chooses its kernels; between two of those they agree to rounding.
-Oracle: the run in a process as it comes.
+They do depend on the OpenBLAS kernels chosen for the processor; results of two kernels agree to rounding.
+Oracle: the run in a process with default settings.
 """
 
 import json

@@ -1,6 +1,6 @@
-"""Signals at random moments of every command: what is there afterwards is whole, and nothing else is left.
+"""Signals at random moments of every command leave complete files and nothing else.
 
-What SIGKILL leaves is hidden, is told from what another command is writing, and goes with the next command there.
+Files left by SIGKILL are hidden, distinct from those of a running command, and removed by the next command there.
 Oracles: the contract on directories and exit codes; every file of a directory read to its end.
 """
 
@@ -32,7 +32,7 @@ CODES = {"SIGKILL": -9, "SIGTERM": 143, "SIGHUP": 129, "SIGINT": 130, "SIGINT tw
 
 
 def abandoned(path: Path, suffix: str = "part", directory: bool = True) -> Path:
-    """What a killed command leaves."""
+    """Files that a killed command leaves."""
     part = path.with_name(f".{path.name}.abcd_123.{suffix}")
     if directory:
         part.mkdir()
@@ -185,7 +185,7 @@ class Attack:
 @pytest.mark.slow
 @pytest.mark.skipif("MJSHEAF_ATTACKS" not in os.environ, reason="no two runs of it are alike: MJSHEAF_ATTACKS=40")
 def test_random_signals_at_random_moments(tmp_path: Path) -> None:
-    """What only chance finds; what it found is held above, at moments that are chosen."""
+    """Signals at random moments; failures found this way are tests above, at fixed moments."""
     attack, choose = Attack(tmp_path), random.Random(int(os.environ.get("MJSHEAF_ATTACK_SEED", "1")))
     lasting: dict[str, float] = {}
     for kind in attack.commands:

@@ -147,10 +147,10 @@ ABORTED = (-signal.SIGABRT, -signal.SIGSEGV)
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [300, 500, 700, 900, 1200])
 def test_little_memory(megabytes: int, tmp_path: Path) -> None:
-    """Whatever gives way first: no half of a directory, and where Python still works one line.
+    """With too little memory there is no partial directory, and one line of error if Python still runs.
 
-    With so little that a library cannot even be loaded, it may abort the process before anything of ours runs. OpenBLAS
-    may ask for its buffer again and again without end; then somebody has to end the process.
+    With so little memory that a library cannot be loaded, it may abort the process before our code runs. OpenBLAS may
+    retry the allocation of its buffer forever; then the test ends the process.
     """
     try:
         done = run(*SHORT, "--out", "out", cwd=tmp_path, preexec_fn=limited(megabytes), timeout=90)

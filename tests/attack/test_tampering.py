@@ -1,6 +1,6 @@
-"""Files of a run or a study that were damaged or edited: refused in one line, or done again; never wrong data.
+"""Damaged or edited files of a run or a study are refused in one line or computed again; data are never wrong.
 
-Oracles: the contract on errors; the bytes of the study that nobody touched.
+Oracles: the contract on errors; the bytes of the intact study.
 """
 
 import json
@@ -57,7 +57,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def films(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What would be drawn is read in whole and not drawn."""
+    """Read all data of the drawing without drawing it."""
     drawn: list[Any] = []
 
     def read(films: list[Any], path: Path, *_: Any) -> int:

@@ -1,4 +1,4 @@
-"""Vehicles that are made to harm: files of MuJoCo that explode, lie, or change while they are read.
+"""Malicious vehicles: MuJoCo files that diverge, contradict themselves, or change while they are read.
 
 Oracle: the contract. Each is accepted, or refused in one line with exit code 2 (1 where `check` then finds an
 assumption open), within bounded memory and time.

@@ -154,7 +154,7 @@ def test_accelerations_solve_the_equations_of_motion(name: str, seed: int) -> No
 
 @pytest.mark.parametrize("name", REAL)
 def test_thrusters_move_body_and_medium_together(name: str) -> None:
-    """What each thruster alone adds to the acceleration is (M_RB + M_A)^-1 times its wrench: gears carry the share."""
+    """Each thruster contributes (M_RB + M_A)^-1 times its wrench to the acceleration, because gears are scaled."""
     world = alone(name)
     vehicle, _, dof, thrusters = body(world)
     R = Rotation.from_rotvec([0.3, -0.5, 1.1]).as_matrix()
@@ -175,7 +175,7 @@ def test_thrusters_move_body_and_medium_together(name: str) -> None:
 
 @pytest.mark.parametrize("name", BODIES[:2])
 def test_a_boat_that_is_all_added_mass_stays_stable(name: str, tmp_path: Path) -> None:
-    """Where the medium weighs a hundred times the body, feeding -M_A a back as a force would diverge at once."""
+    """With added mass of a hundred times the mass, feeding -M_A a back as a force would diverge at once."""
     heavy = (100.0 * load_vehicle(name).added_mass).tolist()
     world = alone(altered(tmp_path, name, added_mass=heavy), drift=[0.5, 0.3, 0.0])
     vehicle, _, dof, _ = body(world)

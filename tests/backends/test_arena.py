@@ -83,7 +83,7 @@ def with_a_mesh(root: ElementTree.Element) -> None:
 
 
 def with_a_second_body(root: ElementTree.Element) -> None:
-    """Beside the first, with a material of the file's."""
+    """Next to the first geom, with a material of the file."""
     second = ElementTree.SubElement(find(root, "worldbody"), "body", name="second", pos="1 0 .5")
     ElementTree.SubElement(second, "geom", name="ball", size=".1", mass="3", material="livery")
 
@@ -178,7 +178,7 @@ def test_a_file_means_the_same_in_the_arena(edit: Edit | None, tmp_path: Path) -
 
 @pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])
 def test_a_body_on_the_joint_moves_as_one_that_is_held(name: str, tmp_path: Path) -> None:
-    """What a file has beside its one body makes no difference to the motion, though a body must then hold both."""
+    """Other elements next to the single body of a file do not change the motion, although an extra body holds both."""
     runs = []
     for vehicle in (name, altered(tmp_path, name, with_world_geom)):
         world = alone(vehicle, heading=40, drift=[1.0, -2.0, 0.5])
@@ -241,7 +241,7 @@ def with_looks(root: ElementTree.Element) -> None:
 
 
 def look(model: mujoco.MjModel, kind: str, k: int) -> tuple[np.ndarray, list[float], list[int]]:
-    """What MuJoCo draws: the colour, which a geom's own overrides; shine; whether there is a texture."""
+    """Return the drawn appearance: colour, which that of the geom overrides; shine; True if there is a texture."""
     rgba, material = getattr(model, f"{kind}_rgba")[k], int(getattr(model, f"{kind}_matid")[k])
     if material < 0:
         return rgba, [], []

@@ -49,9 +49,9 @@ def hold_moment(vehicle: Vehicle, R: Array, wanted: Array, rates: Array) -> Arra
 
 
 def asked_wrenches(world: World, velocity: Array) -> list[Array]:
-    """Of a fully actuated vehicle: for its weight; roll and pitch; yaw; translation. Shapes (6,), by rank.
+    """Return the wrenches of a fully actuated vehicle by rank: weight; roll and pitch; yaw; translation. Shapes (6,).
 
-    What accelerates an eccentric mass must not turn it: c times (thrust less drag) goes with the translation.
+    A force that accelerates an eccentric mass must not turn it: c times (thrust less drag) is part of the translation.
     """
     vehicle, _, dof, _ = body(world)
     R, c, planar = attitude(world), vehicle.centre_of_mass, vehicle.dimension == 2
@@ -66,7 +66,7 @@ def asked_wrenches(world: World, velocity: Array) -> list[Array]:
 
 
 def ranked(vehicle: Vehicle, lift: Array, turn: Array, force: Array, balance: Array) -> list[Array]:
-    """The wrenches that are asked for, by rank; `balance` goes with the force."""
+    """Return the desired wrenches by rank; `balance` is part of the force."""
     none = np.zeros(3)
     return [
         np.concatenate([lift, np.cross(vehicle.centre_of_mass, lift)]),
@@ -77,9 +77,9 @@ def ranked(vehicle: Vehicle, lift: Array, turn: Array, force: Array, balance: Ar
 
 
 def within_limits(vehicle: Vehicle, asked: list[Array]) -> tuple[Array, list[float]]:
-    """The controlled rows of what the limits leave of the wrenches that are asked for, and the share of each.
+    """Return the controlled rows of the desired wrenches within limits, and the fraction of each.
 
-    All where all fits; else all of the first, and then of each the largest share, 0 to 1, that fits on those before it,
+    If the sum exceeds the limits: the first, then of each the largest fraction, 0 to 1, feasible with those before,
     by linear programming.
     """
     rows = vehicle.controlled_rows
@@ -138,7 +138,7 @@ def test_at_the_limits_weight_goes_before_attitude_and_attitude_before_translati
 
 @pytest.mark.parametrize("name", FULL)
 def test_a_level_vehicle_far_beyond_its_limits_pushes_where_it_is_asked_to(name: str) -> None:
-    """With its attitude as wanted, the force is a positive share of the wanted one, and one thruster is at its end."""
+    """At the desired attitude, the force is a positive multiple of the desired one, and one thruster saturates."""
     rng = np.random.default_rng(2)
     world = alone(name, heading=-70)
     vehicle, _, _, thrusters = body(world)
@@ -302,7 +302,7 @@ def test_a_multirotor_recovers_from_a_tilt(name: str, tilt: float, fall: float) 
 
 @pytest.mark.parametrize("name", POINTING)
 def test_a_multirotor_sinks_with_half_of_its_weight_at_most(name: str) -> None:
-    """However fast it is told to, so that its rotors can still turn it; nor does it climb with all that they have."""
+    """Fast commands leave rotors enough thrust to turn the vehicle; so does a climb."""
     for speed in (-100.0, 100.0):
         world = alone(name)
         vehicle, _, dof, _ = body(world)

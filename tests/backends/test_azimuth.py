@@ -44,7 +44,7 @@ def efforts(thrusts_and_angles: Array) -> Array:
 
 
 def wrench(world: World) -> Array:
-    """What the commands of vehicle 0 amount to at the present angles, body axes, shape (6,)."""
+    """Return the wrench of the commands of vehicle 0 at the present angles, body axes, shape (6,)."""
     vehicle, _, _, own = body(world)
     commands = world.data.ctrl[own].reshape(-1, 2).copy()
     commands[:, 1] = world.data.act[own].reshape(-1, 2)[:, 1]
@@ -60,7 +60,7 @@ def settle_angles(world: World) -> None:
 
 
 def swivel(name: str = "thruster_port", **fields: Any) -> dict[str, Any]:
-    """What a description says of an engine that turns."""
+    """Read the description of an azimuthing engine."""
     return {name: {"kind": "azimuth", "angle": [-90, 90], "rate": 60} | fields}
 
 
@@ -235,13 +235,13 @@ def test_mujoco_pushes_along_the_angle() -> None:
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("velocity", [(2.0, 0.0), (-1.5, 0.0), (0.0, 1.0), (0.0, -1.2)])
 def test_at_a_steady_speed_thrust_balances_drag(velocity: tuple[float, float]) -> None:
-    """In a current: D v + Q |v| v to rounding, no yaw moment, and the speed that was asked for."""
+    """In a current: D v + Q |v| v to rounding, no yaw moment, and the commanded speed."""
     world, v = alone(NAME, heading=0, drift=[0.4, -0.2]), np.array(velocity)
     ask(world, v)
     world.step(40_000)
     np.testing.assert_allclose(world.data.qvel[body(world)[2]], [v[0] + 0.4, v[1] - 0.2, 0, 0, 0, 0], atol=1e-6)
     drag = np.array([100, 100]) * v + np.array([150, 100]) * np.abs(v) * v
-    # The sway force .28 m under the water heels it by half a degree, at which it is not quite level.
+    # The sway force .28 m below the surface heels the boat by half a degree, so it is not quite level.
     np.testing.assert_allclose(wrench(world)[[0, 1, 5]], [*drag, 0.0], atol=1e-4 * np.abs(drag).max())
     assert world.saturation()[0] == 0.0
 
@@ -283,7 +283,7 @@ def test_a_step_abeam_from_rest_waits_for_the_engines_to_turn() -> None:
 
 @pytest.mark.parametrize("end", [90.0, 30.0])
 def test_rate_and_limits_of_the_angle_hold_at_every_step(end: float, tmp_path: Path) -> None:
-    """Asked for another velocity every half second, some far too high; with narrow limits it still goes ahead."""
+    """With a new command every half second, some far too high, and narrow limits, the boat still moves ahead."""
     path = altered(tmp_path, NAME, actuators=both(angle=[-end, end]))
     world, rng = alone(path, drift=[0.3, 0.1]), np.random.default_rng(7)
     own, angles = body(world)[3], []
@@ -301,7 +301,7 @@ def test_rate_and_limits_of_the_angle_hold_at_every_step(end: float, tmp_path: P
 
 
 def test_a_lag_of_the_angle_is_first_order_and_keeps_the_rate(tmp_path: Path) -> None:
-    """angle' = (wanted - angle) / lag, but at most the rate: both as exact solutions of that."""
+    """angle' = (desired - angle) / lag, limited by the rate; the oracle is the exact solution of both cases."""
     world = alone(altered(tmp_path, NAME, actuators=both(lag=0.5)))
     own, h = body(world)[3], 0.001
     ask(world, [0.0, 2.0])
@@ -333,7 +333,7 @@ def test_its_angles_are_state_that_mujoco_saves() -> None:
 
 
 def test_far_beyond_its_limits_it_pushes_where_it_is_asked_to() -> None:
-    """Level, on its heading, its engines turned: a positive share of the wanted force, and one engine in full."""
+    """Level, on its heading, with turned engines: a positive multiple of the desired force, one engine saturated."""
     world, rng = alone(NAME, heading=-70), np.random.default_rng(2)
     vehicle, _, _, own = body(world)
     for _ in range(20):

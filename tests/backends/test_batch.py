@@ -67,7 +67,7 @@ def test_worlds_of_several_blocks_end_as_they_do_alone(threads: int, members: in
 
 @pytest.mark.parametrize(("threads", "members"), [(1, 1), (2, 1), (3, 1)])
 def test_worlds_end_as_they_do_alone(threads: int, members: int) -> None:
-    """Other seeds and gains, over links; one of them blows up, and is nobody else's."""
+    """Different seeds and gains, over links; one world diverges and does not affect the others."""
     scenarios = [linked(0, 1.0), linked(1, 2.0), linked(2, WILD), linked(0, 1.0)]
     alone = [simulate(scenario, engine="fused", threads=1) for scenario in scenarios]
     assert [run.attrs["status"] for run in alone] == ["finished", "finished", "unstable", "finished"]
@@ -113,7 +113,7 @@ def test_the_ratio_is_the_largest_of_error_and_bound_after_the_start() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("members", [1, 3])
 def test_the_layout_of_a_card_gives_the_same_bits(members: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each number of all worlds side by side; the members of a world meet, each with a vehicle, as those of a card."""
+    """The layout of a GPU: each number of all worlds is contiguous, and members of a world have one vehicle each."""
     monkeypatch.setattr("mjsheaf.simulation.batch.BLOCK", 1)
     scenarios = [linked(0, 1.0), linked(1, 2.0), linked(2, WILD)]
     plain, columns = batch_of(scenarios), batch_of(scenarios, order="F")

@@ -1,4 +1,4 @@
-"""What `mjsheaf list --vehicles` says a vehicle can do. Oracles: sums of its thrusts, and the simulation itself."""
+"""Capabilities printed by `mjsheaf list --vehicles`. Oracles: sums of thrusts, and simulations."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_a_wamv_pushes_along_its_thrusters_axes() -> None:
     assert found.forward_thrust == pytest.approx(F, rel=1e-6)
     assert found.forward_speed == pytest.approx((np.sqrt(100**2 + 600 * F) - 100) / 300, rel=1e-6)
     assert 0.3 * F < found.least_thrust < F
-    # Abeam, with the stern pair at lever a and the bow pair at b: F_s a = F_b b, the weaker pair full.
+    # Sideways, with the stern pair at lever a and the bow pair at b: F_s a = F_b b, the weaker pair saturated.
     rows = load_vehicle("wamv").W
     stern, bow = np.abs(rows[5, :2]).sum() / 2, np.abs(rows[5, 2:]).sum() / 2
     full = 2 * 2353.5 * np.sqrt(0.5)
@@ -69,7 +69,7 @@ def test_without_limits_there_is_no_bound(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["otter", "wamv", "hexarotor"])
 def test_the_simulation_is_as_fast_ahead_as_was_said(name: str) -> None:
-    """Asked for twice that, it settles within 2 % of it."""
+    """With a command of twice that speed, it settles within 2 % of it."""
     speed = capability_of(load_vehicle(name)).forward_speed
     world = alone(name)
     ask(world, [2 * speed, 0, 0][: world.arena.vehicles[0].dimension])

@@ -1,6 +1,6 @@
-"""The card's kernel, as far as it can be tried without a card: it compiles, and without CUDA nothing of it is loaded.
+"""Tests of the GPU kernel that need no GPU: it compiles, and without CUDA nothing of it is loaded.
 
-What it computes is `run_world`, which `test_batch` runs on threads in the layout of a card, to the bits of runs alone.
+The kernel runs `run_world`, which `test_batch` runs on threads in a GPU's layout, with the bits of separate runs.
 numba-cuda's simulator runs kernels as plain Python on arrays of its own, which compiled functions do not take.
 """
 
@@ -49,7 +49,7 @@ def test_without_a_card_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("number", [np.float64, np.float32])
 def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
-    """As on a card, of which only the address is known."""
+    """Array known only by its address, as on a GPU."""
     batch = Batch([Fused(linked(seed, 1.0).phases) for seed in range(3)], order="F", number=number)
     rows, seen = batch.rows, list[int]()
     copy = rows.values.copy(order="F")
@@ -71,7 +71,7 @@ def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
 
 
 class CardArray:
-    """An array of a card: a copy, reached by its address."""
+    """GPU array: a copy, accessed by its address."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self.values = values.copy(order="K")
@@ -86,7 +86,7 @@ class CardArray:
 
 
 class Card:
-    """numba.cuda of a card whose kernel is `run_world` on this machine, in memory of its own."""
+    """Fake of numba.cuda whose kernel is `run_world` on this machine, in separate memory."""
 
     to_device = CardArray
 
@@ -122,7 +122,7 @@ class Card:
 
 
 def here(tree: Any) -> Any:
-    """A tree of a card's arrays as this machine's."""
+    """Convert a tree of GPU arrays to arrays of this machine."""
     if isinstance(tree, tuple):
         values = tuple(map(here, tree))
         return type(tree)._make(values) if hasattr(tree, "_make") else values
@@ -152,7 +152,7 @@ def test_what_is_sent_to_a_card_and_comes_back_is_what_threads_have(monkeypatch:
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("numba_cuda") is None, reason="numba-cuda is not installed")
 def test_the_kernel_compiles_for_a_card(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every kind of vehicle, terms and links: the whole law is in it. A card that is not there is named."""
+    """The kernel contains every kind of vehicle, terms and links. The error names the missing GPU."""
     cuda, dispatcher, nvvm = (import_module(f"numba.cuda{name}") for name in ("", ".dispatcher", ".cudadrv.nvvm"))
 
     nvvm.NVVM()  # what compiles is there

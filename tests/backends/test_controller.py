@@ -76,7 +76,7 @@ def test_what_a_law_asks_for_is_recorded_and_carried_out(backend: str) -> None:
 
 
 def test_a_change_of_the_compiled_law_is_in_the_data() -> None:
-    """The wanted value of an edge is changed for the loop alone: recorded eta and commands follow the loop."""
+    """The desired value of an edge is changed for the loop alone: recorded eta and commands follow the loop."""
     from dataclasses import replace
 
     system = mixed_scenario(**SHORT).system

@@ -1,4 +1,4 @@
-"""What Python hands in and cannot be: laws that leave the process, states and results that are not ours."""
+"""Invalid input from Python: laws that exit the process, foreign states and results."""
 
 from pathlib import Path
 from typing import Any

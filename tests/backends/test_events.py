@@ -33,7 +33,7 @@ TERMS: dict[str, Any] = {"newton": {"rounds": 2}, "drift": {"filter": 0.1}, "int
 
 
 def chain(count: int, events: list[dict[str, Any]], **fields: Any) -> Scenario:
-    """Boats in a row, each tied to the next, of which the first and the last sense a target."""
+    """Boats in a row, each connected to the next; the first and the last sense a target."""
     ids = [f"A{i}" for i in range(count)]
     raw = {
         "time": {"end": 0.4},
@@ -79,7 +79,7 @@ def test_after_a_loss_the_run_is_that_of_the_smaller_team_from_there_on() -> Non
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_news_of_a_loss_travels_one_edge_a_sample(backend: str) -> None:
-    """To the bit: on bodies too, which an unlike neighbour moves only through the law."""
+    """Bit for bit, also on bodies, which a different neighbour affects only through the law."""
     plain, lost = (simulate(chain(5, e), backend) for e in ([], [{"time": 0.2, "lose": "A0"}]))
     apart = (plain["agent_position"].values != lost["agent_position"].values)[..., :2].any(axis=2)
     first = [int(np.flatnonzero(column)[0]) for column in apart.T]
@@ -129,7 +129,7 @@ def test_one_who_joins_is_silent_until_then_and_keeps_afloat(backend: str) -> No
 
 
 def waiting(flow: list[float], **agent: Any) -> Scenario:
-    """Two boats and two aircraft in a flow, of which a boat and an aircraft join after eight seconds."""
+    """Two boats and two aircraft in a flow; one of each joins after eight seconds."""
     return load_scenario(
         {
             "time": {"end": 9.0},
@@ -446,7 +446,7 @@ def test_check_of_every_phase() -> None:
     alone = check(chain(4, [], time={"end": 0.2}))  # each phase is checked over its own time
     for name in ("assumptions", "theorem", "law", "links", "margins", "fragility"):
         assert record[name] == first[name] == alone[name]
-    # Without A3 nobody senses T2, and the others follow T1: q* by dense algebra.
+    # Without A3 no agent senses T2, and the others follow T1: q* by dense algebra.
     assert [a["verdict"] for a in second["assumptions"]][4] == "fails"
     assert not second["ok"]
     assert not record["ok"]

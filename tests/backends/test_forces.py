@@ -1,7 +1,7 @@
 """Forces on bodies: thrust, drag, flow and buoyancy, at one instant and over time.
 
 Oracles: the wrench W u turned into world axes; m v' = R D R^T (v_c + w - v) with exact solutions (matrix exponential);
-the same vehicle with MuJoCo's own site transmissions, from the MJCF file as it stands; textbook oscillators.
+the same vehicle with MuJoCo's own site transmissions, from the unmodified MJCF file; textbook oscillators.
 """
 
 from pathlib import Path
@@ -32,7 +32,7 @@ def shift_mass(root: ElementTree.Element) -> None:
 
 
 def parts(world: World, v: int) -> tuple[slice, slice, slice]:
-    """Where vehicle v is in qpos, in qvel and among the actuators."""
+    """Return the slices of vehicle v in qpos, in qvel and among the actuators."""
     a, d, first = world.arena.qpos[v], world.arena.dof[v], world.arena.thruster
     return slice(a, a + 7), slice(d, d + 6), slice(first[v], first[v + 1])
 
@@ -286,7 +286,7 @@ def test_drag_is_taken_once(tau: float, period: float) -> None:
 def test_the_joint_damps_as_an_applied_force_does(
     drag: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where a vehicle goes does not depend on who takes its drag: the difference halves with the step."""
+    """The trajectory does not depend on whether joint or force applies drag: the difference halves with the step."""
     apart = []
     for timestep in (0.002, 0.001, 0.0005):
         runs = []
@@ -394,7 +394,7 @@ def limited(root: ElementTree.Element) -> None:
 
 
 def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None:
-    """What stands in a default class belongs to the vehicle as much as what stands in its actuators."""
+    """Settings of a default class apply to the vehicle like those of its actuators."""
     path = altered(tmp_path, "hull", limited)
     agents = [{"id": "A", "position": [0, 0], "vehicle": path}, {"id": "B", "position": [50, 0]}]
     targets = [{"id": "T", "position": [50, 0]}]

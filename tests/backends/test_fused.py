@@ -65,10 +65,10 @@ def of_vehicles(names: list[str], timestep: float, **fields: Any) -> Scenario:
 
 
 def unlike(folder: Path) -> list[str]:
-    """Vehicles with all that MuJoCo knows of a free body and its actuators and that the shipped ones lack."""
+    """Vehicles with all features of MuJoCo's free bodies and actuators that the included ones lack."""
 
     def eccentric(root: ElementTree.Element) -> None:
-        """Off its centre of mass, in two bodies turned against each other, of which one is carried in part."""
+        """Offset centre of mass, and two bodies rotated relative to each other, one of them partly buoyant."""
         inertial = find(root, ".//inertial")
         inertial.set("pos", ".1 -.05 .2")
         inertial.set("euler", ".3 .2 -.4")
@@ -296,7 +296,7 @@ def test_a_run_that_blows_up_ends_at_the_same_sample() -> None:
 
 @pytest.mark.slow
 def test_a_comparison_says_the_same_on_both() -> None:
-    """Every rung, the free-decay test and the convergence table; one rung more is MuJoCo's."""
+    """Every variant, the free-decay test and the convergence table; one more variant runs on MuJoCo."""
     scenario = load_scenario("midpoint", {"time.end": 10.0})
     theirs, ours = (compare(scenario, engine=engine).record.model_dump() for engine in ("mujoco", "fused"))
     rung, whole = ours["ladder"].pop(), next(rung for rung in theirs["ladder"] if rung["key"] == "all")

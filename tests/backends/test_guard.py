@@ -1,4 +1,4 @@
-"""What is refused before a run is refused by every command, on both backends, in the same words.
+"""Scenarios refused before a run are refused by every command, on both backends, with the same message.
 
 Oracle: each way in against the others.
 """

@@ -70,7 +70,7 @@ def test_runs_of_one_team_are_those_alone_though_they_share_what_does_not_differ
 
 
 def test_a_refused_scenario_does_not_lose_the_others() -> None:
-    """Refused: nobody senses a target. Blown up: a gain beyond the margin of the hold, which is a result."""
+    """Refused: no agent senses a target. Diverged: a gain beyond the margin of the hold, which is a result."""
     wild = mixed_scenario(controller={"gain": 1e4, "control_period": 0.01})
     free = mixed_scenario(sensing=[["boat", "ship"]], communication=[["boat", "front"]], formations=[])
     good, refused, broken, again = simulate_many([mixed_scenario(), free, wild, mixed_scenario()], "ideal", workers=2)

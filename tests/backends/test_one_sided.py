@@ -307,7 +307,7 @@ def test_a_run_that_arrives_is_settled() -> None:
 
 
 def test_a_boat_that_drifts_beside_its_target_is_stuck() -> None:
-    """Its target is abeam by 1.2 m, which asks for .24 m/s; it turns round for .26 m/s or more."""
+    """Its target is abeam by 1.2 m, so the command is .24 m/s; it turns round for .26 m/s or more."""
     scenario = make_run(SKIFF, [0.0, 1.2], end=30.0)
     data = simulate(scenario, engine="fused")
     (stuck,) = find_stuck(scenario.phases, data)

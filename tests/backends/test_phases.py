@@ -1,4 +1,4 @@
-"""Runs of several phases, and worlds that go on from a state: against runs of one phase, bit for bit."""
+"""Runs of several phases, and worlds that continue from a state, equal runs of one phase bit for bit."""
 
 from dataclasses import replace
 from typing import Any
@@ -22,7 +22,7 @@ BACKENDS = [(run_ideal, stream_ideal), (run_physics, stream_physics)]
 
 
 def without_an_edge(system: System) -> System:
-    """The same vehicles, with the first edge among agents silent and another gain."""
+    """The same vehicles without the first edge among agents and with another gain."""
     team = system.team
     fewer = Team(team.agents, team.targets, team.communication[1:], team.sensing, team.target_edges, team.formations)
     from mjsheaf.control import pack_law

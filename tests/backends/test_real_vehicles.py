@@ -1,4 +1,4 @@
-"""The vehicles in models/ as a whole: what they do when left alone, asked for a velocity, heeled, or turned.
+"""Included vehicles as a whole: at rest, under velocity commands, heeled, and turned.
 
 Oracles: equilibria that a pencil finds; the mean delay of a linear loop; eigenvalues of the linearised equations of
 motion; symmetries; the sources' own numbers.
@@ -117,7 +117,7 @@ def test_a_boat_floats_upright_at_its_draft(name: str) -> None:
     assert pitch == 0.0 or np.rad2deg(pitch) == pytest.approx(1.28, abs=0.01)
 
 
-# -- asked for a velocity ----------------------------------------------------------------------------------------------
+# -- velocity commands -------------------------------------------------------------------------------------------------
 
 
 def mean_delay(name: str, axis: int) -> tuple[float, float, float]:
@@ -217,7 +217,7 @@ def test_g_at_the_hand_point_is_square_and_of_full_rank() -> None:
 
 @pytest.mark.usefixtures("engine")
 def test_the_hand_point_moves_at_w_plus_g_u() -> None:
-    """In steady straight motion through a current, u what the propellers are told."""
+    """Steady straight motion through a current; u are the propeller commands."""
     w, v_c = np.array([0.4, 0.2]), np.array([-0.3, 0.9])
     world = alone("otter", drift=w)
     vehicle, _, _, thrusters = body(world)

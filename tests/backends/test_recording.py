@@ -1,4 +1,4 @@
-"""What a run on bodies records inside the compiled loop, against the world stepped and looked at from Python."""
+"""Data recorded in the compiled loop on bodies equal those of a world that is stepped from Python."""
 
 from typing import Any
 

@@ -42,7 +42,7 @@ deflections = st.floats(-LIMIT, LIMIT)
 
 
 def bare() -> Vehicle:
-    """The boat without added mass, of which forces are not shared."""
+    """The boat without added mass, so forces are not scaled."""
     return replace(load_vehicle(NAME), added_mass=np.zeros(6))
 
 
@@ -257,7 +257,7 @@ def test_a_lost_boat_leaves_its_rudder_where_it_is() -> None:
 
 
 def test_its_loop_is_linear_in_a_current_and_not_at_rest() -> None:
-    """Where it lies to a current, a velocity command of 1 along each axis ends as that velocity."""
+    """In a current, a velocity command of 1 along each axis is reached in the end."""
     vehicle, control = load_vehicle(NAME), alone(NAME).system.control
     current = np.array([-0.8, 0.0, 0.0])
     still, model = linearise([Station(vehicle, w, 0.0) for w in (np.zeros(3), current)], control, 0.005, 1)

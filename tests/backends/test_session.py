@@ -125,7 +125,7 @@ def test_a_seed_is_a_run(engine: str) -> None:
 
 @engines
 def test_a_state_brings_its_seed(engine: str) -> None:
-    """A session under another seed goes on as the one did from which the state was taken, and starts anew as that."""
+    """A session with another seed continues and restarts as the one from which the state was taken."""
     scenario = mixed_scenario(**TANGLED)
     session, other = session_of(scenario, engine), session_of(scenario.with_seed(5), engine)
     whole = end_of(session_of(scenario, engine))

@@ -1,4 +1,4 @@
-"""Bodies on several threads, and what runs them: the same bits on any number, and nobody left waiting."""
+"""Bodies on several threads: the same bits on any number of threads, and no thread waits forever."""
 
 import threading
 import time
@@ -30,7 +30,7 @@ def bits(result: Any) -> dict[str, bytes]:
 
 @pytest.fixture
 def crews(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """How many threads each crew has that is made meanwhile."""
+    """Record the number of threads of each crew made inside the block."""
     counts: list[int] = []
 
     class Counted(Crew):
@@ -78,7 +78,7 @@ def test_long_runs_take_the_idle_processors(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def unstable() -> Scenario:
-    """Hulls under too high a gain, of which some diverge sooner: commands are bad at samples, on their own steps."""
+    """Hulls with a gain that is too high: commands diverge at different samples."""
     hulls = [{"id": f"A{k}", "position": [0.1 * 9.0 ** -(k % 5), float(k)]} for k in range(20)]
     wild = {"gain": 1e3, "control_period": 0.01}
     targets = [{"id": f"T{k}", "position": [0.0, float(k)]} for k in range(20)]

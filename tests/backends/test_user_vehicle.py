@@ -45,7 +45,7 @@ SCENARIO = {
 
 @pytest.fixture
 def scenario(tmp_path: Path) -> Path:
-    """A scenario file with the raft's two files in a folder beside it."""
+    """A scenario file with the raft's two files in a folder next to it."""
     (tmp_path / "boats").mkdir()
     for file in (RAFT, RAFT.with_suffix(".xml")):
         shutil.copy(file, tmp_path / "boats")
@@ -82,7 +82,7 @@ def test_a_raft_goes_where_it_is_told_to_through_the_current() -> None:
 
 @pytest.mark.usefixtures("without_plots")
 def test_a_scenario_may_name_a_vehicle_by_its_path(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`mjsheaf run` beside the files or from elsewhere: rafts keep the formation about as well as points would."""
+    """`mjsheaf run` in the files' folder or elsewhere: rafts keep the formation about as well as points would."""
     out = scenario.parent / "out"
     with pytest.raises(SystemExit) as stopped:
         main(["run", str(scenario), "--no-video", "--out", str(out)])

@@ -96,7 +96,7 @@ def test_effectiveness_has_a_right_inverse_without_moment(name: str, drag: Array
 
 
 def test_the_plain_pseudo_inverse_would_spin_the_body(tmp_path: Path) -> None:
-    """Why the moment rows belong to the allocation: without them an uneven boat turns when told to go sideways."""
+    """The allocation needs the moment rows: without them an asymmetric boat turns on a sideways command."""
 
     def edit(root: ElementTree.Element) -> None:
         find(root, ".//actuator/general[@name='thruster_bow_port']").set("gainprm", "0.3")

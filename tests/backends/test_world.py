@@ -196,7 +196,7 @@ def test_autoreset_is_off() -> None:
 @pytest.mark.parametrize(("name", "v"), [("boat", 0), ("back", 2), ("ship", 4)])
 @pytest.mark.parametrize("array", ["qvel", "qpos"])
 def test_a_bad_state_ends_the_run_and_names_the_vehicle(value: float, name: str, v: int, array: str) -> None:
-    """MuJoCo would reset state and time and go on."""
+    """MuJoCo would reset state and time and continue."""
     world = World(mixed_scenario())
     world.step(25)
     at = world.arena.dof[v] if array == "qvel" else world.arena.qpos[v]
@@ -226,7 +226,7 @@ def test_a_run_that_blows_up_keeps_what_was_recorded() -> None:
 
 @pytest.mark.parametrize("factor", [1.0, np.nan])
 def test_a_run_that_is_bad_from_the_start_keeps_its_start(factor: float) -> None:
-    """Whether the first commands are huge or not numbers at all; MuJoCo is not given them, and warns of nothing."""
+    """The first commands are huge or NaN; they are not passed to MuJoCo, which does not warn."""
     system = mixed_scenario(controller={"gain": 1e9, "control_period": 0.01}).system
     system = replace(system, law=system.law._replace(gain=factor * system.law.gain))
     world = World(system)
@@ -266,7 +266,7 @@ def test_every_command_has_the_name_of_its_thruster(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("visible", [True, False])
 def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
-    """Every shipped vehicle: its free joint, bodies, sites and actuators, and nobody else's. Oracle: MuJoCo's names."""
+    """Indices of every included vehicle: its free joint, bodies, sites and actuators. Oracle: MuJoCo's names."""
     planar = {"hull", "otter", "wamv"}
     kinds = [*sorted(planar), "aerial", "hexarotor", "quadrotor", "x500", "submersible"]
     ids = [f"V{k}" for k in range(len(kinds))]
@@ -312,7 +312,7 @@ def test_thrusters_found_by_id_can_be_stopped() -> None:
 
 
 def head_on(contacts: bool) -> Array:
-    """Two boats that are each told to go where the other comes from; x of both, shape (T, 2)."""
+    """Two boats that are commanded to exchange places; x of both, shape (T, 2)."""
     scenario = make_scenario(
         {
             "time": {"end": 12.0},

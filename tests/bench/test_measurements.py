@@ -1,4 +1,4 @@
-"""What measurements return: rows whose verdicts follow from their numbers. How fast things are is no test."""
+"""Rows of measurements have verdicts that follow from their numbers. Speed itself is not tested."""
 
 import json
 import sys
@@ -104,7 +104,7 @@ def test_peers_that_another_python_has_are_measured_in_the_same_run(tmp_path: Pa
 
 @pytest.mark.slow
 def test_operations_are_counted() -> None:
-    """As many as a pencil counts in a rotation matrix; of a step, the same whoever counts, and hundreds."""
+    """Operations of a rotation matrix as counted by hand; those of a step are hundreds, the same in both counts."""
     found = hardware.operations(hardware._settled(3))
     assert 300 < sum(found["step"].values()) < 3000
     assert found == hardware.operations(hardware._settled(3))

@@ -1,4 +1,4 @@
-"""What a command loads before it does anything, and that a second process finds its kernels compiled."""
+"""A command imports little before it starts, and a second process finds its kernels compiled."""
 
 import json
 import subprocess

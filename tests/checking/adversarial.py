@@ -142,7 +142,7 @@ def _rotate(rng: Rng, raw: Raw) -> Raw:
 
 
 def _frame_of(rng: Rng, end: float, record: float | None = None) -> Raw:
-    """Time and a continuous law, recorded at a random period; sometimes the run starts late."""
+    """Time and a continuous law, recorded at a random period; sometimes the run starts after t = 0."""
     start = float(rng.choice([0.0, 0.0, 0.0, 7.5, 1000.0]))
     period = record or float(rng.choice([0.005, 0.05, 0.3, 1.0])) * min(end, 10.0) / 10.0
     return {
@@ -372,7 +372,7 @@ def past_small_cores(rng: Rng) -> Raw:
 
 
 def splitting_at_a_saddle(rng: Rng) -> Raw:
-    """A current takes the target at a source, hardly beside the line on which it would stop; one side has a jet.
+    """A current carries the target past a source, close to the line on which it would stop; one side has a jet.
 
     Attacks errors of the path that the flow itself enlarges: a millionth of a metre decides on which side it passes.
     """
@@ -495,7 +495,7 @@ def long_spans(rng: Rng) -> Raw:
 
 
 def _trap(rng: Rng, raw: Raw, x: float, kappa: float, speed: float) -> None:
-    """Jets beside a path along x that only an agent pushed aside by a wide, flat channel reaches; then it is flung.
+    """Jets next to a path along x. An agent reaches them only if a wide, flat channel displaces it.
 
     The flat channel's slopes allow the gain, those of the jets do not, and lie outside of a box about the path.
     """
@@ -711,7 +711,7 @@ def unlike_frames(rng: Rng) -> Raw:
 
 
 def limited_speed(rng: Rng) -> Raw:
-    """Speed limits near what the law asks for, on an agent or on all; effectiveness that turns with place and time.
+    """Speed limits near the commanded speeds, on an agent or on all; effectiveness that turns with place and time.
 
     Attacks a bound of the unlimited law where a limit acts.
     """
@@ -761,7 +761,7 @@ def held_targets(rng: Rng) -> Raw:
 
 
 def beside_singularities(rng: Rng) -> Raw:
-    """Kernels without a core just beside the path of a target, an agent or q*: a collapse, or a narrow escape."""
+    """Kernels without a core close to the path of a target, an agent or q*: a collapse, or a narrow escape."""
     raw = _one_on_one(rng, 10.0)
     miss = float(rng.choice([0.0, 1.0])) * _between(rng, 1e-4, 1.0)
     alpha = float(rng.choice([-1, 1])) * _between(rng, 1e-3, 1.0)

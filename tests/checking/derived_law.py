@@ -1,4 +1,4 @@
-"""The sampled law's dynamics derived by hand, as oracles of what `check` reads off the compiled stages.
+"""Dynamics of the sampled law derived by hand, as oracles for the model that `check` reads off the compiled stages.
 
 With e = q* - q in an eigenvector of H of eigenvalue lambda, and measurements d periods old,
 
@@ -34,7 +34,7 @@ class DerivedLaw:
 
     @cached_property
     def c(self) -> Array:
-        """What newton's rounds leave of an error, shape (L,)."""
+        """Fraction of an error that remains after newton's rounds, shape (L,)."""
         rounds = self.terms.newton
         if not rounds:
             return np.zeros_like(self.values)
@@ -42,7 +42,7 @@ class DerivedLaw:
 
     @cached_property
     def alpha(self) -> Array:
-        """What s takes of an error, shape (L,)."""
+        """Coefficient of an error in s, shape (L,)."""
         return 1.0 - self.c if self.terms.newton else self.values
 
     @property

@@ -1,4 +1,4 @@
-"""How fast a small disturbance of a simulated team grows: measured on `World`, without any linearisation."""
+"""Growth rate of a small disturbance of a simulated team, measured on `World`, without linearisation."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,19 +17,19 @@ _FAINT = 1e-13  # m: below it all is rounding, and the measurement ends
 
 
 def growth_rate(scenario: Mapping[str, Any], gain: float, *, settle: float, span: float, seed: int = 0) -> float:
-    """Rate at which a disturbance of 1e-6 m grows (positive) or decays (negative) at a gain, 1/s.
+    """Return the rate at which a disturbance of 1e-6 m grows (positive) or decays (negative) at a gain, 1/s.
 
-    The team first settles at the scenario's own gain, which must be stable. Then the gain changes and the wanted
+    The team first settles at the scenario's own gain, which must be stable. Then the gain changes and the desired
     disagreement with it, so that commands stay what they were, and every agent is moved by 1e-6 m in a random
     direction. The rate is the slope, by least squares, of the logarithm of how far positions swing about their mean in
     each of eight windows after the first third.
 
     Args:
-        scenario: as in a file, with static targets.
-        gain: 1/s.
-        settle: how long the team settles, s.
-        span: how long it is watched, s; some periods of the slowest swing must fit into each window.
-        seed: of the directions.
+        scenario: Scenario as in a file, with static targets.
+        gain: Gain of the law, 1/s.
+        settle: Time for the team to settle, s.
+        span: Time of the measurement, s; some periods of the slowest oscillation must fit into each window.
+        seed: Seed of the directions.
     """
     wanted: dict[str, Any] = {"gain": 0.0, "own": 0.0, "rest": 0.0}  # command = -own rest - gain (eta - rest)
 

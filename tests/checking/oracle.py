@@ -67,15 +67,15 @@ class Loop(NamedTuple):
 
 @dataclass(frozen=True)
 class Truth:
-    """What really happens.
+    """Solution of a scenario by the independent integrator.
 
     Attributes:
-        status: 'finished', 'blew up' (the solution leaves every bound, or runs into a singularity), or 'too long'.
-        time: of every step of the integrator, shape (T,), s.
-        error: |e| there, shape (T,), m.
-        targets: positions of the targets there, padded, shape (T, M, 3), m.
-        target_velocities: their velocities there, shape (T, M, 3), m/s.
-        agents: positions of the agents there, padded, shape (T, N, 3), m.
+        status: 'finished', 'blew up' (the solution leaves every bound, or reaches a singularity), or 'too long'.
+        time: Time of every step of the integrator, shape (T,), s.
+        error: |e| at these times, shape (T,), m.
+        targets: Positions of the targets, padded, shape (T, M, 3), m.
+        target_velocities: Velocities of the targets, shape (T, M, 3), m/s.
+        agents: Positions of the agents, padded, shape (T, N, 3), m.
     """
 
     status: str
@@ -202,7 +202,7 @@ def _velocities(loop, time, path):
 
 @njit(cache=True)
 def _room(loop, x):
-    """How far each vehicle may move in a step, as the least over its kernels: shape (V,), m."""
+    """Return the largest displacement of each vehicle in a step, the minimum over its kernels, shape (V,), m."""
     V = x.shape[0]
     room = np.full(V, np.inf)
     r = np.empty(3)

@@ -1,4 +1,4 @@
-"""What a version of the package certifies, beside what happens.
+"""Certificates of a version of the package, compared with the oracle.
 
 `judge` holds one scenario's certificates against the oracle. As a command this module measures the version of the
 package that is on the path and writes the record that later versions are held against:
@@ -38,13 +38,13 @@ _ORACLE_ERROR = 1e-8  # of the oracle, relative to the size of the positions
 
 @dataclass(frozen=True)
 class Claim:
-    """A certificate and what came of it.
+    """Certificate compared with the oracle.
 
     Attributes:
-        applies, approximate: as claimed.
-        ratio: largest |e| / bound at all steps of the oracle, infinite where the solution blows up; None where nothing
+        applies, approximate: Claims of the certificate.
+        ratio: Maximum of |e| / bound over all steps of the oracle, infinite if the solution diverges; None if nothing
             is claimed.
-        reason: why nothing is claimed.
+        reason: Reason why nothing is claimed.
     """
 
     applies: bool
@@ -54,12 +54,12 @@ class Claim:
 
     @property
     def exact(self) -> bool:
-        """Whether the theorem is claimed to hold, not approximately."""
+        """True if the theorem is claimed to hold exactly."""
         return self.applies and not self.approximate
 
     @property
     def broken(self) -> bool:
-        """Whether something is claimed, and is not so."""
+        """True if a claim is false."""
         return self.ratio is not None and self.ratio > BROKEN
 
 
@@ -68,12 +68,12 @@ class Judgement:
     """One scenario.
 
     Attributes:
-        before: the certificate of `check`.
-        after: that of the run, or None where it did not finish.
-        ok: of the record of `check`.
-        verdicts: of the numbered assumptions.
-        status: what happens, from the oracle.
-        path_error: largest distance between the targets of the check and those of the oracle, m; None where the check
+        before: Certificate of `check`.
+        after: Certificate of the run, or None if the run did not finish.
+        ok: Field `ok` of the record of `check`.
+        verdicts: Verdicts on the numbered assumptions.
+        status: Status of the oracle.
+        path_error: Largest distance between the targets of the check and those of the oracle, m; None if the check
             has no path over the whole span, or claims nothing exactly.
     """
 
@@ -177,7 +177,7 @@ def record_random() -> list[float]:
 
 
 def record_shipped() -> dict[str, Any]:
-    """What `check` says of each shipped scenario: ok, the verdicts, whether the theorem applies, exactly."""
+    """Return the answer of `check` for each included scenario: ok, verdicts, and if the theorem applies exactly."""
     found = {}
     for path in sorted((Path(__file__).parents[2] / "scenarios").glob("*.yaml")):
         record = mjsheaf.check(mjsheaf.load_scenario(path))

@@ -26,7 +26,7 @@ from tests.checking.test_theorem import CERTIFIED
 from tests.running import run_ideal
 
 TRIED = int(os.environ.get("MJSHEAF_TEAMS", 3 * TEAMS // 10))
-"""Three tenths of the study's teams, 15 of each family, unless told otherwise."""
+"""Number of teams, by default three tenths of the study's, 15 of each family."""
 
 KEPT_OF_RANDOM = 0.95
 KEPT_OF_ADVERSARIAL = 0.60
@@ -45,7 +45,7 @@ def _baseline() -> dict[str, Any]:
 
 
 def _warnings(seed: int, found: Judgement, raw: dict[str, Any]) -> list[str]:
-    """What of a judgement must not be."""
+    """Return the faults of a judgement."""
     name, wrong = f"{seed} ({family_of(seed)})", []
     for which, claim in (("check", found.before), ("run", found.after)):
         if claim is None:
@@ -64,7 +64,7 @@ def _warnings(seed: int, found: Judgement, raw: dict[str, Any]) -> list[str]:
 
 
 def _held_targets_diverge(raw: dict[str, Any]) -> bool:
-    """Whether the targets' own consensus or pull, as a matrix, has a multiplier beyond -1 under the hold."""
+    """Return True if the targets' own consensus or pull, as a matrix, has a multiplier beyond -1 under the hold."""
     h = raw["controller"].get("control_period", 0.01)
     loop, _, _ = oracle.loop_of(raw)
     own = slice(3 * len(raw["agents"]), None)
@@ -148,9 +148,9 @@ def test_random_teams_keep_their_certificates_at_the_same_gain(capsys: pytest.Ca
 
 @pytest.mark.slow
 def test_shipped_scenarios_keep_their_verdicts() -> None:
-    """What was undecided may be decided; over a guessed region assumption 1 is undecided as assumption 7 is.
+    """An undecided verdict may become decided; over a guessed region assumptions 1 and 7 are both undecided.
 
-    And nothing is claimed, nor is a check ok, beside an assumption that fails or is undecided.
+    If an assumption fails or is undecided, nothing is claimed, and the check is not ok.
     """
     found = record_shipped()
     for name, before in _baseline()["shipped"].items():

@@ -277,7 +277,7 @@ def test_the_examination_has_the_certificate() -> None:
 
 
 def _far_channel(gain: float) -> dict[str, Any]:
-    """The weaker bound is of the size of the earth's orbit: it confines nobody."""
+    """The weaker bound has the size of the earth's orbit: it confines no agent."""
     raw = _pushed(gain, 0.0, 0.0)
     raw["time"] = {"end": 300.0}
     raw["flow"]["agents"] = {

@@ -184,7 +184,7 @@ def test_pivots_are_exchanged_where_fewer_agents_then_move() -> None:
 
 
 def test_a_plane_that_one_agent_has_to_itself_is_its_axes() -> None:
-    """The second agent moves as the first, turned by 30 degrees: the axes of the first are what is told."""
+    """The second agent moves as the first, turned by 30 degrees: the description uses the axes of the first."""
     basis = np.vstack([np.eye(2), turn(np.pi / 6)]) @ turn(1.1)
     found = sparsified(sparse.csr_array(basis), np.array([0, 0, 1, 1])).toarray()
     np.testing.assert_allclose(found[:2], np.eye(2), atol=1e-12)

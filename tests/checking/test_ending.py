@@ -1,4 +1,4 @@
-"""How runs end: on curves whose answer is known, and on simulated teams whose loop is known.
+"""Endings of runs: curves with a known answer, and simulated teams with a known loop.
 
 Oracle: closed forms; `check`'s loop, which was held against simulation.
 """
@@ -64,7 +64,9 @@ def test_circling_where_nothing_drives() -> None:
     assert judge(error) == "settled"
     assert judge(error, offsets) == "circling"
     assert judge(*circle(np.exp(2 * UNIT))) == "growing"
-    assert judge(*circle(np.exp(0.5 * UNIT) / 100 + (UNIT < 0.1))) == "growing"  # faint beside the start, but it grows
+    assert (
+        judge(*circle(np.exp(0.5 * UNIT) / 100 + (UNIT < 0.1))) == "growing"
+    )  # small compared to the start, but it grows
     assert judge(*circle(np.exp(-12 * UNIT))) == "settled"
     assert judge(*circle(np.exp(-2 * UNIT))) == "moving"
     assert judge(*circle(np.exp(-50 * UNIT) + 1e-12)) == "settled"  # rounding
@@ -116,7 +118,7 @@ def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.
 
 
 def test_a_driven_ring_ends_as_check_says() -> None:
-    """With a target that swings only the loop tells a forced oscillation from the team's own."""
+    """With an oscillating target only the loop distinguishes a forced oscillation from the team's own."""
     moving = {
         **QUADROTOR_PAIR["targets"][0],
         "motion": {"kind": "lissajous", "amplitude": [1, 0, 0], "rate": [1.5, 0, 0], "phase": [0, 0, 0], "pull": 0.0},
@@ -142,7 +144,7 @@ def test_a_trend_is_seen_beside_an_oscillation() -> None:
     for period in (1.7, 5.3, 7.4, 11.0):
         swing = np.sin(2.0 * np.pi * t / period)
         assert judge(1.0 + 0.5 * swing) == "settled", period
-        if period > 7.5:  # a quarter may hold no whole period: a trend cannot be told from it
+        if period > 7.5:  # a quarter may hold no whole period: a trend cannot be distinguished from it
             continue
         assert judge(1.0 + 0.01 * t + 0.5 * swing) == "growing", period
         assert judge(np.exp(0.02 * t) * (1.0 + 0.3 * swing)) == "growing", period

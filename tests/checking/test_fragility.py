@@ -1,4 +1,4 @@
-"""What single losses do.
+"""Effects of single losses.
 
 Oracle: each edge and agent taken out of a fresh team, which is then checked again: components by union, targets by
 looking, uniqueness and lambda_min from its own Dirichlet problem.
@@ -34,7 +34,7 @@ def reach(team: Team) -> dict[str, set[str]]:
 
 
 def newly_free(before: Team, after: Team) -> bool:
-    """Whether the agents that are left have a motion that they did not have before."""
+    """Return True if the remaining agents have a free motion that they did not have before."""
 
     def motions(team: Team) -> np.ndarray:
         rows = [agent.id for agent in team.agents for _ in range(agent.dimension)]
@@ -208,7 +208,7 @@ def test_the_last_agent_is_not_lost() -> None:
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_what_fails_already_hides_nothing(exact: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """B1 alone senses S1, B2 alone S2, nobody S3; B3, B4 and B5 are a part of their own, free to drift."""
+    """B1 alone senses S1, B2 alone S2, no agent S3; B3, B4 and B5 are a part of their own, free to drift."""
     split = make_team(
         "B1 B2 B3 B4 B5", "S1 S2 S3", [("B1", "B2"), ("B3", "B4"), ("B4", "B5")], [("B1", "S1"), ("B2", "S2")]
     )

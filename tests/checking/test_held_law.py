@@ -87,7 +87,7 @@ def test_some_bounds_are_never_exceeded(seed: int) -> None:
 
 
 def held(seed: int) -> bool:
-    """Whether a studied team has a bound; its run then keeps to it."""
+    """Return True if a studied team has a bound, after verifying that its run does not exceed it."""
     kind = list(TERMS)[seed // PIECES % len(TERMS)]
     system = studied(seed, kind)
     try:
@@ -212,7 +212,7 @@ def test_the_bound_is_attained_where_it_can_be(kind: str, drive: dict[str, Any],
 
 
 def test_the_bound_is_attained_with_drift() -> None:
-    """What a slow swell changes in a period is left; unlike swells of more agents would not add up."""
+    """The change of a slow swell in a period remains; different swells of more agents would not add up."""
     error, bound = attained(TERMS["drift"], **SWELL)
     share = error[len(error) // 2 :] / bound.samples[len(error) // 2 :]
     assert 0.9 <= share.max() <= 1.0 + 1e-9
@@ -274,7 +274,7 @@ def test_a_deadbeat_loop_has_a_rate() -> None:
 
 @pytest.mark.parametrize("kind", TERMS)
 def test_error_per_disturbance(kind: str) -> None:
-    """The sum over a long horizon, of which the paper's law has a closed form where nothing overshoots."""
+    """Sum over a long horizon; the paper's law has a closed form if nothing overshoots."""
     loop = loop_of(studied(1, kind))
     summed = loop.responses(20_000)[3].sum()
     assert summed * (1.0 - 1e-6) <= loop.error_per_disturbance <= summed * 1.002

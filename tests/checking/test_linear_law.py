@@ -37,7 +37,7 @@ LAWS = [chosen for size in range(5) for chosen in combinations(TERMS, size)]
 
 
 def with_terms(names: tuple[str, ...]) -> System:
-    """A team with unlike eigenvalues, of which rounds leave unlike parts of an error."""
+    """A team with different eigenvalues, so rounds leave different fractions of an error."""
     raw = random_scenario(3)
     raw["controller"] = {"gain": 0.8, "control_period": 0.02} | {name: TERMS[name] for name in names}
     raw["time"] = {"end": 2.0}
@@ -76,7 +76,7 @@ def test_running_the_law_gives_the_loop_derived_by_hand(names: tuple[str, ...], 
 @pytest.mark.parametrize("gain", [0.1, 0.5, 2.5])
 @pytest.mark.parametrize("rounds", [5, 8, 13, 21])
 def test_many_rounds_leave_rounding_and_no_other_loop(rounds: int, gain: float) -> None:
-    """What rounds leave is small beside what cancels in the law: the loop has the factors of the law unreduced."""
+    """The residual of rounds is small compared to the terms that cancel: the loop has the unreduced law's factors."""
     both = {"controller.newton": {"rounds": rounds}, "controller.feedforward": {"rounds": rounds}}
     system = mjsheaf.load_scenario("swarm", {"swarm.size": 9, "controller.gain": gain, **both}).system
     loop = loop_of(system)

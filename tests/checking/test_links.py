@@ -1,7 +1,7 @@
-"""What links do to the law: delay, noise and loss.
+"""Effects of links on the law: delay, noise and loss.
 
-Oracle: the closed loop in plain numpy, step by step, with targets at rest: each edge measures, its numbers arrive late,
-noisy or not at all, and agents follow the law from them, by Chebyshev's iteration as in textbooks. Without delay and
+Oracle: the closed loop in plain numpy, step by step, with targets at rest: each edge measures, its numbers are delayed,
+noisy or lost, and agents follow the law with them, by Chebyshev's iteration as in textbooks. Without delay and
 noise it is the ideal backend's run.
 """
 
@@ -155,10 +155,10 @@ class Oracle:
         """Run, and show (k, e, command) of each sample.
 
         Args:
-            e0: errors, shape (R, n); see: shown them; delay: of each edge, in periods.
-            noise: that is multiplied by standard normal numbers to make that of y, shape (m, m).
-            bias: of y, shape (m,).
-            arrives: draws which edges are heard, shape (R, E).
+            e0: Errors, shape (R, n); see: Function that receives them; delay: Delay of each edge, in periods.
+            noise: Factor of standard normal numbers in the noise of y, shape (m, m).
+            bias: Bias of y, shape (m,).
+            arrives: Function that draws which edges deliver, shape (R, E).
         """
         terms, h, k1 = self.system.law.terms, self.system.grid.period, self.system.gain
         late = np.broadcast_to(delay, self.E)[self.edge]
@@ -215,7 +215,7 @@ def test_the_oracle_is_the_law(kind: str) -> None:
 
 
 def aged(system: System, delay: NDArray[np.int64] | int) -> NDArray[np.int64]:
-    """The age of each edge's measurement, in periods: an anchor is no link, and never late."""
+    """The age of each edge's measurement, in periods: an anchor is no link, and is never delayed."""
     return delay * np.array([edge.linked for edge in measured_edges(system.team)])
 
 
@@ -238,7 +238,7 @@ def plain_law(system: System) -> LinkedLaw:
 
 
 def answers(system: System, **changed: Any) -> LinkRecord:
-    """What check says of a system whose links have these parameters."""
+    """Return the record of a system whose links have these parameters."""
     law = plain_law(system)
     if np.isscalar(changed.get("delay")):
         changed["delay"] = np.full(len(law.edges), changed["delay"])
@@ -312,7 +312,7 @@ def test_unlike_delays_of_the_papers_law_up_to_a_sufficient_one(seed: int) -> No
 
 
 def test_the_limit_of_the_papers_law_in_closed_form() -> None:
-    """k1 h lambda_max < 2 sin(pi / (2 (2 d + 1))), of which pi / (2 k1 lambda_max) is left as h goes to 0."""
+    """k1 h lambda_max < 2 sin(pi / (2 (2 d + 1))), which tends to the delay pi / (2 k1 lambda_max) as h goes to 0."""
     system = load_scenario("scenarios/paper.yaml").system
     law = plain_law(system)
     for period in (0.01, 0.003, 1e-3, 1e-5):
@@ -342,7 +342,7 @@ def test_the_published_team_on_both_sides_of_the_limit(kind: str) -> None:
 
 
 def anchored(seed: int, kind: str, share: float) -> System:
-    """A team that is held to a fixed value along x too; anchors are never late."""
+    """A team with an anchor along x too; anchors are never delayed."""
     raw = resting_raw(seed, kind, share=share)
     raw["anchors"] = [{"agent": raw["agents"][0]["id"], "axes": ["x"], "value": [1.0]}]
     low, high = loop_of(scenario_from_mapping(raw).system).stable_gains or (0.0, 0.0)
@@ -594,7 +594,7 @@ def chains(seed: int, count: int, bursts: int) -> Array:
 
 
 def enumerated(system: System, loss: Array, delay: NDArray[np.int64] | None = None) -> Array:
-    """What a period does to E[x x^T; state of the channels], flattened: every pattern of loss and state, one by one.
+    """Return the map of E[x x^T; state of the channels], flattened, over a period, by every pattern of loss and state.
 
     x is e, and each edge has two states, whether or not it needs them; or, with delays, x is the state of `team_loop`,
     and only edges that lose in bursts have states.
@@ -687,7 +687,7 @@ def test_the_rate_under_loss_of_runs(seed: int, bursts: int) -> None:
         seen[k] = (e**2).sum(axis=1)
 
     still = Oracle(system)
-    still.b = -(still.y0 + still.D @ still.q_star)  # edges agree at q*, so that a lost one moves nobody there
+    still.b = -(still.y0 + still.D @ still.q_star)  # edges agree at q*, so a loss moves no agent there
     still.run(e0, steps, see, arrives=arrives)
     for k in (1, 5, steps - 1):
         expected = factor**k
@@ -839,7 +839,7 @@ def test_what_is_not_known_is_null_with_a_reason(kind: str) -> None:
 
 
 def linked(raw: dict[str, Any], links: dict[str, Any], end: float) -> tuple[LinkRecord, Array]:
-    """What check answers, and errors of a run on the ideal backend, shape (T, n)."""
+    """Return the record of check, and errors of a run on the ideal backend, shape (T, n)."""
     system = scenario_from_mapping({**raw, "links": links, "time": {"end": end}}).system
     found = link_answers(system, certify(system).constants.path)
     assert found is not None
@@ -849,7 +849,7 @@ def linked(raw: dict[str, Any], links: dict[str, Any], end: float) -> tuple[Link
 
 
 def plain_team(spatial: bool, **controller: Any) -> dict[str, Any]:
-    """Two agents that sense a target at rest from either side of it, and hear each other."""
+    """Two agents on either side of a target at rest, which sense it and each other."""
     places = np.array([[6.0, 2.0, 1.5], [-3.0, -5.0, -2.0], [0.5, 0.5, 0.2]])[:, : 3 if spatial else 2]
     at = dict(zip(("A1", "A2", "T1"), places, strict=True))
     pairs = [("A1", "A2"), ("A1", "T1"), ("A2", "T1")]
@@ -917,7 +917,7 @@ def test_the_fields_that_others_rely_on() -> None:
     ],
 )
 def test_no_bound_is_claimed_over_links_that_are_not_exact(links: dict[str, Any], bodies: bool | None) -> None:
-    """Not by Theorem 1, of the held law, or of other laws; and no loop of bodies with late or lost measurements."""
+    """Not by Theorem 1, of the held law, or of other laws; and no loop of bodies with delayed or lost measurements."""
     plain, found = checked({}), checked({"all": links})
     assert plain["theorem"]["applies"]
     assert plain["law"]["radius"] > 0.0

@@ -87,7 +87,7 @@ FREE = {
     "taus", [(1.0, 1.5, 40.0, 40.0, 90.0), (1.0, 1.5, 40.0, 50.0, 1e-3), (1.0, 1.0, 1.0, 1.0, 1.0)]
 )
 def test_what_is_free_does_not_enter(taus: tuple[float, ...]) -> None:
-    """A2 and A3 swing against each other but coast together, A4 coasts; on their own, the held modes say the same."""
+    """A2 and A3 oscillate against each other but coast together, A4 coasts; the held modes alone show the same."""
     system = scenario_from_mapping(FREE).system
     margin = body_margin(system, spectrum_of(system.team), np.array(taus))
     k = 2.0

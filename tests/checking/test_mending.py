@@ -1,4 +1,4 @@
-"""What would mend a team.
+"""Repairs of a team.
 
 Oracle: every set of candidates of a small team, tried in order of size by exact rank; lambda_min from a fresh team.
 """
@@ -69,14 +69,14 @@ def repaired(team: Team, descriptions: list[str]) -> Team:
 
 
 def planned(team: Team) -> Augmentation:
-    """What mends a team that is loose."""
+    """Return the repairs of a team with free directions."""
     plan = plan_augmentation(team)
     assert plan is not None
     return plan
 
 
 def check(plan: Augmentation, team: Team) -> None:
-    """It mends, nothing can be spared, and its numbers are those of the mended team."""
+    """The set repairs the team, no repair is redundant, and its numbers are those of the repaired team."""
     names = [repair.description for repair in plan.repairs]
     mended = repaired(team, names)
     assert mended.dirichlet.unique
@@ -115,7 +115,7 @@ def test_no_smaller_set_mends(team: Team) -> None:
 
 @given(whole_number_teams())
 def test_any_maps_are_mended(team: Team) -> None:
-    """Beside an edge with maps of its own, one that compares whole coordinates may be put."""
+    """An edge with special maps may get a second one that compares whole coordinates."""
     if (plan := plan_augmentation(team)) is not None:
         check(plan, team)
     assert (plan is None) == team.dirichlet.unique

@@ -1,4 +1,4 @@
-"""What `check` has no model of is undecided, by name.
+"""Parts without a model in `check` are undecided, by name.
 
 Oracle: a field that is switched on in every structure of a law. Terms are in the linear model, which is read off the
 stages that run (see `test_linear_law`); the bound of a run along the targets' path is derived term by term.

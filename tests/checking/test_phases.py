@@ -1,4 +1,4 @@
-"""What check and runs say of each phase of a run with events.
+"""Records of check and of runs for each phase of a run with events.
 
 Oracles: the event itself, tried out on the scenario; runs of the ideal backend.
 """
@@ -146,7 +146,7 @@ def test_one_who_joins_from_its_station_adds_its_distance(events: list[dict[str,
 
 
 def test_every_phase_has_its_links() -> None:
-    """A gain that the delay bears, and one that it does not."""
+    """One gain is stable with the delay, another is not."""
     scenario = still([{"time": 3.0, "set": {"controller.gain": 9.0}}], links={"all": {"delay": 0.06}})
     record = check(scenario)
     first, second = record["phases"]

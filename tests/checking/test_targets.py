@@ -25,7 +25,7 @@ SEEDS = [0, 2, 4, 5, 6, 7, 29]  # jets, vortices, small cores, a saddle, corners
 
 
 def _excess(cells: Cells, truth: Truth, drift: np.ndarray) -> tuple[float, float]:
-    """How far the oracle's targets and their drift lie outside the cells at its steps, m and m/s."""
+    """Return the distance of the oracle's targets, and of their drift, to the cells at its steps, m and m/s."""
     k = np.clip(np.searchsorted(cells.begin, truth.time, side="right") - 1, 0, len(cells.begin) - 1)
     along = (truth.time - cells.begin[k]) / (cells.end[k] - cells.begin[k])
     chord = cells.centre[k] + (2.0 * along - 1.0)[:, None, None] * cells.half[k]

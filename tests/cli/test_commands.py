@@ -33,7 +33,7 @@ QUICK = ["--backend", "ideal", "--no-video"]
 
 EVERY = [(name, backend) for name in list_scenarios() for backend in ("ideal", "physics")]
 QUICKLY_FILMED = [("midpoint", "ideal")]
-"""On bodies a run that blows up is filmed below; every film of a healthy one runs with the slow tests."""
+"""Tests below draw the video of a diverging run on bodies; the slow tests draw those of healthy runs."""
 
 
 @pytest.mark.slow
@@ -87,7 +87,7 @@ def test_run_and_video_of_every_scenario(name: str, backend: str, tmp_path: Path
 
 
 def film_again(out: Path) -> None:
-    """The command `video` replaces the film of a run and what summary.json says of it, and nothing else."""
+    """The command `video` replaces the video of a run and its entry in summary.json, and nothing else."""
     before = json.loads((out / "summary.json").read_text())
     assert call("video", out, "--width", "192", "--height", "128", "--fps", "4", "--elevation", "-80") == 0
     meta = next(imageio_ffmpeg.read_frames(str(out / "video.mp4")))
@@ -422,7 +422,7 @@ def test_signal_stops_a_film_and_keeps_the_old_one(number: signal.Signals, code:
     before = {p.name: p.read_bytes() for p in run.iterdir()}
     with start("video", str(run), "--fps", "240", "--speed", "0.001", process_group=0) as process:
         _wait_for(lambda: any(p.name.startswith(".video.") and p.stat().st_size > 0 for p in run.iterdir()))
-        os.killpg(process.pid, number)  # as a terminal does: ffmpeg is told to stop too
+        os.killpg(process.pid, number)  # as a terminal does: ffmpeg receives the signal too
         _, error = process.communicate(timeout=60)
     assert process.returncode == code
     assert error.count("\n") == 1

@@ -1,4 +1,4 @@
-"""What `mjsheaf run` prints: the result first; and what it leaves when its video is interrupted.
+"""Output of `mjsheaf run`, the result first, and its files after its video is interrupted.
 
 Oracle: summary.json.
 """

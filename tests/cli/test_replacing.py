@@ -1,4 +1,4 @@
-"""What a rerun replaces: the run of the same scenario, and says so; never another scenario's unless told where.
+"""A rerun replaces the run of the same scenario and says so, never another scenario's in the default directory.
 
 Oracle: the contract on DIR; what lies on the disk afterwards.
 """

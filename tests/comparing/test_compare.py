@@ -177,7 +177,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
 
 
 def test_both_curves_of_the_video_have_one_axis() -> None:
-    """Equal errors lie in equal rows. Oracle: the rows of one error in both films."""
+    """Equal errors lie in equal rows. Oracle: the rows of one error in both videos."""
     scenario = two_boats("otter", "hull", time={"end": 4.0})
     runs = run_ablation(scenario.system, [rung for rung in ladder_of(scenario.system) if rung.key in ("ideal", "all")])
     data = [make_dataset(runs[key].trajectory, backend, 0) for key, backend in (("ideal", "ideal"), ("all", "physics"))]

@@ -1,4 +1,4 @@
-"""The ladder and its runs: what each rung is, and that it is what a plain run would give.
+"""The ladder and its runs: the fields of each variant, and that its result is that of a plain run.
 
 Oracles: plain runs of scenarios with the fields that a rung stands for; the vehicles' own descriptions.
 """
@@ -128,7 +128,7 @@ def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
 
 
 def test_a_rung_that_blows_up_is_marked_and_the_others_go_on() -> None:
-    """Without mass, a hull's step of .02 s under a gain of 200 1/s diverges; the ladder says so of each rung."""
+    """Without mass, a hull's step of .02 s under a gain of 200 1/s diverges; the ladder reports it for each variant."""
     system = two_boats("hull", "hull", controller={"gain": 200.0, "control_period": 0.02}).system
     runs = run_ablation(system, ladder_of(system))
     assert {run.trajectory.status for run in runs.values()} == {"unstable"}
