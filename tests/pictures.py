@@ -1,4 +1,4 @@
-"""What is written in a figure, as it is drawn: the oracle is matplotlib's renderer."""
+"""Texts of a figure as drawn: the oracle is matplotlib's renderer."""
 
 from typing import Any, NamedTuple
 

@@ -25,12 +25,12 @@ Array = NDArray[np.float64]
 
 
 def scaled(count: int) -> int:
-    """So many with hypothesis's profile `ci`, and in proportion with another."""
+    """Return the number of examples: `count` with hypothesis's profile `ci`, and in proportion with another."""
     return count * settings().max_examples // settings.get_profile("ci").max_examples
 
 
 def examples(count: int) -> settings:
-    """Settings of a law that needs so many examples with the profile `ci`."""
+    """Return settings for a law that needs `count` examples with the profile `ci`."""
     return settings(max_examples=scaled(count))
 
 

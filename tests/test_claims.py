@@ -31,7 +31,7 @@ def rows(heading: str) -> list[list[str]]:
 
 
 def agrees(shown: str, value: float) -> bool:
-    """Whether a number as printed is this value, rounded to its digits; of zeros at its end, to two digits at least."""
+    """Return True if a printed number is this value to its digits; zeros at its end count up to two digits."""
     whole, _, decimals = shown.partition(".")
     zeros = min(len(whole) - len(whole.rstrip("0")), max(len(whole) - 2, 0))  # that say nothing
     last = -len(decimals) if decimals else zeros
@@ -45,7 +45,7 @@ def late_error(result: xr.Dataset) -> float:
 
 
 def run_of(command: str, simulated: Simulated) -> xr.Dataset:
-    """What `mjsheaf run NAME [--backend B] [--set PATH=VALUE]...` simulates."""
+    """Return the result of `mjsheaf run NAME [--backend B] [--set PATH=VALUE]...`."""
     program, verb, name, *options = shlex.split(command)
     assert (program, verb) == ("mjsheaf", "run")
     given = list(zip(options[::2], options[1::2], strict=True))
@@ -129,7 +129,7 @@ def test_one_otter() -> None:
 
 
 def test_scenarios_of_pages() -> None:
-    """What pages say of the scenarios that they show."""
+    """Claims of pages about the scenarios that they show."""
 
     def shown(page: str) -> dict[str, Any]:
         text = re.search(r"^```yaml\n(.*?)^```$", (DOCS / page).read_text(), re.MULTILINE | re.DOTALL)

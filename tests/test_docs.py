@@ -1,6 +1,6 @@
-"""What README and the pages of docs/ show works: commands end as they should, code runs, files are valid.
+"""Examples in README and in the pages of docs/ work: commands end as shown, code runs, files are valid.
 
-Oracle: the pages themselves. Commands are shortened by options at their end: a fraction of a second, small films.
+Oracle: the pages themselves. Commands are shortened by options at their end: a fraction of a second, small videos.
 Blocks of one page share their names, in order. `yaml` is a whole file, `yml` a part of a scenario, `text` is not run.
 """
 
@@ -155,7 +155,7 @@ def test_code_gives_what_its_comments_say(page: Path, monkeypatch: pytest.Monkey
     names: dict[str, Any] = {"array": np.array}
     for code in blocks(page, "python"):
         if "dask_jobqueue" in code:
-            compile(code, page.name, "exec")  # asks for a cluster
+            compile(code, page.name, "exec")  # needs a cluster
             continue
         exec(compile(code, page.name, "exec"), names)
         for expression, value, rest in re.findall(rf"^(\S.*?)  # ({VALUE})(.*)$", code, re.MULTILINE):

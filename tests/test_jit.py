@@ -100,7 +100,7 @@ print(Slow.count, flush=True)
 
 
 def test_a_second_process_waits_for_the_code_of_the_first(tmp_path: Path) -> None:
-    """The first one compiles until it is told to go on; the second one compiles nothing."""
+    """The first process compiles until it is released; the second one compiles nothing."""
     (tmp_path / "two.py").write_text(TWO)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(PACKAGE.parent)}
     processes = []

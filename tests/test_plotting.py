@@ -1,4 +1,4 @@
-"""What figures have in common, and those of runs at every size of team.
+"""Common properties of figures, and figures of runs at every size of team.
 
 Oracles: the boxes of what matplotlib draws; simulated colour blindness (Machado, Oliveira and Fernandes, IEEE TVCG 15,
 2009) and the CIE Lab distance; the bytes of a second file.
@@ -218,5 +218,5 @@ def test_a_plot_without_title_has_all_else(drawn: list[Figure]) -> None:
     for with_title, without in zip(drawn[:3], drawn[3:], strict=True):
         both = [{text.text for text in written(figure)} for figure in (with_title, without)]
         lost = [text for text in both[0] - both[1] if not text.replace("−", "").replace(".", "").isdigit()]
-        assert len(lost) == 1  # beside numbers on axes, as panels are larger
+        assert len(lost) == 1  # next to numbers on axes, because panels are larger
         assert "midpoint" in lost[0]

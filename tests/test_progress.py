@@ -1,4 +1,4 @@
-"""The bar that Python shows: on a terminal or in a notebook, soon, and nowhere else.
+"""Progress bar in Python: shown soon, on a terminal or in a notebook, and nowhere else.
 
 Oracles: what a pseudo-terminal receives and when; a stand-in for IPython's display.
 """
@@ -37,7 +37,7 @@ for call in CALLS:
 
 
 def seen_by_a_terminal(calls: list[str]) -> tuple[str, float]:
-    """What stderr receives, and how long after the work has begun, s; infinite where nothing comes."""
+    """Return the output on stderr, and the time after the start of the work, s; infinite if there is none."""
     ours, theirs = pty.openpty()
     code = SLOW.replace("CALLS", repr(calls))
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}

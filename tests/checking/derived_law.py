@@ -7,7 +7,7 @@ With e = q* - q in an eigenvector of H of eigenvalue lambda, and measurements d 
     z_{k+1} = z_k - h lambda e_{k-d} + h n_k
     e_{k+1} = e_k - h (k1 s_k - k_I z_k + v_k + lead (v_k - v_{k-1}) - phi_k),
 
-where n is the noise of eta, and v and phi are what feedforward and observer make of noise alone.
+where n is the noise of eta, and v and phi are the responses of feedforward and observer to noise alone.
 """
 
 from dataclasses import dataclass

@@ -21,7 +21,7 @@ def growth_rate(scenario: Mapping[str, Any], gain: float, *, settle: float, span
 
     The team first settles at the scenario's own gain, which must be stable. Then the gain changes and the desired
     disagreement with it, so that commands stay what they were, and every agent is moved by 1e-6 m in a random
-    direction. The rate is the slope, by least squares, of the logarithm of how far positions swing about their mean in
+    direction. The rate is the slope, by least squares, of the logarithm of the deviation of positions from the mean in
     each of eight windows after the first third.
 
     Args:

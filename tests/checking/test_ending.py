@@ -66,7 +66,7 @@ def test_circling_where_nothing_drives() -> None:
     assert judge(*circle(np.exp(2 * UNIT))) == "growing"
     assert (
         judge(*circle(np.exp(0.5 * UNIT) / 100 + (UNIT < 0.1))) == "growing"
-    )  # small compared to the start, but it grows
+    )  # smaller than at the start, but it grows
     assert judge(*circle(np.exp(-12 * UNIT))) == "settled"
     assert judge(*circle(np.exp(-2 * UNIT))) == "moving"
     assert judge(*circle(np.exp(-50 * UNIT) + 1e-12)) == "settled"  # rounding

@@ -557,7 +557,7 @@ def resting_bearing(away: list[float], **controller: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("away", [[-77.7, -65.8, -76.0], [30.0, 5.0, 95.0], slow([60.0, 10.0, -90.0])])
 def test_range_bearing_noise_in_space_turns_the_body_that_measures(away: list[float]) -> None:
-    """Where q* rests the agent faces along what noise makes of it: a heading that stays was wrong by 7 %."""
+    """If q* rests, noise alone turns the agent: a constant heading was wrong by 7 %."""
     squares = []
     for seed in range(2):
         run = simulate(load_scenario(resting_bearing(away) | {"seed": seed}), backend="ideal")

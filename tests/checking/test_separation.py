@@ -1,4 +1,4 @@
-"""What `check` says of the filter that keeps vehicles apart."""
+"""Record of `check` about the safety filter."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from mjsheaf import check, load_scenario, simulate
 
 
 def escort(**safety: Any) -> dict[str, Any]:
-    """Two boats beside a target that passes a pier, on whose place in q* one of them meets the pier."""
+    """Two boats next to a target that passes a pier; at its place in q* one of them meets the pier."""
     return {
         "name": "escort",
         "time": {"end": 40},

@@ -1,6 +1,6 @@
 """The ladder and its runs: the fields of each variant, and that its result is that of a plain run.
 
-Oracles: plain runs of scenarios with the fields that a rung stands for; the vehicles' own descriptions.
+Oracles: plain runs of scenarios with the fields of a variant; the vehicles' own descriptions.
 """
 
 from typing import Any

@@ -165,7 +165,7 @@ def test_same_law_looks_at_names_alone() -> None:
 
 
 def expecting(laws: Path, **expect: object) -> Path:
-    """A scenario beside the laws, which expects something."""
+    """A scenario next to the laws, with an expectation."""
     scenario = two_boats("hull", "hull", time={"end": 0.5}).model_dump(mode="json", exclude_none=True)
     path = laws.parent / "pair.yaml"
     path.write_text(dump_yaml({**scenario, "expect": expect}))

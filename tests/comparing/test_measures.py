@@ -1,4 +1,4 @@
-"""Spans and budgets: on curves whose answer is known.
+"""Spans and budgets of curves with a known answer.
 
 Oracle: closed forms, and the identity that a budget must satisfy.
 """

@@ -31,7 +31,7 @@ def test_fit_finds_the_roots_of_a_signal() -> None:
 
 @pytest.mark.parametrize(("tau", "gain"), [(0.1, 3.0), (0.3, 5.0), (0.05, 2.0)])
 def test_alike_bodies_have_the_damping_of_the_closed_form(tau: float, gain: float) -> None:
-    """Also that of `check`; where it is over 1, nothing swings."""
+    """The same as that of `check`; above 1 nothing oscillates."""
     system = with_tau(tau, gain).system
     expected = 1.0 / (2.0 * np.sqrt(gain * system.largest_eigenvalue * tau))
     mode = least_damped(system, second_order(system))
@@ -55,7 +55,7 @@ def test_ideal_thrusters_ring_as_predicted(tau: float, gain: float) -> None:
 
 
 def test_noise_and_losses_do_not_ring_and_delay_leaves_less_gain() -> None:
-    """A decay is fitted to bodies alone. The law does not swing up to k1 h lambda = d^d / (d + 1)^(d + 1) by itself."""
+    """A decay is fitted to bodies alone. The law itself never oscillates up to k1 h lambda = d^d / (d + 1)^(d + 1)."""
     system = with_tau(0.3, 5.0).system
     perfect = ringing_of(system)
     boats: dict[str, Any] = {"vehicles": {"agents": "hull", "targets": "hull", "tau": 0.3}}
@@ -77,7 +77,7 @@ def test_noise_and_losses_do_not_ring_and_delay_leaves_less_gain() -> None:
                       links={"all": {"delay": 0.02}}, controller=boats["controller"]).system  # fmt: skip
     lost = 10**10 / 11**11
     assert (usable_gain(quick, None) or np.nan) <= lost / (0.002 * quick.largest_eigenvalue) * (1 + 1e-12)
-    # x+ = x - a x_10 swings above this alone.
+    # x+ = x - a x_10 oscillates only above this.
     for gain, swings in ((lost * 0.999, False), (lost * 1.3, True)):
         x = [1.0] * 11
         for _ in range(3000):

@@ -1,4 +1,4 @@
-"""What the law's velocity limit costs.
+"""Error due to the law's velocity limit.
 
 Oracles: plain runs with and without it, bit for bit; the limit that is said to do, tried.
 """

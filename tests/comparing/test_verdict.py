@@ -1,4 +1,4 @@
-"""What is to blame: the sheaf, the law or the vehicles; how far the gain may go.
+"""Dominant cause of the error (sheaf, law or vehicles), and the range of the gain.
 
 Oracles: teams whose harmonic extension is in formation or not by their edges; closed forms.
 """
@@ -210,7 +210,7 @@ def test_what_bodies_add_reads_well_beside_any_ideal_error(
 
 @pytest.mark.parametrize(("share", "named"), [(1e-16, False), (0.01, False), (0.1, True)])
 def test_only_effects_that_matter_are_named(share: float, named: bool, torn: CompareRecord) -> None:
-    """What it gives back is a share of an error of 1 m, all of it the bodies'."""
+    """It recovers a fraction of an error of 1 m, all of it due to the bodies."""
     item = ItemRecord(effect="lag", alone_m=0.0, give_back_m=share)
     changed = [b.model_copy(update={"ideal_m": 0.0, "all_m": 1.0, "effects": [item]}) for b in torn.budgets]
     told = verdict_of(torn.model_copy(update={"budgets": changed}))

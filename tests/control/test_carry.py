@@ -1,4 +1,4 @@
-"""What a run remembers where a phase begins: events that change nothing for an agent leave it as it was.
+"""Memory of a run across phases: an event does not affect an agent for which it changes nothing.
 
 Oracle: the run without the event.
 """
@@ -78,7 +78,7 @@ def test_what_an_exact_edge_measured_last_is_held() -> None:
 
 @pytest.mark.parametrize(("before", "after"), [(2, 5), (5, 2)])
 def test_a_phase_with_another_delay_keeps_what_arrives_in_it(before: int, after: int) -> None:
-    """What would have arrived earlier under the new delay is superseded; what is too young arrives in its time."""
+    """Measurements due earlier under the new delay are superseded; newer ones arrive after their delay."""
     first, second = (delayed([], delay=d * H).system for d in (before, after))
     pieces = list(stream([Phase(0, first), Phase(10, second)], "ideal", 0))
     heard = np.concatenate([piece["heard"].values for piece in pieces])
@@ -101,7 +101,7 @@ TERMS: dict[str, Any] = {
 
 
 def following(events: list[dict[str, Any]], links: dict[str, Any]) -> Scenario:
-    """Boats and an aircraft behind a target on a curve, and Z9, whom nobody else measures."""
+    """Boats and an aircraft behind a target on a curve, and Z9, which no other agent measures."""
     return load_scenario(
         {
             "time": {"end": 1.2},

@@ -99,7 +99,7 @@ def test_the_error_obeys_the_papers_equation(seed: int) -> None:
     wanted = np.array(expected)
 
     def off(stride: int) -> float:
-        """The largest difference of e' by differences of so many samples from the equation."""
+        """Return the largest difference between the equation and e' from differences over `stride` samples."""
         k = np.arange(8, len(time) - 8)
         h = stride * PERIOD
         ahead, behind = error[k + stride] - error[k - stride], error[k + 2 * stride] - error[k - 2 * stride]
@@ -122,7 +122,7 @@ def test_the_error_obeys_the_papers_equation(seed: int) -> None:
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 @pytest.mark.parametrize("name", ["certified", "surface_tracks_air", "otters"])
 def test_commands_stay_bounded(name: str, backend: str) -> None:
-    """|u| <= k1 |g^+| |H| sup |e|: of bodies the velocity they are asked for; where Theorem 1 applies, by its bound."""
+    """|u| <= k1 |g^+| |H| sup |e|, for bodies the commanded velocity; where Theorem 1 applies, by its bound."""
     scenario = mjsheaf.load_scenario(name, {"time.end": 4.0})
     system = scenario.system
     result = mjsheaf.simulate(scenario, backend=backend)

@@ -1,4 +1,4 @@
-"""The velocity nearest to a wanted one, against quadprog, linear programs, and the conditions of optimality."""
+"""Velocity nearest to a desired one, against quadprog, linear programs, and the conditions of optimality."""
 
 import numpy as np
 import pytest

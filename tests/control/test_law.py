@@ -108,7 +108,7 @@ def ensemble(team: Team, x: Array) -> Array:
 
 
 def measure(team: Team, agent: str, x: Array) -> list[Array]:
-    """What the agent measures: range times bearing on each of its edges, and nothing else."""
+    """Return the agent's measurements: range times bearing on each of its edges, and nothing else."""
     number = {m.id: (v, m.dimension) for v, m in enumerate(team.members)}
     y = []
     for e in incident_edges(team, agent):

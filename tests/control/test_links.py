@@ -1,7 +1,7 @@
 """Links and sensors in the loop.
 
-Oracles: one Python object per edge, which is handed the true measurements of a run, in numpy and scipy; one Python
-object per agent, which is handed what it hears; what random numbers must be on average, with bounds of five standard
+Oracles: one Python object per edge, which receives the true measurements of a run, in numpy and scipy; one Python
+object per agent, which receives delivered measurements; means of random numbers, with bounds of five standard
 errors; numbers worked out by hand; the runs without links.
 """
 
@@ -140,7 +140,7 @@ class Line:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_every_edge_hears_what_its_link_makes_of_the_truth(backend: str) -> None:
-    """And eta, as the law had it, is the sum over what was heard; the true one stands beside it."""
+    """The law's eta is the sum over received measurements; the true eta is recorded next to it."""
     scenario = tangled()
     data, team = simulate(scenario, backend), scenario.team
     body, begin, seen = attitudes(scenario, data), 0, set()
@@ -162,7 +162,7 @@ def test_every_edge_hears_what_its_link_makes_of_the_truth(backend: str) -> None
             total[:, i, : edge.F_tail.shape[1]] -= used @ edge.weight @ edge.F_tail
             if kind == "communication":
                 total[:, team.index[edge.head], : edge.F_head.shape[1]] += used @ edge.weight @ edge.F_head
-    assert len(seen) >= 12  # new, held and silent on most
+    assert len(seen) >= 12  # new, held and without a measurement on most
     N = len(team.agents)
     measured = np.nan_to_num(data["measured_disagreement_vector"].values)
     np.testing.assert_allclose(measured, eta[:, :N], rtol=0, atol=1e-9)
@@ -176,7 +176,7 @@ def test_every_edge_hears_what_its_link_makes_of_the_truth(backend: str) -> None
 
 
 class Local:
-    """The paper's law of one agent, of what it hears."""
+    """The paper's law of one agent, from the measurements that it receives."""
 
     def __init__(self, agent: Any) -> None:
         self.agent = agent
@@ -242,7 +242,7 @@ def test_normal_numbers() -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_delay_is_whole_periods_to_the_bit(backend: str) -> None:
-    """What arrives at n was measured at n - d, on bodies too; before that nobody hears or asks for anything."""
+    """Measurements that arrive at n were taken at n - d, on bodies too; before, no agent receives or sends any."""
     now = mixed_scenario(links={"record": True}, controller={"control_period": H}, time={"end": 0.3})
     late = mixed_scenario(
         links={"record": True, "all": {"delay": 0.07}}, controller={"control_period": H}, time={"end": 0.3}
@@ -326,7 +326,7 @@ def test_a_range_of_zero_is_accepted() -> None:
 
 @pytest.mark.parametrize("lossy", [{}, {"loss": 0.5}, {"loss": BURSTS, "hold": 0.03}])
 def test_feedforward_knows_the_velocity_of_a_target_from_two_old_samples(lossy: dict[str, Any]) -> None:
-    """Also of one that is heard rarely and late, by an agent that moves at will meanwhile."""
+    """The same with rare and delayed measurements, for an agent that moves arbitrarily in between."""
     controller = {"gain": 1.0, "control_period": H, "feedforward": {"rounds": 2}}
     scenario = tangled(controller=controller, links={"sensing": {"delay": 0.04, **lossy}}, communication=[],
                        sensing=[["boat", "ship"], ["front", "diver"], ["back", "diver"]])  # fmt: skip
@@ -355,7 +355,7 @@ def test_feedforward_knows_the_velocity_of_a_target_from_two_old_samples(lossy: 
     {"links": {"sensing": {"noise": 0.5}}, "events": [{"time": k, "set": {"controller.gain": 0.5}} for k in (2, 4, 6)]},
 ])  # fmt: skip
 def test_noise_cancels_in_the_filtered_velocity_of_a_target(fields: dict[str, Any]) -> None:
-    """What the differences of a second sum up to is the error of its ends, also over losses and events."""
+    """The sum of differences over a second equals the error of its ends, also over losses and events."""
     law = {"gain": 0.5, "control_period": H, "feedforward": {"rounds": 2, "filter": 0.5}}
     worst = [float(at_target(law, seed=seed, **fields)["tracking_error"].max()) for seed in range(4)]
     assert max(worst) < 0.9, worst
@@ -465,7 +465,7 @@ def test_a_world_goes_on_from_a_state(steps: int) -> None:
 
 
 def test_what_is_under_way_survives_a_phase_with_other_edges() -> None:
-    """The edges that stay hear on without a gap, with their own random numbers."""
+    """The remaining edges receive without a gap, with their own random numbers."""
     fields = {"time": {"end": 0.4}, "links": {"all": {"noise": 0.2, "delay": 0.05, "loss": 0.1}, "record": True}}
     scenario = mixed_scenario(seed=5, **fields)
     system = scenario.system
@@ -533,14 +533,14 @@ def test_the_file_is_the_same_in_pieces(tmp_path: Path) -> None:
 
 
 def changing(events: list[dict[str, Any]], **fields: Any) -> Scenario:
-    """Boats and aircraft over links that are late, with events; fields replace fields."""
+    """Boats and aircraft over delayed links, with events; fields replace fields."""
     links = {"all": {"delay": 0.05}, "record": True}
     return mixed_scenario(**({"time": {"end": 0.4}, "links": links, "events": events} | fields))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_an_edge_of_a_later_phase_alone_is_delivered_and_recorded(backend: str) -> None:
-    """One who has yet to join has no eta; then its edge hears after a delay, which counts as no loss."""
+    """An agent that has yet to join has no eta; then its edge receives after a delay, which is not a loss."""
     data = simulate(changing([{"time": 0.2, "join": "back"}]), backend)
     k = data["edge"].values.tolist().index("front-back")
     heard = data["heard"].values[:, data["measuring_edge"].values.tolist().index("communication front-back")]
@@ -627,7 +627,7 @@ def test_one_who_comes_back_has_forgotten_where_the_team_goes() -> None:
 
 
 def test_one_who_joins_faces_where_it_moves() -> None:
-    """Though nobody's sensor needed its attitude until then."""
+    """The same although no sensor needed its attitude until then."""
     sensing = [["boat", "ship"], ["front", "diver"], {"between": ["back", "diver"], "sensor": RANGE_BEARING}]
     scenario = changing([{"time": 0.2, "join": "back"}], sensing=sensing, links={"record": True}, seed=4)
     data = simulate(scenario, "ideal")
@@ -742,7 +742,7 @@ def test_the_limit_of_delay_and_what_a_blow_up_says_of_it(delay: int) -> None:
 
 
 def test_memory_does_not_grow() -> None:
-    """What links hold is in the one array of a law, allocated once; its size follows from delays alone."""
+    """The memory of links is in the law's single array, allocated once; its size follows from delays alone."""
     for delay, hold in ((0, 0.0), (3, 0.0), (3, 0.1)):
         links = {"all": {"noise": 0.1, "delay": delay * H, "hold": hold}}
         sensing = [["boat", "ship"], ["front", "diver"]]

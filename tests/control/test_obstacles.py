@@ -53,7 +53,7 @@ def test_distances_are_those_of_a_minimisation() -> None:
 
 
 def test_the_obstacle_lies_behind_its_plane_and_the_normal_is_the_gradient() -> None:
-    """What the proof needs: dist(q) >= dist(p) + n . (q - p) for every q, with equality to first order."""
+    """The proof requires dist(q) >= dist(p) + n . (q - p) for every q, with equality to first order."""
     obstacles, rng = packed(), np.random.default_rng(1)
     for _ in range(400):
         k, p, q = int(rng.integers(len(SOME))), rng.uniform(-6, 6, 3), rng.uniform(-6, 6, 3)

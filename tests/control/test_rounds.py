@@ -1,4 +1,4 @@
-"""Rounds over links: messages of feedforward and newton that are late, lost or out of range.
+"""Rounds over links: messages of feedforward and newton that are delayed, lost or out of range.
 
 Oracles: one Python object per message line, and the iteration of each agent in numpy; dense solutions of H; the runs
 over perfect links.
@@ -38,7 +38,7 @@ def rounds(scenario: Scenario, **fields: Any) -> Scenario:
 
 
 class Messages:
-    """What one end of an edge sends the other for one term, as a textbook would say it."""
+    """Messages from one end of an edge to the other for one term, as in a textbook."""
 
     def __init__(self, delay: int) -> None:
         self.delay = delay
@@ -200,7 +200,7 @@ def test_the_fixed_point_is_the_same(make: Callable[[], Scenario], link: dict[st
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_feedforward_follows_over_late_and_lossy_rounds(backend: str) -> None:
-    """Targets at constant velocity: as good in the end as over perfect links, and far better than without."""
+    """Targets at constant velocity: in the end as good as over perfect links, and much better than without."""
     ids = [f"A{k}" for k in range(4)]
     raw: dict[str, Any] = {
         "time": {"end": 8.0},
@@ -266,7 +266,7 @@ def test_the_same_bits_in_pieces_threads_and_phases(backend: str) -> None:
 
 
 def test_nothing_from_before_arrives_over_a_restored_link() -> None:
-    """What was under way when it was cut is lost, and neighbours' last numbers are those of the present phase."""
+    """Messages in transit when a link is cut are lost, and neighbours' last numbers are those of the present phase."""
     cut = [{"time": 0.1, "cut": ["boat", "front"]}, {"time": 0.13, "restore": ["boat", "front"]}]
     scenario = rounds(mixed_scenario(controller={"control_period": H, **BOTH}, events=cut), delay=0.05)
     phases = [phase.system for phase in scenario.phases]
@@ -325,7 +325,7 @@ def test_check_does_not_claim_to_know_the_held_law(fields: dict[str, Any]) -> No
 
 
 def test_rounds_over_no_edge_at_all() -> None:
-    """All links are cut: H is 0, nobody is told anything, and everybody stays."""
+    """All links are cut: H is 0, no agent receives messages, and all stay."""
     rest = {"links": {"rounds": {"delay": 0.02, "loss": 0.3}}, "events": [{"time": 0.1, "cut": ["A1", "T1"]}]}
     scenario = load_scenario({
         "time": {"end": 0.2}, "agents": [{"id": "A1", "position": [0, 0]}],

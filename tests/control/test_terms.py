@@ -57,15 +57,15 @@ def positions_of(data: xr.Dataset) -> Array:
 
 @dataclass
 class Local:
-    """One agent's law, in its own coordinates: it sees its own edges, its own displacement and what it is sent.
+    """One agent's law, in its own coordinates, from its own edges, its own displacement and received messages.
 
     Attributes:
-        agent: who it is.
-        law: the scenario's `controller`.
-        targets: ids of targets.
-        bounds: on the eigenvalues of H, fixed before the run.
-        lead: of feedforward, in samples, once rounds have left a thousandth.
-        limit: largest speed, m/s.
+        agent: Id of the agent.
+        law: Field `controller` of the scenario.
+        targets: Ids of targets.
+        bounds: Bounds on the eigenvalues of H, fixed before the run.
+        lead: Lead of feedforward, in samples, once rounds have reduced the residual to a thousandth.
+        limit: Largest speed, m/s.
     """
 
     agent: Agent
@@ -174,7 +174,7 @@ class Local:
 
 
 def filtered(period: float, time_constant: float) -> float:
-    """What a first-order filter takes of a new value."""
+    """Return the weight of a new value in a first-order filter."""
     return 1.0 - np.exp(-period / time_constant) if time_constant else 1.0
 
 
@@ -262,7 +262,7 @@ def test_local_form_of_random_bodies() -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_local_form_where_commands_are_limited(backend: str) -> None:
-    """No integration in an agent whose command is clipped, and drift is what is beside the command as limited."""
+    """An agent with a clipped command does not integrate, and drift is the velocity beyond the limited command."""
     terms = ALL if backend == "ideal" else LED | NEWTON | INTEGRAL
     controller = {"gain": 8.0, "control_period": 0.01, "velocity_limit": 9.0, **terms}
     scenario = mixed_scenario(time={"end": 1.0}, controller=controller)
@@ -283,7 +283,7 @@ def with_other_edges(scenario: Scenario) -> System:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_phases_with_other_edges_keep_what_agents_know(backend: str) -> None:
-    """Velocities of targets go on edge by edge, drift and integral too, and the bounds on H are those of all phases."""
+    """Velocities of targets continue edge by edge, drift and integral too; bounds on H are those of all phases."""
     terms = ALL if backend == "ideal" else LED | NEWTON | INTEGRAL
     scenario = mixed_scenario(time={"end": 0.6}, controller={"gain": 5.0, "control_period": 0.01, **terms})
     other = with_other_edges(scenario)
@@ -318,7 +318,7 @@ def test_phases_with_and_without_terms(backend: str) -> None:
     assert second.attrs["exchange_rounds"] == 20 * 4
 
 
-# -- who hears of what -------------------------------------------------------------------------------------------------
+# -- flow of information -----------------------------------------------------------------------------------------------
 
 
 def long_team(seed: int, **controller: Any) -> Scenario:
@@ -340,7 +340,7 @@ def long_team(seed: int, **controller: Any) -> Scenario:
 
 
 def distances(team: Team, source: str) -> Array:
-    """How many edges from a vehicle to each agent, over agents alone, shape (N,)."""
+    """Return the number of edges from a vehicle to each agent, over agents alone, shape (N,)."""
     found = {source: 0}
     while True:
         more = {
@@ -368,9 +368,9 @@ def commands_at(control: ControlArrays, path: Array, memory: Memory | None = Non
 @pytest.mark.parametrize("rounds", [1, 2, 3])
 @pytest.mark.parametrize("term", ["feedforward", "newton", "both"])
 def test_each_round_carries_news_one_edge_on_and_no_farther(term: str, rounds: int, shift: float) -> None:
-    """A vehicle is moved in one sample alone. An agent at the distance d hears of it, and only then do bits change,
+    """A vehicle is moved in one sample alone. This reaches an agent at the distance d, and only then do bits change,
     in the sample j later with d <= (j + 1) rounds: its measurement is the first edge, and the first round is spent
-    on what each knows itself; but the rounds begin with what the sample before left. Feedforward takes notice of
+    on its own data; but the rounds begin with the result of the sample before. Feedforward depends on
     targets; how an agent itself moved cancels up to rounding.
     """
     names = ("feedforward", "newton") if term == "both" else (term,)
@@ -396,7 +396,7 @@ def test_each_round_carries_news_one_edge_on_and_no_farther(term: str, rounds: i
 
 @pytest.mark.parametrize("terms", [DRIFT, INTEGRAL, DRIFT | INTEGRAL], ids=lambda terms: "+".join(terms))
 def test_drift_and_integral_are_an_agents_own(terms: dict[str, Any]) -> None:
-    """What an agent has never measured it never hears of."""
+    """Without a measurement of a vehicle an agent receives nothing about it."""
     scenario = long_team(4, **terms)
     team, control = scenario.team, scenario.system.control
     path = np.repeat(scenario.system.initial[None], 8, axis=0)
@@ -428,7 +428,7 @@ def test_a_law_without_terms_holds_nothing_of_them() -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_terms_that_add_nothing_leave_the_papers_law_to_the_bit(backend: str) -> None:
-    """An integral whose largest correction is 1e-300 m/s, beside the law: every number is the same."""
+    """An integral whose largest correction is 1e-300 m/s, added to the law: every number is the same."""
     end = 2.0 if backend == "ideal" else 0.3
     paper = load_scenario("paper", {"time.end": end})
     neutral = load_scenario("paper", {"time.end": end, "controller.integral": {"gain": 1.0, "limit": 1e-300}})
@@ -508,7 +508,7 @@ def test_one_agent_alone_needs_one_round(weight: float) -> None:
 
 
 def test_an_agent_that_nobody_hears_and_that_hears_nobody() -> None:
-    """H is zero: there are no eigenvalues, and nothing is asked for."""
+    """H is zero: there are no eigenvalues, and the terms are zero."""
     scenario = make_scenario(
         {
             "time": {"end": 0.1},
@@ -522,7 +522,7 @@ def test_an_agent_that_nobody_hears_and_that_hears_nobody() -> None:
 
 
 def test_free_directions_stay_where_they_are() -> None:
-    """Agents that nothing ties along z: the terms ask for nothing there, and the rest is tracked as ever."""
+    """Agents that are free along z: the terms are zero there, and the other axes are tracked as before."""
     scenario = edited(load_scenario("air_tracks_surface", {"time.end": 3.0}), FEEDFORWARD | NEWTON)
     free = scenario.team.dirichlet.null_basis
     assert free.shape[1] == 1
@@ -582,7 +582,7 @@ def test_a_team_that_moves_with_its_targets_knows_it_by_odometry() -> None:
 
 
 def test_v_leads_no_sooner_than_it_has_settled() -> None:
-    """A vehicle slower than a control period: v (1 + tau / h) of the first rounds would ask for forty times v."""
+    """A vehicle slower than a control period: v (1 + tau / h) of the first rounds would be forty times v."""
     fields = {"time.end": 1.0, "vehicles.tau": 0.4, "controller.feedforward": {"rounds": 3, "extrapolate": True}}
     led = simulate(load_scenario("paper", fields), "physics")
     fields["controller.feedforward"] = {"rounds": 3}
@@ -680,7 +680,7 @@ def test_noise_is_the_same_in_pieces_threads_and_after_the_seed(backend: str) ->
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_drift_and_integral_do_not_notice_a_phase(backend: str) -> None:
-    """Bit for bit, noise included: what is an agent's own goes on when edges are handed out anew."""
+    """Bit for bit, noise included: an agent's own state continues when edges are reassigned."""
     controller = {"gain": 3.0, "control_period": 0.01, "odometry": {"noise": 1e-3}, **DRIFT, **INTEGRAL}
     system = mixed_scenario(time={"end": 0.3}, controller=controller).system
     pieces = stream([Phase(0, system), Phase(11, replace(system)), Phase(20, replace(system))], backend, 0)
@@ -694,7 +694,7 @@ def test_drift_and_integral_do_not_notice_a_phase(backend: str) -> None:
 
 
 def test_drift_on_bodies_is_that_of_the_medium_about_them() -> None:
-    """From what was recorded: the filter of the medium's velocity, of which no vehicle's lag is part."""
+    """From the record: the filter of the medium's velocity, which contains no vehicle's lag."""
     law = {"gain": 3.0, "control_period": 0.01, "drift": {"filter": 0.05}}
     scenario = mixed_scenario(time={"end": 0.5}, controller=law, disturbance={"agents": {"bound": 0.5}})
     data = simulate(scenario, "physics")
@@ -728,7 +728,7 @@ def test_a_world_with_all_terms_goes_on_from_a_state_to_the_bit(steps: int) -> N
 
 
 def test_a_sample_that_is_taken_twice_counts_once() -> None:
-    """A world is asked for its commands at any time, and steps as if it had not been; so does one that begins anew."""
+    """Reading the commands of a world at any time does not change its steps, also after a restart."""
     odometry = {"odometry": {"noise": 1e-3}}
     scenario = mixed_scenario(time={"end": 0.2}, controller={"gain": 8.0, "control_period": 0.01, **ALL, **odometry})
     asked, plain = World(scenario), World(scenario)

@@ -271,7 +271,7 @@ def test_no_loop_leaves_d_or_exceeds_the_bound(
 
 @pytest.mark.parametrize("rate", [0.2, 1e-6, 1e-12, 1e-300, 5e-324])
 def test_the_bound_grows_from_the_first_moment(rate: float) -> None:
-    """e' = -e + 1 from rest is 1 - exp(-t), however slow the rate is beside the time: V' <= mu gives 2 mu t."""
+    """e' = -e + 1 from rest is 1 - exp(-t), however slow the rate is compared to the time: V' <= mu gives 2 mu t."""
     t, time = theorem_1(1.0, 1.0, 1.0, 0.0, 0.0, rate), np.geomspace(1e-15, 1.0, 40)
     assert t.contains(0.0)
     assert t.contains(1e3)

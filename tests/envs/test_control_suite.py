@@ -1,4 +1,4 @@
-"""The environment of dm_control: the run itself where nobody acts, local observations, ends of episodes.
+"""Environment of dm_control: the run itself without actions, local observations, ends of episodes.
 
 Oracles: `simulate` and a plain `World`, to the bit; the dataset's tracking error; dm_env's own conformance tests.
 """
@@ -73,7 +73,7 @@ def steps(env: Any, action: dict[str, Any] | None = None) -> Iterator[Any]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two observations are the same to the bit."""
+    """Return True if two observations have the same bits."""
     return all(value.tobytes() == other[name].tobytes() for name, value in one.items())
 
 
@@ -322,7 +322,7 @@ def test_functions_stay_functions_after_every_import() -> None:
 
 
 def child(code: str, **variables: str) -> str:
-    """What Python prints in a process of its own, with warnings as errors and without a display."""
+    """Return the output of Python in a separate process, with warnings as errors and without a display."""
     environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY", "PYOPENGL_PLATFORM")}
     command = [sys.executable, "-W", "error", "-c", code]
     run = subprocess.run(command, env=environment | variables, capture_output=True, text=True, check=True)

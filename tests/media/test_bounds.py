@@ -77,7 +77,7 @@ def points_in(field: FlowField, low: Array, high: Array, rng: np.random.Generato
 
 
 def value(supremum: Callable[..., Supremum], field: FlowField, points: Array, planar: bool) -> Array:
-    """What the supremum is of, by the field's own velocity and Jacobian."""
+    """Evaluate the quantity under the supremum, by the field's own velocity and Jacobian."""
     points = points[..., :2] if planar else points
     if supremum is largest_speed:
         return np.asarray(np.linalg.norm(field.velocity(points), axis=-1))
@@ -108,7 +108,7 @@ def test_nothing_in_the_box_exceeds_the_bound(
 @examples(150)
 @given(seed=SEEDS, space=SPACES)
 def test_the_bound_of_one_cell_holds(slope: bool, seed: int, space: tuple[int, bool]) -> None:
-    """Each bound by itself: of each kernel over a cell, and of its second derivative, by differences."""
+    """Each bound separately: each kernel over a cell, and its second derivative, by differences."""
     (dimension, planar), rng = space, np.random.default_rng(seed)
     field = random_field(rng, dimension)
     kernels = _Kernels(field.table, dimension, 2 if planar or dimension == 2 else 3, True)
@@ -248,7 +248,7 @@ def test_a_box_may_be_flat(supremum: Callable[..., Supremum]) -> None:
 @BOTH
 @pytest.mark.parametrize("distance", [1e2, 1e4, 1e6])
 def test_far_from_every_kernel(supremum: Callable[..., Supremum], distance: float) -> None:
-    """Only the drift is left of the speed, and next to nothing of the slope."""
+    """The speed is that of the drift alone, and the slope is almost zero."""
     field = paper_field("target_field")
     low, high = np.full(3, distance), np.full(3, distance + 30.0)
     found = supremum(field, low, high, planar=False)

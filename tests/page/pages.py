@@ -69,7 +69,7 @@ class Elements(HTMLParser):
 
 
 def said_in(page: bytes) -> dict[str, Any]:
-    """What a page is told."""
+    """Return the data of a page."""
     return json.loads(_element(page, "said"))
 
 
@@ -98,7 +98,7 @@ def _element(page: bytes, name: str) -> str:
 
 
 def positions_of(dataset: xr.Dataset, surface: float = 0.0) -> Array:
-    """Where result.nc has every vehicle, shape (T, V, 3), m."""
+    """Return the positions of all vehicles in result.nc, shape (T, V, 3), m."""
     parts = []
     for kind in ("agent", "target"):
         place = dataset[f"{kind}_position"].values.copy()

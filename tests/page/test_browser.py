@@ -55,7 +55,7 @@ def harbour(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Made]:
 
 
 def require_quiet(page: Any) -> None:
-    """Nothing went wrong, and nothing outside the file was asked for."""
+    """No error occurred, and the page requested nothing outside the file."""
     assert page.failures == []
     assert [words for kind, words in page.words if kind == "error"] == []
     assert [url for url in page.requests if not url.startswith("file:")] == []
@@ -246,7 +246,7 @@ def test_a_phone(browser: Any, harbour: tuple[Path, Made]) -> None:
 
 @pytest.mark.parametrize("width", [390, 701, 760, 761, 1280])
 def test_the_legend_never_lies_over_the_scale_bar(browser: Any, harbour: tuple[Path, Made], width: int) -> None:
-    """Nor does its heading, while it is closed, as it is at first beside a narrow scene."""
+    """Nor does its heading while it is closed, as it is at first next to a narrow scene."""
     page = open_page(browser, harbour[0], width=width, hash="#t=20")
     legend = page.locator("#legend details")
     assert legend.evaluate("d => d.open") == (width > 760)
@@ -478,7 +478,7 @@ def test_ghosts_of_another_run_and_its_curve(browser: Any, tmp_path: Path) -> No
 
 
 def test_names_are_text_whatever_they_contain(browser: Any, tmp_path: Path) -> None:
-    """Every text that the page is told, names of agents and groups too, which no scenario can have like this."""
+    """All texts of the page are escaped, also names of agents and groups that no scenario could contain."""
     made = make_page("midpoint", "physics", {"time.end": 2})
 
     def spoilt(value: Any, key: str = "") -> Any:

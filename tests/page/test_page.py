@@ -1,4 +1,4 @@
-"""What a page holds. Oracles: the run's own data, a decoder of its own, and an HTML parser."""
+"""Content of a page. Oracles: the run's own data, a separate decoder, and an HTML parser."""
 
 import base64
 import hashlib
@@ -111,7 +111,7 @@ def test_bounds_are_drawn_in_every_phase_and_lie_above_the_error() -> None:
 
 @pytest.mark.slow
 def test_links_that_hear_nothing_are_told_from_others() -> None:
-    """What was recorded of links decides; and without records the range of a link."""
+    """Recorded reception decides whether a link is drawn; without records, its range."""
     overrides = {"time.end": 2, "links.record": True, "links.all.loss": 0.5}
     made = make_page("midpoint", "ideal", overrides)
     residual = series_in(made.page)["residual"]
@@ -127,7 +127,7 @@ def test_links_that_hear_nothing_are_told_from_others() -> None:
 
 
 def test_a_page_has_the_scales_and_the_view_of_the_video() -> None:
-    """Oracle: the film of the same run."""
+    """Oracle: the video of the same run."""
     drawn = {"time.end": 0.1, "scene.vehicle_scales": {"W1": 2.5}, "video.azimuth": 30, "video.elevation": -50}
     made = make_page("harbour", "ideal", drawn)
     said = said_in(made.page)
@@ -209,7 +209,7 @@ def test_what_theory_says_is_there_for_every_phase(lost: Made) -> None:
 
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_far_from_zero_a_page_keeps_its_digits(backend: str) -> None:
-    """What is far is told from an origin near it."""
+    """Distant positions refer to an origin near them."""
     static = {"motion": {"kind": "static"}}
     far = {"agents.A1.position": [5e5, 5.5e6], "time.end": 1}
     far |= {f"targets.T{k}": {"id": f"T{k}", "position": [5e5 + 2, 5.5e6 + k], **static} for k in (1, 2)}

@@ -1,4 +1,4 @@
-"""Expectations: what is made of a run, what is told of one, and `mjsheaf expect`, which writes them into files.
+"""Expectations: those made of a run, reports about them, and `mjsheaf expect`, which writes them into files.
 
 Oracle: numbers computed by hand, a tiny team whose error is known exactly, and the file's own bytes.
 """

@@ -1,6 +1,6 @@
 """The pytest plugin, run as a user runs it: in a process of its own, in a directory of scenarios that are not ours.
 
-Oracle: a tiny team whose final error is known exactly, and what pytest says.
+Oracle: a tiny team whose final error is known exactly, and the output of pytest.
 """
 
 import subprocess
@@ -77,7 +77,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def told(run: Run) -> str:
-    """What pytest says of all the files at once."""
+    """Return the output of pytest for all the files at once."""
     code, told = run("--mjsheaf", "scenarios", "-v", "-rs", "-p", "no:cacheprovider", "--junitxml=report.xml")
     assert code == 1
     return told

@@ -81,7 +81,7 @@ def test_formations_that_cancel_keep_the_plain_distance_to_the_bit(count: int) -
 
 @pytest.mark.parametrize("case", ["height", "mean (5, 0)"])
 def test_a_team_that_tracks_perfectly_is_centred(case: str) -> None:
-    """Dataset, summary and group agree; the displacement that is wanted is no error."""
+    """Dataset, summary and group agree; the desired displacement is no error."""
     dimensions, target, group, _ = CASES[case]
     loaded = scenario_from_mapping(scenario(dimensions, target, **group))
     data = simulate(loaded, "ideal")

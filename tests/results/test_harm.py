@@ -1,4 +1,4 @@
-"""Notes about terms that do harm in a run.
+"""Warnings about terms that increase the error of a run.
 
 Oracles: white noise of a known deviation; scenarios that ship for one side or the other; the same run from a file.
 """
@@ -58,7 +58,7 @@ def test_a_term_whose_filter_holds_the_noise_back_is_not_blamed() -> None:
 
 
 def test_extrapolation_on_bodies_multiplies_noise_and_is_named() -> None:
-    """By 1 + tau / h, of which ideal kinematics know nothing: there the same law does no harm."""
+    """The factor is 1 + tau / h; on ideal kinematics, which have no tau, the same law causes no warning."""
     law = {"controller__feedforward": {"rounds": 3, "extrapolate": True}, "time__end": 30}
     (sentence,) = examined("harbour_feedforward", "physics", **law).warnings
     assert "controller.feedforward.extrapolate" in sentence

@@ -86,7 +86,7 @@ def test_a_compiled_reader_writes_while_the_loop_runs(backend: str, monkeypatch:
 
 
 class Counting:
-    """A sink that notes what it is told."""
+    """Sink that stores its arguments."""
 
     def __init__(self) -> None:
         self.told: list[str] = []

@@ -202,7 +202,7 @@ def _file(name: str) -> bytes:
 
 
 def _nodes(tree: Tree) -> list[tuple[Any, Any]]:
-    """Where every value is held: (mapping or list, key)."""
+    """Return the place of every value: (mapping or list, key)."""
     found, waiting = [], [tree]
     while waiting:
         holder = waiting.pop()

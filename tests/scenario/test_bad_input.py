@@ -28,7 +28,7 @@ GOOD = {
     "time": {"end": 0.1},
 }
 
-# What is changed, at which path, and what the message must contain.
+# Change, its path, and the words that the message must contain.
 CASES = {
     "unknown key": ("gain", 3, ["gain", "unknown field", "controller"]),
     "unknown key inside": ("controller", {"gian": 3}, ["controller.gian", "unknown field", "; did you mean gain?"]),

@@ -38,7 +38,7 @@ TEAM = {
 
 
 class Counts:
-    """How often a system was built, and the files of each vehicle compiled."""
+    """Count how often a system was built, and the files of each vehicle compiled."""
 
     def __init__(self) -> None:
         self.systems = 0

@@ -1,4 +1,4 @@
-"""What a file names stays inside its directory, nothing in a file is executed, and a run's directory is whole.
+"""Files named in a scenario stay inside its directory, nothing is executed, and a run's directory is complete.
 
 Oracle: the contract; files of a secret kind outside the scenario's directory, which nothing may open.
 """

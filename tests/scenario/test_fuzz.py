@@ -1,4 +1,4 @@
-"""Scenario files as nobody should write them: each is valid, or refused in one line; never a traceback or a hang.
+"""Malformed scenario files: each is valid, or refused in one line; never a traceback or a hang.
 
 Oracle: the contract on errors. Files are those that ship, mutated as trees: fields gone, doubled, renamed, replaced by
 other types, endless or huge numbers, deep nesting, odd text. test_fuzz_text.py mutates their bytes, and runs some.

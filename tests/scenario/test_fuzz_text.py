@@ -40,7 +40,7 @@ def test_mutated_bytes_are_valid_or_refused_in_words(name: str, tmp_path: Path) 
 
 @pytest.fixture(scope="module")
 def _compiled() -> None:
-    """What runs is compiled before any run is timed."""
+    """Compile all loops before any run is timed."""
     for name in ("altitude_anchor", "certified"):  # held and continuous
         simulate(load_scenario(name, {"time.end": 0.05}), "ideal")
 

@@ -1,4 +1,4 @@
-"""What `harbour` was made to show: real vehicles hold their formations nearly as well as ideal kinematics do.
+"""Purpose of `harbour`: real vehicles keep their formations nearly as well as ideal kinematics do.
 
 Oracle: the bounds that were set before it was built, on each group and on the scenario itself.
 """

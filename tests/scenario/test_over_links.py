@@ -1,4 +1,4 @@
-"""What the scenarios over links teach, in the numbers that their comments give.
+"""Scenarios over links show the numbers that their comments give.
 
 Oracle: each against itself with other links.
 """

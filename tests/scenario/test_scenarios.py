@@ -27,7 +27,7 @@ REFUSED = [name for name in list_scenarios() if load_scenario(name).expect.refus
 
 @pytest.mark.parametrize("name", RUNNABLE)
 def test_every_measure_that_a_team_has_is_bounded(name: str) -> None:
-    """Whether bounds are met and tight is tested by the files themselves, through our pytest plugin."""
+    """The files themselves test that bounds are met and tight, through our pytest plugin."""
     scenario = load_scenario(name)
     measures = {"mean_disagreement", "tracking_error"}
     measures |= {"formation_error"} if scenario.formations else set()

@@ -70,7 +70,7 @@ def test_k_regular_is_regular_and_connected_with_every_seed(size: int, degree: i
     ("size", "degree"), [(2, 2), (5, 8), (40, 64), (300, 4), pytest.param(9000, 5, marks=pytest.mark.slow)]
 )
 def test_nearest_is_as_by_brute_force(size: int, degree: int) -> None:
-    """Each agent beside the nearest of those before it; of two as near, the first."""
+    """Each agent is next to the nearest one before it; of two equally near ones, the first."""
     places = _sunflower(size, 6.0)
     expected = set()
     for k in range(1, size):
@@ -80,7 +80,7 @@ def test_nearest_is_as_by_brute_force(size: int, degree: int) -> None:
 
 
 def test_nearest_of_places_on_a_grid_prefers_the_first() -> None:
-    """Where many are as near as each other; in an order in which the nearest come late."""
+    """With many equally near agents, in an order in which the nearest come last."""
     places = np.stack(np.meshgrid(np.arange(30.0), np.arange(30.0)), axis=-1).reshape(-1, 2)
     places = places[np.random.default_rng(0).permutation(900)]
     expected = set()

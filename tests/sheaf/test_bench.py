@@ -1,4 +1,4 @@
-"""What the benchmark measures is what it says: the sheaves and the figures it prints, not how fast they are."""
+"""The benchmark measures what it prints: tests of its sheaves and figures, not of speed."""
 
 import json
 

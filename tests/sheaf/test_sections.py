@@ -81,7 +81,7 @@ def test_a_twisted_edge_leaves_the_axis_of_its_twist(k: int) -> None:
 
 
 def test_values_at_the_roots_propagate() -> None:
-    """delta vanishes on P along the edges of the forest: on a tree, on all of them."""
+    """delta is zero on P along the edges of the forest; on a tree, along all edges."""
     rng = np.random.default_rng(0)
     tree = Sheaf(dict.fromkeys(range(40), 3))
     for v in range(1, 40):

@@ -143,7 +143,7 @@ def test_a_path_of_twenty_thousand_is_a_straight_line() -> None:
 
 
 def test_a_grid_without_boundary_is_solved_with_minimum_norm() -> None:
-    """Over DIRECT_WORK and singular: conjugate gradients, and what is free is told."""
+    """Over DIRECT_WORK and singular: conjugate gradients, with a description of the free directions."""
     sheaf, frames = bundle_on_a_grid(80)
     rng = np.random.default_rng(3)
     problem = sheaf.dirichlet_problem([])

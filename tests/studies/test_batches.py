@@ -1,6 +1,6 @@
-"""Runs of a study together in a batch: what their records say is what each has alone.
+"""Runs of a study in a batch have the records of separate runs.
 
-A batch runs here on threads of this machine, in the place of a card.
+A batch runs here on threads of this machine, instead of a GPU.
 """
 
 from contextlib import contextmanager

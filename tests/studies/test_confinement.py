@@ -1,4 +1,4 @@
-"""What a study file names stays inside its directory and is found from anywhere; a person may name any file.
+"""Files named in a study stay inside its directory and are found from anywhere; a user may name any file.
 
 Oracle: the contract; a raft inside the study's directory, and one outside.
 """

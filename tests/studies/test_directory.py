@@ -82,7 +82,7 @@ def test_another_study_is_refused_with_the_difference(study: Path, plan: Callabl
 @pytest.mark.slow
 @pytest.mark.parametrize("last", [".lock", "study.json", "scenario.yaml", "runs"])
 def test_killed_while_it_begins(finished: Path, tmp_path: Path, last: str) -> None:
-    """What a killed command may leave, by the last that it made, is gone on with; also by another study."""
+    """A study resumes from any state that a killed command may leave, also one of another study."""
     for plan in (small_plan(), small_plan(gains=(1.0, 4.0))):
         out = tmp_path / str(len(list(tmp_path.iterdir())))
         (out / "runs").mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""Study files as nobody should write them: each is a plan, or refused in one line, and leaves no partial directory.
+"""Malformed study files: each is a plan, or refused in one line, and leaves no partial directory.
 
 Oracle: the contract on errors. Mutations are those of scenario files; nothing is run, but what is planned is shown with
 made-up records, as no study may fail once all of its runs have ended.
@@ -70,7 +70,7 @@ _drawn: set[str] = set()
 
 
 def show(plan: Plan) -> None:
-    """Make the table and the page of a plan, and, as that takes longest, one in so many of its plots."""
+    """Make the table and the page of a plan and, because plots take longest, one of several plots."""
     points = plan.points[:MOST_SHOWN]
     records = []
     for k, point in enumerate(points):

@@ -1,4 +1,4 @@
-"""Killed at any moment, a study goes on and ends as if nothing had been.
+"""A study killed at any moment resumes and ends as if it had not been killed.
 
 Oracle: the same study, undisturbed, byte for byte; and the files of runs that had ended, untouched.
 """
@@ -138,7 +138,7 @@ def run_in_threads(out: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 def test_a_study_over_links_and_events_goes_on_to_the_byte(tmp_path: Path) -> None:
-    """Random numbers of links are counted by sample, whoever runs; events are parameters as any other."""
+    """Random numbers of links are counted by sample, in any process; events are parameters like any other."""
     ring = [{"time": 2, "lose": "A9"}, {"time": 4, "join": "A9"}]
     grid: dict[str, list[Any]] = {
         "links.all.loss": [0, 0.2, 0.5],

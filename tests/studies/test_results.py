@@ -1,4 +1,4 @@
-"""What a study leaves: the table, the plots and the page; failed runs told of, and run again when asked to."""
+"""Files of a study: the table, the plots and the page; failed runs are reported, and repeated on request."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""What the seeds of a study share: computed once, and in every run what that run alone would have had."""
+"""Data that the seeds of a study share are computed once and equal those of each run alone."""
 
 import pickle
 from dataclasses import replace

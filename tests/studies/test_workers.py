@@ -67,7 +67,7 @@ def test_a_run_of_a_study_is_the_run_of_its_scenario() -> None:
 
 
 def dies_of_the_second(job: Job) -> JobResult:
-    """What the system does to a process that takes all memory."""
+    """Kill this process as the system kills one that takes all memory."""
     if job.point.number == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return JobResult(new_record(job.point, 0, "finished"), 0.0)
@@ -92,7 +92,7 @@ def takes_all_memory_of_the_second(job: Job) -> JobResult:
     if job.point.number != 1:
         return run_job(job)
     taken = []
-    for _ in range(100):  # 5 GB at most, should nobody see it
+    for _ in range(100):  # 5 GB at most, if no limit acts
         taken.append(bytearray(b"x") * 50_000_000)
         time.sleep(0.02)
     raise AssertionError("nobody saw it")
@@ -213,7 +213,7 @@ def test_a_scheduler_by_address(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("error")  # what is left half made and complains when it is collected
+@pytest.mark.filterwarnings("error")  # for incomplete objects that warn when they are collected
 def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.studies.workers._CONNECT_S", 1)
     for address in ("tcp://127.0.0.1:9", "nonsense://x", "nonsense", "127.0.0.1", "tcp://nowhere.invalid:8786", ""):

@@ -69,7 +69,7 @@ def test_maps_that_do_not_exist_are_refused() -> None:
 def test_a_local_frame_keeps_the_distance_and_turns_back(
     attitude: tuple[float, float, float], seed: int, dimensions: tuple[int, int]
 ) -> None:
-    """What an edge measures in a frame has the length of the difference of the projections, and R^T gives that."""
+    """A measurement in a frame has the length of the difference of the projections, and R^T recovers it."""
     rng = np.random.default_rng(seed)
     x_tail, x_head = rng.standard_normal(dimensions[0]), rng.standard_normal(dimensions[1])
     m = min(dimensions)

@@ -1,4 +1,4 @@
-"""From a film to a file, through the OpenGL that works here."""
+"""Drawing a video to a file, with the OpenGL that works here."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which OpenGL is chosen, and what is said where none works. The probes are real child processes."""
+"""Choice of OpenGL, and the message if none works. The probes are real child processes."""
 
 import os
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The legend stands beside the scene, explains every symbol, and can be turned off."""
+"""The legend is next to the scene, explains every symbol, and can be turned off."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -127,7 +127,7 @@ def test_the_legend_can_be_turned_off() -> None:
 
 @pytest.mark.slow
 def test_commands_turn_the_legend_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`run` and `video` hand the choice to whoever draws; without one the scenario decides."""
+    """`run` and `video` pass the choice on to the drawing; without one the scenario decides."""
     if available_backend()[0] is None:
         pytest.skip("no OpenGL")
     seen: list[bool] = []

@@ -1,4 +1,4 @@
-"""What a user may get wrong is refused with a line that names it and says what is expected."""
+"""Invalid options are refused with a line that names them and says what is expected."""
 
 import re
 from typing import Any

@@ -1,4 +1,4 @@
-"""What is added to the picture: decoration in the scene, writing over it, larger vehicles. No GL is needed."""
+"""Additions to the picture: decoration in the scene, text over it, larger vehicles. No GL is needed."""
 
 from dataclasses import replace
 from typing import Any

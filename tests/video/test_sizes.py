@@ -1,4 +1,4 @@
-"""Vehicles are drawn so large that each is seen beside the team, and no larger than their neighbours leave room for."""
+"""Vehicles are drawn large enough to be visible in the whole team, without overlapping their neighbours."""
 
 import numpy as np
 import pytest
