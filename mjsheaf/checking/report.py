@@ -218,16 +218,16 @@ def _separation(found: SafetyRecord | None) -> list[Table]:
     rows += [("sees within", _number(found.range, "m"), f"with gamma = {found.rate:.4g} 1/s")]
     if found.parting:
         rows.append(
-            ("flow", _number(found.parting, "m/s"), "by which the media about two vehicles may part; allowed for")
+            ("flow", _number(found.parting, "m/s"), "largest relative speed of the media around two vehicles; included")
         )
     largest = max(found.margins, key=found.margins.__getitem__)
-    rows.append(("on bodies", _number(found.margins[largest], "m"), f"more for {largest}, which goes on when stopped"))
+    rows.append(("on bodies", _number(found.margins[largest], "m"), f"added for {largest}, its stopping distance"))
     for pairs, where in ((found.unsafe, "q* too close"), (found.initial, "start too close")):
         rows += [
             (where, _number(-one.gap, "m"), f"{' - '.join(one.pair)} at {one.time:.4g} s") for one in pairs[:_MOST]
         ]
-    rows.append(("the rest", "", "is about the team while the filter does not act, and links do not matter to it"))
-    return [_pairs("keeping apart", rows)]
+    rows.append(("all other results", "", "assume that the filter does not act; links do not affect the filter"))
+    return [_pairs("safety filter", rows)]
 
 
 def _cost_rows(law: LawLoop) -> list[Row]:

@@ -161,16 +161,16 @@ def _fragile(fragility: Fragility) -> str:
 
 
 def _separation(safety: SafetyRecord) -> str:
-    """Return what is certain of the distances that vehicles keep."""
+    """Return the guarantees about distances between vehicles."""
     told = []
-    for pairs, where in ((safety.unsafe, "q* itself"), (safety.initial, "the start")):
+    for pairs, where in ((safety.unsafe, "q*"), (safety.initial, "the start")):
         if pairs:
             worst = pairs[0]
-            more = f" and {len(pairs) - 1} pairs more" if len(pairs) > 1 else ""
+            others = f", and {len(pairs) - 1} other pairs" if len(pairs) > 1 else ""
             told.append(
-                f"{where} is too close: {' - '.join(worst.pair)} by {-worst.gap:.3g} m at {worst.time:.4g} s{more}"
+                f"too close at {where}: {' - '.join(worst.pair)} by {-worst.gap:.3g} m at {worst.time:.4g} s{others}"
             )
-    kept = "kept on ideal kinematics while no agent's constraints contradict one another"
+    kept = "kept on ideal kinematics as long as every agent's constraints are feasible"
     told.append(kept if safety.guaranteed else f"not guaranteed: {safety.reasons[0]}")
     return "; ".join([*told, "error bounds are undecided while the filter acts"])
 

@@ -1,10 +1,10 @@
-"""What `check` says of the filter that keeps vehicles apart: see `mjsheaf.control.safety`.
+"""Check of the safety filter; see `mjsheaf.control.safety`.
 
-The harmonic extension is compared with the distances that the scenario demands. Where q* itself is too close, filter
-and law contradict one another. The requirements of the filter's theorem are decided one by one.
+The harmonic extension is compared with the distances that the scenario requires. If vehicles at q* are too close,
+filter and law contradict each other. The requirements of the filter's theorem are decided one by one.
 
-Everything else that `check` says of the law is about the team while the filter does not act. Its bounds on errors are
-undecided, as the filter adds velocities of which they do not know.
+All other results of `check` assume that the filter does not act. Bounds on errors are undecided, because they do not
+include the velocities that the filter adds.
 """
 
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
 
-_MOST_PAIRS = 200  # that a record names, the closest ones
-_ROUNDING = 1e-9  # m, of a distance
+_MOST_PAIRS = 200  # maximum number of pairs in a record, the closest ones
+_ROUNDING = 1e-9  # tolerance of a distance, m
 
 
 class TooClose(Record):
@@ -34,27 +34,27 @@ class TooClose(Record):
 
 
 class SafetyRecord(Record):
-    """What keeps vehicles apart, and what is certain of it; lost and delayed links do not matter to it."""
+    """Guarantees of the safety filter, which do not depend on links."""
 
     unsafe: list[TooClose] = Field(description="pairs whose places in q* are too close, at samples of the run")
     initial: list[TooClose] = Field(description="pairs that begin too close; the filter drives them apart")
     guaranteed: bool = Field(
-        description="whether on ideal kinematics a pair that keeps its distance never loses it, while no agent's "
-        "constraints contradict one another"
+        description="true if, on ideal kinematics, a pair that keeps its distance never loses it as long as every "
+        "agent's constraints are feasible"
     )
-    reasons: list[str] = Field(description="why it is not guaranteed")
+    reasons: list[str] = Field(description="reasons why there is no guarantee")
     range: float = Field(description="distance within which agents see others, m")
     rate: float = Field(description="gamma, 1/s")
     parting: Finite = Field(
-        description="largest speed at which the media about two vehicles part, which the constraints allow for, m/s"
+        description="largest relative speed of the media around two vehicles that the constraints include, m/s"
     )
     margins: dict[str, float] = Field(
-        description="what is added to the distance on bodies for each vehicle: how far it goes on when told to stop, m"
+        description="addition to the distance for each vehicle on bodies: its stopping distance, m"
     )
 
 
 def safety_record(system: System, certificate: Certificate) -> SafetyRecord | None:
-    """Return what is certain of the filter; None without one."""
+    """Return the guarantees of the filter; None without one."""
     if system.safety is None:
         return None
     arrays = system.separation(np.zeros(len(system.planar)))

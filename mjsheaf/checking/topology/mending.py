@@ -35,8 +35,8 @@ EXACT_COMBINATIONS = 20_000
 
 JOINT_DIMENSION = 12
 JOINT_CLASSES = 60
-"""Largest number of free directions, and of classes of agents with the same motion, for which one joint set is sought.
-Above, directions in which different agents move are treated separately."""
+"""Largest numbers of free directions, and of classes of agents with the same motion, that one joint set covers. Above,
+directions in which different agents move are treated separately."""
 
 RANKED_STATES = 400
 """Largest number of agents' states for which sets are ranked by lambda_min; above, the first set is taken."""
