@@ -584,7 +584,7 @@ def make_run(duration: float = 2.0, samples: int = 41) -> Samples:
 
 
 def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, **changes: Any) -> Film:
-    """A film of that run; `changes` replaces fields of the film, and of its samples."""
+    """Make the video content of that run; `changes` replaces fields of it, and of its samples."""
     bodies = np.array([model.body(f"vehicle{number}").id for number in range(5)])
     film = Film(
         name="small",
@@ -604,13 +604,13 @@ def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, *
 
 
 def samples_of(film: Film) -> Samples:
-    """The film's run, which is in memory."""
+    """Return the run of a video content, which is in memory."""
     assert isinstance(film.run, Samples)
     return film.run
 
 
 def change_film(film: Film, **changes: Any) -> Film:
-    """The film with some fields of it, or of its samples, replaced."""
+    """Return video content with some fields of it, or of its samples, replaced."""
     of_samples = {field.name: changes.pop(field.name) for field in fields(Samples) if field.name in changes}
     return replace(film, run=replace(samples_of(film), **of_samples), **changes)
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 settings.register_profile("fast", deadline=None, derandomize=True, max_examples=20)
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=60)
-settings.load_profile("fast")  # `make test-all` asks for --hypothesis-profile=ci
+settings.load_profile("fast")  # `make test-all` uses --hypothesis-profile=ci
 
 
 ALSO_SHOWN = ("noisy_harbour", "paper_delay", "paper_half_lost", "swarm_radio_shadow")

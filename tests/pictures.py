@@ -37,7 +37,7 @@ def written(figure: Figure) -> list[Written]:
 
 
 def overlaps(texts: list[Written], spare: float = 0.5) -> list[tuple[str, str]]:
-    """Texts that overlap by more than so many pixels each way."""
+    """Return the texts that overlap by more than a number of pixels each way."""
     boxes = np.array([text.box for text in texts]) + spare * np.array([1, 1, -1, -1])
     both = (boxes[:, None, :2] < boxes[None, :, 2:]).all(axis=2) & (boxes[:, None, 2:] > boxes[None, :, :2]).all(axis=2)
     return [(texts[i].text, texts[j].text) for i, j in np.argwhere(np.triu(both, 1)).tolist()]

@@ -23,7 +23,7 @@ def test_a_wamv_pushes_along_its_thrusters_axes() -> None:
     assert found.forward_thrust == pytest.approx(F, rel=1e-6)
     assert found.forward_speed == pytest.approx((np.sqrt(100**2 + 600 * F) - 100) / 300, rel=1e-6)
     assert 0.3 * F < found.least_thrust < F
-    # Sideways, with the stern pair at lever a and the bow pair at b: F_s a = F_b b, the weaker pair saturated.
+    # Sideways, with the pairs at levers a (rear) and b (front): F_s a = F_b b, the weaker pair saturated.
     rows = load_vehicle("wamv").W
     stern, bow = np.abs(rows[5, :2]).sum() / 2, np.abs(rows[5, 2:]).sum() / 2
     full = 2 * 2353.5 * np.sqrt(0.5)

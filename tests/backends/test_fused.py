@@ -180,7 +180,7 @@ def test_a_step_in_lanes_is_that_of_mujoco(tmp_path: Path) -> None:
 
 
 def test_a_vehicle_in_lanes_moves_as_it_does_alone(tmp_path: Path) -> None:
-    """Neighbours change no bit: at rest, at limits, in turns that no series reaches, and where one is bad.
+    """Neighbours change no bit, even at rest, at limits, in turns beyond any series, and if one is bad.
 
     One vehicle at a time is not moved in lanes.
     """

@@ -1,4 +1,4 @@
-"""Included vehicles as a whole: at rest, under velocity commands, heeled, and turned.
+"""Included vehicles as a whole: motion at rest, under velocity commands, heeled, and turned.
 
 Oracles: equilibria that a pencil finds; the mean delay of a linear loop; eigenvalues of the linearised equations of
 motion; symmetries; the sources' own numbers.
@@ -121,10 +121,10 @@ def test_a_boat_floats_upright_at_its_draft(name: str) -> None:
 
 
 def mean_delay(name: str, axis: int) -> tuple[float, float, float]:
-    """Of the velocity along a body axis after a small step: measured, by the reduced model, and by linear theory.
+    """Return the delay of the velocity along a body axis after a small step: measured, of the reduced model, of theory.
 
     The integral of 1 - v / v_end, so the time less the way in units of v_end. Theory: momentum takes M v, and force
-    that comes late (by the thrusters' lag, or the attitude's 2 zeta / omega where thrust must be turned) its delay
+    that is delayed (by the thrusters' lag, or the attitude's 2 zeta / omega where thrust must be turned) its delay
     times D v; both are made up for by M k_v + D.
     """
     seconds, speed = 15, 1e-3
@@ -306,7 +306,7 @@ def crossings(values: Array, timestep: float) -> Array:
 @pytest.mark.parametrize("mode", [2, 3, 4], ids=["heave", "roll", "pitch"])
 @pytest.mark.parametrize("name", BOATS)
 def test_a_boat_comes_back_at_the_period_of_its_restoring_and_inertia(name: str, mode: int) -> None:
-    """Heeled 10 degrees, pitched 3 or lifted 5 cm, with thrusters off: crossings of the level, of the linear equations.
+    """Heeled 10 degrees, pitched 3 or lifted 5 cm, unpowered: crossings of the level, as of linear equations.
 
     Where damping leaves one mode alone, twice the time between crossings is its period, an eigenvalue's 2 pi / Im.
     """

@@ -302,7 +302,7 @@ def test_engines_agree_and_the_deflection_is_recorded_in_rad() -> None:
 @pytest.mark.parametrize("heading", [0.0, 120.0])
 @pytest.mark.parametrize("target", [[4, 0], [0, 4], [-4, 0]])
 def test_a_target_that_is_near_is_not_left(target: list[float], heading: float) -> None:
-    """It drifts rather than turn round below 12 % of its speed: what is left is at most that over the gain."""
+    """Below 12 % of its speed it drifts instead of turning round: the residual is at most that over the gain."""
     data = simulate(
         load_scenario(
             {

@@ -903,7 +903,7 @@ REPORTED: dict[int, Callable[[], Raw]] = dict(
         ]
     )
 )
-"""What the first attack reported: stiff targets, records (coarse, fine), jets, a sink in the agents' way, held
+"""Findings of the first attack: stiff targets, records (coarse, fine), jets, a sink in the agents' way, held
 targets, a span too long to follow, a start at 1e-16 m, a sink beside a target."""
 
 FAMILIES: dict[str, Callable[[Rng], Raw]] = {

@@ -1,4 +1,4 @@
-"""Spans and budgets of curves with a known answer.
+"""Time spans and error budgets of curves with a known answer.
 
 Oracle: closed forms, and the identity that a budget must satisfy.
 """

@@ -1,4 +1,4 @@
-"""A real browser without a network and without a graphics card: Chromium as the distribution has it."""
+"""Real browser without a network and without a GPU: Chromium of the distribution."""
 
 import shutil
 from collections.abc import Iterator
@@ -44,7 +44,7 @@ def open_page(
 ) -> Any:
     """Open a page from disk, without a network, and wait until it is ready.
 
-    `before` is a script that runs before those of the page. What the page asks for, says on the console and fails with
+    `before` is a script that runs before those of the page. Requests, console messages and failures of the page
     are the lists `requests`, `words` and `failures` of the result.
     """
     made = browser.new_context(viewport={"width": width, "height": height}, offline=True, **context)

@@ -113,13 +113,13 @@ def test_thinned_keeps_the_ends_and_reads_what_it_says(
 
 @pytest.mark.slow
 def test_a_long_run_of_few_vehicles_is_read_in_few_pieces(piece: Callable[[int], None], tmp_path: Path) -> None:
-    """A read has a price of its own: pieces are whole parts of the file, as many as bounded memory allows."""
+    """Each read has a fixed cost: pieces are whole parts of the file, as large as bounded memory allows."""
     piece(10)
     run = written(scenario(end=5.0), "ideal", tmp_path / "run.nc")
     vehicles, (chunk, *_) = run.sizes["agent"] + run.sizes["target"], run["agent_position"].encoding["chunksizes"]
     assert (chunk, run.sizes["time"]) == (10, 501)
     assert [part.sizes["time"] for part in pieces_of(run, ["agent_position"])] == [501]
-    many = run.isel(agent=np.zeros(10_000, dtype=int))  # as if there were so many agents
+    many = run.isel(agent=np.zeros(10_000, dtype=int))  # as if there were 10,000 agents
     many["agent_position"].encoding = run["agent_position"].encoding
     length = length_of_piece(many)
     assert length % chunk == 0

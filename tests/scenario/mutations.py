@@ -70,7 +70,7 @@ class Pairs(list[tuple[Any, Any]]):
 
 
 def try_files(strategy: st.SearchStrategy[bytes], least: int, check: Callable[[bytes], None]) -> None:
-    """Check files drawn from a strategy, each once, and see that there were as many as promised."""
+    """Check files drawn from a strategy, each once, and see that their number is the promised one."""
     tried: set[bytes] = set()
 
     @settings(FUZZ, max_examples=least * 3 // 2)  # a good fifth of the mutations come out alike

@@ -17,7 +17,7 @@ NAMES = list(list_scenarios())
 
 
 def test_ten_thousand_files_are_tried() -> None:
-    """Different ones, by this module and test_fuzz_text.py: each test there sees that it tries as many as it should."""
+    """Different ones, by this module and test_fuzz_text.py: each test there asserts the number of its trials."""
     assert len(NAMES) * (TREES + TEXTS + RUNS) >= 10_000
 
 

@@ -1,4 +1,4 @@
-"""Sections made in Python: as strict as files, with tuples and numpy's values for lists and numbers.
+"""Sections made in Python are as strict as files, with tuples and numpy's values for lists and numbers.
 
 Oracle: the same section read from plain values, as YAML gives them.
 """

@@ -69,7 +69,7 @@ def test_killed_ten_times(tmp_path: Path) -> None:
         if running.poll() is not None:  # it ended before its time came: the last kills are of its end
             assert running.returncode == 0, running.communicate()[1]
             early_ends += 1
-            assert early_ends == 1, "the study is too short for so many kills"
+            assert early_ends == 1, "the study is too short for this number of kills"
             print(f"  ended with {len(ended(out))} of {RUNS}; begun again from half of them")
             for path in sorted(out.glob("runs/0*.json"))[::2]:
                 path.unlink()

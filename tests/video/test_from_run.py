@@ -152,7 +152,7 @@ SIZES = {"hexarotor": 4.0, "boat": 3.0}
 
 @pytest.mark.parametrize("named", [{}, SIZES, SIZES | {"H2": 1.5}])
 def test_vehicles_are_scaled_by_kind_and_by_id(named: dict[str, float]) -> None:
-    """What is drawn of each is that many times larger. Oracle: the geoms of the same film at the vehicles' own size."""
+    """Each vehicle is drawn larger by its factor. Oracle: the geoms of the same video at the vehicles' own size."""
     backend, reason = mjsheaf.video.available_backend()
     if backend is None:
         pytest.skip(reason)
@@ -211,7 +211,7 @@ def test_a_medium_at_rest_has_no_arrows() -> None:
 
 @pytest.mark.parametrize("distance", [0.3, 7.0, 900.0])
 def test_the_bar_is_as_long_as_it_says(distance: float) -> None:
-    """Oracle: two points so far apart, side by side at the middle, as the camera projects them."""
+    """Oracle: two points at this distance, side by side at the centre, as the camera projects them."""
     film, _ = film_of(chase(), simulate(chase(0.1), backend="ideal"))
     options = VideoOptions(width=1000, height=720)
     image = Image.new("RGB", (1000, 720), (128, 128, 128))

@@ -25,7 +25,7 @@ MAGENTA = (255, 0, 255)
 
 
 def everything() -> Film:
-    """A film in which every row of a legend has a reason."""
+    """Video content in which every row of a legend has a reason."""
     film = make_film(make_model())
     stages = [Stage(0.0, film.edges, frozenset({1})), Stage(1.0, film.edges[:2], name="join A2")]
     kinds = ["boat", "boat", "drone", "drone", "buoy"]

@@ -37,7 +37,7 @@ def count(lines: list[Lines]) -> int:
 
 
 def crowded(film: Film, agents: int, targets: int) -> Film:
-    """The five vehicles of a film again and again."""
+    """The five vehicles of a run, repeated."""
     run, every = samples_of(film), np.arange(agents + targets) % film.vehicles
     return replace(
         film,
