@@ -119,3 +119,17 @@ def distances(obstacles: ObstacleArrays, times: Array, points: Array) -> Array:
     out = np.empty((*points.shape[:2], len(obstacles.kind)))
     _distances(obstacles, np.asarray(times, dtype=np.float64), np.ascontiguousarray(points, dtype=np.float64), out)
     return out
+
+
+@jit
+def _centres(obstacles, t, out):
+    """Write the centre of every obstacle at time t, s, into out (K, 3), m."""
+    for k in range(out.shape[0]):
+        out[k, 0], out[k, 1], out[k, 2] = position_at(obstacles.motion, k, t)
+
+
+def centres(obstacles: ObstacleArrays, time: float) -> Array:
+    """Return the centre of every obstacle at a time in s, of a half-space its point, shape (K, 3), m."""
+    out = np.empty((len(obstacles.kind), 3))
+    _centres(obstacles, float(time), out)
+    return out

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.errors import InputError
 from mjsheaf.scenario.scenario import Scale, Video, scales_of
 
@@ -141,6 +142,7 @@ class Film:
         kinds: Kind of each vehicle, for scaling by kind. Empty if the viewer cannot scale them.
         automatic: Default scale of each vehicle, shape (V,). Empty for their true size.
         media: Moving media around the vehicles.
+        obstacles: What agents keep away from; None without any.
     """
 
     name: str
@@ -163,6 +165,7 @@ class Film:
     kinds: Sequence[str] = ()
     media: Sequence[Medium] = ()
     automatic: FloatArray | None = None
+    obstacles: ObstacleArrays | None = None
 
     def __post_init__(self) -> None:
         """Check that everything fits together.

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
 from mjsheaf.errors import MjsheafError
 from mjsheaf.video.camera import CameraPath, View
 from mjsheaf.video.film import Edge, Film, FloatArray, IntArray, Moment, VideoOptions
@@ -25,6 +26,10 @@ Float32Array = npt.NDArray[np.float32]
 
 COMMUNICATION: Float32Array = np.array([0.93, 0.96, 1.0, 0.4], np.float32)  # RGBA in 0..1, like MuJoCo's geoms
 SENSING: Float32Array = np.array([1.0, 0.86, 0.25, 0.9], np.float32)
+
+OBSTACLE: Float32Array = np.array([0.78, 0.55, 0.38, 1.0], np.float32)
+HALF_SPACE_COLOUR: Float32Array = np.array([0.78, 0.55, 0.38, 0.35], np.float32)
+FACE = 0.05  # half the thickness at which the face of a half-space is drawn, m
 
 ABSENT: Float32Array = np.array([0.6, 0.6, 0.6, 1.0], np.float32)
 
@@ -84,6 +89,7 @@ class Decorator:
         stages = [stage.edges for stage in film.stages] or [film.edges]
         self._edges = [(_pairs(edges, "communication"), _pairs(edges, "sensing")) for edges in stages]
         self.most_geoms = 2 * film.vehicles  # per vehicle: the foot of its vertical line and a ball at q*
+        self.most_geoms += 0 if film.obstacles is None else len(film.obstacles.kind)
         self._spacing = 0.0
 
     def lay_out_arrows(self, view: View) -> None:
@@ -101,6 +107,8 @@ class Decorator:
         for i, (goal, rgba) in enumerate(zip(moment.harmonic_extension, self._with_alpha(0.55), strict=False)):
             if i not in absent:
                 _add_ball(scene, goal, radius, rgba)
+        if self._film.obstacles is not None:
+            _add_obstacles(scene, self._film.obstacles, moment.time, view)
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
         tails, heads = (moment.positions[ends] for ends in communication.T)
         edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
@@ -216,6 +224,27 @@ def _add_ball(scene: mujoco.MjvScene, centre: FloatArray, radius: float, rgba: F
     mujoco.mjv_initGeom(geom, sphere, np.full(3, radius), centre, level, rgba)
     geom.emission = 0.6  # keeps its group's colour in the shade
     scene.ngeom += 1
+
+
+def _add_obstacles(scene: mujoco.MjvScene, obstacles: ObstacleArrays, time: float, view: View) -> None:
+    """Add every obstacle where it is at a time in s; of a half-space, its face near the middle of the picture."""
+    kinds, shapes = (SPHERE, CAPSULE, BOX, HALF_SPACE), mujoco.mjtGeom
+    geoms = dict(zip(kinds, (shapes.mjGEOM_SPHERE, shapes.mjGEOM_CAPSULE, *[shapes.mjGEOM_BOX] * 2), strict=True))
+    places = zip(obstacles.kind, obstacles.axes, obstacles.size, centres(obstacles, time), strict=True)
+    for kind, axes, size, centre in places:
+        x, y, z = axes
+        columns, extent = (x, y, z), size
+        if kind == SPHERE:
+            extent = np.full(3, size[0])
+        elif kind == CAPSULE:  # MuJoCo's capsules lie along their z axis, and have the radius first
+            columns, extent = (y, z, x), np.array([size[1], size[0], 0.0])
+        elif kind == HALF_SPACE:
+            centre = view.lookat - x * (x @ (view.lookat - centre) + FACE)
+            extent = np.array([FACE, view.distance, view.distance])
+        rgba = HALF_SPACE_COLOUR if kind == HALF_SPACE else OBSTACLE
+        geom = scene.geoms[scene.ngeom]
+        mujoco.mjv_initGeom(geom, geoms[kind].value, extent, centre, np.column_stack(columns).ravel(), rgba)
+        scene.ngeom += 1
 
 
 def draw_lines(batches: Sequence[Lines]) -> None:
