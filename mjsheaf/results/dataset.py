@@ -38,18 +38,18 @@ def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
 
 
 def make_datasets(
-    pieces: Iterable[Trajectory], backend: str, seed: int, phases: Sequence[Phase] = ()
+    pieces: Iterable[Trajectory], backend: str, seed: int, phases: Sequence[Phase] = (), first: int = 0
 ) -> Iterator[xr.Dataset]:
     """Collect a trajectory in pieces, each as in `make_dataset`.
 
     The last piece has the run's status, the communication between agents (see `terms.traffic_of`) and the fraction of
     measurements that arrived. `phases` determine the phase of each sample and the edges that have a link at some time;
-    a run of one phase does not need them.
+    a run of one phase does not need them. `first` is the number of the first sample in the run.
     """
     attributes: dict[str, Any] = {}
     delivery = Delivery([phase.system for phase in phases])
     traffic = np.zeros(3, dtype=np.int64)
-    done = 0
+    done = first
     for piece in pieces:
         attributes = attributes or _attributes(piece.system, backend, seed) | _about_phases(phases)
         delivery.add(piece)

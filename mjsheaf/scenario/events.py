@@ -326,7 +326,7 @@ def phases_of_events(
         with in_field(f"events.{k}.time"):
             samples.append(_sample_of(event.time, whole.grid))
     order = sorted(range(len(events)), key=samples.__getitem__)
-    state = State(whole.team, dict(sections), waiting=_waiting_first([events[k] for k in order], whole.team))
+    state = State(whole.team, dict(sections), waiting=find_waiting([events[k] for k in order], whole.team))
     state.drifting = _require_waiting(drifting, state.waiting)
     if not events:
         return (Phase(0, whole),)
@@ -347,7 +347,7 @@ def phases_of_events(
     return tuple(phases)
 
 
-def _waiting_first(events: Sequence[Event], team: Team) -> set[str]:
+def find_waiting(events: Sequence[Event], team: Team) -> set[str]:
     """Return the ids of a team whose first event, of events in order, is to join."""
     first = dict[str, bool]()
     for event in events:

@@ -233,6 +233,16 @@ class Engine(ABC):
             self._enter(carry(self.memory, law, self._control.law, sample))
         return step
 
+    def change_phases(self, phases: Sequence[Phase]) -> None:
+        """Continue under other phases, equal to the previous ones up to the present sample.
+
+        Args:
+            phases: Phases of the run. Of those that begin after the start, the previous phases contain all that begin
+                before the present sample.
+        """
+        self._phases = tuple(phases)
+        self._views.clear()  # their keys are identities, which new systems may have again
+
     # -- stepping ------------------------------------------------------------------------------------------------------
 
     def step(self, n: int = 1) -> None:

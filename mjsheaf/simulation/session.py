@@ -131,6 +131,23 @@ class Session:
         engine.add_to_command(velocity)
         engine.step_period()
 
+    def change_events(self, scenario: "Scenario") -> None:
+        """Continue under a scenario with other events from the present sample on.
+
+        The run is then that of the new scenario from its start, to the bit.
+
+        Args:
+            scenario: The session's scenario; its events before the present sample are the same.
+
+        Raises:
+            InputError: As for `simulate`; the session continues as before.
+            NotUniqueError: The harmonic extension is not unique in some phase.
+        """
+        phases = self._phases_of(scenario)
+        require_simulable(phases, self.backend)
+        self.scenario = scenario
+        self.engine.change_phases(phases)
+
     @property
     def time(self) -> float:
         """Simulated time, s."""
