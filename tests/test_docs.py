@@ -46,7 +46,7 @@ SHORT = ["--set", "time.end=0.2"]
 SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=2"]
 SHORTENED = {"run": SHORT + SMALL, "compare": SHORT + SMALL, "sweep": SHORT, "video": ["--width", "160", "--fps", "1"]}
 SLOW = {"compare", "sweep", "video", "report", "pytest", "--expect", "--update", "--format", "--out", "--no-video"}
-SLOW |= {"controller.gain=30"}
+SLOW |= {"controller.gain=30", "export"}
 TEAM = {
     "agents": [{"id": "B1", "position": [0, 0]}, {"id": "B2", "position": [4, 0]}, {"id": "B3", "position": [8, 0]}],
     "targets": [{"id": "D", "position": [2, 6, 8]}],
@@ -115,7 +115,7 @@ def test_command_ends_as_it_should(
     if words[0] == "compare-runs":
         for directory in words[1 : words.index("--out")]:
             assert call("run", "paper", *SHORTENED["run"], "--out", directory) == 0
-    if words[0] in ("video", "plot", "report"):  # which `make demo` leaves
+    if words[0] in ("video", "plot", "report", "export"):  # which `make demo` leaves
         assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
     if "gpu" in words:

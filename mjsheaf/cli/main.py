@@ -15,6 +15,7 @@ import typer
 from mjsheaf._version import __version__
 from mjsheaf.cli.check import check
 from mjsheaf.cli.compare import compare, compare_runs
+from mjsheaf.cli.export import export
 from mjsheaf.cli.listing import bench, list_, new, schema
 from mjsheaf.cli.run import expect, plot, report, run, video
 from mjsheaf.cli.sweep import sweep
@@ -39,6 +40,7 @@ _COMMANDS: dict[Callable[..., None], str] = {
     video: "runs/paper-physics --speed 2 --azimuth 90 --elevation -60",
     plot: "runs/paper-physics --format pdf --no-title --out figures",
     report: "runs/paper-physics",
+    export: "runs/paper-physics --mcap",
     check: "air_tracks_surface --plot check.png",
     compare: "midpoint --no-video",
     compare_runs: "runs/midpoint-ideal runs/midpoint-physics",

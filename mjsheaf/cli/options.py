@@ -82,6 +82,12 @@ ControllerOption = Annotated[
 FormatOption = Annotated[
     str, typer.Option("--format", metavar="F1[,F2,...]", help="Formats of the plots: png, svg, pdf, or several.")
 ]
+McapOption = Annotated[
+    bool, typer.Option("--mcap", help="Write run.mcap, a log for Foxglove, Rerun or PlotJuggler. Needs mjsheaf[mcap].")
+]
+Ros2Option = Annotated[
+    bool, typer.Option("--ros2", help="Write run_ros2/, a bag for ROS 2 tools such as RViz. Needs mjsheaf[mcap].")
+]
 TitleOption = Annotated[bool, typer.Option("--title/--no-title", help="Give the plots a title.")]
 
 
@@ -94,6 +100,11 @@ def figure_options(formats: str, title: bool) -> "FigureOptions":
     from mjsheaf.io.figures import FigureOptions
 
     return FigureOptions(tuple(formats.split(",")), title)
+
+
+def formats_of(mcap: bool, ros2: bool) -> list[str]:
+    """Return the keys of `mjsheaf.export.FORMATS` that --mcap and --ros2 select."""
+    return [name for name, chosen in (("mcap", mcap), ("ros2", ros2)) if chosen]
 
 
 class NotHeldError(MjsheafError):

@@ -16,9 +16,11 @@ from mjsheaf.cli.options import (
     EngineOption,
     FormatOption,
     LegendOption,
+    McapOption,
     NotHeldError,
     OutOption,
     QualityOption,
+    Ros2Option,
     ScenarioArgument,
     SeedOption,
     SetOption,
@@ -26,6 +28,7 @@ from mjsheaf.cli.options import (
     TitleOption,
     VideoOption,
     figure_options,
+    formats_of,
     prepare,
     require_file_name,
 )
@@ -63,6 +66,8 @@ def run(
     title: TitleOption = True,
     engine: EngineOption = Engine.MUJOCO,
     threads: ThreadsOption = None,
+    mcap: McapOption = False,
+    ros2: Ros2Option = False,
 ) -> None:
     """Simulate a scenario and write data, plots, a page that replays the run, and a video.
 
@@ -93,6 +98,7 @@ def run(
                 controller=law,
                 origin=origin,
                 figures=figures,
+                exports=formats_of(mcap, ros2),
                 progress=announcing(loaded, str(backend), bars),
             )
     print_outcome(outcome, overridden=bool(overrides))
@@ -295,7 +301,7 @@ def video(
             own = directory / "video.mp4"
             path = own if out is None else out
             require_file_name("--out", path, ".mp4")
-            _require_outside_of_runs(path, own)
+            require_outside_of_runs(path, own)
             backend, reason = available_backend()
             if backend is None:
                 raise InputError(f"no video can be drawn here: {reason}")
@@ -332,7 +338,7 @@ def report(
 
         if out is not None:
             require_file_name("--out", out, ".html")
-            _require_outside_of_runs(out, directory / "report.html")
+            require_outside_of_runs(out, directory / "report.html")
         path = write_page_again(directory, out)
     print_lines(path)
 
@@ -353,13 +359,13 @@ def plot(
         if out is not None:
             if out.exists() and not out.is_dir():
                 raise InputError(f"--out {out}: is not a directory")
-            _require_outside_of_runs(out / "errors.png", directory / "errors.png")
+            require_outside_of_runs(out / "errors.png", directory / "errors.png")
         found = plot_again(directory, out or directory, figures, bars)
     for path in found:
         print_lines(path)
 
 
-def _require_outside_of_runs(path: Path, own: Path) -> None:
+def require_outside_of_runs(path: Path, own: Path) -> None:
     """Refuse a file of --out in the directory of a run, unless it is the run's `own`.
 
     Raises:

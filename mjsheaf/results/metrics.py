@@ -65,14 +65,18 @@ def evaluate_errors(team: Team, positions: Array) -> Errors:
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
         tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),
-        formation={f.name: _residuals(team, f, positions) for f in team.formations},
+        formation={f.name: edge_residuals(team, team.formation_edges(f), positions) for f in team.formations},
         centering={f.name: _centering(team, f, positions) for f in team.formations},
     )
 
 
-def _residuals(team: Team, formation: Formation, positions: Array) -> Array:
+def edge_residuals(team: Team, edges: Sequence[Edge], positions: Array) -> Array:
+    """Compute |F_i x_i - F_j x_j - b| of edges at positions (T, V, 3), shape (T, E), m.
+
+    On a range or bearing edge it is the distance from the desired length or direction.
+    """
     columns = []
-    for e in team.formation_edges(formation):
+    for e in edges:
         tail = positions[:, team.index[e.tail], : e.F_tail.shape[1]] @ e.F_tail.T
         head = positions[:, team.index[e.head], : e.F_head.shape[1]] @ e.F_head.T
         if e.measures == "position":

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import IntArray
 from mjsheaf.results.dataset import join
-from mjsheaf.results.sinks import Memory, send
+from mjsheaf.results.sinks import Memory, Sink, send
 from mjsheaf.threads import usable_processors
 
 
@@ -110,27 +110,26 @@ MAX_BYTES_HELD = 2**29
 """Maximum size of a run that stays in memory while it is published, bytes."""
 
 
-def write_dataset(pieces: Iterable[xr.Dataset], path: Path, memory: Memory | None = None) -> None:
+def write_dataset(pieces: Iterable[xr.Dataset], path: Path, *others: Sink) -> None:
     """Write a run as netCDF-4, compressed, one piece in memory at a time; equal runs give equal bytes.
 
     Args:
         pieces: Pieces from `make_datasets`, equal except for `time` and all of one length except for the last.
         path: Path of the file.
-        memory: Sink that receives the run too.
+        others: Sinks that receive the run too.
 
     Raises:
         OSError: The file cannot be written, for example on a full disk. An incomplete file remains.
     """
-    others = [] if memory is None else [memory]
     with EnduringFile(path) as file:
         send(pieces, NetCDF(file), *others)
     file.raise_refusal()
 
 
-def write_and_open(pieces: Iterable[xr.Dataset], path: Path) -> xr.Dataset:
+def write_and_open(pieces: Iterable[xr.Dataset], path: Path, *others: Sink) -> xr.Dataset:
     """Write a run as in `write_dataset`, and return it from memory if it is small, otherwise from the file."""
     memory = Memory(MAX_BYTES_HELD)
-    write_dataset(pieces, path, memory)
+    write_dataset(pieces, path, memory, *others)
     return open_dataset(path) if memory.overflowed else memory.dataset
 
 

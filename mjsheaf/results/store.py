@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _FIGURES = ("errors", "trajectories", "configurations", "budget", "convergence")
 _PLOTS = ("errors.png", "trajectories.png", "configurations.png")
-FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html")
+FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html", "run.mcap")
 """Names of files in the directory of a run; plots may have other formats."""
 
 _COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
@@ -35,6 +35,12 @@ COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_
 
 RUNS_FILES = ("runs.json", "runs.csv", "errors.png", "report.html")
 """Files that `compare-runs` writes into its directory; plots may have other formats."""
+
+BAG = "run_ros2"
+"""Folder in the directory of a run with a bag of ROS 2."""
+
+BAG_FILES = frozenset({"metadata.yaml", f"{BAG}.mcap", "scenario.yaml"})
+"""Names of files in that folder."""
 
 VEHICLES = "vehicles"
 """Folder in either directory with the files of vehicles that do not come with mjsheaf."""
@@ -68,9 +74,10 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    ours = {*FILES, *COMPARISON_FILES, *RUNS_FILES, *names_of(_FIGURES), VEHICLES}
+    ours = {*FILES, *COMPARISON_FILES, *RUNS_FILES, *names_of(_FIGURES), VEHICLES, BAG}
     strange = sorted(name for name in entries - ours if not is_part_of(name, ours))
     strange += _strange_vehicles(directory / VEHICLES)
+    strange += [f"{BAG}/{name}" for name in strange_in_bag(directory / BAG)]
     if strange:
         raise PlaceError(
             f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
@@ -98,6 +105,13 @@ def _strange_vehicles(folder: Path) -> list[str]:
     with suppress(OSError, ValueError):
         known = (folder / CHECKSUMS).read_text(encoding="utf-8").splitlines()
     return [f"{VEHICLES}/{name}" for name, line in _checksums(folder).items() if line not in known]
+
+
+def strange_in_bag(folder: Path) -> list[str]:
+    """List the files in the folder of a bag that mjsheaf did not write; the folder's own name if it is no folder."""
+    if not folder.is_dir() or folder.is_symlink():
+        return [folder.name] if folder.exists() or folder.is_symlink() else []
+    return sorted({entry.name for entry in folder.iterdir()} - BAG_FILES)
 
 
 def digest(path: Path) -> str:

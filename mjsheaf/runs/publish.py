@@ -18,6 +18,7 @@ from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
 from mjsheaf.control.source import same_law
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
+from mjsheaf.export import require_installed, sinks_of
 from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
@@ -26,6 +27,7 @@ from mjsheaf.jit import working_time
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.netcdf import split, write_and_open
+from mjsheaf.results.sinks import Sink
 from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
@@ -172,6 +174,7 @@ def execute(
     controller: "Controller | None" = None,
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
+    exports: Sequence[str] = (),
     progress: Progress = no_progress,
     timings: Timings | None = None,
 ) -> Outcome:
@@ -185,12 +188,13 @@ def execute(
         NotUniqueError: The harmonic extension is not unique and drift is not allowed. Nothing is written.
     """
     timings = timings or Timings()
+    require_installed(exports)
     with timings.part("checks"):
         phases = moved_by(scenario.phases, backend, engine, threads)
         require_simulable(phases, backend, allow_drift=allow_drift)
     simulating = partial(progress, "simulating")
     pieces = TimedIterator(stream(phases, backend, scenario.seed, simulating, controller=controller))
-    shown: Any = {"video": video, "figures": figures, "progress": progress}
+    shown: Any = {"video": video, "figures": figures, "exports": exports, "progress": progress}
     return publish(pieces, scenario, phases, directory, origin=origin, timings=timings, **shown)
 
 
@@ -203,6 +207,7 @@ def publish(
     video: VideoOptions | None = None,
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
+    exports: Sequence[str] = (),
     progress: Progress = no_progress,
     timings: Timings | None = None,
 ) -> Outcome:
@@ -219,6 +224,7 @@ def publish(
         video: Options of the video, or None for no video.
         origin: Origin of the scenario from `scenario.load.origin`, recorded in summary.json.
         figures: Formats and style of the plots.
+        exports: Further formats of the data, keys of `mjsheaf.export.FORMATS`.
         progress: Callback, called with the name of the activity, the steps done and the number of steps.
         timings: Durations of earlier parts of the command.
 
@@ -232,9 +238,10 @@ def publish(
     phases = phases_of(simulated)
     replaced = store.replaced_run(directory)
     with store.staging(directory) as fresh, ExitStack() as held:
-        dataset, seconds = _write_data(run, phases[0].system, fresh / "result.nc", timings)
-        held.enter_context(dataset)
         write_scenario(scenario, fresh)
+        sinks = sinks_of(exports, fresh, scenario, phases)
+        dataset, seconds = _write_data(run, phases[0].system, fresh / "result.nc", timings, sinks)
+        held.enter_context(dataset)
         progress("comparing with theory", 0, 1)
         account = account_of(scenario, phases, dataset, timings)
         summary, drawn, bounds = account.summary, account.drawn, account.bounds
@@ -256,14 +263,18 @@ def publish(
 
 
 def _write_data(
-    run: xr.Dataset | Iterable[xr.Dataset], system: "System", path: Path, timings: Timings
+    run: xr.Dataset | Iterable[xr.Dataset],
+    system: "System",
+    path: Path,
+    timings: Timings,
+    sinks: Sequence[Sink] = (),
 ) -> tuple[xr.Dataset, float | None]:
     """Write result.nc, and return its data and the duration of the simulation, s; None if that is unknown."""
     from mjsheaf.simulation.trajectory import samples_in_piece
 
     pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
     with timings.part("data"):
-        dataset = write_and_open(pieces, path)
+        dataset = write_and_open(pieces, path, *sinks)
     if not isinstance(run, TimedIterator):
         return dataset, None
     timings.add("simulation", run.seconds)

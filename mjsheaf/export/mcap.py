@@ -1,0 +1,245 @@
+"""Sink that writes MCAP with Foxglove's protobuf schemas. Equal runs give equal bytes."""
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from itertools import chain, count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import foxglove_schemas_protobuf.FrameTransforms_pb2 as transforms_pb2
+import foxglove_schemas_protobuf.Log_pb2 as log_pb2
+import foxglove_schemas_protobuf.SceneUpdate_pb2 as scene_pb2
+import numpy as np
+import xarray as xr
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.timestamp_pb2 import Timestamp
+from mcap_protobuf.writer import Writer
+
+from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.export.content import PALETTE, TOPICS, WORLD, Content, Moment
+from mjsheaf.export.solids import Solid
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
+    from mjsheaf.system import Phase
+
+MAX_FIELDS = 4000
+"""Maximum number of labels with a field each; protobuf allows some 8,000 lists in a message."""
+
+_FIELD = descriptor_pb2.FieldDescriptorProto
+_MANTISSA = 2.0**12  # steps of the mantissa of errors and commands
+_HALF_OPEN = 0.6  # opacity of desired positions
+_TURNS = 2.0**6  # steps of the components of an arrow's quaternion, and of the mantissa of its length
+_ARROW = (0.25, 0.8, 0.95, 0.9)  # colour of arrows, RGBA
+_EDGE = 2.0  # width of an edge, pixels
+
+
+class Mcap:
+    """Sink that writes one MCAP file."""
+
+    def __init__(self, path: Path, scenario: "Scenario", phases: "Sequence[Phase]", attachment: Path) -> None:
+        """Write to `path`; `attachment` is the scenario's file, read at the end."""
+        self._file = path.open("wb")
+        self._scenario, self._phases, self._attachment = scenario, phases, attachment
+        self._writer = Writer(self._file)
+        self._last, self._status = Timestamp(), ("", "")
+        self._failed = True
+
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Prepare the content; nothing is written before the first sample."""
+        self._content = Content(self._scenario, self._phases, variables, attrs["backend"] == "physics")
+        self._kinds = make_messages(self._content.labels, self._content.vectors)
+        self._begun = False
+
+    def write(self, chunk: xr.Dataset) -> None:
+        """Write the samples of a chunk."""
+        self._failed = True
+        for moment in self._content.moments(chunk):
+            stamp = Timestamp()
+            stamp.FromNanoseconds(moment.time)
+            self._last = stamp
+            if not self._begun:
+                self._begun = True
+                self._send("/vehicles", self._vehicles(stamp), stamp)
+            self._send("/tf", self._transforms(moment, stamp), stamp)
+            self._send("/scene", self._scene(moment, stamp), stamp)
+            for topic, kind in self._kinds.items():
+                self._send(f"/{topic}", self._values(kind, moment.values), stamp)
+            for words in moment.log:
+                self._log(log_pb2.Log.INFO, words)
+        self._status = chunk.attrs["status"], chunk.attrs["message"]
+        self._failed = False
+
+    def close(self) -> None:
+        """Write the end of the log, the scenario and the index, if every sample could be written."""
+        try:
+            if not self._failed:
+                if self._status[0] == "unstable":
+                    self._log(log_pb2.Log.ERROR, self._status[1])
+                self._writer.add_attachment(0, 0, "scenario.yaml", "application/yaml", self._attachment.read_bytes())
+                self._writer.finish()
+        finally:
+            self._file.close()
+
+    def _send(self, topic: str, message: Any, stamp: Timestamp) -> None:
+        time = stamp.ToNanoseconds()
+        self._writer.write_message(topic, message, time, time)
+
+    def _log(self, level: Any, words: str) -> None:
+        message = log_pb2.Log(timestamp=self._last, level=level, message=words, name="mjsheaf")
+        self._send("/log", message, self._last)
+
+    def _transforms(self, moment: Moment, stamp: Timestamp) -> Any:
+        """Return the poses of all vehicles, except those that are not finite."""
+        message = transforms_pb2.FrameTransforms()
+        finite: BoolArray = np.asarray(np.isfinite(moment.poses).all(axis=1))
+        for frame, pose, valid in zip(self._content.frames, moment.poses.tolist(), finite, strict=True):
+            if valid:
+                own = message.transforms.add(parent_frame_id=WORLD, child_frame_id=frame)
+                own.timestamp.CopyFrom(stamp)
+                _set_point(own.translation, pose)
+                _set_quaternion(own.rotation, pose[3:])
+        return message
+
+    def _scene(self, moment: Moment, stamp: Timestamp) -> Any:
+        """Return edges, desired positions and arrows; each of them replaces the one before."""
+        message = scene_pb2.SceneUpdate()
+        entities = [message.entities.add(frame_id=WORLD, id=name) for name in ("edges", "goals", "flow")]
+        edges, goals, flow = entities
+        for entity in entities:
+            entity.timestamp.CopyFrom(stamp)
+        for level in np.unique(moment.levels).tolist():
+            line = edges.lines.add(type=LinePrimitive.LINE_LIST, thickness=_EDGE, scale_invariant=True)
+            _set_colour(line.color, PALETTE[level])
+            line.pose.orientation.w = 1.0
+            ends, indices = np.unique(moment.edges[moment.levels == level], return_inverse=True)
+            for point in moment.poses[ends].tolist():
+                _set_point(line.points.add(), point)
+            line.indices.extend(indices.ravel().tolist())
+        for owner, place in zip(moment.owners.tolist(), moment.goals.tolist(), strict=True):
+            ball = goals.spheres.add()
+            _set_point(ball.pose.position, place)
+            ball.pose.orientation.w = 1.0
+            _set_point(ball.size, [2.0 * float(self._content.radii[owner])] * 3)
+            _set_colour(ball.color, [*self._content.colours[owner], _HALF_OPEN])
+        places = moment.poses[moment.drifting].tolist()
+        for start, quaternion, length in zip(places, *turn_along(moment.flow), strict=True):
+            arrow = flow.arrows.add(shaft_length=0.75 * length, head_length=0.25 * length)
+            arrow.shaft_diameter, arrow.head_diameter = 0.0625, 0.1875
+            _set_point(arrow.pose.position, start)
+            _set_quaternion(arrow.pose.orientation, quaternion)
+            _set_colour(arrow.color, _ARROW)
+        return message
+
+    def _vehicles(self, stamp: Timestamp) -> Any:
+        """Return the shapes of all vehicles, which move with their frames."""
+        message = scene_pb2.SceneUpdate()
+        for frame, solids in zip(self._content.frames, self._content.solids, strict=True):
+            entity = message.entities.add(frame_id=frame, id=frame, frame_locked=True)
+            entity.timestamp.CopyFrom(stamp)
+            for solid in solids:
+                _add_solid(entity, solid)
+        return message
+
+    def _values(self, kind: Any, values: Mapping[str, Array]) -> Any:
+        """Return the values of the variables of one topic at a sample."""
+        message = kind()
+        for variable in kind.DESCRIPTOR.fields:
+            rounded = _significant(values[variable.name])
+            if variable.message_type is None:
+                _set_numbers(message, variable.name, rounded)
+                continue
+            own = getattr(message, variable.name)
+            for field, value in zip(variable.message_type.fields, rounded, strict=True):
+                _set_numbers(own, field.name, value)
+        return message
+
+
+def make_messages(labels: Mapping[str, Sequence[str]], vectors: Collection[str]) -> dict[str, Any]:
+    """Make a class of messages for each topic of `TOPICS`, with a field for each variable that a run has.
+
+    The field of a variable is a number, or has a field for each of its labels, named like the label, with _ for
+    characters that protobuf does not allow. Fields of `vectors` have several numbers. A variable with more labels than
+    protobuf allows fields is a list of numbers in the order of its labels.
+    """
+    file = descriptor_pb2.FileDescriptorProto(name="mjsheaf.proto", package="mjsheaf", syntax="proto3")
+    for topic, variables in TOPICS.items():
+        message = file.message_type.add(name=topic.title())
+        for k, variable in enumerate(name for name in variables if name in labels):
+            own = message.field.add(name=variable, number=k + 1, type=_FIELD.TYPE_FLOAT, label=_FIELD.LABEL_OPTIONAL)
+            if len(labels[variable]) > MAX_FIELDS:
+                own.label = _FIELD.LABEL_REPEATED
+            elif labels[variable]:
+                own.type = _FIELD.TYPE_MESSAGE
+                own.type_name = f".mjsheaf.{variable}"
+                _add_fields(file.message_type.add(name=variable), labels[variable], variable in vectors)
+    classes = message_factory.GetMessages([file], descriptor_pool.DescriptorPool())
+    kinds = {topic: classes[f"mjsheaf.{topic.title()}"] for topic in TOPICS}
+    return {topic: kind for topic, kind in kinds.items() if kind.DESCRIPTOR.fields}
+
+
+def _add_fields(message: Any, labels: Sequence[str], vectors: bool) -> None:
+    """Add a field for each label to a message's description."""
+    names: set[str] = set()
+    for k, label in enumerate(labels):
+        plain = re.sub(r"\W", "_", label, flags=re.ASCII)
+        candidates = chain([plain], (f"{plain}_{k}" for k in count(2)))
+        name = next(name for name in candidates if name not in names)
+        names.add(name)
+        several = _FIELD.LABEL_REPEATED if vectors else _FIELD.LABEL_OPTIONAL
+        message.field.add(name=name, number=k + 1, type=_FIELD.TYPE_FLOAT, label=several)
+
+
+def _set_numbers(message: Any, field: str, values: Array) -> None:
+    """Set a field that is one number, or a list of numbers."""
+    if values.ndim:
+        getattr(message, field).extend(values.ravel().tolist())
+    else:
+        setattr(message, field, float(values))
+
+
+def _significant(values: Array, steps: float = _MANTISSA) -> Array:
+    """Round the mantissas of values, to a relative error of at most 1 / steps, so that they compress well."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        mantissa, exponent = np.frexp(values)
+        return np.asarray(np.ldexp(np.rint(mantissa * steps) / steps, exponent))
+
+
+def _add_solid(entity: Any, solid: Solid) -> None:
+    """Add a solid to an entity of the scene."""
+    places = {"sphere": entity.spheres, "box": entity.cubes, "cylinder": entity.cylinders}
+    shape = places.get(solid.shape, entity.triangles).add()
+    _set_point(shape.pose.position, solid.pose.tolist())
+    _set_quaternion(shape.pose.orientation, solid.pose[3:].tolist())
+    _set_colour(shape.color, solid.colour)
+    if solid.shape == "cylinder":
+        shape.bottom_scale, shape.top_scale = 1.0, 1.0
+    if solid.shape != "triangles":
+        _set_point(shape.size, solid.size.tolist())
+    for point in solid.points.tolist():
+        _set_point(shape.points.add(), point)
+
+
+def turn_along(velocities: Array) -> tuple[list[list[float]], list[float]]:
+    """Return the rounded quaternion x, y, z, w that turns the x axis along each velocity, and the velocity's norm."""
+    speed = np.linalg.norm(velocities, axis=1)
+    quaternions = np.zeros((len(velocities), 4))
+    quaternions[:, 1] = -velocities[:, 2]
+    quaternions[:, 2] = velocities[:, 1]
+    quaternions[:, 3] = speed + velocities[:, 0]
+    quaternions[quaternions[:, 3] <= 1e-6 * speed] = [0.0, 0.0, 1.0, 0.0]
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return (np.rint(quaternions * _TURNS) / _TURNS).tolist(), _significant(speed, _TURNS).tolist()
+
+
+def _set_point(message: Any, point: Sequence[float]) -> None:
+    message.x, message.y, message.z = point[0], point[1], point[2]
+
+
+def _set_quaternion(message: Any, quaternion: Sequence[float]) -> None:
+    message.x, message.y, message.z, message.w = quaternion
+
+
+def _set_colour(message: Any, colour: Any) -> None:
+    message.r, message.g, message.b, message.a = (float(part) for part in colour)

@@ -1,0 +1,236 @@
+"""Sink that writes a bag of ROS 2: messages in CDR in one MCAP file, and metadata.yaml. Equal runs give equal bytes."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.export.content import PALETTE, TOPICS, WORLD, Content, Moment
+from mjsheaf.export.solids import Solid
+from mjsheaf.results.store import BAG
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
+    from mjsheaf.system import Phase
+
+_STORE = get_typestore(Stores.ROS2_JAZZY)
+_SHORT = {
+    "tf": "tf2_msgs/msg/TFMessage",
+    "markers": "visualization_msgs/msg/MarkerArray",
+    "marker": "visualization_msgs/msg/Marker",
+    "log": "rcl_interfaces/msg/Log",
+    "values": "std_msgs/msg/Float64MultiArray",
+    "layout": "std_msgs/msg/MultiArrayLayout",
+    "dimension": "std_msgs/msg/MultiArrayDimension",
+    "header": "std_msgs/msg/Header",
+    "colour": "std_msgs/msg/ColorRGBA",
+    "time": "builtin_interfaces/msg/Time",
+    "duration": "builtin_interfaces/msg/Duration",
+    "stamped": "geometry_msgs/msg/TransformStamped",
+    "transform": "geometry_msgs/msg/Transform",
+    "vector": "geometry_msgs/msg/Vector3",
+    "point": "geometry_msgs/msg/Point",
+    "quaternion": "geometry_msgs/msg/Quaternion",
+    "pose": "geometry_msgs/msg/Pose",
+    "image": "sensor_msgs/msg/CompressedImage",
+    "mesh": "visualization_msgs/msg/MeshFile",
+}
+_Type: dict[str, Any] = {short: _STORE.types[name] for short, name in _SHORT.items()}
+_MARKER = _Type["marker"]
+_SHAPES = {
+    "sphere": _MARKER.SPHERE,
+    "box": _MARKER.CUBE,
+    "cylinder": _MARKER.CYLINDER,
+    "triangles": _MARKER.TRIANGLE_LIST,
+}
+_ZERO = QosTime(0, 0)
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _ZERO, _ZERO,
+    QosLiveliness.AUTOMATIC, _ZERO, False,
+)  # fmt: skip
+_HALF_OPEN = 0.6  # opacity of desired positions
+_ARROW = (0.25, 0.8, 0.95, 0.9)  # colour of arrows, RGBA
+_HERE = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+class Ros2Bag:
+    """Sink that writes the files of one bag into a directory."""
+
+    def __init__(self, path: Path, scenario: "Scenario", phases: "Sequence[Phase]", attachment: Path) -> None:
+        """Write to the directory `path`; `attachment` is the scenario's file, which is copied at the end."""
+        self._path, self._scenario, self._phases, self._attachment = path, scenario, phases, attachment
+        path.mkdir(exist_ok=True)
+        self._folder = TemporaryDirectory(prefix=".bag.", dir=path)
+        self._bag = Path(self._folder.name) / BAG
+        self._writer = Writer(self._bag, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._connections: dict[str, Any] = {}
+        self._last, self._status = 0, ("", "")
+        self._failed = True
+
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Prepare the content and the topics."""
+        self._content = Content(self._scenario, self._phases, variables, attrs["backend"] == "physics")
+        self._writer.open()
+        self._begun = False
+
+    def write(self, chunk: xr.Dataset) -> None:
+        """Write the samples of a chunk."""
+        self._failed = True
+        for moment in self._content.moments(chunk):
+            self._last = moment.time
+            header = _Type["header"](_stamp(moment.time), WORLD)
+            if not self._begun:
+                self._begun = True
+                self._send("/vehicles", "markers", self._vehicles(header.stamp), latched=True)
+            self._send("/tf", "tf", self._transforms(moment, header))
+            self._send("/scene", "markers", self._scene(moment, header))
+            for topic, names in TOPICS.items():
+                for name in (name for name in names if name in moment.values):
+                    self._send(f"/{topic}/{name}", "values", self._values(name, moment.values[name]))
+            for words in moment.log:
+                self._log("INFO", words)
+        self._status = chunk.attrs["status"], chunk.attrs["message"]
+        self._failed = False
+
+    def close(self) -> None:
+        """Write the end of the log and the index, and add the scenario, if every sample could be written."""
+        with self._folder:
+            if self._failed:
+                self._writer.abort()
+                return
+            if self._status[0] == "unstable":
+                self._log("ERROR", self._status[1])
+            self._writer.close()
+            for file in self._bag.iterdir():
+                file.replace(self._path / file.name)
+            (self._path / "scenario.yaml").write_bytes(self._attachment.read_bytes())
+
+    def _send(self, topic: str, kind: str, message: Any, *, latched: bool = False) -> None:
+        """Write a message at the time of the present sample."""
+        if topic not in self._connections:
+            profiles = [_LATCHED] if latched else []
+            self._connections[topic] = self._writer.add_connection(
+                topic, _SHORT[kind], typestore=_STORE, offered_qos_profiles=profiles
+            )
+        self._writer.write(self._connections[topic], self._last, _STORE.serialize_cdr(message, _SHORT[kind]))
+
+    def _log(self, level: str, words: str) -> None:
+        kind = _Type["log"]
+        self._send("/rosout", "log", kind(_stamp(self._last), getattr(kind, level), "mjsheaf", words, "", "", 0))
+
+    def _transforms(self, moment: Moment, header: Any) -> Any:
+        """Return the poses of all vehicles, except those that are not finite."""
+        finite: BoolArray = np.asarray(np.isfinite(moment.poses).all(axis=1))
+        rows = zip(self._content.frames, moment.poses.tolist(), finite, strict=True)
+        transforms = [
+            _Type["stamped"](
+                header, frame, _Type["transform"](_Type["vector"](*pose[:3]), _Type["quaternion"](*pose[3:]))
+            )
+            for frame, pose, valid in rows
+            if valid
+        ]
+        return _Type["tf"](transforms)
+
+    def _scene(self, moment: Moment, header: Any) -> Any:
+        """Return edges, desired positions and arrows, after everything of the sample before is deleted."""
+        clear = _marker(header, "", 0, _MARKER.ARROW, action=_MARKER.DELETEALL)
+        markers = [clear]
+        if len(moment.edges):
+            points = _points(moment.poses[moment.edges.ravel(), :3])
+            colours = [_colour(PALETTE[level]) for level in np.repeat(moment.levels, 2).tolist()]
+            lines = _marker(header, "edges", 0, _MARKER.LINE_LIST, scale=[0.05, 0.0, 0.0], points=points)
+            lines.colors = colours
+            markers.append(lines)
+        for owner, goal in zip(moment.owners.tolist(), moment.goals.tolist(), strict=True):
+            size = [2.0 * float(self._content.radii[owner])] * 3
+            colour = [*self._content.colours[owner], _HALF_OPEN]
+            pose = [*goal, *_HERE[3:]]
+            markers.append(_marker(header, "goals", owner, _MARKER.SPHERE, pose=pose, scale=size, colour=colour))
+        for vehicle, flow in zip(moment.drifting.tolist(), moment.flow, strict=True):
+            start = moment.poses[vehicle, :3]
+            points = _points(np.array([start, start + flow]))
+            shape = [0.0625, 0.1875, 0.0]
+            markers.append(_marker(header, "flow", vehicle, _MARKER.ARROW, scale=shape, colour=_ARROW, points=points))
+        return _Type["markers"](markers)
+
+    def _vehicles(self, stamp: Any) -> Any:
+        """Return the shapes of all vehicles, which move with their frames."""
+        markers = []
+        for frame, solids in zip(self._content.frames, self._content.solids, strict=True):
+            header = _Type["header"](stamp, frame)
+            markers += [_solid(header, frame, k, solid) for k, solid in enumerate(solids)]
+        return _Type["markers"](markers)
+
+    def _values(self, name: str, values: Array) -> Any:
+        """Return the values of a variable at a sample; the label of the first dimension lists the columns' names."""
+        rows = np.atleast_1d(np.asarray(values, np.float64))
+        labels = [",".join(self._content.labels[name]), *[""] * (rows.ndim - 1)]
+        strides = [int(np.prod(rows.shape[k:])) for k in range(rows.ndim)]
+        dimensions = [_Type["dimension"](*row) for row in zip(labels, rows.shape, strides, strict=True)]
+        return _Type["values"](_Type["layout"](dimensions, 0), rows.ravel())
+
+
+def _solid(header: Any, frame: str, number: int, solid: Solid) -> Any:
+    """Return the marker of a vehicle's solid."""
+    marker = _marker(
+        header, frame, number, _SHAPES[solid.shape], pose=solid.pose.tolist(), scale=solid.size.tolist(),
+        colour=solid.colour, points=_points(solid.points),
+    )  # fmt: skip
+    marker.frame_locked = True
+    return marker
+
+
+def _marker(
+    header: Any,
+    name: str,
+    number: int,
+    shape: int,
+    *,
+    action: int = 0,
+    pose: Sequence[float] = tuple(_HERE),
+    scale: Sequence[float] = (1.0, 1.0, 1.0),
+    colour: Any = (1.0, 1.0, 1.0, 1.0),
+    points: Sequence[Any] = (),
+) -> Any:
+    """Return a marker."""
+    return _MARKER(
+        header=header,
+        ns=name,
+        id=number,
+        type=shape,
+        action=action,
+        pose=_Type["pose"](_Type["point"](*pose[:3]), _Type["quaternion"](*pose[3:])),
+        scale=_Type["vector"](*scale),
+        color=_colour(colour),
+        lifetime=_Type["duration"](0, 0),
+        frame_locked=False,
+        points=list(points),
+        colors=[],
+        texture_resource="",
+        texture=_Type["image"](header, "", np.zeros(0, np.uint8)),
+        uv_coordinates=[],
+        text="",
+        mesh_resource="",
+        mesh_file=_Type["mesh"]("", np.zeros(0, np.uint8)),
+        mesh_use_embedded_materials=False,
+    )
+
+
+def _points(points: Array) -> list[Any]:
+    return [_Type["point"](*point) for point in points.tolist()]
+
+
+def _colour(colour: Any) -> Any:
+    return _Type["colour"](*(float(part) for part in colour))
+
+
+def _stamp(time: int) -> Any:
+    return _Type["time"](*divmod(time, 10**9))
