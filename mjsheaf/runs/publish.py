@@ -9,7 +9,7 @@ from functools import partial
 from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -243,18 +243,16 @@ def publish(
         dataset, seconds = _write_data(run, phases[0].system, fresh / "result.nc", timings, sinks)
         held.enter_context(dataset)
         progress("comparing with theory", 0, 1)
-        account = account_of(scenario, phases, dataset, timings)
-        summary, drawn, bounds = account.summary, account.drawn, account.bounds
+        summary, bounds, drawn = account_of(scenario, phases, dataset, timings)
         with timings.part("plots"):
             shown = shown_bound(phases, drawn["time"].values, *bounds[0])
             _plot(phases, drawn, shown, fresh, progress, figures, scenario.video.eye)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
-        if seconds:
-            summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
+        summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds if seconds else None
         progress("writing the page", 0, 1)
         with timings.part("page"):
-            page = page_of(scenario, phases, dataset, summary, bounds, notes=summary["notes"])
-            (fresh / "report.html").write_bytes(page)
+            page = fresh / "report.html"
+            page.write_bytes(page_of(scenario, phases, dataset, summary, bounds, notes=summary["notes"]))
         progress("publishing", 0, 1)  # the user can interrupt up to here
         summary["timings"] = timings.record()
         store.save_summary(summary, fresh / "summary.json")
@@ -325,8 +323,7 @@ def without_video(directory: Path) -> str:
     return f"{directory} is complete except for its video, which `mjsheaf video {shlex.quote(str(directory))}` draws"
 
 
-@dataclass(frozen=True)
-class Account:
+class Account(NamedTuple):
     """Contents of a run's report.
 
     Attributes:
