@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from mjsheaf.envs.episode import Episode
     from mjsheaf.envs.gym import env, vector_env
     from mjsheaf.envs.petting_zoo import parallel_env
+    from mjsheaf.envs.policies import SheafLaw
 
 _HOME = {
     "Episode": "mjsheaf.envs.episode",
+    "SheafLaw": "mjsheaf.envs.policies",
     "dm_env": "mjsheaf.envs.control_suite",
     "env": "mjsheaf.envs.gym",
     "parallel_env": "mjsheaf.envs.petting_zoo",
@@ -24,7 +26,7 @@ _HOME = {
 }
 _EXTRAS = ("gymnasium", "pettingzoo")
 
-__all__ = ["Episode", "dm_env", "env", "parallel_env", "vector_env"]
+__all__ = ["Episode", "SheafLaw", "dm_env", "env", "parallel_env", "vector_env"]
 
 
 def __getattr__(name: str) -> Any:
