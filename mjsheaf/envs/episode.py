@@ -41,6 +41,16 @@ def _named(edges: Iterable[Edge]) -> dict[tuple[tuple[str, str], int], Edge]:
     return named
 
 
+def _measures(agent: str, edge: Edge) -> bool:
+    """Return True if an agent measures at an edge: both ends do, but only the tail of a directed one."""
+    return agent == edge.tail or (agent == edge.head and not edge.directed)
+
+
+def _size_of(edge: Edge) -> int:
+    """Return how many numbers an edge's measurement has."""
+    return 1 if edge.measures == "range" else len(edge.b)
+
+
 class Episode:
     """A scenario on MuJoCo bodies, one control period at a time, with actions added to its law.
 
@@ -94,9 +104,9 @@ class Episode:
         self.action_limits = _action_limits(scenario)
         grid = scenario.whole.grid
         self.periods = grid.steps if horizon is None else _whole_periods(horizon, grid.period, grid.steps)
-        every = [(edge.between, key, edge) for key, edge in _named(team.measuring_edges).items()]
-        self._keys = {name: [key for ends, key, _ in every if name in ends] for name in self.agents}
-        self.edges = {name: [edge for ends, _, edge in every if name in ends] for name in self.agents}
+        every = _named(team.measuring_edges)
+        self._keys = {name: [key for key, edge in every.items() if _measures(name, edge)] for name in self.agents}
+        self.edges = {name: [every[key] for key in keys] for name, keys in self._keys.items()}
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -211,7 +221,7 @@ class Episode:
         for i, (name, keys) in enumerate(self._keys.items()):
             heard = np.array([received.get(key, False) for key in keys], dtype=np.bool_)
             parts = [
-                numbers[key] if there else np.zeros(len(edge.b))
+                numbers[key] if there else np.zeros(_size_of(edge))
                 for key, there, edge in zip(keys, heard, self.edges[name], strict=True)
             ]
             present = self.present[i]

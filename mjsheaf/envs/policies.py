@@ -129,6 +129,4 @@ def _pull(edge: Edge, agent: str) -> Array:
         raise InputError(f"edge {edge} measures a {edge.measures}; expected positions, for the sheaf law as a policy")
     if agent == edge.tail:
         return -edge.F_tail.T @ edge.weight
-    if edge.directed:
-        return np.zeros_like(edge.F_head.T)
     return edge.F_head.T @ edge.weight

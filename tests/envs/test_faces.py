@@ -174,6 +174,26 @@ def test_seeds_and_parts() -> None:
             env(scenario, **wrong)
 
 
+@pytest.mark.parametrize("name", ["range_formation", "bearing_formation"])
+def test_observations_keep_their_size_where_nothing_is_received(name: str) -> None:
+    """A distance is one number, also while its link has delivered none."""
+    team = parallel_env(load_scenario(name, {"links.all.delay": 0.1}))
+    seen = [team.reset()[0]]
+    seen += [team.step({})[0] for _ in range(12)]
+    for agent in team.agents:
+        assert len({own[agent].shape for own in seen}) == 1
+        assert seen[-1][agent] in team.observation_space(agent)
+        assert team.episode.observe()[agent]["received"].all()
+
+
+def test_only_the_tail_observes_a_directed_edge() -> None:
+    team = parallel_env(load_scenario("leader_follower"))
+    edges = {name: [edge.between for edge in own] for name, own in team.episode.edges.items()}
+    assert edges["leader"] == [("leader", "ship")]
+    assert edges["left"] == [("left", "leader")]
+    assert edges["last"] == [("last", "left"), ("last", "right")]
+
+
 def test_shipped_scenarios_are_registered() -> None:
     lines = ("import gymnasium, mjsheaf.envs", "made = gymnasium.make('mjsheaf/midpoint-v0', horizon=0.1)")
     script = "\n".join([*lines, "made.reset()", "print(made.spec.id)"])
