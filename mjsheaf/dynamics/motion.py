@@ -4,21 +4,22 @@ A target moves by p' = w(p) + v(t) + pull (r(t) - p) - gain (L_T p - c_T)_k + om
 is the paper's: the flow carries the target away from its reference. The consensus term is the law's and is not here.
 """
 
-import csv
 from math import factorial
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Own
-from mjsheaf.errors import InputError, shortened
+from mjsheaf.dynamics.recordings import read_positions
+from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section, tagged
 from mjsheaf.jit import inline_jit
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
+_CLOCK = 1e-9  # resolution of the times of logs, s
 _ORDER = 6  # coefficients of the quintic pieces of a waypoint path
 
 
@@ -166,19 +167,48 @@ class Waypoints(Section):
 
 
 class Recorded(Section):
-    """A path through recorded positions, written into the scenario: a cubic spline (not-a-knot) through the samples.
+    """A path through recorded positions: a cubic spline (not-a-knot) through the samples.
 
-    Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away.
+    Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away. A
+    loaded scenario has the samples of a file in place of its path.
     """
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["recorded"] = Field("recorded", description="always recorded")
-    samples: Annotated[list[Annotated[list[Number], Field(min_length=3, max_length=4)]], Field(min_length=2)] = Field(
-        description="rows t, x, y and in space z, t rising, from the start of the run to its end or beyond; `file` "
-        "reads the same from a CSV file [s, m]"
+    samples: Annotated[list[Annotated[list[Number], Field(min_length=3, max_length=4)]], Field(min_length=2)] | None = (
+        Field(
+            None,
+            description="rows t, x, y and in space z, t rising, from the start of the run to its end or beyond; `path` "
+            "reads the same from a file [s, m]",
+        )
     )
+    path: str | None = Field(
+        None,
+        description="file with the positions: CSV, netCDF, MCAP, or a bag of ROS; relative to the scenario. Times of "
+        "CSV, and of netCDF without a date, are those of the run; others count from the first position",
+    )
+    topic: str | None = Field(None, description="topic of a log; the agent or target in a run's result.nc")
+    frame: str | None = Field(None, description="child frame, of a topic with the transforms of several")
     pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "Recorded":
+        if (self.samples is None) == (self.path is None):
+            raise ValueError("expected either samples or path")
+        if self.path is None and (self.topic is not None or self.frame is not None):
+            raise ValueError("topic and frame select from the file of `path`; expected them only with it")
+        return self
+
+    def read(self) -> "Recorded":
+        """Return the same motion with its samples, from its file if it has one.
+
+        Raises:
+            InputError: The file cannot be read, or holds no positions; the message names it.
+        """
+        if self.path is None:
+            return self
+        return Recorded(samples=read_positions(self.path, self.topic, self.frame), pull=self.pull)
 
     def spline(self, n: int, start: float, end: float) -> "PPoly":
         """The path, its first n coordinates, m, over time, s, of the degree of `Waypoints.spline`.
@@ -188,14 +218,16 @@ class Recorded(Section):
         """
         from scipy.interpolate import PPoly, make_interp_spline
 
-        for k, row in enumerate(self.samples):
+        samples = self.read().samples or []
+        for k, row in enumerate(samples):
             if len(row) < n + 1:
                 raise InputError(f"sample {k} has {len(row)} entries; expected t and {n} coordinates")
-        t, path = np.array([row[0] for row in self.samples]), np.array([row[1 : n + 1] for row in self.samples])
+        t = np.array([row[0] for row in samples])
+        path = np.array([row[1 : n + 1] for row in samples])
         if not (np.diff(t) > 0.0).all():
             k = int((np.diff(t) > 0.0).argmin())
             raise InputError(f"sample {k + 1} is of t = {t[k + 1]:g} s, after one of {t[k]:g} s; expected a later time")
-        if t[0] > start or t[-1] < end:
+        if t[0] > start + _CLOCK or t[-1] < end - _CLOCK:  # the path stands still for that long
             raise InputError(f"samples cover {t[0]:g} to {t[-1]:g} s; expected all of the run, {start:g} to {end:g} s")
         cubic = make_interp_spline(t, path, k=min(3, len(t) - 1))
         knots = cubic.t[cubic.k : len(cubic.t) - cubic.k]
@@ -216,40 +248,12 @@ class File(Section):
     pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
 
     def read(self) -> Recorded:
-        """The samples of the file.
+        """Return the motion with the samples of the file.
 
         Raises:
-            InputError: it cannot be read, or is no table of numbers; the message names file and line.
+            InputError: The file cannot be read, or is no table of numbers; the message names file and line.
         """
-        name = shortened(self.path, 100) or "''"
-        try:
-            with open(self.path, newline="", encoding="utf-8-sig") as file:
-                lines = [(k, row) for k, row in enumerate(csv.reader(file), 1) if "".join(row).strip()]
-        except (OSError, ValueError, csv.Error) as error:
-            raise InputError(f"{name}: {getattr(error, 'strerror', None) or error}") from None
-        places = list(range(len(lines[0][1]))) if lines else []
-        if lines and not all(map(_is_number, lines[0][1])):
-            header = [_COLUMNS.get(title.strip().lower()) for title in lines.pop(0)[1]]
-            places = [header.index(column) for column in "txyz" if column in header]
-            if not {"t", "x", "y"} <= set(header):
-                raise InputError(f"{name}: expected a table of numbers with columns t, x, y, and in space z")
-        samples = []
-        for number, row in lines:
-            if not all(at < len(row) and _is_number(row[at]) for at in places):
-                shown = shortened(",".join(row))
-                raise InputError(f"{name}: line {number}: expected a number in each column, not {shown!r}")
-            samples.append([float(row[at]) for at in places])
-        return Recorded(samples=samples, pull=self.pull)
-
-
-_COLUMNS = {"t": "t", "time": "t", "time_s": "t", "x": "x", "y": "y", "z": "z"}
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return bool(np.isfinite(float(text)))
-    except ValueError:
-        return False
+        return Recorded(samples=read_positions(self.path), pull=self.pull)
 
 
 class Static(Section):
@@ -315,8 +319,7 @@ def _spline(motion: Waypoints | Recorded | File, initial: Array, start: float, e
     """The path of a target that is at `initial` (n,), m, at the start."""
     if isinstance(motion, Waypoints):
         return motion.spline(initial, start)
-    recorded = motion.read() if isinstance(motion, File) else motion
-    return recorded.spline(len(initial), start, end)
+    return motion.read().spline(len(initial), start, end)
 
 
 def reference_bounds(motion: MotionArrays, parts: int = 1) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping
-from mjsheaf.dynamics.motion import File
+from mjsheaf.dynamics.motion import File, Recorded
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion
 from mjsheaf.io.files import confined, resource_directory
 from mjsheaf.io.section import plain, split_path, validation_problems
@@ -28,6 +28,9 @@ _VEHICLE_PLACES = (
     ("flow", "*", "path"),
 )
 """Fields that name a file; * is any item of a list or mapping."""
+
+_FILES: dict[str, type[File | Recorded]] = {"file": File, "recorded": Recorded}
+"""Motions that may name a file, by kind."""
 
 
 def list_scenarios() -> dict[str, Path]:
@@ -98,10 +101,11 @@ def _with_recorded(node: Any, place: Callable[[str], str]) -> Any:
     """A scenario whose motions from files hold what the files say; `place` finds a file from what is written."""
 
     def read(motion: Any, field: str) -> Any:
-        if not isinstance(motion, dict) or motion.get("kind") != "file" or not isinstance(motion.get("path"), str):
+        kind = _FILES.get(str(motion.get("kind"))) if isinstance(motion, dict) else None
+        if kind is None or not isinstance(motion.get("path"), str):
             return motion
         with in_field(field):
-            return File(**{**motion, "path": place(motion["path"])}).read().model_dump()
+            return kind(**{**motion, "path": place(motion["path"])}).read().model_dump(exclude_none=True)
 
     if not isinstance(node, dict):
         return node

@@ -67,7 +67,7 @@ def test_a_run_follows_a_file_as_it_follows_the_formula(tmp_path: Path) -> None:
         scenario = mjsheaf.load_scenario(tmp_path / "s.yaml")
         recorded = scenario.targets[0].motion
         assert isinstance(recorded, Recorded)
-        np.testing.assert_allclose(recorded.samples, table)
+        np.testing.assert_allclose(np.array(recorded.samples), table)
         run = mjsheaf.simulate(scenario, backend="ideal")
         errors.append(float(np.abs((run.target_position - exact.target_position).values[..., :2]).max()))
     assert errors[0] < 1e-3

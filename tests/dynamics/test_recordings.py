@@ -1,0 +1,170 @@
+"""Targets that follow positions out of logs and netCDF.
+
+Oracle: a run of mjsheaf, exported and read back, to the bit; the same rows written into the scenario.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import mjsheaf
+from mjsheaf.dynamics.recordings import read_positions
+from mjsheaf.errors import MjsheafError
+from mjsheaf.export.formats import make_sink
+from mjsheaf.results.netcdf import write_dataset
+from mjsheaf.results.sinks import send
+
+SCENARIO: dict[str, Any] = {
+    "time": {"end": 1},
+    "controller": {"gain": 2, "control_period": 0.02},
+    "agents": [{"id": "A1", "position": [0, 0, 4]}],
+    "targets": [
+        {"id": "T1", "position": [2, 0, 3], "motion": {"kind": "waypoints", "points": [[4, 1, 5]], "speed": 1}},
+        {"id": "T2", "position": [1, 1]},
+    ],
+    "sensing": [["A1", "T1"]],
+}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """The same run as MCAP, as a bag, and as result.nc; and the rows of T1."""
+    folder = tmp_path_factory.mktemp("logs")
+    scenario = mjsheaf.load_scenario(SCENARIO)
+    run = mjsheaf.simulate(scenario, backend="ideal")
+    (folder / "scenario.yaml").write_text("")
+    (folder / "bag").mkdir()
+    for name, path in (("mcap", folder / "run.mcap"), ("ros2", folder / "bag")):
+        send([run], make_sink(name, path, scenario, scenario.phases, folder / "scenario.yaml"))
+    write_dataset([run], folder / "result.nc")
+    return folder, np.column_stack([run["time"].values, run["target_position"].values[:, 0]])
+
+
+FILES = [
+    ("run.mcap", {"topic": "/tf", "frame": "T1"}),
+    ("bag", {"topic": "/tf", "frame": "T1"}),
+    ("bag/run_ros2.mcap", {"topic": "/tf", "frame": "T1"}),
+    ("result.nc", {"topic": "T1"}),
+]
+
+
+@pytest.mark.parametrize(("name", "selection"), FILES)
+def test_an_exported_run_is_read_back_to_the_bit(
+    name: str, selection: dict[str, str], logs: tuple[Path, np.ndarray]
+) -> None:
+    folder, rows = logs
+    found = np.array(read_positions(str(folder / name), **selection))
+    assert np.array_equal(found[:, 1:], rows[:, 1:])
+    np.testing.assert_allclose(found[:, 0], rows[:, 0], atol=1e-9)  # logs have nanoseconds
+
+
+@pytest.mark.parametrize(("name", "selection"), FILES)
+def test_a_target_follows_a_log_as_it_follows_its_rows(
+    name: str, selection: dict[str, str], logs: tuple[Path, np.ndarray]
+) -> None:
+    folder, rows = logs
+    runs = []
+    read = read_positions(str(folder / name), **selection)
+    for source in ({"path": name, **selection}, {"samples": read}):
+        moving = {**SCENARIO["targets"][0], "motion": {"kind": "recorded", **source}}
+        (folder / "s.yaml").write_text(json.dumps({**SCENARIO, "targets": [moving]}))
+        scenario = mjsheaf.load_scenario(folder / "s.yaml")
+        assert scenario.model_dump(exclude_none=True)["targets"][0]["motion"]["samples"] == read
+        runs.append(mjsheaf.simulate(scenario, backend="ideal"))
+    assert runs[0].identical(runs[1])
+    np.testing.assert_allclose(runs[0]["target_position"].values[:, 0], rows[:, 1:], atol=0.02)  # a period's way
+    assert mjsheaf.check(scenario)["ok"]
+
+
+def test_a_log_ends_with_the_run_whatever_the_rounding_of_its_last_time() -> None:
+    rows = [[0.0, 0.0, 0.0], [0.35, 1.0, 0.0], [0.7, 1.0, 1.0]]
+    motion = {"kind": "recorded", "samples": rows, "pull": 0.0}
+    times = {"targets.T1.motion": motion, "time.end": 0.7, "targets.T1.position": [0, 0], "agents.A1.position": [0, 0]}
+    scenario = mjsheaf.load_scenario(SCENARIO, times)
+    assert float(scenario.system.grid.span(35, 36)[0]) > 0.7
+    assert np.isfinite(mjsheaf.simulate(scenario, backend="ideal")["target_position"].values[:, 0, :2]).all()
+    with pytest.raises(MjsheafError, match=r"samples cover 0 to 0\.69 s"):
+        mjsheaf.load_scenario(
+            SCENARIO, {**times, "targets.T1.motion": {**motion, "samples": [*rows[:2], [0.69, 1, 1]]}}
+        )
+
+
+def test_times_with_a_date_count_from_the_first_and_units_are_read(tmp_path: Path) -> None:
+    places = {
+        "east": ("time", [0.001, 0.002, 0.003], {"standard_name": "projection_x_coordinate", "units": "km"}),
+        "north": ("time", [4.0, 5.0, 6.0], {"standard_name": "projection_y_coordinate", "units": "m"}),
+        "altitude": ("time", [7.0, 8.0, 9.0], {}),
+    }
+    time = ("time", [10.0, 11.0, 12.5], {"units": "minutes since 2026-01-01"})
+    places["up"] = ("time", [7.0, 8.0, 9.0], {"standard_name": "altitude", "units": "m"})
+    xr.Dataset(places, {"time": time}).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    rows = read_positions(str(tmp_path / "a.nc"))
+    np.testing.assert_allclose(rows, [[0, 1, 4, 7], [60, 2, 5, 8], [150, 3, 6, 9]], rtol=1e-15)
+    time = ("time", [10.0, 11.0, 12.5], {"units": "s"})
+    xr.Dataset(places, {"time": time}).to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    assert [row[0] for row in read_positions(str(tmp_path / "b.nc"))] == [10.0, 11.0, 12.5]
+
+
+@pytest.mark.parametrize(
+    ("name", "selection", "message"),
+    [
+        ("run.mcap", {}, "topic: missing; expected /commands, /errors, /scene, /tf, /vehicles"),
+        ("run.mcap", {"topic": "/tg"}, "topic: there is no '/tg'; expected"),
+        ("run.mcap", {"topic": "/tf"}, "frame: missing; /tf has several: expected A1, T1, T2"),
+        ("run.mcap", {"topic": "/tf", "frame": "T3"}, "frame: /tf has no position of 'T3'; expected A1, T1, T2"),
+        ("run.mcap", {"topic": "/errors"}, "topic: messages of type Errors have no position"),
+        ("bag", {"topic": "/tf"}, "frame: missing; /tf has several: expected A1, T1, T2"),
+        ("bag", {"topic": "/rosout"}, "topic: there is no '/rosout'; expected"),
+        ("bag", {"topic": "/scene"}, "topic: messages of type visualization_msgs/msg/MarkerArray have no position"),
+        ("result.nc", {}, "topic: None is no agent or target of this run; expected A1, T1, T2"),
+        ("result.nc", {"topic": "/tf"}, "topic: '/tf' is no agent or target of this run; expected A1, T1, T2"),
+        ("result.nc", {"topic": "T1", "frame": "T1"}, "frame: this kind of file has none"),
+        ("run.csv", {"topic": "/tf"}, "topic: this kind of file has none"),
+        ("absent.mcap", {"topic": "/tf"}, "No such file"),
+        ("absent.nc", {}, "No such file"),
+        ("broken.mcap", {"topic": "/tf"}, "cannot be read"),
+        ("broken.nc", {}, "cannot be read"),
+        ("cut.mcap", {"topic": "/tf", "frame": "T1"}, "cannot be read"),
+        ("empty", {}, "Is a directory"),
+    ],
+)
+def test_mistakes_name_the_file_and_what_it_has(
+    name: str, selection: dict[str, str], message: str, logs: tuple[Path, np.ndarray]
+) -> None:
+    folder, _ = logs
+    (folder / "empty").mkdir(exist_ok=True)
+    (folder / "run.csv").write_text("0,0,0,0\n5,1,1,1\n")
+    (folder / "broken.mcap").write_bytes(b"no log")
+    (folder / "broken.nc").write_bytes(b"no data")
+    whole = (folder / "run.mcap").read_bytes()
+    (folder / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    motion = {"kind": "recorded", "path": str(folder / name), **selection}
+    with pytest.raises(MjsheafError, match=rf"targets\S*motion: .*{name}: {message}"):
+        mjsheaf.load_scenario(SCENARIO, {"targets.T1.motion": motion})
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        ({}, "expected either samples or path"),
+        ({"samples": [[0, 0, 0], [1, 0, 0]], "topic": "/tf"}, "topic and frame select from the file"),
+        ({"path": 3}, "path: "),
+        ({"kind": ["recorded"], "path": "a.mcap"}, "kind"),
+    ],
+)
+def test_fields_that_do_not_fit_are_refused(motion: dict[str, Any], message: str) -> None:
+    with pytest.raises(MjsheafError, match=message):
+        mjsheaf.load_scenario(SCENARIO, {"targets.T1.motion": {"kind": "recorded", **motion}})
+
+
+def test_the_file_of_a_motion_lies_next_to_the_scenario(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    motion = {"kind": "recorded", "path": "../run.mcap", "topic": "/tf"}
+    moving = {**SCENARIO["targets"][0], "motion": motion}
+    (tmp_path / "in" / "s.yaml").write_text(json.dumps({**SCENARIO, "targets": [moving]}))
+    with pytest.raises(MjsheafError, match="lies outside"):
+        mjsheaf.load_scenario(tmp_path / "in" / "s.yaml")
