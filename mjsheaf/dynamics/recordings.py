@@ -64,12 +64,11 @@ def _read_table(path: Path, topic: str | None, frame: str | None) -> Rows:
     _refuse_selection(topic, frame)
     with path.open(newline="", encoding="utf-8-sig") as file:
         lines = [(k, row) for k, row in enumerate(csv.reader(file), 1) if "".join(row).strip()]
-    places = list(range(len(lines[0][1]))) if lines else []
-    if lines and not all(map(_is_number, lines[0][1])):
-        header = [_COLUMNS.get(title.strip().lower()) for title in lines.pop(0)[1]]
-        places = [header.index(column) for column in "txyz" if column in header]
-        if not {"t", "x", "y"} <= set(header):
-            raise InputError("expected a table of numbers with columns t, x, y, and in space z")
+    places: list[int] = []
+    if lines:
+        places = _columns(lines[0][1])
+        if not all(map(_is_number, lines[0][1])):
+            lines.pop(0)
     rows = []
     for number, row in lines:
         if not all(at < len(row) and _is_number(row[at]) for at in places):
@@ -77,6 +76,16 @@ def _read_table(path: Path, topic: str | None, frame: str | None) -> Rows:
             raise InputError(f"line {number}: expected a number in each column, not {shown!r}")
         rows.append([float(row[at]) for at in places])
     return rows
+
+
+def _columns(first: list[str]) -> list[int]:
+    """Return the columns of t, x, y and z in a table with this first line."""
+    if all(map(_is_number, first)):
+        return list(range(len(first)))
+    header = [_COLUMNS.get(title.strip().lower()) for title in first]
+    if not {"t", "x", "y"} <= set(header):
+        raise InputError("expected a table of numbers with columns t, x, y, and in space z")
+    return [header.index(column) for column in "txyz" if column in header]
 
 
 def _is_number(text: str) -> bool:
@@ -178,23 +187,26 @@ def _choose(known: set[str], topic: str | None) -> str:
 
 def _rows_of(messages: Iterator[tuple[int, Any]], topic: str, frame: str | None) -> Rows:
     """Return the rows of a topic's messages, each with its time in the log, ns."""
-    times, places = [], []
-    frames: set[str] = set()
-    for time, message in messages:
-        parts = getattr(message, "transforms", [message])
-        frames |= {child for part in parts if (child := getattr(part, "child_frame_id", ""))}
-        for part in parts:
-            if frame is None or getattr(part, "child_frame_id", None) == frame:
-                point = _point(part)
-                times.append(time)
-                places.append([float(point.x), float(point.y), float(point.z)])
-    if frame is None and len(frames) > 1:
-        raise InputError(f"frame: missing; {topic} has several: expected {', '.join(sorted(frames))}")
-    if not times:
-        known = f"; expected {', '.join(sorted(frames))}" if frames else ""
-        raise InputError(f"frame: {topic} has no position" + (f" of {frame!r}" if frame else "") + known)
-    seconds = (np.array(times, dtype=np.int64) - times[0]) / 1e9  # a product would miss the end of a run by rounding
+    found = _select(messages, topic, frame)
+    times = np.array([time for time, _ in found], dtype=np.int64)
+    points = [_point(part) for _, part in found]
+    places = [[float(point.x), float(point.y), float(point.z)] for point in points]
+    seconds = (times - times[0]) / 1e9  # a product would miss the end of a run by rounding
     return _finite_rows(np.column_stack([seconds, places]))
+
+
+def _select(messages: Iterator[tuple[int, Any]], topic: str, frame: str | None) -> list[tuple[int, Any]]:
+    """Return the messages, or those of their transforms that have the frame, each with its time in the log, ns."""
+    found = [(time, part) for time, message in messages for part in getattr(message, "transforms", [message])]
+    frames = sorted({getattr(part, "child_frame_id", "") for _, part in found} - {""})
+    known = f"; expected {', '.join(frames)}" if frames else ""
+    if frame is None and len(frames) > 1:
+        raise InputError(f"frame: missing; {topic} has several{known}")
+    if frame is not None:
+        found = [(time, part) for time, part in found if getattr(part, "child_frame_id", None) == frame]
+    if not found:
+        raise InputError(f"frame: {topic} has no position of {frame!r}{known}")
+    return found
 
 
 def _point(message: Any) -> Any:

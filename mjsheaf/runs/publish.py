@@ -27,7 +27,6 @@ from mjsheaf.jit import working_time
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.netcdf import split, write_and_open
-from mjsheaf.results.sinks import Sink
 from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
@@ -239,8 +238,7 @@ def publish(
     replaced = store.replaced_run(directory)
     with store.staging(directory) as fresh, ExitStack() as held:
         write_scenario(scenario, fresh)
-        sinks = sinks_of(exports, fresh, scenario, phases)
-        dataset, seconds = _write_data(run, phases[0].system, fresh / "result.nc", timings, sinks)
+        dataset, seconds = _write_data(run, scenario, phases, fresh, exports, timings)
         held.enter_context(dataset)
         progress("comparing with theory", 0, 1)
         summary, bounds, drawn = account_of(scenario, phases, dataset, timings)
@@ -262,17 +260,19 @@ def publish(
 
 def _write_data(
     run: xr.Dataset | Iterable[xr.Dataset],
-    system: "System",
-    path: Path,
+    scenario: Scenario,
+    phases: "Sequence[Phase]",
+    directory: Path,
+    exports: Sequence[str],
     timings: Timings,
-    sinks: Sequence[Sink] = (),
 ) -> tuple[xr.Dataset, float | None]:
-    """Write result.nc, and return its data and the duration of the simulation, s; None if that is unknown."""
+    """Write result.nc and the exports; return the data and the duration of the simulation, s, None if unknown."""
     from mjsheaf.simulation.trajectory import samples_in_piece
 
-    pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
+    pieces = split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
+    sinks = sinks_of(exports, directory, scenario, phases)
     with timings.part("data"):
-        dataset = write_and_open(pieces, path, *sinks)
+        dataset = write_and_open(pieces, directory / "result.nc", *sinks)
     if not isinstance(run, TimedIterator):
         return dataset, None
     timings.add("simulation", run.seconds)

@@ -114,10 +114,10 @@ def test_times_with_a_date_count_from_the_first_and_units_are_read(tmp_path: Pat
     [
         ("run.mcap", {}, "topic: missing; expected /commands, /errors, /scene, /tf, /vehicles"),
         ("run.mcap", {"topic": "/tg"}, "topic: there is no '/tg'; expected"),
-        ("run.mcap", {"topic": "/tf"}, "frame: missing; /tf has several: expected A1, T1, T2"),
+        ("run.mcap", {"topic": "/tf"}, "frame: missing; /tf has several; expected A1, T1, T2"),
         ("run.mcap", {"topic": "/tf", "frame": "T3"}, "frame: /tf has no position of 'T3'; expected A1, T1, T2"),
         ("run.mcap", {"topic": "/errors"}, "topic: messages of type Errors have no position"),
-        ("bag", {"topic": "/tf"}, "frame: missing; /tf has several: expected A1, T1, T2"),
+        ("bag", {"topic": "/tf"}, "frame: missing; /tf has several; expected A1, T1, T2"),
         ("bag", {"topic": "/rosout"}, "topic: there is no '/rosout'; expected"),
         ("bag", {"topic": "/scene"}, "topic: messages of type visualization_msgs/msg/MarkerArray have no position"),
         ("result.nc", {}, "topic: None is no agent or target of this run; expected A1, T1, T2"),
