@@ -197,16 +197,27 @@ def _rows_of(messages: Iterator[tuple[int, Any]], topic: str, frame: str | None)
 
 def _select(messages: Iterator[tuple[int, Any]], topic: str, frame: str | None) -> list[tuple[int, Any]]:
     """Return the messages, or those of their transforms that have the frame, each with its time in the log, ns."""
-    found = [(time, part) for time, message in messages for part in getattr(message, "transforms", [message])]
-    frames = sorted({getattr(part, "child_frame_id", "") for _, part in found} - {""})
-    known = f"; expected {', '.join(frames)}" if frames else ""
+    found = list(_parts(messages))
+    frames = sorted({_frame(part) for _, part in found} - {""})
+    known = "; expected " + ", ".join(frames) if frames else ""
     if frame is None and len(frames) > 1:
         raise InputError(f"frame: missing; {topic} has several{known}")
     if frame is not None:
-        found = [(time, part) for time, part in found if getattr(part, "child_frame_id", None) == frame]
+        found = [(time, part) for time, part in found if _frame(part) == frame]
     if not found:
         raise InputError(f"frame: {topic} has no position of {frame!r}{known}")
     return found
+
+
+def _parts(messages: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+    """Return the messages, or the transforms in them, each with its time."""
+    for time, message in messages:
+        for part in getattr(message, "transforms", [message]):
+            yield time, part
+
+
+def _frame(part: Any) -> str:
+    return str(getattr(part, "child_frame_id", ""))
 
 
 def _point(message: Any) -> Any:
