@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _FIGURES = ("errors", "trajectories", "configurations", "budget", "convergence")
 _PLOTS = ("errors.png", "trajectories.png", "configurations.png")
-FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html", "run.mcap")
+FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html")
 """Names of files in the directory of a run; plots may have other formats."""
 
 _COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
@@ -35,6 +35,9 @@ COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_
 
 RUNS_FILES = ("runs.json", "runs.csv", "errors.png", "report.html")
 """Files that `compare-runs` writes into its directory; plots may have other formats."""
+
+LOG = "run.mcap"
+"""File in the directory of a run with its log for Foxglove."""
 
 BAG = "run_ros2"
 """Folder in the directory of a run with a bag of ROS 2."""
@@ -74,7 +77,7 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    ours = {*FILES, *COMPARISON_FILES, *RUNS_FILES, *names_of(_FIGURES), VEHICLES, BAG}
+    ours = {*FILES, LOG, *COMPARISON_FILES, *RUNS_FILES, *names_of(_FIGURES), VEHICLES, BAG}
     strange = sorted(name for name in entries - ours if not is_part_of(name, ours))
     strange += _strange_vehicles(directory / VEHICLES)
     strange += [f"{BAG}/{name}" for name in strange_in_bag(directory / BAG)]
