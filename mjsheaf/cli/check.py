@@ -77,15 +77,14 @@ def check(
         _ = loaded.whole.vehicles  # what cannot be read is refused in one line, without progress before it
     with progress_bars("checking", lines=None if as_json else "stderr"):  # the answer alone is on stdout
         examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
-        record = examination.record
+    record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:
         _print_record(record, scenario, full=full)
-    if plot is not None:
-        drawn = _draw(examination, figures, plot)
-        if not as_json:
-            print_lines(*drawn)
+    drawn = [] if plot is None else _draw(examination, figures, plot)
+    if not as_json:
+        print_lines(*drawn)
     _require_ok(scenario, record)
 
 
