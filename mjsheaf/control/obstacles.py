@@ -133,3 +133,31 @@ def centres(obstacles: ObstacleArrays, time: float) -> Array:
     out = np.empty((len(obstacles.kind), 3))
     _centres(obstacles, float(time), out)
     return out
+
+
+@jit
+def _nearest_points(obstacles, which, times, points, out):
+    """Write the point of each of P obstacles nearest to each point into out (P, 3), m."""
+    for p in range(points.shape[0]):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        away, nx, ny, nz = distance_from(obstacles, which[p], times[p], x, y, z)
+        out[p, 0] = x - away * nx
+        out[p, 1] = y - away * ny
+        out[p, 2] = z - away * nz
+
+
+def nearest_points(obstacles: ObstacleArrays, which: IntArray, times: Array, points: Array) -> Array:
+    """Compute the point on the surface of an obstacle that is nearest to each of P points.
+
+    Args:
+        obstacles: The obstacles.
+        which: Number of the obstacle for each point, shape (P,).
+        times: Shape (P,), s.
+        points: Shape (P, 3), m.
+
+    Returns:
+        Shape (P, 3), m.
+    """
+    out = np.empty((len(points), 3))
+    _nearest_points(obstacles, which, np.ascontiguousarray(times), np.ascontiguousarray(points), out)
+    return out

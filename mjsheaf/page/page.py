@@ -227,6 +227,7 @@ def _facts(
         "status": attrs["status"],
         "message": attrs.get("message", ""),
         "ending": summary.get("ending"),
+        "safety": summary.get("safety"),
         "seed": scenario.seed,
         "measures": list(MEASURES),
         "final": rows,

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.page.ghosts import Ghost, add_ghosts
+from mjsheaf.page.safety import RECORDED, add_safety
 from mjsheaf.results.dataset import join
 from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
 from mjsheaf.results.variables import labelled_edges
@@ -48,6 +49,7 @@ REQUIRED = frozenset(
 _WHERE_THERE = (
     *("agent_saturation", "group_formation_error", "group_centering_error", "heard"),
     *("agent_orientation", "target_orientation"),
+    *RECORDED,
 )
 _UNKNOWN = np.iinfo(np.int32).min
 _QUATERNION_STEP = 2.0**-13
@@ -205,6 +207,7 @@ def pack(
         packer.add_fixed("ghost", scene.confined(other), scene.step)
         apart = np.linalg.norm((positions - other)[:, : dataset.sizes["agent"]], axis=2)
         packer.add_float("apart", np.where(time[:, None] <= end + 1e-9, apart, np.nan))
+    record |= add_safety(packer, phases[0].system, own, positions, scene, origin)
     record["ghosts"] = add_ghosts(packer, ghosts, dataset, time, scene, origin)
     record["arrays"] = packer.index
     return Replay(record, packer.packed())

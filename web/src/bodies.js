@@ -29,7 +29,7 @@ void main() {
 }`;
 
 /** Of one kind: instances of its shape in one detail, of which the first few of `mesh.count` are drawn. */
-class Instances {
+export class Instances {
   constructor(geometry, room, material) {
     this.room = room;
     this.vehicles = new Array(room).fill(-1); // which one each instance shows, and how it is painted
@@ -64,8 +64,7 @@ export class Bodies {
     this.run = run;
     const count = kinds.map((_, k) => kind.filter((own) => own === k).length);
     const most = MOST_TRIANGLES[software ? "software" : "hardware"];
-    const material = new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: { opacity: { value: opacity } } });
-    Object.assign(material, { transparent: opacity < 1, depthWrite: opacity === 1 });
+    const material = materialOf(opacity);
     let built;
     for (const [sides, least] of DETAILS) {
       built = kinds.map((own) => shapeOf(own, sides, least));
@@ -110,8 +109,14 @@ export class Bodies {
   }
 }
 
+/** The material of all solids. */
+export function materialOf(opacity) {
+  const material = new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: { opacity: { value: opacity } } });
+  return Object.assign(material, { transparent: opacity < 1, depthWrite: opacity === 1 });
+}
+
 /** The shape of a kind, in one piece. */
-function shapeOf(kind, sides, least) {
+export function shapeOf(kind, sides, least) {
   const big = kind.solids.filter((solid) => extentOf(solid) >= least * kind.radius);
   const chosen = big.length || !kind.solids.length ? big : [kind.solids.reduce((a, b) => (extentOf(b) > extentOf(a) ? b : a))];
   const parts = chosen.map((solid) => {

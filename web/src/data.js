@@ -102,6 +102,12 @@ export class Run {
     return !Number.isNaN(this.series.tracking_error[k * this.agents + agent]);
   }
 
+  /** The name of what the filter keeps an agent from at a sample; "" where it does not act. */
+  keptFrom(k, agent) {
+    const cause = this.series.cause?.[k * this.agents + agent] ?? 0;
+    return cause > this.vehicles ? this.said.obstacles[cause - this.vehicles - 1].id : (this.names[cause - 1] ?? "");
+  }
+
   /** One column of a series over time. */
   column(name, c) {
     const values = this.series[name];

@@ -45,6 +45,8 @@ export function reasons(run, k, agent) {
   const found = [];
   if (!run.present(k, agent)) return ["lost"];
   const at = (name) => series[name]?.[k * run.agents + agent];
+  const kept = run.keptFrom(k, agent);
+  if (kept) found.push(`the filter keeps it from ${kept}`);
   const [speed, fastest, limit] = [at("speed"), said.fastest[agent], run.limit(k, agent)];
   if (limit !== null && speed >= 0.99 * limit) found.push(`asks for its speed limit of ${digits(limit)} m/s`);
   if (fastest !== null && speed > fastest) found.push(`asks for ${digits(speed)} m/s, its all-way speed is ${digits(fastest)}`);
@@ -149,6 +151,7 @@ export class Card {
       rows.push(["asks for, m/s", `${digits(at("speed"))}${most === null ? "" : ` of ${digits(most)}`}`]);
       rows.push(["flow about it, m/s", digits(Math.hypot(series.flow[f], series.flow[f + 1], series.flow[f + 2]))]);
       if (series.saturation) rows.push(["thrusters at a limit", `${Math.round(100 * at("saturation"))} %`]);
+      if (series.cause) rows.push(["filter changes, m/s", digits(at("correction"))]);
       if (series.apart) rows.push(["from its ideal twin", `${digits(at("apart"))} m`]);
       why = reasons(run, k, v);
     } else rows.push(["", "a target: it does not cooperate"]);
@@ -185,6 +188,8 @@ export function writeLegend(run, world) {
     if (run.said.edges.some(({ kind }) => kind === "sensing")) rows.push(row(make("i", "dashed"), "sees a target (solid: agents talk)"));
     if (run.series.residual.some(isSilent)) rows.push(row(make("i", "silent"), "grey: silent"));
   }
+  if (run.series.cause) rows.push(row(make("i", "kept"), "the filter keeps an agent from this"));
+  if (run.said.obstacles.length) rows.push(row(make("i", "swatch obstacle"), "obstacle"));
   for (const { name, scale, top } of run.said.flow) {
     const bar = make("div", "speeds", make("span", "", "0"), make("i", `flow${scale}`), make("span", "", `${digits(top).replace(/\.?0+$/, "")} m/s`));
     rows.push(row(make("i", `arrow flow${scale}`), `speed of the ${name}`, bar));
@@ -217,7 +222,7 @@ export function writeFacts(run, goTo) {
     const who = note.agent === undefined || note.agent === null ? -1 : run.names.indexOf(note.agent);
     list.append(make("li", "", own(note.text), note.time === undefined || note.time === null ? null : make("span", "", " ", time(note.time, who))));
   }
-  card("What happened", make("p", facts.status === "finished" ? "" : "bad", own(state)), notes.length ? list : null, eventsOf(run, time));
+  card("What happened", make("p", facts.status === "finished" ? "" : "bad", own(state)), safetyOf(facts.safety), notes.length ? list : null, eventsOf(run, time));
   card("At the end", finalOf(facts));
   card("Does the theory hold", ...theoryOf(facts, time));
   card("Agents", agentsOf(run, goTo));
@@ -228,6 +233,18 @@ export function writeFacts(run, goTo) {
   say("again", make("code", "", facts.command), facts.where);
   say("samples", `${run.time.length} of ${run.said.samples} are kept here; no vehicle is shown more than ${digits(run.said.largest_error)} m from where result.nc has it at any sample`);
   card("How it was made", made);
+}
+
+/** How close vehicles came, and what the filter that keeps them apart did; null without one. */
+function safetyOf(safety) {
+  if (!safety) return null;
+  const least = safety.smallest_separation;
+  const shares = Object.entries(safety.filtered).sort(([, a], [, b]) => b - a);
+  const parts = [];
+  if (least !== null) parts.push(least < 0 ? make("strong", "bad", `Too close: ${digits(-least)} m below the distance to keep. `) : `Vehicles kept their distance, with ${digits(least)} m to spare at the closest. `);
+  if (shares.length) parts.push("The filter acted most on ", own(shares[0][0]), `, ${digits(100 * shares[0][1])} % of the time. `);
+  if (safety.deadlocked.length) parts.push(make("strong", "bad", "Deadlocked at the end: "), own(safety.deadlocked.join(", ")), ".");
+  return make("p", "", ...parts);
 }
 
 function eventsOf(run, time) {

@@ -16,7 +16,7 @@ const KEYS = [
   ["in the scene", "arrows turn, shift and arrows move, + and − zoom; drag turns, right drag moves, wheel zooms; a click lights up, a double click follows"],
   ["in the curves", "point at a line to light up its agent, click or drag to go to a time"],
 ];
-const LAYERS = { links: "links", goals: "where agents should be", trails: "trails", names: "names", stems: "heights", larger: "vehicles larger than life", ghosts: "other runs" };
+const LAYERS = { links: "links", goals: "where agents should be", trails: "trails", names: "names", stems: "heights", larger: "vehicles larger than life", ghosts: "other runs", safety: "whom the filter keeps apart" };
 
 async function begin() {
   const run = await readRun();
@@ -200,6 +200,7 @@ function bindViews(run, world, follow) {
   const flows = run.said.flow.map(({ name }, n) => [`flow${n}`, `arrows of the ${name}`]);
   for (const [name, words] of [...Object.entries(LAYERS), ...flows]) {
     if (name === "ghosts" && !run.said.ghosts.length) continue;
+    if (name === "safety" && !run.series.cause) continue;
     const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: world.layers[name] });
     box.addEventListener("change", () => {
       world.layers[name] = box.checked;

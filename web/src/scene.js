@@ -5,11 +5,12 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { Bodies } from "./bodies.js";
 import { Ghosts } from "./ghosts.js";
 import { Lines } from "./lines.js";
+import { Obstacles } from "./obstacles.js";
 import { isSilent, nice } from "./data.js";
 
 export const THEMES = {
-  light: { sky: "#f4f7f9", water: "#cfe2ec", ground: "#e9e5d9", none: "#e6ebf0", grid: "#7d97a6", ink: "#17222b", low: "#3f6fb5", high: "#c2410c", quiet: "#9aa3ab", flow: [["#cdbb86", "#e0a020", "#c23a00"], ["#8fa6c9", "#6a35a5", "#c0109a"]] },
-  dark: { sky: "#10161c", water: "#15303f", ground: "#262720", none: "#1a222a", grid: "#5f7b8b", ink: "#e6edf3", low: "#6ea3f0", high: "#ff8a3d", quiet: "#6d7780", flow: [["#6b6750", "#d9a73a", "#ff7a2e"], ["#3f5c8f", "#8a5ad6", "#ff5ad2"]] },
+  light: { sky: "#f4f7f9", water: "#cfe2ec", ground: "#e9e5d9", none: "#e6ebf0", grid: "#7d97a6", ink: "#17222b", low: "#3f6fb5", high: "#c2410c", kept: "#d6006e", quiet: "#9aa3ab", flow: [["#cdbb86", "#e0a020", "#c23a00"], ["#8fa6c9", "#6a35a5", "#c0109a"]] },
+  dark: { sky: "#10161c", water: "#15303f", ground: "#262720", none: "#1a222a", grid: "#5f7b8b", ink: "#e6edf3", low: "#6ea3f0", high: "#ff8a3d", kept: "#ff4fa3", quiet: "#6d7780", flow: [["#6b6750", "#d9a73a", "#ff7a2e"], ["#3f5c8f", "#8a5ad6", "#ff5ad2"]] },
 };
 const VIEWS = { above: [-90, 89.9], side: [-90, 4] }; // azimuth and elevation of the eye, degrees
 const MOST_LABELS = 60; // agents; the names of more would cover one another
@@ -25,7 +26,7 @@ export class World extends EventTarget {
   constructor(run, clock, canvas, labels) {
     super();
     Object.assign(this, { run, clock, canvas, labels });
-    this.layers = { links: true, goals: true, trails: true, names: true, stems: run.agents <= 100, larger: true, ghosts: true };
+    this.layers = { links: true, goals: true, trails: true, names: true, stems: run.agents <= 100, larger: true, ghosts: true, safety: true };
     run.said.flow.forEach((_, n) => (this.layers[`flow${n}`] = true));
     this.lit = -1; // vehicle that is pointed at
     this.followed = ""; // "", "team" or the number of a vehicle
@@ -115,6 +116,7 @@ export class World extends EventTarget {
       scene.add(this.ideal.group);
     }
     this.ghosts = new Ghosts(run, this.software, scene);
+    this.obstacles = new Obstacles(run, scene);
     const ball = new THREE.SphereGeometry(1, run.agents > 100 ? 6 : 14, run.agents > 100 ? 4 : 8);
     this.balls = new THREE.InstancedMesh(ball, new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.5, depthWrite: false }), run.agents);
     this.balls.frustumCulled = false;
@@ -123,7 +125,7 @@ export class World extends EventTarget {
     this.trailPieces = Math.max(4, Math.min(60, Math.floor(TRAIL_PIECES / run.vehicles)));
     this.joints = [];
     const edges = run.said.edges.length;
-    this.lines = new Lines(edges + run.vehicles * (2 + this.trailPieces + 2) + (2 + run.said.ghosts.length) * run.agents + 64);
+    this.lines = new Lines(edges + run.vehicles * (2 + this.trailPieces + 2) + (3 + run.said.ghosts.length) * run.agents + 64);
     this.arrows = run.said.flow.map((flow) => new Lines(3 * flow.places.length)); // of each medium
     scene.add(this.lines.mesh, ...this.arrows.map(({ mesh }) => mesh));
     this.residualRange = rangeOf(run);
@@ -378,6 +380,7 @@ export class World extends EventTarget {
       }
     }
     this.ghosts.draw(this.clock.t, this.scales, this.camera, unit, lines, p, layers.ghosts);
+    this.obstacles.draw(this.clock.t, lines, p, theme.kept, this.lit, layers.safety);
     if (layers.stems && this.floor !== null) {
       for (let v = 0; v < run.vehicles; v++) {
         if (Math.abs(p[3 * v + 2] - this.floor) > 12 * metres) {
