@@ -10,6 +10,7 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control import ControlArrays, LawArrays, edges_of
 from mjsheaf.control.law import new_control
+from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.control.separation import Crew, Safety, pack_safety
 from mjsheaf.control.station import Station, no_station
@@ -291,6 +292,11 @@ class System:
         starts = np.array([position_at(self.motion, v, self.grid.start) for v in range(len(pull))]).reshape(-1, 3)
         behind = np.linalg.norm(starts - self.initial, axis=1)
         return np.asarray(speed + np.where(pull > 0.0, pull * behind + about, 0.0))
+
+    @property
+    def obstacles(self) -> ObstacleArrays | None:
+        """Obstacles that agents keep away from; None without a section `safety`."""
+        return self.control.law.safety.obstacles if self.safety else None
 
     @cached_property
     def vehicle_radii(self) -> Array:

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.io.figures import AS_USUAL, VIEW, FigureOptions
 from mjsheaf.plotting import (
     DASHES,
@@ -41,6 +42,7 @@ from mjsheaf.plotting import (
 )
 from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
 from mjsheaf.results.netcdf import thin
+from mjsheaf.runs.outlines import COLOUR, draw_obstacles
 from mjsheaf.team import Team
 
 _WORST = 3  # number of worst agents that are highlighted and named
@@ -58,6 +60,7 @@ def figures_of(
     bound: tuple[str, Array] | None = None,
     options: FigureOptions = AS_USUAL,
     view: tuple[float, float] = VIEW,
+    obstacles: ObstacleArrays | None = None,
 ) -> dict[str, Callable[[], Figure]]:
     """Return a function that draws each figure of a run, by the figure's name.
 
@@ -70,10 +73,11 @@ def figures_of(
         bound: See `draw_errors`.
         options: Formats and style of the figures.
         view: See `draw_trajectories`.
+        obstacles: What agents keep away from; None without any.
     """
     return {
         "errors": lambda: draw_errors(team, dataset, bound, options),
-        "trajectories": lambda: draw_trajectories(team, dataset, options, view),
+        "trajectories": lambda: draw_trajectories(team, dataset, options, view, obstacles),
         "configurations": lambda: draw_configurations(team, last, dataset, options),
     }
 
@@ -306,7 +310,11 @@ def _events_in_words(dataset: xr.Dataset) -> str:
 
 
 def draw_trajectories(
-    team: Team, dataset: xr.Dataset, options: FigureOptions = AS_USUAL, view: tuple[float, float] = VIEW
+    team: Team,
+    dataset: xr.Dataset,
+    options: FigureOptions = AS_USUAL,
+    view: tuple[float, float] = VIEW,
+    obstacles: ObstacleArrays | None = None,
 ) -> Figure:
     """Draw all trajectories of a thinned run from above and, for a team in space, from two sides and in perspective.
 
@@ -338,6 +346,7 @@ def draw_trajectories(
     inside = np.asarray(((tracks >= low) & (tracks <= high)).all(axis=1))
     for axis, plane in views.items():
         _draw_tracks(axis, team, tracks[:, plane], absent, inside)
+        draw_obstacles(axis, obstacles, dataset["time"].values, np.eye(3)[list(plane)])
         label_axes(axis, "", *(f"{'xyz'[coordinate]} (m)" for coordinate in plane))
         for line in (axis.xaxis, axis.yaxis):
             line.set_major_locator(MaxNLocator(6 if axis is above else "auto", steps=[1, 2, 2.5, 5, 10]))
@@ -345,12 +354,15 @@ def draw_trajectories(
     ends.append(key("end", color="black", marker="o", markersize=5))
     if absent[:, -1].any():
         ends.append(key("lost", color="black", marker="X", markersize=5))
+    if obstacles is not None and len(obstacles.kind):
+        ends.append(key("obstacle", color=COLOUR, marker="s", markersize=6))
     legend_below(figure, [*group_keys(groups, names, colours), *ends], 6)
     if spatial:
         above.set_title("from above", fontsize=HEADING)
         front.set_title("from the front", fontsize=HEADING)
         side.set_title("from the side", fontsize=HEADING)
-        _draw_in_space(corner, team, tracks, absent, inside, view)
+        seen = _draw_in_space(corner, team, tracks, absent, inside, view)
+        draw_obstacles(corner, obstacles, dataset["time"].values, seen)
     lay_out(figure)  # the sizes of the panels determine the region that each shows
     stretched = _fill_views(views, middle, size)
     if spatial:
@@ -421,8 +433,12 @@ def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside
 
 def _draw_in_space(
     axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray, view: tuple[float, float]
-) -> None:
-    """Draw the trajectories (V, 3, T) from the azimuth and elevation of an eye, degrees, without tick labels."""
+) -> Array:
+    """Draw the trajectories (V, 3, T) from the azimuth and elevation of an eye, degrees, without tick labels.
+
+    Returns:
+        The axes of the picture in space, shape (2, 3).
+    """
     turn, tilt = np.radians(view)
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     up = np.array([-np.sin(tilt) * np.cos(turn), -np.sin(tilt) * np.sin(turn), np.cos(tilt)])
@@ -438,6 +454,7 @@ def _draw_in_space(
         axis.annotate("", tip, (0.16, 0.06), xycoords=axis.transAxes, textcoords=axis.transAxes,
                       arrowprops={"arrowstyle": "->", "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0})  # fmt: skip
         axis.text(*(tip + 0.05 * direction), name, transform=axis.transAxes, fontsize=SMALL, ha="center", va="center")
+    return seen
 
 
 def _name_members(axis: Any, team: Team, dataset: xr.Dataset, places: Array, avoid: Array) -> None:

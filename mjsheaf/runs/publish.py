@@ -561,7 +561,8 @@ def _plot(
     from mjsheaf.plotting import save_figure
     from mjsheaf.runs.figures import figures_of
 
-    plots = figures_of(phases[0].system.team, phases[-1].system.team, drawn, bound, figures, view)
+    first, last = phases[0].system, phases[-1].system
+    plots = figures_of(first.team, last.team, drawn, bound, figures, view, first.obstacles)
     for done, (name, draw) in enumerate(plots.items()):
         progress("plotting", done, len(plots))
         with MATPLOTLIB:

@@ -92,10 +92,11 @@ def plot(result: xr.Dataset | str | Path, *, title: bool = True) -> Figures:
         phases = scenario.phases
         drawn = thinned(dataset)
         bound = shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
-    first = phases[0].system.team
-    last = phases[-1].system.team
+    first, last = phases[0].system, phases[-1].system
     with MATPLOTLIB:
-        draw = figures_of(first, last, drawn, bound, FigureOptions(title=title), scenario.video.eye)
+        draw = figures_of(
+            first.team, last.team, drawn, bound, FigureOptions(title=title), scenario.video.eye, first.obstacles
+        )
         return Figures((name, make()) for name, make in draw.items())
 
 

@@ -147,7 +147,7 @@ def film_of(
         media=media_of(phases, places),
         stages=[_stage(phase) for phase in phases] if any(phase.events for phase in phases) else (),
         automatic=automatic_scales(system.bodies.vehicle, vehicle_radii(arena.model, arena.body), places),
-        obstacles=system.control.law.safety.obstacles if system.safety else None,
+        obstacles=system.obstacles,
     )
     return film, arena.model
 

@@ -1,0 +1,55 @@
+"""Outlines of obstacles in figures. Oracle: signed distances of points along the line of sight."""
+
+import numpy as np
+import pytest
+from matplotlib.patches import Polygon
+
+from mjsheaf import load_scenario, plot, simulate
+from mjsheaf.control.obstacles import centres, distances
+from mjsheaf.runs.outlines import outline
+from mjsheaf.system import System
+
+_WALLS = [
+    {"kind": "capsule", "ends": [[0.0, -1.0, 3.0], [1.0, 1.0, 7.0]], "radius": 0.5},
+    {"kind": "box", "centre": [4.0, 4.0, 5.0], "sides": [1.0, 3.0, 2.0], "heading": 30.0},
+    {"kind": "sphere", "centre": [-5.0, 2.0, 5.0], "radius": 1.0, "motion": {"kind": "waypoints",
+     "points": [[5.0, 2.0, 5.0]], "speed": 0.4}},
+    {"kind": "half_space", "point": [0.0, 9.0, 0.0], "normal": [0.0, -1.0, 0.0]},
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def system() -> System:
+    return load_scenario("swap", {"safety.obstacles": _WALLS, "time.end": 1}).system
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_lines_of_sight_through_corners_touch_the_obstacle(system: System, seed: int) -> None:
+    """Through each corner the line of sight comes as near as 0; pushed out from the middle, it misses the body."""
+    frame = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0].T
+    obstacles, time = system.obstacles, np.array([0.7])
+    assert obstacles is not None
+    middles = centres(obstacles, 0.7)
+    depth = np.linspace(-8.0, 8.0, 4001)[:, None] * frame[2]
+    for n in range(3):
+        corners = outline(obstacles, n, middles[n], frame[:2])
+        assert corners is not None
+        middle = frame[:2] @ middles[n]
+        for factor, low, high in ((1.0, -1e-9, 3e-3), (1.05, 1e-3, 1.0)):
+            lines = (middle + factor * (corners[::9] - middle)) @ frame[:2] + frame[2] * (frame[2] @ middles[n])
+            nearest = [distances(obstacles, time, (line + depth)[None])[0, :, n].min() for line in lines]
+            assert low <= min(nearest)
+            assert max(nearest) <= high
+    assert outline(obstacles, 3, middles[3], frame[:2]) is None
+
+
+def test_figures_show_obstacles(system: System) -> None:
+    """Seen from above: three bodies, the first place of the one that moves, and the wall behind y = 9 m."""
+    scenario = load_scenario("swap", {"safety.obstacles": _WALLS, "time.end": 1})
+    figure = plot(simulate(scenario, "ideal"))["trajectories"]
+    above = figure.axes[0]
+    shapes = [patch for patch in above.get_children() if isinstance(patch, Polygon)]
+    assert len(shapes) == 5
+    assert min(shapes[-1].get_xy()[:, 1]) == pytest.approx(9.0)
+    keys = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert "obstacle" in keys
