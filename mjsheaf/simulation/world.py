@@ -31,6 +31,7 @@ from mjsheaf.simulation.loop import (
     sense_and_command,
 )
 from mjsheaf.simulation.threaded import NEVER, ThreadedLoop, begin_span, end_span, first_bad, next_row
+from mjsheaf.simulation.walls import movers_of, place_obstacles
 from mjsheaf.system import System, phases_of
 from mjsheaf.tiers import Tiered
 
@@ -48,6 +49,8 @@ class MujocoArrays(NamedTuple):
         applied: Applied forces qfrc_applied.
         gear: Gears actuator_gear.
         model, data: Addresses of the model and its data.
+        mocap: Positions mocap_pos of obstacles that move, shape (M, 3), m.
+        movers: Motion of those; see `mjsheaf.simulation.walls.movers_of`.
     """
 
     qacc: Array
@@ -55,11 +58,14 @@ class MujocoArrays(NamedTuple):
     gear: Array
     model: int
     data: int
+    mocap: Array
+    movers: Any = ()
 
 
-def mujoco_arrays(model: mujoco.MjModel, data: mujoco.MjData) -> MujocoArrays:
+def mujoco_arrays(model: mujoco.MjModel, data: mujoco.MjData, movers: tuple[Any, ...] = ()) -> MujocoArrays:
     """Views of MuJoCo's arrays."""
-    return MujocoArrays(data.qacc, data.qfrc_applied, model.actuator_gear, model._address, data._address)
+    gear, addresses = model.actuator_gear, (model._address, data._address)
+    return MujocoArrays(data.qacc, data.qfrc_applied, gear, *addresses, data.mocap_pos, movers)
 
 
 def engine_arrays(model: mujoco.MjModel, data: mujoco.MjData) -> EngineArrays:
@@ -76,6 +82,7 @@ def apply_forces(loop, arrays, t, first, last):
     params, state = loop
     fleet = params.fleet
     advance(params.medium, t, first, last, state.medium)
+    place_obstacles(arrays.movers, t, arrays.mocap)
     for v in range(first, last):
         body = fleet.bodies[v]
         kind = fleet.kinds[body.kind]
@@ -244,7 +251,8 @@ class World(ClosedLoop):
         self.arena = arena_of(self.system, visible=self._visible)
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
-        self._arrays = mujoco_arrays(self.model, self.data)
+        touched = self.system.obstacles if self.system.bodies.contacts else None
+        self._arrays = mujoco_arrays(self.model, self.data, movers_of(touched))
         self._bad = np.full(len(self._vehicles), NEVER)
         self._gate = Crew.gate()
 
@@ -366,7 +374,10 @@ class SplitWorld(ThreadedLoop):
 
 def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:
     """Compose the arena of a system; colours (V, 3) paint the vehicles, and they need not be visible."""
-    plan = system.bodies
+    plan, obstacles = system.bodies, None
+    if plan.contacts and system.safety is not None:
+        ids = system.safety.obstacle_ids
+        obstacles = {"obstacles": system.obstacles, "ids": ids, "time": system.grid.start}
     return compose(
         system.vehicles,
         [m.id for m in system.team.members],
@@ -376,4 +387,5 @@ def arena_of(system: System, colours: Array | None = None, visible: bool = True)
         surface_height=plan.surface_height,
         colours=colours,
         visible=visible,
+        obstacles=obstacles,
     )
