@@ -350,13 +350,8 @@ def draw_trajectories(
         label_axes(axis, "", *(f"{'xyz'[coordinate]} (m)" for coordinate in plane))
         for line in (axis.xaxis, axis.yaxis):
             line.set_major_locator(MaxNLocator(6 if axis is above else "auto", steps=[1, 2, 2.5, 5, 10]))
-    ends = [key("start", color="black", marker="o", markerfacecolor="white", markersize=4)]
-    ends.append(key("end", color="black", marker="o", markersize=5))
-    if absent[:, -1].any():
-        ends.append(key("lost", color="black", marker="X", markersize=5))
-    if obstacles is not None and len(obstacles.kind):
-        ends.append(key("obstacle", color=COLOUR, marker="s", markersize=6))
-    legend_below(figure, [*group_keys(groups, names, colours), *ends], 6)
+    keys = [*group_keys(groups, names, colours), *_keys_of_marks(bool(absent[:, -1].any()), obstacles)]
+    legend_below(figure, keys, 6)
     if spatial:
         above.set_title("from above", fontsize=HEADING)
         front.set_title("from the front", fontsize=HEADING)
@@ -371,6 +366,17 @@ def draw_trajectories(
     _fill_views(views, middle, size)
     _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
     return figure
+
+
+def _keys_of_marks(lost: bool, obstacles: ObstacleArrays | None) -> list[Line2D]:
+    """Return the keys of starts, ends, places where vehicles were lost, and obstacles."""
+    keys = [key("start", color="black", marker="o", markerfacecolor="white", markersize=4)]
+    keys.append(key("end", color="black", marker="o", markersize=5))
+    if lost:
+        keys.append(key("lost", color="black", marker="X", markersize=5))
+    if obstacles is not None and len(obstacles.kind):
+        keys.append(key("obstacle", color=COLOUR, marker="s", markersize=6))
+    return keys
 
 
 def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -> str:
