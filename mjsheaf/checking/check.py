@@ -40,6 +40,7 @@ from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import slips_of
 from mjsheaf.system import Phase, System, during, phases_of
+from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
 
 _ZERO = 1e-9  # of the largest eigenvalue: one that is no larger is zero
@@ -398,6 +399,7 @@ def _examine_one(
     system: System, rate: float | None, radius: float, rho: Rho | None, start: float | None = None
 ) -> Examination:
     """`check` of one phase, whose |e(t0)| in m is at most `start`; None takes that of the initial positions."""
+    original = system.team.remaining
     system = system.local
     search = Search(system, rate, rho, start)
     certificate = certificate_of(search)
@@ -407,7 +409,7 @@ def _examine_one(
     proposals = propose(system, certificate, radius)
     targets = with_bodies(targets_loop(system), system, certificate.constants.path)
     loops_hold = all(stable is not False for stable in loops) and not targets.unstable
-    rigidity = _rigidity(system)
+    rigidity = _rigidity(system, original)
     plain = not obstacle_of_team(system.team)
     topology = all(
         a.verdict in ("holds", "does not apply") for a in certificate.assumptions if plain or a.number in (5, 6)
@@ -447,8 +449,8 @@ def _is_stable(system: System, law: LawLoop) -> bool:
         return False
 
 
-def _rigidity(system: System) -> Rigidity:
-    """The rigidity of a system's present team, all of whose edges are linear."""
+def _rigidity(system: System, original: Team) -> Rigidity:
+    """The rigidity of a system's present team, all of whose edges are linear, linearised from the original one."""
     team = system.team
     x = team.pack(system.initial) if team.linearised_at is None else team.linearised_at
     n_q = int(team.first_state[-1])
@@ -457,7 +459,7 @@ def _rigidity(system: System) -> Rigidity:
     except UndecidedError:
         values = spectrum_of(team).smallest.astype(np.complex128)
     zero = np.abs(values) <= _ZERO * np.abs(values).max(initial=0.0)
-    return rigidity_of(team, x[:n_q], system.gain, values[~zero])
+    return rigidity_of(team, original, x[:n_q], system.gain, values[~zero])
 
 
 def _region(certificate: Certificate) -> RegionSummary:

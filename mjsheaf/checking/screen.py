@@ -58,7 +58,7 @@ def _headline(record: CheckRecord) -> str:
     if problems:
         return "NOT OK: " + "; ".join(problems)
     if not record.ok:
-        return "NOT OK in a later phase"
+        return "NOT OK in a later phase" if record.phases else "NOT OK"
     every = "all assumptions that apply hold" if len(judged) < len(record.assumptions) else "all 7 assumptions hold"
     where = "on ideal kinematics"
     if record.margins.bodies.stable:
@@ -73,8 +73,12 @@ def _count(assumptions: list[Assumption]) -> str:
 
 
 def _unstable(record: CheckRecord) -> Iterator[tuple[str, str]]:
-    """Yield the loops that are not stable, each with a fix."""
+    """Yield what is not rigid or not stable, each with a fix."""
     law = record.law
+    shape = record.rigidity
+    if shape.localizable is None and shape.rigid is False:
+        fix = f"edges have rank {shape.rank}, and {shape.needed} is needed"
+        yield "the formation is not rigid", fix if shape.bracing is None else shape.bracing.describe()
     if law.unmodelled:
         yield "the law is undecided", f"check has no model of {', '.join(law.unmodelled)}"
     if law.stable is False:

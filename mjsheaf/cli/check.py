@@ -183,7 +183,8 @@ def _failures_of_shape(part: "CheckRecord | PhaseRecord") -> "Iterator[str]":
     """Yield why a team outside the scope of Theorem 1 does not, or may not, hold its shape."""
     shape = part.rigidity
     if shape.localizable is None and shape.rigid is not True:
-        yield f"the formation is not rigid: its edges have rank {shape.rank} of {shape.needed}"
+        why = f": {shape.bracing.describe()}" if shape.bracing is not None else ""
+        yield f"the formation is not rigid, its edges have rank {shape.rank} of {shape.needed}{why}"
     if shape.localizable is False and part.law.stable is not None:
         yield "targets and anchors do not hold every agent's place"
     if part.law.stable is None and not part.ok:

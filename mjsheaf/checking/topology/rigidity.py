@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
+from mjsheaf.checking.topology.bracing import Bracing, plan_bracing
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
@@ -33,13 +34,19 @@ class Rigidity(Record):
     rate: Finite = Field(
         description="k1 times the smallest real part above zero of an eigenvalue of H, 1/s; null where there is none"
     )
+    bracing: Bracing | None = Field(
+        None,
+        description="flexes and the edges that hold them, of a team without targets that is not rigid; else null, and "
+        "in a large team",
+    )
 
 
-def rigidity_of(team: Team, positions: Array, gain: float, values: Array) -> Rigidity:
+def rigidity_of(team: Team, original: Team, positions: Array, gain: float, values: Array) -> Rigidity:
     """Decide the rigidity of a team of linear edges.
 
     Args:
         team: The present agents; linearised at the shape.
+        original: The team that was linearised.
         positions: Stacked positions of the agents there, m.
         gain: k1, 1/s.
         values: Eigenvalues of H that are not zero; of a large undirected team some of the smallest.
@@ -52,8 +59,11 @@ def rigidity_of(team: Team, positions: Array, gain: float, values: Array) -> Rig
         return Rigidity(rank=None, needed=None, rigid=None, localizable=localizable, rate=rate)
     D = _coboundary(team, n)
     rank = _rank(D)
-    needed = n - _unseen(D, _motions(team, positions))
-    return Rigidity(rank=rank, needed=needed, rigid=rank >= needed, localizable=localizable, rate=rate)
+    unseen = _unseen(D, _motions(team, positions))
+    needed = n - unseen.shape[1]
+    rigid = rank >= needed
+    bracing = None if rigid or not team.free else plan_bracing(team, original, positions, _basis(unseen), D, gain)
+    return Rigidity(rank=rank, needed=needed, rigid=rigid, localizable=localizable, rate=rate, bracing=bracing)
 
 
 def _coboundary(team: Team, n: int) -> Array:
@@ -98,8 +108,14 @@ def _motions(team: Team, positions: Array) -> Array:
     return np.asarray(flat[:, team.slots[: len(positions)]].T)
 
 
-def _unseen(D: Array, motions: Array) -> int:
-    """Return the dimension of the combinations of motions that edges do not see."""
-    seen = D @ motions
-    singular = np.linalg.svd(seen, compute_uv=False) if seen.size else np.zeros(0)
-    return motions.shape[1] - int(np.count_nonzero(singular > _UNSEEN * np.sqrt(len(D))))
+def _unseen(D: Array, motions: Array) -> Array:
+    """Return independent combinations of motions (n, count) that edges do not measure, shape (n, unseen)."""
+    _, singular, combinations = np.linalg.svd(D @ motions)
+    seen = int(np.count_nonzero(singular > _UNSEEN * np.sqrt(len(D))))
+    return np.asarray(motions @ combinations[seen:].T)
+
+
+def _basis(motions: Array) -> Array:
+    """Return an orthonormal basis of motions (n, count), some of which may be zero, shape (n, rank)."""
+    directions, singular, _ = np.linalg.svd(motions, full_matrices=False)
+    return np.asarray(directions[:, singular > _UNSEEN * max(singular.max(initial=0.0), 1e-300)])
