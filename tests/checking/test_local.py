@@ -202,3 +202,79 @@ def test_records_are_json_and_have_verdicts() -> None:
         with Console(width=160).capture() as _:
             Console(width=160).print(report(record))
         assert "rigid" in record.verdict()
+
+
+@pytest.mark.parametrize(
+    ("places", "pairs", "measures", "count"),
+    [
+        (SQUARE, RING, "range", 1),
+        (SQUARE, RING, "bearing", 1),
+        (SQUARE, [(0, 1), (1, 2), (2, 3)], "range", 2),
+        (SQUARE, [(0, 1)], "range", 4),
+        (CUBE, SIDES, "range", 6),
+        (TETRAHEDRON, [(0, 1), (1, 2), (2, 3)], "range", 3),
+        (TETRAHEDRON, [(0, 1), (1, 2), (2, 3)], "bearing", 1),
+        (TRIANGLE, [(0, 1)], "position", 1),
+    ],
+)
+def test_the_edges_that_check_suggests_make_a_formation_rigid(
+    places: Any, pairs: Any, measures: str, count: int
+) -> None:
+    """Their number is the smallest, the formation with them is rigid, and its rate is the one predicted."""
+    bracing = check(keeping(places, pairs, measures))["rigidity"]["bracing"]
+    assert len(bracing["edges"]) == count
+    assert bracing["exact"]
+    assert all(edge["measures"] == measures for edge in bracing["edges"])
+    added = [tuple(int(id[1:]) for id in edge["between"]) for edge in bracing["edges"]]
+    braced = check(keeping(places, [*pairs, *added], measures))
+    assert braced["ok"]
+    assert braced["rigidity"]["bracing"] is None
+    assert braced["rigidity"]["rate"] == pytest.approx(bracing["rate"], rel=1e-9)
+
+
+def test_a_flex_is_described_with_a_frame_at_rest() -> None:
+    """The ring of four folds along two parallel sides."""
+    bracing = check(keeping(SQUARE, RING, "range"))["rigidity"]["bracing"]
+    assert bracing["flexes"] == ["A2, A3 are free along x together, relative to A0"]
+
+
+def test_nothing_braces_ranges_on_a_line() -> None:
+    """Ranges measure nothing across a line, to first order."""
+    bracing = check(keeping([[0, 0], [1, 0], [2, 0]], complete(3), "range"))["rigidity"]["bracing"]
+    assert bracing["edges"] == []
+    assert not bracing["exact"]
+    assert len(bracing["flexes"]) == 1
+
+
+@pytest.mark.parametrize("measures", ["position", "range", "bearing"])
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_noise_of_links_of_a_free_team_is_that_of_its_shape(measures: str, loss: float) -> None:
+    """The answers leave out motions that no edge measures: the RMS is that of a random walk of the law in H's range."""
+    links = {"noise": 0.5, "loss": loss, "delay": 0.0}
+    record = check(keeping(TRIANGLE, complete(3), measures, links={"all": links}))
+    system = keeping(TRIANGLE, complete(3), measures).system.local
+    H = system.team.dirichlet.H.toarray()
+    sigma = np.deg2rad(0.5) if measures == "bearing" else 0.5
+    assert record["links"]["stable"]
+    assert record["links"]["mean_square_rate"] < 1.0
+    if loss == 0.0:
+        h = 0.01
+        values = np.linalg.eigvalsh(H)
+        values = values[values > 1e-9]
+        # Edges of weight K and noise s^2 / K add the covariance s^2 H h^2 to e in a period.
+        expected = np.sqrt(np.sum(sigma**2 * values * h**2 / (1.0 - (1.0 - h * values) ** 2)))
+        assert record["links"]["noise_rms"] == pytest.approx(expected, rel=1e-9)
+    else:
+        assert record["links"]["loss"]["stable"]
+        assert record["links"]["noise_rms"] > 0.0
+
+
+@pytest.mark.parametrize("terms", [{}, {"integral": {"gain": 0.05}}])
+def test_losses_of_a_free_team_are_those_of_its_shape(terms: Any) -> None:
+    """A loss that never happens leaves the square of the spectral radius, with and without terms."""
+    control = {"gain": 1.0, "control_period": 0.01, **terms}
+    rare = keeping(TRIANGLE, complete(3), "range", controller=control, links={"all": {"loss": 1e-12}})
+    exact = check(keeping(TRIANGLE, complete(3), "range", controller=control))
+    found = check(rare)["links"]
+    assert found["stable"]
+    assert found["mean_square_rate"] == pytest.approx(exact["law"]["spectral_radius"] ** 2, rel=1e-9)

@@ -47,25 +47,33 @@ def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple
     """The loop of the whole team with a delay for each edge, in periods: x+ = (M + L C) x, m rows of C for m numbers.
 
     The states are e_k, e_{k-1}, ..., then what the law remembers in eigenvectors of H; C x is D_e e_{k-d} of each edge.
+    Of a team that is free to move e is in eigenvectors of H too, without those of zero eigenvalues.
 
     Raises:
         UndecidedError: it has more than `most` states.
     """
     vectors, h = law.vectors, law.loop.period
     feedback, values = law.loop.feedback, law.loop.values
-    n, r, d = len(vectors), feedback.b.shape[1], int(delay.max(initial=0))
+    n, r, d = vectors.shape[1], feedback.b.shape[1], int(delay.max(initial=0))
     if (size := n * (d + 1 + r)) > most:
         raise UndecidedError(f"with unlike delays, or losses, the loop has {size} states; up to {most} are looked at")
     m, begin = sum(len(edge.D) for edge in law.edges), 0
-    C, pulled = np.zeros((m, size)), np.zeros((n, m))
+    free = n < len(vectors)
+    C, pulled = np.zeros((m, size)), np.zeros((len(vectors), m))
     for edge, age in zip(law.edges, delay.tolist(), strict=True):
         rows = slice(begin, begin := begin + len(edge.D))
-        C[rows, n * age + edge.slots] = edge.D
+        if free:
+            C[rows, n * age : n * (age + 1)] = edge.D @ vectors[edge.slots]
+        else:
+            C[rows, n * age + edge.slots] = edge.D
         pulled[edge.slots, rows] = edge.pull
     M, L = np.zeros((size, size)), np.zeros((size, m))
     M[n : n * (d + 1), : n * d] = np.eye(n * d)
     M[:n, :n] += np.eye(n)
     eta = vectors.T @ pulled  # in eigenvectors of H, where e has eta = lambda e
+    if free:
+        pulled = eta
+        vectors = np.eye(n)
     L[:n] = -h * law.loop.gain * pulled if law.paper else h * (vectors * (feedback.d / values)) @ eta
     kept = [slice(n * (d + 1 + i), n * (d + 2 + i)) for i in range(r)]
     for i, row in enumerate(kept):

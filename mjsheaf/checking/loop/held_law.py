@@ -288,6 +288,8 @@ def _odometry(system: System, *, sensed: bool) -> float:
 def _carried_odometry(system: System) -> float:
     """The 2-norm of H^-1 S, S = sum of F_i^T K F_i over sensing edges."""
     edges, team, N = system.law.edges, system.team, len(system.team.agents)
+    if team.free:
+        return 0.0  # no sensing edges
     first, last = edges.first[system.law.terms.sensing]
     S, owner = np.zeros((N, 3, 3)), np.repeat(edges.tail, np.diff(edges.first))[first:last]
     np.add.at(S, owner, edges.F_tail[first:last, :, None] * edges.P_tail[first:last, None, :])

@@ -123,7 +123,7 @@ def noise_covariances(law: LinkedLaw) -> Array:
     Raises:
         UndecidedError: they are not known, and why.
     """
-    links, terms, n, Q = law.links, law.terms, len(law.vectors), law.vectors
+    links, terms, n, Q = law.links, law.terms, law.vectors.shape[1], law.vectors
     unlike = bool((links.delay != links.delay[:1]).any())
     if links.lossy.any() or unlike:
         if terms.feedforward or terms.drift > 0.0:

@@ -157,7 +157,7 @@ class LinkedLaw:
 
     Attributes:
         loop: Loop of the law as if its links were exact.
-        vectors: eigenvectors of H, shape (n, n), in the order of the loop's eigenvalues.
+        vectors: Eigenvectors of H in the order of the loop's L eigenvalues, shape (n, L); of a free team L < n.
         edges: that agents listen to.
         links: theirs.
         terms: Terms of the law.

@@ -175,8 +175,11 @@ class SecondMoments:
         Z = self._settled(np.tensordot(self._root, np.sqrt(share) * added, 1))
         X = np.sqrt(share) * np.tensordot(self._root, Z, 1)
         command = 2.0 * (X - self._mean @ X)  # of h u = e_k - e_{k+1}
-        n = len(self._law.vectors)
+        vectors = self._law.vectors
+        n = vectors.shape[1]
         error, asked = (x.sum(axis=0)[:n, :n] for x in (X, command))
+        if n < len(vectors):  # a team that is free to move: from the coordinates of `team_loop`
+            error, asked = (vectors @ x @ vectors.T for x in (error, asked))
         return np.stack([error, 0.5 * (asked + asked.T) / self._law.loop.period**2])
 
     def _operator(self, *, less: bool = False) -> LinearOperator:
