@@ -324,7 +324,7 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: Round
         streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(N, 2),
         rounds=rounds if rounds and (forward or newton) else no_rounds(),
     )
-    if not (forward or newton) or not team.plain:
+    if not (forward or newton) or team.directed or not team.linear:
         return packed
     return with_eigenvalues(packed, *team.dirichlet.eigenvalues)
 

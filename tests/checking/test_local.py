@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mjsheaf import simulate
 from mjsheaf.checking import check
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario
@@ -278,3 +279,17 @@ def test_losses_of_a_free_team_are_those_of_its_shape(terms: Any) -> None:
     found = check(rare)["links"]
     assert found["stable"]
     assert found["mean_square_rate"] == pytest.approx(exact["law"]["spectral_radius"] ** 2, rel=1e-9)
+
+
+def test_newton_of_a_team_without_targets_solves_in_the_range_of_h() -> None:
+    """One round is exact where all eigenvalues of H but the zeros are equal: e falls by 1 - k1 h a period."""
+    control = {"gain": 1.0, "control_period": 0.1, "newton": {"rounds": 1}}
+    scenario = keeping(TRIANGLE, complete(3), "position", controller=control, time={"end": 2.0})
+    assert check(scenario)["law"]["spectral_radius"] == pytest.approx(0.9, abs=1e-9)
+    agents = [{"id": f"A{k}", "position": x} for k, x in enumerate([[0, 0], [3, 1], [1, 4]])]
+    moved = keeping(TRIANGLE, complete(3), "position", controller=control, time={"end": 2.0}, agents=agents)
+    result = simulate(moved, backend="ideal")
+    eta = result.disagreement.values
+    assert eta[-1] == pytest.approx(eta[0] * 0.9 ** (len(eta) - 1), rel=1e-9)
+    centroid = result.agent_position.values[..., :2].mean(axis=1)
+    assert centroid == pytest.approx(np.broadcast_to(centroid[0], centroid.shape), abs=1e-12)
