@@ -12,6 +12,7 @@ import sys
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Thread
 from typing import Any
 from xml.etree import ElementTree
 
@@ -30,6 +31,7 @@ from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import VehicleDescription
 from tests.builders import REPOSITORY
 from tests.commands import answer_of, call
+from tests.live.client import get, joined, next_state
 from tests.pictures import is_legible, written
 
 DOCS = REPOSITORY / "docs"
@@ -96,6 +98,17 @@ def commands() -> list[Any]:
     ]
 
 
+def visit(url: str) -> None:
+    """Open a live page, and close it when it has a connection to the run."""
+
+    def stay() -> None:
+        assert get(url)[0] == 200
+        with joined(url, max_size=None) as socket:
+            next_state(socket)
+
+    Thread(target=stay).start()
+
+
 @pytest.mark.parametrize(("page", "line"), commands())
 def test_command_ends_as_it_should(
     page: Path, line: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -117,6 +130,8 @@ def test_command_ends_as_it_should(
             assert call("run", "paper", *SHORTENED["run"], "--out", directory) == 0
     if words[0] in ("video", "plot", "report", "export"):  # which `make demo` leaves
         assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
+    if words[0] == "view":
+        monkeypatch.setattr("webbrowser.open", visit)
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
     if "gpu" in words:
         with monkeypatch.context() as without:

@@ -20,6 +20,7 @@ from mjsheaf.cli.listing import bench, list_, new, schema
 from mjsheaf.cli.run import expect, plot, report, run, video
 from mjsheaf.cli.sweep import sweep
 from mjsheaf.cli.terminal import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
+from mjsheaf.cli.view import view
 from mjsheaf.errors import InputError, MjsheafError, printable
 
 app = typer.Typer(
@@ -41,6 +42,7 @@ _COMMANDS: dict[Callable[..., None], str] = {
     plot: "runs/paper-physics --format pdf --no-title --out figures",
     report: "runs/paper-physics",
     export: "runs/paper-physics --mcap",
+    view: "midpoint --backend ideal",
     check: "air_tracks_surface --plot check.png",
     compare: "midpoint --no-video",
     compare_runs: "runs/midpoint-ideal runs/midpoint-physics",

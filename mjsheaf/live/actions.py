@@ -3,8 +3,11 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import xarray as xr
+
 from mjsheaf.errors import InputError
 from mjsheaf.media.flow import FlowField
+from mjsheaf.results.dataset import make_datasets
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
 from mjsheaf.simulation.session import Session
@@ -97,6 +100,9 @@ class Recorder:
         session: The session.
         events: Events that the user added, in order.
         origin: Scenario at the start.
+        samples: Number of samples taken so far.
+        flow_factors: Time, s, and ratio to the scenario's flow, of each change of the flow.
+        words: Short words for each event of the user, by its own words.
     """
 
     def __init__(self, session: Session) -> None:
@@ -104,6 +110,29 @@ class Recorder:
         self.session = session
         self.origin = session.scenario
         self.events: list[Event] = []
+        self.samples = 0
+        self.flow_factors: list[tuple[float, float]] = []
+        self.words: dict[str, str] = {}
+
+    @property
+    def phase(self) -> int:
+        """Number of the phase that the next sample belongs to."""
+        return max(k for k, phase in enumerate(self.session.engine.phases) if phase.start <= self.samples)
+
+    def record(self, samples: int) -> tuple[xr.Dataset | None, str]:
+        """Take samples, but not beyond the present phase and the end of the run.
+
+        Returns:
+            The samples, None if there are none, and the reason if the run became unstable.
+        """
+        session = self.session
+        piece = next(session.engine.record(samples))
+        if not len(piece.time):
+            return None, piece.message
+        seed = session.scenario.seed
+        chunk = next(make_datasets([piece], session.backend, seed, session.engine.phases, self.samples))
+        self.samples += len(piece.time)
+        return chunk, piece.message
 
     def do(self, action: Mapping[str, Any]) -> None:
         """Add an action as an event at the present sample.
@@ -115,8 +144,9 @@ class Recorder:
         """
         if self.session.finished:
             raise InputError("the run has ended")
-        grid = self.session.engine.system.grid
-        sample = self.session.engine.steps_taken // self.session.engine.steps_per_sample
+        engine = self.session.engine
+        grid = engine.system.grid
+        sample = engine.steps_taken // engine.steps_per_sample
         event = event_of(action, self.origin, grid.start + sample * grid.period)
         events = [other for other in self.events if not _replaces(event, other)]
         events.append(event)
@@ -126,6 +156,10 @@ class Recorder:
         changed.__dict__ |= {"team": self.origin.team, "whole": self.origin.whole}
         self.session.change_events(changed)
         self.events = events
+        self.words[event.words] = event.words
+        if "flow" in action:
+            self.flow_factors.append((event.time, float(action["flow"])))
+            self.words[event.words] = f"flow = {action['flow']:g} x the scenario's"
 
     def _require_same_past(self, new: Event, events: list[Event]) -> None:
         """Refuse an event that would change who is present from the start: this depends on a member's first event.

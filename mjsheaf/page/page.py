@@ -4,6 +4,7 @@ import base64
 import hashlib
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -40,6 +41,19 @@ _ARROWS = 16  # number of arrows of the flow along each side of the grid
 _REACH = 1.25  # size of the grid, as a multiple of the scene's size
 
 
+@dataclass(frozen=True)
+class Live:
+    """Connection of a page to a run in progress.
+
+    Attributes:
+        controls: What the page lets its user change, with the `address` of the websocket; see `mjsheaf.live`.
+        ahead: Points that vehicles are expected to reach, shape (K, 3), m.
+    """
+
+    controls: dict[str, Any]
+    ahead: Array
+
+
 def page_of(
     scenario: Scenario,
     phases: "Sequence[Phase]",
@@ -51,6 +65,7 @@ def page_of(
     ideal: xr.Dataset | None = None,
     ghosts: Sequence[Ghost] = (),
     again: tuple[str, str] | None = None,
+    live: "Live | None" = None,
 ) -> bytes:
     """Make the page of a run, as HTML.
 
@@ -64,15 +79,21 @@ def page_of(
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
         ghosts: Other runs, drawn translucent.
         again: the command that makes the run again, and where; None for that in a run's directory.
+        live: Connection to a run in progress; None for a finished one.
     """
-    replay = pack(dataset, phases, scenario.scene.height, _curves(phases, dataset, bounds), ideal, ghosts)
+    ahead = None if live is None else live.ahead
+    curves = _curves(phases, dataset, bounds)
+    replay = pack(dataset, phases, scenario.scene.height, curves, ideal, ghosts, ahead)
     said = {
         **replay.record,
         **_scene(scenario, phases, dataset, replay.record),
         "facts": _facts(scenario, dataset, summary, again) | {"theory": _theory(phases, bounds)},
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
-    return _fill(said, replay.data)
+    if live is None:
+        return _fill(said, replay.data)
+    said["live"] = live.controls | {"ahead": (live.ahead - replay.record["origin"]).round(2).tolist()}
+    return _fill(said, replay.data, connect=f"; connect-src {live.controls['address']}")
 
 
 def write_page_again(directory: Path, path: Path | None = None) -> Path:
@@ -259,8 +280,8 @@ def _theory(phases: "Sequence[Phase]", bounds: Bounds) -> list[dict[str, Any]]:
     ]
 
 
-def _fill(said: dict[str, Any], data: str) -> bytes:
-    """Fill the template of the page."""
+def _fill(said: dict[str, Any], data: str, connect: str = "") -> bytes:
+    """Fill the template of the page; `connect` extends its content security policy."""
     home = files("mjsheaf.page")
     script, style, template = (
         home.joinpath(name).read_text(encoding="utf-8") for name in ("bundle.js", "bundle.css", "page.html")
@@ -273,6 +294,7 @@ def _fill(said: dict[str, Any], data: str) -> bytes:
         # Within a script element only `<` can end the data or hide what follows.
         "said": to_json(said, inf_nan_mode="null", ensure_ascii=True).decode("ascii").replace("<", "\\u003c"),
         "data": data,
+        "connect": connect,
     }
     return re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template).encode("utf-8")
 

@@ -159,6 +159,7 @@ def pack(
     bounds: dict[str, Array],
     ideal: xr.Dataset | None = None,
     ghosts: Sequence[Ghost] = (),
+    ahead: Array | None = None,
 ) -> Replay:
     """Pack a run.
 
@@ -169,11 +170,14 @@ def pack(
         bounds: Bounds by name, on the team's RMS tracking error at every sample of the run, shape (T,), m.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
         ghosts: Other runs, drawn translucent.
+        ahead: Points that a run in progress is expected to reach, shape (K, 3), m; None for a finished run.
     """
-    origin = _origin_of(dataset)
+    origin = origin_of(dataset)
     pieces = _Positions(dataset, surface_height, origin)
     scene, bend = _survey(pieces, dataset.sizes["time"], phases)
-    if dataset.attrs["status"] != "finished":  # vehicles that blew up leave the picture
+    if ahead is not None:
+        scene = Scene.of(np.concatenate([next(iter(pieces))[:1].reshape(-1, 3), ahead - origin]))
+    elif dataset.attrs["status"] != "finished":  # vehicles that blew up leave the picture
         began = Scene.of(next(iter(pieces))[:1])
         scene = Scene(began.centre, min(scene.size, _ROOM_OF_BLOWN_UP * began.size))
     rows = _kept(bend, scene.tolerance, dataset.sizes["agent"] + dataset.sizes["target"], _event_rows(phases))
@@ -181,14 +185,8 @@ def pack(
     packer = Packer()
     own = _at_rows(dataset, [name for name in (*sorted(REQUIRED), *_WHERE_THERE) if name in dataset], rows)
     positions = _positions_at(pieces, rows)
-    shown = _add_places(packer, own, positions, scene, origin)
-    if dataset.attrs["backend"] == "physics":
-        attitude = np.concatenate([own[f"{kind}_orientation"].values for kind in ("agent", "target")], axis=1)
-    else:  # headings along the velocity
-        attitude = RecordedRun(dataset, surface_height).at(time).quaternions
-    packer.add_fixed("quaternion", _continuous(attitude), _QUATERNION_STEP)
-    _add_curves(packer, own)
-    edges = _add_edges(packer, phases, positions + origin, own, rows)
+    shown = scene.step * np.rint(scene.confined(positions) / scene.step)
+    described = add_samples(packer, dataset, own, positions, phases, rows, scene, origin)
     for k, values in enumerate(bounds.values()):
         packer.add_float(f"bound{k}", np.where(np.abs(values) < 1e30, values, np.nan)[rows])
     record: dict[str, Any] = {
@@ -197,7 +195,7 @@ def pack(
         "origin": origin.tolist(),
         "centre": scene.centre.tolist(),
         "size": scene.size,
-        "edges": edges,
+        **described,
         "bounds": list(bounds),
         "largest_error": _largest_error(pieces, dataset["time"].values, scene, time, shown),
     }
@@ -207,19 +205,48 @@ def pack(
         packer.add_fixed("ghost", scene.confined(other), scene.step)
         apart = np.linalg.norm((positions - other)[:, : dataset.sizes["agent"]], axis=2)
         packer.add_float("apart", np.where(time[:, None] <= end + 1e-9, apart, np.nan))
-    record |= add_safety(packer, phases[0].system, own, positions, scene, origin)
     record["ghosts"] = add_ghosts(packer, ghosts, dataset, time, scene, origin)
     record["arrays"] = packer.index
     return Replay(record, packer.packed())
 
 
-def _add_places(packer: Packer, own: xr.Dataset, positions: Array, scene: Scene, origin: Array) -> Array:
-    """Add positions (K, V, 3) from an origin and the harmonic extension; return positions as the page has them."""
-    shown = packer.add_fixed("position", scene.confined(positions), scene.step)
+def add_samples(
+    packer: Packer,
+    dataset: xr.Dataset,
+    own: xr.Dataset,
+    positions: Array,
+    phases: Sequence[Phase],
+    rows: IntArray,
+    scene: Scene,
+    origin: Array,
+) -> dict[str, Any]:
+    """Add everything that the page shows of some samples of the run.
+
+    Args:
+        packer: Destination.
+        dataset: The run, or a piece of it that contains the samples.
+        own: The samples.
+        positions: Positions at the samples from the origin, shape (K, V, 3), m.
+        phases: Phases of the run.
+        rows: Numbers of the samples in the run.
+        scene: Place of the run.
+        origin: Origin of the page's places, shape (3,), m.
+
+    Returns:
+        Descriptions of the `edges` and `obstacles`.
+    """
+    packer.add_fixed("position", scene.confined(positions), scene.step)
     q_star = own["harmonic_extension"].values - origin
     q_star = np.where(np.isnan(q_star), positions[:, : q_star.shape[1]] * [np.nan, np.nan, 1.0], q_star)
     packer.add_fixed("q_star", scene.confined(q_star), scene.step)
-    return shown
+    if dataset.attrs["backend"] == "physics":
+        attitude = np.concatenate([own[f"{kind}_orientation"].values for kind in ("agent", "target")], axis=1)
+    else:  # headings along the velocity
+        attitude = RecordedRun(dataset, 0.0).at(own["time"].values).quaternions
+    packer.add_fixed("quaternion", _continuous(attitude), _QUATERNION_STEP)
+    _add_curves(packer, own)
+    edges = _add_edges(packer, phases, positions + origin, own, rows)
+    return {"edges": edges} | add_safety(packer, phases[0].system, own, positions, scene, origin)
 
 
 def _add_curves(packer: Packer, own: xr.Dataset) -> None:
@@ -235,7 +262,7 @@ def _add_curves(packer: Packer, own: xr.Dataset) -> None:
         packer.add_fixed("saturation", own["agent_saturation"].values, 2.0**-7)
 
 
-def _origin_of(dataset: xr.Dataset) -> Array:
+def origin_of(dataset: xr.Dataset) -> Array:
     """A place near where a run begins, shape (3,), m: see the module."""
     names = [f"{kind}_position" for kind in ("agent", "target")]
     first = np.nan_to_num(np.concatenate([dataset[name][:1].values.reshape(-1, 3) for name in names]))
@@ -263,16 +290,25 @@ class _Positions:
         yield from self._held
 
     def _pieces(self) -> Iterator[Array]:
-        bodies = self._dataset.attrs["backend"] == "physics"
-        names = [f"{kind}_position" for kind in ("agent", "target")]
-        names += [f"{kind}_height" for kind in ("agent", "target")] if bodies else []
-        for piece in pieces_of(self._dataset, names):
-            places = np.concatenate([piece[name].values for name in names[:2]], axis=1)
-            if bodies:
-                places[..., 2] = np.concatenate([piece[name].values for name in names[2:]], axis=1)
-            else:
-                places[..., 2] = np.where(np.isnan(places[..., 2]), self._surface, places[..., 2])
-            yield places - self._origin
+        for piece in pieces_of(self._dataset, _position_names(self._dataset)):
+            yield positions_of(piece, self._surface) - self._origin
+
+
+def _position_names(dataset: xr.Dataset) -> list[str]:
+    """Return the variables that `positions_of` needs."""
+    quantities = ["position", "height"] if dataset.attrs["backend"] == "physics" else ["position"]
+    return [f"{kind}_{quantity}" for quantity in quantities for kind in ("agent", "target")]
+
+
+def positions_of(piece: xr.Dataset, surface_height: float) -> Array:
+    """Return the positions of all vehicles in space, shape (n, V, 3), m."""
+    names = _position_names(piece)
+    places = np.concatenate([piece[name].values for name in names[:2]], axis=1)
+    if len(names) > 2:
+        places[..., 2] = np.concatenate([piece[name].values for name in names[2:]], axis=1)
+    else:
+        places[..., 2] = np.where(np.isnan(places[..., 2]), surface_height, places[..., 2])
+    return places
 
 
 def _positions_at(pieces: Iterable[Array], rows: IntArray) -> Array:
@@ -366,6 +402,14 @@ def _largest_error(pieces: Iterable[Array], every: Array, scene: Scene, time: Ar
     return largest
 
 
+def edges_of(phases: Sequence[Phase]) -> dict[tuple[str, str], Edge]:
+    """Return all edges of a run by kind and name, in the order of the page."""
+    found: dict[tuple[str, str], Edge] = {}
+    for phase in phases:
+        found |= dict(labelled_edges(phase.system))
+    return found
+
+
 def _add_edges(
     packer: Packer, phases: Sequence[Phase], positions: Array, own: xr.Dataset, rows: IntArray
 ) -> list[dict[str, Any]]:
@@ -374,9 +418,7 @@ def _add_edges(
     Returns:
         Description of each edge: ends, kind, name, and dimension of its residual.
     """
-    found: dict[tuple[str, str], Edge] = {}
-    for phase in phases:
-        found |= dict(labelled_edges(phase.system))
+    found = edges_of(phases)
     number, index = {key: e for e, key in enumerate(found)}, phases[0].system.team.index
     residual = np.full((len(rows), len(found)), np.nan)
     starts = [phase.start for phase in phases] + [int(rows[-1]) + 1]

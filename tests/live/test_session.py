@@ -13,7 +13,6 @@ import xarray as xr
 from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.live.actions import Recorder
-from mjsheaf.results.dataset import make_datasets
 from mjsheaf.runs.publish import write_scenario
 from mjsheaf.simulation.session import Session
 
@@ -36,9 +35,11 @@ def drive(session: Session, every: int) -> tuple[Recorder, list[xr.Dataset]]:
         for action in ACTIONS.get(sample, ()):
             recorder.do(action)
         ahead = [k for k in ACTIONS if k > sample]
-        piece = next(session.engine.record(min([every, *(k - sample for k in ahead)])))
-        chunks.append(next(make_datasets([piece], session.backend, 0, session.engine.phases, sample)))
-        sample += len(piece.time)
+        chunk, message = recorder.record(min([every, *(k - sample for k in ahead)]))
+        assert chunk is not None
+        assert not message
+        chunks.append(chunk)
+        sample += chunk.sizes["time"]
     return recorder, chunks
 
 

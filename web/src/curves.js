@@ -61,6 +61,19 @@ export class Curves extends EventTarget {
     return panel;
   }
 
+  /** The run has become longer: draw it again. */
+  extend() {
+    for (const panel of this.panels) {
+      linesOf(this.run, panel, this.all).forEach(({ values }, n) => panel.lines[n] && (panel.lines[n].values = values));
+      const positive = (x) => (panel.log && !(x > 0) ? null : x);
+      panel.data = [Array.from(this.run.time), ...panel.lines.map((line) => line.values.map(positive))];
+    }
+    const { lit } = this;
+    this.lit = NaN; // the lines of whom is lit are written again
+    for (const panel of this.panels) panel.u.setData(panel.data);
+    this.light(lit);
+  }
+
   options(panel) {
     const ink = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     const axis = { stroke: ink("--quiet"), font: "10px system-ui", grid: { stroke: ink("--rule"), width: 1 }, ticks: { show: false } };
@@ -71,7 +84,7 @@ export class Curves extends EventTarget {
       legend: { show: false },
       cursor: { y: false, drag: { x: false, y: false, setScale: false }, points: { show: false }, focus: { prox: 14 } },
       focus: { alpha: 0.25 },
-      scales: { x: { time: false, range: [this.run.start, Math.max(this.run.end, this.run.start + 1e-9)] }, y: panel.log ? { distr: 3, range: (_, low, high) => logRange(panel, low, high) } : { range: (_, low, high) => [0, linearTop(panel, high)] } },
+      scales: { x: { time: false, range: () => [this.run.start, Math.max(this.run.end, this.run.start + 1e-9)] }, y: panel.log ? { distr: 3, range: (_, low, high) => logRange(panel, low, high) } : { range: (_, low, high) => [0, linearTop(panel, high)] } },
       axes: [
         { ...axis, size: 18, gap: 2, values: (_, ticks) => ticks.map((t) => `${+t.toFixed(6)}`) },
         { ...axis, size: 42, gap: 4, filter: (_, ticks) => ticks, splits: panel.log ? (_, __, low, high) => decades(low, high) : undefined, values: (_, ticks) => ticks.map((x) => (x === null ? "" : plain(x))) },
@@ -173,7 +186,7 @@ export class Curves extends EventTarget {
       panel.now.style.transform = `translateX(${panel.u.valToPos(clock.t, "x").toFixed(1)}px)`;
       const parts = [];
       const team = panel.lines.find((line) => line.name === "team");
-      if (team) parts.push(`${TEAM[panel.how] ?? "team"} ${digits(team.values[k])}`);
+      if (team) parts.push(`${TEAM[panel.how] ?? "team"} ${digits(team.values[Math.min(k, team.values.length - 1)])}`);
       if (panel.agents && this.lit >= 0) parts.push(`${run.names[this.lit]} ${digits(run.series[panel.agents][k * run.agents + this.lit])}${panel.limits ? ofMost(run, k, this.lit) : ""}`);
       const text = parts.join("   ");
       if (panel.said !== text) panel.reading.textContent = panel.said = text;

@@ -85,13 +85,19 @@ function jumpsOf(run, k, agent, far) {
   return found;
 }
 
-/** Title, what it is, and who is worst. */
-export function writeHeader(run, goTo) {
+/** Title, and what it is. */
+export function nameRun(run) {
   const { facts } = run.said;
   document.title = `${facts.scenario}: mjsheaf run`;
   byId("title").textContent = facts.scenario;
   byId("subtitle").title = facts.summary || "";
   byId("subtitle").append(own(facts.summary || ""), facts.summary ? " · " : "", `${facts.backend}, ${facts.law}`);
+}
+
+/** Title, what it is, and who is worst. */
+export function writeHeader(run, goTo) {
+  const { facts } = run.said;
+  nameRun(run);
   const worst = byId("worst");
   if (facts.status !== "finished") {
     worst.append(make("strong", "bad", "Blew up"), ` at ${digits(run.end)} s. `, own(facts.message || ""));
@@ -183,8 +189,8 @@ export function writeLegend(run, world) {
   if (run.series.ghost) rows.push(row(make("i", "ghost"), "pale vehicle: ideal kinematics"));
   for (const { name, colour } of run.said.ghosts) rows.push(row(swatch({ background: colour }, "ghost"), "translucent: ", own(name)));
   if (run.said.edges.length) {
-    const [low, high] = world.residualRange;
-    rows.push(row(make("i", "bar"), `link, blue to red: ${digits(low)} to ${digits(high)} m off`));
+    world.rangeSaid = make("span", "", rangeInWords(world));
+    rows.push(row(make("i", "bar"), world.rangeSaid));
     if (run.said.edges.some(({ kind }) => kind === "sensing")) rows.push(row(make("i", "dashed"), "sees a target (solid: agents talk)"));
     if (run.series.residual.some(isSilent)) rows.push(row(make("i", "silent"), "grey: silent"));
   }
@@ -197,8 +203,14 @@ export function writeLegend(run, world) {
   world.larger = make("span", "");
   rows.push(row(make("i", "larger", "↗"), world.larger));
   const details = make("details", "", make("summary", "", "Legend"), ...rows);
-  details.open = !matchMedia("(max-width: 760px)").matches;  // as in style.css
+  details.open = !matchMedia("(max-width: 760px)").matches && !run.said.live;  // as in style.css
   home.append(details);
+}
+
+/** What the colours of links mean. */
+export function rangeInWords(world) {
+  const [low, high] = world.residualRange;
+  return `link, blue to red: ${digits(low)} to ${digits(high)} m off`;
 }
 
 /** The facts below the scene. */
@@ -216,6 +228,10 @@ export function writeFacts(run, goTo) {
     return button;
   };
 
+  if (run.said.live) {
+    card("How it is made", madeOf(run));
+    return;
+  }
   const state = facts.status === "finished" ? (ENDINGS[facts.ending] ?? "The run came to its end.") : `The run blew up: ${facts.message}`;
   const list = make("ul");
   for (const note of notes) {
@@ -226,13 +242,19 @@ export function writeFacts(run, goTo) {
   card("At the end", finalOf(facts));
   card("Does the theory hold", ...theoryOf(facts, time));
   card("Agents", agentsOf(run, goTo));
+  const made = madeOf(run);
+  made.append(make("dt", "", "samples"), make("dd", "", `${run.time.length} of ${run.said.samples} are kept here; no vehicle is shown more than ${digits(run.said.largest_error)} m from where result.nc has it at any sample`));
+  card("How it was made", made);
+}
+
+/** Versions, seed and command. */
+function madeOf({ said: { facts } }) {
   const made = make("dl");
   const say = (name, ...value) => made.append(make("dt", "", name), make("dd", "", ...value));
   for (const [name, value] of Object.entries(facts.versions)) say(name, own(value));
   say("seed", String(facts.seed));
   say("again", make("code", "", facts.command), facts.where);
-  say("samples", `${run.time.length} of ${run.said.samples} are kept here; no vehicle is shown more than ${digits(run.said.largest_error)} m from where result.nc has it at any sample`);
-  card("How it was made", made);
+  return made;
 }
 
 /** How close vehicles came, and what the filter that keeps them apart did; null without one. */

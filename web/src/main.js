@@ -2,9 +2,10 @@
 
 import "./style.css";
 import { Clock, readHash, writeHash } from "./clock.js";
+import { LiveClock, goLive } from "./live.js";
 import { Curves } from "./curves.js";
 import { digits, readRun } from "./data.js";
-import { Card, make, writeFacts, writeHeader, writeLegend } from "./facts.js";
+import { Card, make, nameRun, writeFacts, writeHeader, writeLegend } from "./facts.js";
 import { World } from "./scene.js";
 
 const byId = (id) => document.getElementById(id);
@@ -20,9 +21,10 @@ const LAYERS = { links: "links", goals: "where agents should be", trails: "trail
 
 async function begin() {
   const run = await readRun();
-  const clock = new Clock(run);
+  const clock = run.said.live ? new LiveClock(run) : new Clock(run);
   const state = { lit: -1, chosen: -1 };
   let world = null;
+  let panel = null;
   try {
     world = new World(run, clock, byId("scene"), byId("labels"));
   } catch (error) {
@@ -43,6 +45,7 @@ async function begin() {
   };
   const choose = (vehicle) => {
     state.chosen = vehicle === state.chosen ? -1 : vehicle;
+    panel?.choose(vehicle);
     light(state.chosen);
   };
   const showCard = () => card.show(clock.t, state.lit, run.worst(run.locate(clock.t)[0]));
@@ -63,7 +66,8 @@ async function begin() {
     world?.follow(value, near);
   };
 
-  writeHeader(run, goTo);
+  if (!run.said.live) writeHeader(run, goTo);
+  else nameRun(run);
   writeFacts(run, goTo);
   if (world) writeLegend(run, world);
   const controls = bindClock(run, clock);
@@ -89,6 +93,10 @@ async function begin() {
   if (said.lit !== undefined && run.names.includes(said.lit)) choose(run.names.indexOf(said.lit));
   if (said.follow !== undefined) follow(said.follow === "team" ? "team" : run.names.indexOf(said.follow), false);
   if (world && said.cam) world.place = said.cam;
+  if (run.said.live) {
+    panel = goLive(run, clock, world, curves, controls);
+    clock.catchUp();
+  }
   controls.show();
   showCard();
 
@@ -138,22 +146,29 @@ function remember(run, clock, world, state) {
 
 function bindClock(run, clock) {
   const [play, slider, time, speed, loop] = ["play", "slider", "time", "speed", "loop"].map(byId);
-  Object.assign(slider, { min: run.start, max: run.end });
-  for (const value of clock.speeds) speed.append(Object.assign(document.createElement("option"), { value, textContent: `${value}×` }));
-  for (const event of run.events) {
-    const mark = make("i");
-    mark.style.left = `${(100 * (event.time - run.start)) / (run.end - run.start || 1)}%`;
-    mark.title = event.events.join(", ");
-    byId("marks").append(mark);
-  }
+  const end = () => run.said.live?.end ?? run.end;
+  Object.assign(slider, { min: run.start, max: end() });
+  const named = (value) => Object.assign(document.createElement("option"), { value, textContent: Number.isFinite(value) ? `${value}×` : "as fast as possible" });
+  for (const value of clock.speeds) speed.append(named(value));
+  loop.hidden = Boolean(run.said.live);
+  const mark = () => {
+    const marks = run.events.map((event) => {
+      const line = make("i");
+      line.style.left = `${(100 * (event.time - run.start)) / (end() - run.start || 1)}%`;
+      line.title = event.events.join(", ");
+      return line;
+    });
+    byId("marks").replaceChildren(...marks);
+  };
+  mark();
   let told = null;
   const show = () => {
     slider.value = clock.t;
     const text = `${clock.t.toFixed(2)} s`;
-    time.textContent = `${text} of ${+run.end.toFixed(3)} s`;
+    time.textContent = `${text} of ${+end().toFixed(3)} s`;
     slider.setAttribute("aria-valuetext", text);
     const now = [...run.events].reverse().find((event) => event.time <= clock.t);
-    const long = Math.max(2 * clock.speed, 0.06 * (run.end - run.start));
+    const long = Math.max(Math.min(2 * clock.speed, run.end), 0.06 * (run.end - run.start));
     const words = now && clock.t - now.time < long ? `${now.events.join(", ")} (${digits(now.time)} s)` : "";
     if (words !== told) {
       byId("event").replaceChildren(make("bdi", "", words));
@@ -164,7 +179,7 @@ function bindClock(run, clock) {
   const state = () => {
     play.textContent = clock.playing ? "❚❚" : "▶";
     play.setAttribute("aria-label", clock.playing ? "Pause" : "Play");
-    if (![...speed.options].some((option) => +option.value === clock.speed)) speed.append(Object.assign(document.createElement("option"), { value: clock.speed, textContent: `${clock.speed}×` }));
+    if (![...speed.options].some((option) => +option.value === clock.speed)) speed.append(named(clock.speed));
     speed.value = String(clock.speed);
     loop.setAttribute("aria-pressed", String(clock.loop));
   };
@@ -178,7 +193,7 @@ function bindClock(run, clock) {
   speed.addEventListener("change", () => clock.setSpeed(+speed.value));
   loop.addEventListener("click", () => clock.setLoop(!clock.loop));
   state();
-  return { show };
+  return { show, mark };
 }
 
 function bindViews(run, world, follow) {

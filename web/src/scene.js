@@ -47,6 +47,7 @@ export class World extends EventTarget {
     this.controls.screenSpacePanning = true;
     this.controls.zoomToCursor = true;
     this.controls.addEventListener("change", () => this.changed());
+    this.controls.addEventListener("start", () => (this.touched = true));
     this.build();
     this.setTheme("light");
     this.pointing();
@@ -81,6 +82,10 @@ export class World extends EventTarget {
         }
       }
     }
+    for (const place of run.said.live?.ahead ?? []) {
+      box.expandByPoint(p.fromArray(place));
+      this.seen.push(...place);
+    }
     if (box.isEmpty()) box.expandByPoint(p.fromArray(centre));
     if (!this.seen.length) this.seen.push(...centre);
     const last = run.time.length - 1;
@@ -102,6 +107,43 @@ export class World extends EventTarget {
     this.box = box;
     this.extent = box.getSize(new THREE.Vector3()).length();
     this.floor = run.said.surface === "none" ? box.min.z : run.said.height;
+  }
+
+  /** The run has become longer: make room if somebody left what was seen so far. */
+  extend() {
+    const { box, run } = this;
+    const p = new THREE.Vector3();
+    const row = (run.time.length - 1) * run.vehicles;
+    const outside = (v) => (v >= run.agents || run.present(run.time.length - 1, v)) && !box.containsPoint(p.fromArray(run.series.position, 3 * (row + v)));
+    if (run.names.some((_, v) => outside(v))) {
+      const grown = 1.1 * this.extent;
+      this.measure();
+      if (this.extent > grown) this.fit();
+    }
+    this.changed();
+  }
+
+  /** Fit the colours of links to the run so far. */
+  rescale() {
+    this.residualRange = rangeOf(this.run);
+  }
+
+  /** Lay the surface anew, and show everything unless the viewer has chosen what to see. */
+  fit() {
+    this.scene.remove(this.surface);
+    this.surface.geometry.dispose();
+    this.surface.material.dispose();
+    this.surface = surfaceOf(this);
+    this.scene.add(this.surface);
+    this.setTheme(document.documentElement.dataset.theme ?? "light");
+    this.labelGrid();
+    if (!this.touched && this.followed === "") this.view("angle");
+  }
+
+  /** What the flow is has changed. */
+  flowChanged() {
+    this.flowsNow = null;
+    this.changed();
   }
 
   build() {
@@ -167,6 +209,7 @@ export class World extends EventTarget {
     camera.position.copy(target).addScaledVector(way, distance);
     this.controls.update();
     this.anchor = null;
+    this.touched = name !== "angle";
     this.changed();
   }
 
@@ -178,6 +221,7 @@ export class World extends EventTarget {
   set place(text) {
     const numbers = String(text).split(",").map(Number);
     if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return;
+    this.touched = true;
     this.camera.position.fromArray(numbers);
     this.controls.target.fromArray(numbers, 3);
     this.controls.update();
@@ -217,6 +261,7 @@ export class World extends EventTarget {
 
   /** Turn by degrees, zoom by a factor, or move by shares of the picture. */
   turn(azimuth, elevation) {
+    this.touched = true;
     const offset = this.camera.position.clone().sub(this.controls.target);
     const sphere = new THREE.Spherical().setFromVector3(new THREE.Vector3(offset.x, offset.z, -offset.y));
     sphere.theta += (azimuth * Math.PI) / 180;
@@ -228,12 +273,14 @@ export class World extends EventTarget {
   }
 
   zoom(factor) {
+    this.touched = true;
     this.camera.position.sub(this.controls.target).multiplyScalar(factor).add(this.controls.target);
     this.controls.update();
     this.changed();
   }
 
   pan(right, up) {
+    this.touched = true;
     const distance = this.camera.position.distanceTo(this.controls.target);
     const { elements } = this.camera.matrix;
     const by = new THREE.Vector3(elements[0], elements[1], elements[2]).multiplyScalar(right * distance);
@@ -400,7 +447,7 @@ export class World extends EventTarget {
   /** Where every vehicle was; older pieces fade. Joints stand at multiples of one interval, not to shiver. */
   drawTrails(width) {
     const { run, clock, lines } = this;
-    const trail = Math.min(run.said.trail, run.end - run.start);
+    const trail = run.said.live ? run.said.trail : Math.min(run.said.trail, run.end - run.start);
     if (!(trail > 0)) return;
     const interval = trail / this.trailPieces;
     const first = Math.max(clock.t - trail, run.start);
@@ -475,6 +522,14 @@ export class World extends EventTarget {
     this.ring = document.createElement("div");
     this.ring.className = "ring";
     this.labels.append(this.ring);
+    this.gridTags = [];
+    this.labelGrid();
+  }
+
+  /** Write coordinates along two sides of the grid. */
+  labelGrid() {
+    const { run } = this;
+    for (const { tag } of this.gridTags) tag.remove();
     this.gridTags = [];
     const step = nice(Math.max(this.box.max.x - this.box.min.x, this.box.max.y - this.box.min.y, 1e-3) / 4);
     this.gridStep = step;

@@ -1,0 +1,263 @@
+"""HTTP and websocket on 127.0.0.1, for one client that knows the token.
+
+A request is accepted if its Host is the server's own address, which defeats DNS rebinding, and its query contains the
+token. A websocket also needs the server's own Origin, and there is one at a time.
+"""
+
+import json
+import logging
+import secrets
+import threading
+from collections import deque
+from contextlib import suppress
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
+
+from mjsheaf.errors import InputError
+
+if TYPE_CHECKING:
+    from websockets.http11 import Request, Response
+    from websockets.sync.server import ServerConnection
+
+_MAX_MESSAGE = 4096  # bytes of an action
+_MAX_WAITING = 100  # actions that wait for the run
+_MOST_WAIT = 60.0  # s that a browser waits for a page
+_GRACE = 2.0  # s after which a page that does not come back is closed: a reload takes less
+_HEADERS = {
+    "Content-Type": "text/html; charset=utf-8",
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+
+
+class Server:
+    """Server of one page.
+
+    A frame that is not sent when the next one arrives is dropped, so the run never waits for the browser.
+
+    Attributes:
+        token: Secret in the page's address.
+        opened: True from when a page was opened for the first time.
+        closed: True after the page was closed.
+        page_wanted: True while a browser waits for a page.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        """Listen; port 0 takes a free one.
+
+        Raises:
+            InputError: websockets is not installed, or the port is taken.
+        """
+        try:
+            from websockets.sync.server import serve
+        except ImportError:
+            raise InputError(
+                "mjsheaf view needs websockets, which is not installed: pip install 'mjsheaf[live]'"
+            ) from None
+        quiet = logging.getLogger("mjsheaf.live")
+        quiet.setLevel(logging.CRITICAL + 1)  # a refused client is no matter of the user's
+        self.token = secrets.token_urlsafe(32)
+        self.opened = False
+        self.closed = False
+        self.page_wanted = False
+        self._changed = threading.Condition()
+        self._page: bytes | None = None
+        self._frame: bytes | None = None
+        self._state = ""
+        self._actions: deque[dict[str, Any]] = deque()
+        self._client = 0  # number of the present client; 0 without one
+        self._clients = 0  # number of clients since the start
+        self._pages = 0  # number of requested pages since the last client left
+        try:
+            self._server = serve(
+                self._converse,
+                "127.0.0.1",
+                port,
+                process_request=self._answer,
+                max_size=_MAX_MESSAGE,
+                compression=None,
+                server_header=None,
+                open_timeout=_MOST_WAIT,
+                logger=quiet,
+            )
+        except OSError as error:
+            raise InputError(f"--port {port}: {error.strerror}; expected a free port, or 0 for any") from None
+        self.host = f"127.0.0.1:{self._server.socket.getsockname()[1]}"
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Address of the page, with the token."""
+        return f"http://{self.host}/?token={self.token}"
+
+    @property
+    def socket_address(self) -> str:
+        """Address of the websocket, without the token."""
+        return f"ws://{self.host}/live"
+
+    def answer(self, page: bytes) -> None:
+        """Give a page to the browser that waits for it."""
+        with self._changed:
+            self.page_wanted = False
+            self._page = page
+            self._frame = None
+            self._changed.notify_all()
+
+    def publish(self, frame: bytes) -> None:
+        """Replace the newest frame."""
+        with self._changed:
+            self._frame = frame
+            self._changed.notify_all()
+
+    def tell(self, state: dict[str, Any]) -> None:
+        """Replace the state of the run that the page shows."""
+        with self._changed:
+            self._state = json.dumps(state)
+            self._changed.notify_all()
+
+    def take_actions(self) -> list[dict[str, Any]]:
+        """Return the actions that have arrived, in order."""
+        with self._changed:
+            actions = list(self._actions)
+            self._actions.clear()
+        return actions
+
+    def wait(self, seconds: float) -> None:
+        """Wait until there is something to do, at most for a number of seconds."""
+        with self._changed:
+            opened = self.opened
+            self._changed.wait_for(
+                lambda: self._actions or self.page_wanted or self.closed or self.opened != opened, seconds
+            )
+
+    def close(self) -> None:
+        """End the connection and the server."""
+        with self._changed:
+            self.closed = True
+            self._changed.notify_all()
+        self._server.shutdown()
+        self._thread.join(5.0)
+
+    # -- requests ------------------------------------------------------------------------------------------------------
+
+    def _answer(self, connection: "ServerConnection", request: "Request") -> "Response | None":
+        """Answer a request; None accepts a websocket."""
+        address = urlsplit(request.path)
+        given = parse_qs(address.query).get("token", [""])
+        known = len(given) == 1 and secrets.compare_digest(given[0].encode(), self.token.encode())
+        hosts = request.headers.get_all("Host")
+        origins = request.headers.get_all("Origin")
+        if hosts != [self.host] or not known:
+            return _response(connection, HTTPStatus.FORBIDDEN)
+        if address.path == "/" and "Upgrade" not in request.headers:
+            return _response(connection, HTTPStatus.OK, self._next_page())
+        if address.path != "/live":
+            return _response(connection, HTTPStatus.NOT_FOUND)
+        if origins != [f"http://{self.host}"]:
+            return _response(connection, HTTPStatus.FORBIDDEN)
+        if self._client:
+            return _response(connection, HTTPStatus.CONFLICT)
+        return None
+
+    def _next_page(self) -> bytes | None:
+        """Wait for a page that includes the newest sample; return None if there is none in time."""
+        with self._changed:
+            self.page_wanted = True
+            self._pages += 1
+            self._page = None
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: self._page is not None or self.closed, _MOST_WAIT / 2)
+            return self._page
+
+    def _converse(self, connection: "ServerConnection") -> None:
+        """Serve the websocket of the one client."""
+        from websockets.exceptions import ConnectionClosed
+
+        with self._changed:
+            if self._client or self.closed:
+                return
+            self._clients += 1
+            self._client = number = self._clients
+            self.opened = True
+            self._changed.notify_all()
+        sender = threading.Thread(target=self._send, args=(connection, number), daemon=True)
+        sender.start()
+        try:
+            for message in connection:
+                self._receive(message)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._leave(number)
+
+    def _leave(self, number: int) -> None:
+        """Close the server after a client has left, unless its page comes back: it may have been reloaded."""
+
+        def is_back() -> bool:
+            return self._clients != number or self.closed
+
+        with self._changed:
+            self._client = 0
+            self._pages = 0
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: is_back() or self._pages, _GRACE)
+            if self._pages:
+                self._changed.wait_for(is_back, _MOST_WAIT)
+            self.closed = self.closed or self._clients == number
+            self._changed.notify_all()
+
+    def _receive(self, message: str | bytes) -> None:
+        """Keep an action; what is no mapping is ignored."""
+        try:
+            action = json.loads(message)
+        except (ValueError, RecursionError):
+            return
+        if isinstance(action, dict):
+            with self._changed:
+                if len(self._actions) < _MAX_WAITING:
+                    self._actions.append(action)
+                self._changed.notify_all()
+
+    def _send(self, connection: "ServerConnection", number: int) -> None:
+        """Send the newest state and frame whenever they change."""
+        from websockets.exceptions import ConnectionClosed
+
+        frame: bytes | None = None
+        state = ""
+        with suppress(ConnectionClosed):
+            while self._wait_for_news(number, frame, state):
+                with self._changed:
+                    news = self._frame, self._state
+                if news[0] is not None and news[0] is not frame:
+                    connection.send(news[0])
+                if news[1] != state:
+                    connection.send(news[1])
+                frame, state = news
+            connection.close()
+
+    def _wait_for_news(self, number: int, frame: bytes | None, state: str) -> bool:
+        """Wait for another frame or state than these; return False if the client is not the present one any more."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self.closed or self._client != number or self._frame is not frame or self._state != state
+            )
+            return not self.closed and self._client == number
+
+
+def _response(connection: "ServerConnection", status: HTTPStatus, page: bytes | None = None) -> "Response":
+    if status is HTTPStatus.OK and page is None:
+        status = HTTPStatus.SERVICE_UNAVAILABLE
+    response = connection.respond(status, f"{status.phrase}\n")
+    if page is not None:
+        response.body = page
+        del response.headers["Content-Length"]
+        del response.headers["Content-Type"]
+        response.headers["Content-Length"] = str(len(page))
+        response.headers.update(_HEADERS)
+    return response

@@ -1,0 +1,133 @@
+"""The live page in a real browser: what is pressed there happens in the run, and the recorded scenario repeats it."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import load_scenario, simulate
+from mjsheaf.runs.publish import write_scenario
+from tests.live.test_view import NAMES, Watched
+from tests.page.browser import missing, open_browser
+from tests.page.test_browser import UNNAMED, wait_until
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(missing()), reason=f"no browser: {missing()}")]
+
+SLIDE = "(e, x) => { e.value = x; e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with open_browser() as opened:
+        yield opened
+
+
+def open_live(browser: Any, url: str, **context: Any) -> Any:
+    """The page of a run in progress, with its failures and requests as lists."""
+    page = browser.new_context(viewport={"width": 1200, "height": 760}, **context).new_page()
+    page.failures, page.requests = [], []
+    page.on("pageerror", lambda error: page.failures.append(str(error)))
+    page.on("console", lambda said: page.failures.append(said.text) if said.type == "error" else None)
+    page.on("request", lambda request: page.requests.append(request.url))
+    page.goto(url)
+    page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
+    return page
+
+
+def press(page: Any, name: str) -> None:
+    page.locator("#live button", has_text=name).click()
+
+
+def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_path: Path) -> None:
+    scenario = load_scenario("paper", {"time.end": 30})
+    with Watched(scenario, "ideal", speed=1.0) as run:
+        page = open_live(browser, run.url)
+        wait_until(page, "window.mjsheaf.run.end > 0.5")
+        assert page.evaluate(UNNAMED) == []
+        page.get_by_label("Agent", exact=True).select_option("A5")
+        press(page, "Lose")
+        wait_until(page, "document.querySelector('#live li').textContent.includes('lose A5')")
+        wait_until(page, "!window.mjsheaf.run.present(window.mjsheaf.run.time.length - 1, 4)")
+        press(page, "Join")
+        wait_until(page, "window.mjsheaf.run.present(window.mjsheaf.run.time.length - 1, 4)")
+        page.get_by_label("Gain", exact=True).evaluate(SLIDE, 60)
+        page.get_by_label("Flow", exact=True).evaluate(SLIDE, 50)
+        wait_until(page, "document.querySelectorAll('#live li').length === 4")
+        press(page, "Cut")
+        press(page, "Restore")
+        wait_until(page, "document.querySelector('#live ol').textContent.includes('restore')")
+        page.click("#play")
+        wait_until(page, "document.getElementById('worst').textContent.startsWith('Paused')")
+        page.wait_for_timeout(300)
+        stopped = page.evaluate("window.mjsheaf.run.end")
+        page.wait_for_timeout(500)
+        assert page.evaluate("window.mjsheaf.run.end") == stopped
+        page.keyboard.press("Home")  # looks back
+        assert page.evaluate("window.mjsheaf.clock.t") < 0.1
+        page.click("#play")  # to the newest sample
+        page.click("#play")
+        wait_until(page, f"window.mjsheaf.clock.t > {stopped} + 0.5")
+        page.select_option("#speed", str(math.inf).replace("inf", "Infinity"))
+        wait_until(page, "document.getElementById('worst').textContent.startsWith('Ended')", 60.0)
+        assert page.evaluate("window.mjsheaf.run.end") == pytest.approx(30.0)
+        assert page.failures == []
+        assert [url for url in page.requests if not url.startswith(run.url.split("?")[0])] == []
+        page.context.close()
+    (recorded,) = run.recorded
+    assert len(recorded.events) == 6
+    again = simulate(load_scenario(str(write_scenario(recorded, tmp_path))), "ideal")
+    for name in NAMES:
+        np.testing.assert_array_equal(run.kept.dataset[name].values, again[name].values, err_msg=name)
+
+
+def test_a_reloaded_page_has_the_whole_run_and_a_second_one_cannot_control_it(browser: Any) -> None:
+    with Watched(load_scenario("midpoint", {"time.end": 300}), "ideal", speed=10.0) as run:
+        page = open_live(browser, run.url)
+        wait_until(page, "window.mjsheaf.run.end > 5")
+        page.reload()
+        page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
+        assert page.evaluate("window.mjsheaf.run.time.length") > 100
+        other = open_live(browser, run.url)
+        wait_until(other, "document.getElementById('worst').textContent.includes('Another page controls this run')")
+        assert other.locator("#live button:enabled").count() == 0
+        other.context.close()
+        end = page.evaluate("window.mjsheaf.run.end")
+        wait_until(page, f"window.mjsheaf.run.end > {end} + 1")
+        page.context.close()
+
+
+def test_a_hostile_page_cannot_control_the_run(browser: Any) -> None:
+    """It knows the port, but neither the token nor, with it, the origin."""
+    with Watched(load_scenario("midpoint", {"time.end": 60}), "ideal", speed=1.0) as run:
+        page = open_live(browser, run.url)
+        hostile = browser.new_context().new_page()
+        hostile.goto("data:text/html,<p>hostile</p>")
+        base = run.url.split("?")[0]
+        for address in (f"{base}live".replace("http", "ws"), run.url.replace("http", "ws").replace("/?", "/live?")):
+            assert (
+                hostile.evaluate(
+                    "address => new Promise(done => { const s = new WebSocket(address); s.onopen = () => done('open');"
+                    " s.onerror = () => done('refused'); })",
+                    address,
+                )
+                == "refused"
+            )
+        read = "address => fetch(address).then(a => a.text()).catch(() => 'refused')"
+        assert hostile.evaluate(read, run.url) == "refused"
+        assert (
+            hostile.evaluate(
+                "address => { const f = document.createElement('iframe'); f.src = address;"
+                " document.body.append(f); return new Promise(d => f.onload = () => {"
+                " try { d(String(f.contentDocument?.title ?? 'refused')); } catch { d('refused'); } }); }",
+                run.url,
+            )
+            == "refused"
+        )
+        wait_until(page, "window.mjsheaf.run.end > 0.5")
+        page.context.close()
+        hostile.context.close()
+    (recorded,) = run.recorded
+    assert recorded.events == []
