@@ -31,7 +31,7 @@ ACTIONS = ("residual", "velocity")
 _log = logging.getLogger("mjsheaf")
 
 
-def _named(edges: Iterable[Edge]) -> dict[tuple[tuple[str, str], int], Edge]:
+def named_edges(edges: Iterable[Edge]) -> dict[tuple[tuple[str, str], int], Edge]:
     """Return edges by a name that each has in all phases: its ends, and its number among edges of these ends."""
     met: Counter[tuple[str, str]] = Counter()
     named = {}
@@ -63,6 +63,7 @@ class Episode:
         action_limits: Largest size of each component of an agent's action, shape (N,), m/s: its velocity limit or, if
             it has none, its top speed, or `DEFAULT_ACTION_LIMIT` if nothing limits its thrusters.
         edges: Edges at which each agent measures in some phase, by its id.
+        keys: Names of these edges; see `named_edges`.
         periods: Control periods of an episode.
         message: Reason why the simulation blew up; empty if it did not.
     """
@@ -104,9 +105,9 @@ class Episode:
         self.action_limits = _action_limits(scenario)
         grid = scenario.whole.grid
         self.periods = grid.steps if horizon is None else _whole_periods(horizon, grid.period, grid.steps)
-        every = _named(team.measuring_edges)
-        self._keys = {name: [key for key, edge in every.items() if _measures(name, edge)] for name in self.agents}
-        self.edges = {name: [every[key] for key in keys] for name, keys in self._keys.items()}
+        every = named_edges(team.measuring_edges)
+        self.keys = {name: [key for key, edge in every.items() if _measures(name, edge)] for name in self.agents}
+        self.edges = {name: [every[key] for key in keys] for name, keys in self.keys.items()}
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -215,10 +216,10 @@ class Episode:
             return
         world.close_loop(sample=True)
         sample = self.session.observe()
-        numbers = dict(zip(_named(sample.edges), sample.measurements, strict=True))
-        received = dict(zip(_named(sample.edges), sample.received, strict=True))
+        numbers = dict(zip(named_edges(sample.edges), sample.measurements, strict=True))
+        received = dict(zip(named_edges(sample.edges), sample.received, strict=True))
         self._observations = {}
-        for i, (name, keys) in enumerate(self._keys.items()):
+        for i, (name, keys) in enumerate(self.keys.items()):
             heard = np.array([received.get(key, False) for key in keys], dtype=np.bool_)
             parts = [
                 numbers[key] if there else np.zeros(_size_of(edge))

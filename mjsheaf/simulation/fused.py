@@ -150,9 +150,11 @@ class Fused(ThreadedLoop):
         """Arguments of the compiled code: the loop, and a MOTION for each kind of vehicle."""
         return self._loop, self._motion
 
-    def adopt(self, loop: Loop) -> None:
-        """Continue with a copy of this loop in another place in memory."""
+    def adopt(self, loop: Loop, steps: IntArray | None = None) -> None:
+        """Continue with a copy of this loop in another place in memory, where `steps`, shape (1,), counts its steps."""
         self._loop = loop
+        if steps is not None:
+            self._count = steps
 
     def _command(self) -> None:
         command_all(self._loop, self.time)

@@ -147,14 +147,10 @@ class Rows:
         own = _own_arrays(whole)
         self._places = list(zip(own, np.cumsum([0, *(part.size for part in own)]).tolist(), strict=False))
         self.values = np.empty((len(several), _size(whole)), dtype=self._type, order=order)
-        seeds = []
+        self._seeds = np.empty((sum(is_seed(leaf) for leaf in leaves_of(whole)), len(several)), dtype=np.int64)
         for w, run in enumerate(several):
-            loop, _ = run.compiled
-            self.values[w] = np.concatenate([part.ravel() for part in _own_arrays(loop)])
-            seeds.append(
-                [leaf.value for leaf in leaves_of(loop) if leaf.own and not isinstance(leaf.value, np.ndarray)]
-            )
-        columns = iter(np.array(seeds, dtype=np.int64).T.copy())
+            self._write(w, run)
+        columns = iter(self._seeds)
 
         def laid_out(leaf: Leaf) -> Any:
             if not leaf.own:
@@ -164,6 +160,22 @@ class Rows:
         self.loop: Loop = mapped(laid_out, whole)
         self.motion = self._in_type(motion)
         self.take = world_taker(whole)
+
+    def _write(self, w: int, run: Fused) -> None:
+        loop, _ = run.compiled
+        self.values[w] = np.concatenate([part.ravel() for part in _own_arrays(loop)])
+        self._seeds[:, w] = [leaf.value for leaf in leaves_of(loop) if is_seed(leaf)]
+
+    def put(self, w: int, run: Fused) -> None:
+        """Write a copy of a run at its start over world w.
+
+        Raises:
+            InputError: It differs in what worlds share.
+        """
+        for ours, other in zip(leaves_of(self.loop), leaves_of(run.compiled[0]), strict=True):
+            if not ours.own and not _same(ours.value, other.value):
+                raise InputError(f"{ours.path}: run {w} has another than the others; expected runs of one team")
+        self._write(w, run)
 
     def loop_of(self, w: int) -> Loop:
         """Return the Loop of world w, for threads of this machine."""
@@ -189,6 +201,11 @@ class Rows:
         whole, begin = next((whole, begin) for whole, begin in self._places if _holds(whole, part))
         begin += (part.ctypes.data - whole.ctypes.data) // whole.itemsize
         return self.values[:, begin : begin + part.size].reshape(W, *part.shape)
+
+
+def is_seed(leaf: Leaf) -> bool:
+    """Return True for a number that a world has of its own."""
+    return leaf.own and not isinstance(leaf.value, np.ndarray)
 
 
 def _field(kind: np.dtype[Any], number: np.dtype[Any]) -> tuple[Any, ...]:

@@ -1,0 +1,246 @@
+"""Many runs of a scenario as a vector environment of Gymnasium.
+
+Runs of one team are stepped together: see `mjsheaf.simulation.worlds`. Runs with events, with range, bearing or
+directed edges, or whose seeds change what worlds share, are stepped one after the other, which is slower.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, cast
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from mjsheaf.arguments import require_whole
+from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.control.sample import View
+from mjsheaf.envs.episode import named_edges
+from mjsheaf.envs.flat import FlatEpisode
+from mjsheaf.envs.gym import TeamEnv
+from mjsheaf.errors import InputError
+from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.fused import Fused
+from mjsheaf.simulation.loop import Loop
+from mjsheaf.simulation.rows import Rows
+from mjsheaf.simulation.worlds import Worlds
+
+
+class Gathering:
+    """Places of the observations of a whole team in the rows of its worlds.
+
+    Attributes:
+        source: Column of each number of an observation, shape (n,).
+        heard: Column of the flag that a link sets on reception, for each number of an edge with a link, shape (m,).
+        linked: True for numbers of an edge with a link, shape (n,).
+        fixed: Values of numbers that do not change, NaN for others, shape (n,).
+    """
+
+    def __init__(self, episode: FlatEpisode, rows: Rows) -> None:
+        """Find the places of an episode's observations.
+
+        Args:
+            episode: One of the runs.
+            rows: The rows of all runs.
+        """
+        self._rows = rows
+        self._columns: list[tuple[int, int, float]] = []  # source, flag of reception or -1, fixed value
+        state: Any = rows.loop.state
+        loop: Loop = rows.loop_of(0)
+        view = View(episode.world.system.team, loop.params.control.law)
+        self._edges = dict(zip(named_edges(view.edges), view.places, strict=True))
+        self._links = dict.fromkeys(self._edges, -1)
+        linked = [key for key, is_linked in zip(self._edges, view.linked, strict=True) if is_linked]
+        heard = self._column_of(state.memory.links.heard) if linked else 0
+        self._links |= {key: heard + int(link) for key, link in zip(linked, view.links, strict=True)}
+        for i, name in enumerate(episode.agents):
+            for part in episode.parts:
+                self._add(part, i, episode.keys[name], state)
+        source, heard_at, fixed = zip(*self._columns, strict=True) if self._columns else ((), (), ())
+        self.source: IntArray = np.array(source, dtype=np.int64)
+        self.linked: BoolArray = np.array(heard_at, dtype=np.int64) >= 0
+        self.heard: IntArray = np.array(heard_at, dtype=np.int64)[self.linked]
+        self.fixed: Array = np.array(fixed, dtype=np.float64)
+
+    def _column_of(self, values: Array) -> int:
+        """Return the first column of an own array of the worlds."""
+        rows = self._rows.values
+        return int(values.ctypes.data - rows.ctypes.data) // rows.itemsize
+
+    def _add(self, part: str, i: int, keys: Sequence[Any], state: Any) -> None:
+        """Add a part of the observation of agent i, which measures at edges with these keys."""
+        at = self._column_of
+        if part == "measurements":
+            y = at(state.memory.y)
+            for key in keys:
+                place = self._edges[key]
+                self._columns += [(y + k, self._links[key], np.nan) for k in range(place.start, place.stop)]
+        elif part == "received":
+            self._columns += [(0, self._links[key], 1.0) for key in keys]
+        elif part == "present":
+            self._columns.append((0, -1, 1.0))
+        else:
+            first, size = {
+                "attitude": (at(state.qpos) + 7 * i + 3, 4),
+                "velocity": (at(state.qvel) + 6 * i, 3),
+                "angular_velocity": (at(state.qvel) + 6 * i + 3, 3),
+            }[part]
+            self._columns += [(first + k, -1, np.nan) for k in range(size)]
+
+    def observations(self, which: BoolArray) -> Array:
+        """Return the observations in some worlds at their last sample, shape (K, n)."""
+        values = self._rows.values[: len(which)][which]
+        found = np.where(np.isnan(self.fixed), values[:, self.source], self.fixed)
+        found[:, self.linked] *= values[:, self.heard] > 0.0
+        return cast(Array, found)
+
+
+class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
+    """The environment that `vector_env` returns.
+
+    Attributes:
+        envs: The runs, on the fused engine. Where they are stepped together, `episode.world` has the present state.
+    """
+
+    def __init__(self, envs: Sequence[TeamEnv], autoreset_mode: AutoresetMode) -> None:
+        """Lay the runs out side by side if possible.
+
+        Args:
+            envs: Runs of one scenario with different seeds, on the fused engine.
+            autoreset_mode: See `vector_env`.
+        """
+        self.envs = list(envs)
+        self.num_envs = len(self.envs)
+        first = self.envs[0]
+        self.metadata = {**first.metadata, "autoreset_mode": autoreset_mode}
+        self.render_mode = None
+        self.single_action_space, self.single_observation_space = first.action_space, first.observation_space
+        self.action_space = batch_space(first.action_space, self.num_envs)
+        self.observation_space = batch_space(first.observation_space, self.num_envs)
+        self._mode = autoreset_mode
+        self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+        self._observations = np.stack([one.observe() for one in self.envs])
+        episode = first.episode
+        self._limits = np.repeat(episode.action_limits, episode.dimensions)
+        self._agent = np.repeat(np.arange(len(episode.agents)), episode.dimensions)
+        self._axis = np.concatenate([np.arange(n) for n in episode.dimensions.tolist()])
+        self._worlds: Worlds | None = None
+        with suppress(InputError):  # they are stepped one after the other
+            self._worlds = Worlds([cast(Fused, one.episode.world) for one in self.envs])
+            self._gathering = Gathering(episode, self._worlds.rows)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode of each run.
+
+        Args:
+            seed: One for each run, or the first run's, followed by the next numbers; None for the same again.
+            options: `reset_mask` True for the runs to reset, shape (n,); all unless given.
+        """
+        mask = np.ones(self.num_envs, dtype=np.bool_)
+        if options and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"], dtype=np.bool_)
+            if mask.shape != (self.num_envs,):
+                raise InputError(f"reset_mask has shape {mask.shape}; expected ({self.num_envs},)")
+        seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        if len(seeds) != self.num_envs:
+            raise InputError(f"seed has {len(seeds)} entries; expected {self.num_envs}")
+        for k in np.flatnonzero(mask).tolist():
+            self._begin(k, seeds[k])
+        self._ended[mask] = False
+        return self._observations.copy(), {}
+
+    def _begin(self, k: int, seed: int | None = None) -> None:
+        """Begin an episode of run k."""
+        if self._worlds is None or seed is not None:
+            self._observations[k], _ = self.envs[k].reset(seed=seed)
+        if self._worlds is None:
+            return
+        self.envs[k].episode.message = ""
+        if seed is None:
+            self._worlds.begin(k)
+        else:
+            try:
+                self._worlds.renew(k)
+            except InputError:  # the seed changes what worlds share
+                self._worlds = None
+                return
+        self._observations[k] = self._gathering.observations(np.arange(self.num_envs) == k)[0]
+
+    def step(self, actions: Array) -> tuple[Array, Array, BoolArray, BoolArray, dict[str, Any]]:
+        """Take one control period of every run; one that has ended begins again instead, or stands still."""
+        given = np.asarray(actions, dtype=np.float64)
+        if given.shape != self.action_space.shape or not np.isfinite(given[~self._ended]).all():
+            raise InputError(f"actions have shape {given.shape}; expected {self.action_space.shape} finite numbers")
+        alive = ~self._ended
+        take = self._take_one_by_one if self._worlds is None else self._take_together
+        rewards, terminated = take(given, alive)
+        truncated = alive & self._finished & ~terminated
+        if self._mode is AutoresetMode.NEXT_STEP:
+            for k in np.flatnonzero(self._ended).tolist():
+                self._begin(k)
+        self._ended = terminated | truncated | (self._ended & (self._mode is AutoresetMode.DISABLED))
+        return self._observations.copy(), rewards, terminated, truncated, {}
+
+    @property
+    def _finished(self) -> BoolArray:
+        """True for each run at the end of its episode, shape (n,)."""
+        if self._worlds is None:
+            return np.array([one.episode.finished for one in self.envs])
+        episode = self.envs[0].episode
+        return self._worlds.steps >= episode.periods * episode.world.steps_per_sample
+
+    def _take_one_by_one(self, actions: Array, alive: BoolArray) -> tuple[Array, BoolArray]:
+        """Take a control period of each run that is alive; return rewards, shape (n,), and whether each diverged."""
+        rewards, broken = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.bool_)
+        for k in np.flatnonzero(alive).tolist():
+            self._observations[k], rewards[k], broken[k], _, _ = self.envs[k].step(actions[k])
+        return rewards, broken
+
+    def _take_together(self, actions: Array, alive: BoolArray) -> tuple[Array, BoolArray]:
+        """Return the same as `_take_one_by_one`."""
+        worlds = self._worlds
+        assert worlds is not None, "the runs are stepped one by one"
+        supplied = worlds.rows.loop.state.memory.supplied
+        velocity = np.clip(self._limits * actions, -self._limits, self._limits)
+        supplied[: self.num_envs, self._agent, self._axis] = velocity
+        broken = np.zeros(self.num_envs, dtype=np.bool_)
+        for k, message in worlds.step(alive).items():
+            self.envs[k].episode.message = message
+            broken[k] = True
+        good = alive & ~broken
+        self._observations[good] = self._gathering.observations(good)
+        return np.where(alive, -worlds.squares.sum(axis=1), 0.0), broken
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the runs."""
+        for one in self.envs:
+            one.close()
+
+
+def vector_env(
+    scenario: Scenario, n: int, *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, **options: Any
+) -> TeamVectorEnv:
+    """Return n runs of a scenario on the fused engine as a `gymnasium.vector.VectorEnv`, with the spaces of `env`.
+
+    Run k begins with the scenario's seed plus k. Its samples under zero actions are those of
+    `simulate_many(..., engine="fused")` with that seed, to the bit. The runs are stepped together by compiled code,
+    unless the scenario has events or edges that are not linear.
+
+    Args:
+        scenario: The scenario, as `mjsheaf.load_scenario` returns it.
+        n: Number of runs.
+        autoreset_mode: What becomes of a run that has ended: NEXT_STEP, or DISABLED and `reset` with a `reset_mask`.
+        **options: Options of `env` except for `engine`, `seed` and `render_mode`.
+
+    Raises:
+        InputError: As for `env`; or n or the mode is not valid.
+    """
+    require_whole("n", n, 1)
+    mode = AutoresetMode(autoreset_mode)
+    if mode is AutoresetMode.SAME_STEP:
+        raise InputError("autoreset_mode is SAME_STEP; expected NEXT_STEP or DISABLED")
+    runs = [scenario.with_seed(scenario.seed + k) for k in range(n)]
+    return TeamVectorEnv([TeamEnv(FlatEpisode(run, engine="fused", **options)) for run in runs], mode)

@@ -1,0 +1,146 @@
+"""Worlds that take one control period at a time, for environments: the runs of a batch, without Python in between.
+
+A world's numbers are a row (see `rows`). Passing a whole Loop from Python to compiled code takes as long as a period of
+a small team. Therefore one Loop stands for all worlds: each row is copied into the memory of that Loop, takes its
+period there, and is copied back. Only random laws need a Loop of each world, because its seed is not in the row.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.simulation.batch import require_world
+from mjsheaf.simulation.fused import Fused, advance_block
+from mjsheaf.simulation.loop import Loop, blow_up_of, run_law
+from mjsheaf.simulation.rows import Rows, is_seed, leaves_of
+from mjsheaf.simulation.scores import goal_of, square_error
+from mjsheaf.simulation.threaded import BLOCK, NEVER
+from mjsheaf.simulation.trajectory import new_log
+
+
+@jit
+def take_periods(loop, row, motion, goal, nothing, values, alive, steps, bad, squares):
+    """Take one control period in every world that is alive, and measure at its end.
+
+    Args:
+        loop: A loop of the worlds' team, whose own arrays lie in `row`.
+        row: Numbers of one world, shape (n,).
+        motion: A MOTION for each kind of vehicle.
+        goal: Goal of the errors; see `scores`.
+        nothing: Log without samples.
+        values: Rows of the worlds, shape (W, n).
+        alive: True for each world that takes a period, shape (W,).
+        steps: Number of physics steps that each world has taken, shape (W,).
+        bad: Time at which each vehicle diverged, NEVER if it did not, shape (W, V); see `ThreadedLoop._work`.
+        squares: Squared errors |q*_i - q_i|^2 of the agents, shape (W, N), m^2. A world that diverges keeps its own.
+    """
+    for w in range(values.shape[0]):
+        if not alive[w]:
+            continue
+        for k in range(row.shape[0]):
+            row[k] = values[w, k]
+        if take_period(loop, motion, nothing, steps[w], bad[w]):
+            steps[w] += loop.params.per_sample
+            for i in range(squares.shape[1]):
+                squares[w, i] = square_error(goal, loop.state.x, i)
+        for k in range(row.shape[0]):
+            values[w, k] = row[k]
+
+
+@inline_jit
+def take_period(loop, motion, nothing, k, bad):
+    """Take the control period from step k on, and evaluate the law at its end; return False if a vehicle diverged."""
+    params = loop.params
+    V, good = params.fleet.bodies.shape[0], True
+    for _ in range(params.per_sample // params.per_law):
+        run_law(loop, params.start + k * params.timestep)
+        for first in range(0, V, BLOCK):
+            good &= advance_block(loop, motion, first, min(first + BLOCK, V), k, params.per_law, nothing, -1, bad)
+        if not good:
+            return False
+        k += params.per_law
+    run_law(loop, params.start + k * params.timestep)
+    return True
+
+
+def _draws(loop: Loop) -> bool:
+    """Return True if a run draws numbers from a seed while it runs."""
+    law = loop.params.control.law
+    idle = {"loop.params.control.law.links.seed"} if not len(law.links.of) else set()
+    if not (law.terms.noise > 0.0 or law.terms.rounds.imperfect):
+        idle.add("loop.params.control.law.terms.seed")
+    return any(is_seed(leaf) and leaf.path not in idle for leaf in leaves_of(loop))
+
+
+class Worlds:
+    """Runs of one team on the fused engine that take their control periods together.
+
+    Attributes:
+        rows: The worlds. The runs themselves continue in them.
+        steps: Number of physics steps that each world has taken, shape (W,).
+        squares: Squared errors |q*_i - q_i|^2 of the agents at the last sample, shape (W, N), m^2.
+    """
+
+    def __init__(self, runs: Sequence[Fused]) -> None:
+        """Lay out runs at their start, and continue them there.
+
+        Raises:
+            InputError: One of the runs is not suitable; see `Rows` and `batch.require_world`.
+        """
+        for run in runs:
+            require_world(run)
+        self._runs = list(runs)
+        self.rows = Rows(runs)
+        self._template = Rows(runs[:1])
+        system, W = runs[0].system, len(runs)
+        law = system.law
+        self._is_random = _draws(runs[0].compiled[0])
+        self._goal = goal_of(system, np.full((1, system.grid.steps + 1), np.inf))
+        self._nothing = new_log(0, law, actuators=self.rows.loop.state.ctrl.shape[1])
+        self._starts = self.rows.values[:W].copy()
+        self._bad = np.full((W, len(system.team.members)), NEVER)
+        self.steps = np.zeros(W, dtype=np.int64)
+        self.squares = np.zeros((W, len(system.team.agents)))
+        for w in range(W):
+            self._adopt(w)
+
+    def _adopt(self, w: int) -> None:
+        self.steps[w] = 0
+        self._bad[w] = NEVER
+        self._runs[w].adopt(self.rows.loop_of(w), self.steps[w : w + 1])
+
+    def begin(self, w: int) -> None:
+        """Put world w back to its start, to the bit."""
+        self.rows.values[w] = self._starts[w]
+        self._adopt(w)
+
+    def renew(self, w: int) -> None:
+        """Continue run w, which has begun anew with another seed, in its world.
+
+        Raises:
+            InputError: It has another team now.
+        """
+        run = self._runs[w]
+        self.rows.put(w, run)
+        self._starts[w] = self.rows.values[w]
+        self._adopt(w)
+
+    def step(self, alive: BoolArray) -> dict[int, str]:
+        """Take one control period in the worlds that are alive, shape (W,); return why others diverged, by number."""
+        if self._is_random:
+            for w in np.flatnonzero(alive).tolist():
+                self._take(self.rows.loop_of(w), self.rows.values[w], slice(w, w + 1), alive)
+        else:
+            self._take(self._template.loop_of(0), self._template.values[0], slice(0, len(alive)), alive)
+        found = {}
+        for w in np.flatnonzero((self._bad != NEVER).any(axis=1) & alive).tolist():
+            vehicle = int(np.argmin(self._bad[w]))
+            step = int(self._bad[w, vehicle]) // 2
+            found[w] = blow_up_of(self._runs[w].system, self.rows.loop_of(w), vehicle, step)
+        return found
+
+    def _take(self, loop: Loop, row: Array, own: slice, alive: BoolArray) -> None:
+        of_worlds = self.rows.values[own], alive[own], self.steps[own], self._bad[own], self.squares[own]
+        take_periods(loop, row, self.rows.motion, self._goal, self._nothing, *of_worlds)

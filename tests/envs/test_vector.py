@@ -1,0 +1,167 @@
+"""Runs that are stepped together equal `env` of the fused engine and `simulate_many`, whatever the others do.
+
+Oracle: the same episodes one by one, through a Session each.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from mjsheaf import load_scenario, simulate_many
+from mjsheaf.envs import env, vector_env
+from mjsheaf.errors import InputError
+from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.load import list_scenarios
+from tests.builders import mixed_scenario, refused
+from tests.envs.test_faces import still
+
+NOISY = {"all": {"delay": 0.02, "noise": 0.2, "loss": 0.3, "range": 50.0}}
+CHANGES: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "disturbed": {"disturbance": {"agents": {"bound": 0.3}}, "spread": {"position": 0.5}},
+    "links": {"links": NOISY},
+    "terms": {
+        "controller": {"gain": 3.0, "control_period": 0.01, "integral": {"gain": 0.5}, "feedforward": {"rounds": 3}}
+    },
+    "held": {"controller": {"gain": 3.0, "control_period": 0.05}},
+    "limited": {"controller": {"gain": 3.0, "control_period": 0.01, "velocity_limit": 1.0}},
+    "safe": {"safety": {"distance": 4.0, "range": 9.0}},
+}
+WORLDS = 5
+
+
+def compare(scenario: Scenario, periods: int, *, together: bool = True, **options: Any) -> None:
+    """Compare the runs of a vector environment with environments of their seeds, under random actions."""
+    worlds = vector_env(scenario, WORLDS, autoreset_mode=AutoresetMode.DISABLED, **options)
+    assert (worlds._worlds is not None) is together
+    alone = [env(scenario.with_seed(scenario.seed + k), engine="fused", **options) for k in range(WORLDS)]
+    rng = np.random.default_rng(3)
+    found, _ = worlds.reset()
+    np.testing.assert_array_equal(found, [one.reset()[0] for one in alone])
+    for _ in range(periods):
+        actions = rng.uniform(-1.5, 1.5, still(worlds.action_space).shape)
+        found, rewards, terminated, truncated, _ = worlds.step(actions)
+        steps = [one.step(action) for one, action in zip(alone, actions, strict=True)]
+        np.testing.assert_array_equal(found, [step[0] for step in steps])
+        np.testing.assert_allclose(rewards, [step[1] for step in steps], rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(terminated, [step[2] for step in steps])
+        np.testing.assert_array_equal(truncated, [step[3] for step in steps])
+        for one, other in zip(worlds.envs, alone, strict=True):
+            np.testing.assert_array_equal(one.episode.world.positions(), other.episode.world.positions())
+            assert one.episode.world.time == other.episode.world.time
+
+
+@pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.parametrize("options", [{}, {"action": "velocity", "parts": ["received", "measurements", "velocity"]}])
+def test_every_run_is_that_of_its_seed(name: str, options: dict[str, Any]) -> None:
+    compare(mixed_scenario(**{"time": {"end": 0.6}} | CHANGES[name]), 8, **options)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"events": [{"time": 0.05, "lose": "boat"}]},
+        {"communication": [["boat", "front"], {"between": ["front", "back"], "directed": True}]},
+    ],
+)
+def test_runs_that_no_batch_takes_are_stepped_one_by_one(change: dict[str, Any]) -> None:
+    compare(mixed_scenario(**{"time": {"end": 0.3}} | change), 8, together=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list_scenarios())
+def test_every_shipped_scenario(name: str) -> None:
+    scenario = load_scenario(name)
+    if scenario.expect.refused is not None or len(scenario.agents) > 100:
+        return
+    end = {} if scenario.events else {"time.end": scenario.time.start + 12 * scenario.whole.grid.period}
+    scenario = load_scenario(name, end | {"physics.contacts": False})
+    worlds = vector_env(scenario, 2)
+    compare(scenario, 10, together=worlds._worlds is not None)
+
+
+def test_zero_actions_are_a_batch_to_the_bit() -> None:
+    scenario = mixed_scenario(**{"time": {"end": 0.2}} | CHANGES["links"] | CHANGES["disturbed"])
+    worlds = vector_env(scenario, 4)
+    worlds.reset(seed=11)
+    expected: Any = simulate_many([scenario.with_seed(11 + k) for k in range(4)], engine="fused")
+    zero = still(worlds.action_space)
+    for k in range(1, expected[0].sizes["time"]):
+        worlds.step(zero)
+        for one, run in zip(worlds.envs, expected, strict=True):
+            place = run["agent_position"].values[k]
+            found = one.episode.world.positions()[: len(place)]
+            np.testing.assert_array_equal(found[~np.isnan(place)], place[~np.isnan(place)])
+
+
+def test_runs_end_and_begin_again_each_at_its_own_time() -> None:
+    scenario = mixed_scenario(**{"time": {"end": 0.1}} | CHANGES["disturbed"])
+    worlds = vector_env(scenario, 3)
+    start, _ = worlds.reset(seed=4)
+    zero = still(worlds.action_space)
+    for _ in range(3):
+        worlds.step(zero)
+    worlds.reset(seed=[None, 90, None], options={"reset_mask": np.array([False, True, False])})
+    for step in range(4, 12):
+        found, rewards, _, truncated, _ = worlds.step(zero)
+        assert truncated.tolist() == [step == 10, False, step == 10]
+    np.testing.assert_array_equal(found[[0, 2]], start[[0, 2]])
+    assert (rewards == 0.0).tolist() == [True, False, True]
+    other = env(scenario.with_seed(90), engine="fused")
+    other.reset()
+    for _ in range(8):
+        expected = other.step(zero[0])[0]
+    np.testing.assert_array_equal(found[1], expected)
+
+
+def test_one_run_and_its_seeds() -> None:
+    scenario = mixed_scenario(**{"time": {"end": 0.1}} | CHANGES["links"])
+    worlds = vector_env(scenario, 1)
+    first, _ = worlds.reset(seed=7)
+    worlds.step(still(worlds.action_space))
+    again, _ = worlds.reset()
+    np.testing.assert_array_equal(first, again)
+    zero = still(worlds.action_space)
+    own = [worlds.step(zero)[0] for _ in range(5)]
+    worlds.reset(seed=8)
+    assert any((worlds.step(zero)[0] != one).any() for one in own)
+
+
+def test_a_seed_that_changes_what_runs_share() -> None:
+    """The sea is the same for all vehicles of a run: its components are no part of a world's row."""
+    period = load_scenario("open_sea").whole.grid.period
+    scenario = load_scenario("open_sea", {"time.end": 6 * period})
+    worlds = vector_env(scenario, 1)
+    found, _ = worlds.reset(seed=5)
+    other = env(scenario.with_seed(5), engine="fused")
+    np.testing.assert_array_equal(found[0], other.reset()[0])
+    zero = still(worlds.action_space)
+    np.testing.assert_array_equal(worlds.step(zero)[0][0], other.step(zero[0])[0])
+
+
+def test_a_run_that_diverges_ends_alone() -> None:
+    scenario = mixed_scenario(time={"end": 0.3})
+    worlds = vector_env(scenario, 3, autoreset_mode=AutoresetMode.DISABLED)
+    worlds.reset()
+    zero = still(worlds.action_space)
+    worlds.step(zero)
+    worlds.envs[1].episode.world._loop.state.qvel[:] = 1e30
+    before = worlds.step(zero)
+    assert before[2].tolist() == [False, True, False]
+    assert "boat" in worlds.envs[1].episode.message or "diverged" in worlds.envs[1].episode.message
+    after = worlds.step(zero)
+    assert after[2].tolist() == [False, False, False]
+    assert (after[1] != 0.0).tolist() == [True, False, True]
+    np.testing.assert_array_equal(after[0][1], before[0][1])
+    again, _ = worlds.reset()
+    np.testing.assert_array_equal(again[1], again[0])
+    assert worlds.envs[1].episode.message == ""
+
+
+def test_actions_of_another_kind_are_refused() -> None:
+    worlds = vector_env(mixed_scenario(time={"end": 0.1}), 2)
+    for actions in (np.zeros(3), still(worlds.action_space) + np.nan):
+        with refused(InputError, "actions", "finite"):
+            worlds.step(actions)
