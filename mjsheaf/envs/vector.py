@@ -89,7 +89,11 @@ class Gathering:
             self._columns += [(first + k, -1, np.nan) for k in range(size)]
 
     def observations(self, which: BoolArray) -> Array:
-        """Return the observations in some worlds at their last sample, shape (K, n)."""
+        """Return the observations in some worlds at their last sample, shape (K, n).
+
+        Args:
+            which: True for each of the K worlds, shape (W,).
+        """
         values = self._rows.values[: len(which)][which]
         found = np.where(np.isnan(self.fixed), values[:, self.source], self.fixed)
         found[:, self.linked] *= values[:, self.heard] > 0.0

@@ -27,7 +27,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.video.film import Medium
 from mjsheaf.video.flow import velocities
-from mjsheaf.video.from_run import RecordedRun, media_of, places_of
+from mjsheaf.video.from_run import RecordedRun, media_of, places_of, seas_of
 from mjsheaf.video.sizes import automatic_scales
 
 if TYPE_CHECKING:
@@ -181,11 +181,27 @@ def _scene(
         "limits": [{"time": phase.time, "limit": own} for phase, own in zip(phases, limits, strict=True)],
         "surface": scenario.scene.surface,
         "height": scenario.scene.height - replay["origin"][2],
+        "seas": _seas(phases, replay) if scenario.scene.surface == "water" else [],
         "flow": _flow(media_of(phases, places), places, scenario.scene.height, replay),
         "phases": phases_in(dataset),
         "speed": scenario.video.speed,
         "trail": scenario.video.trail,
     }
+
+
+def _seas(phases: "Sequence[Phase]", replay: dict[str, Any]) -> list[dict[str, Any]]:
+    """Describe the waves of each phase: amplitude, m, wave numbers along x and y, rad/m, rate, rad/s, and phase, rad.
+
+    Phases are those at the replay's origin.
+    """
+    found = []
+    for sea in seas_of(phases):
+        waves = sea.waves
+        k = waves.number[:, None] * waves.unit
+        phase = np.mod(waves.phase + k @ np.array(replay["origin"])[:2], 2.0 * np.pi)
+        table = np.column_stack([waves.amplitude, k, waves.rate, phase])
+        found.append({"time": sea.start, "level": sea.level - replay["origin"][2], "waves": table.tolist()})
+    return found
 
 
 def _flow(media: Sequence[Medium], places: Array, height: float, replay: dict[str, Any]) -> list[dict[str, Any]]:

@@ -51,7 +51,16 @@ def take_periods(loop, row, motion, goal, nothing, values, alive, steps, bad, sq
 
 @inline_jit
 def take_period(loop, motion, nothing, k, bad):
-    """Take the control period from step k on, and evaluate the law at its end; return False if a vehicle diverged."""
+    """Take the control period that begins at step k, and evaluate the law at its end.
+
+    Args:
+        loop, motion, nothing: See `take_periods`.
+        k: Number of the first physics step.
+        bad: Time at which each vehicle diverged, shape (V,).
+
+    Returns:
+        False if a vehicle diverged.
+    """
     params = loop.params
     V, good = params.fleet.bodies.shape[0], True
     for _ in range(params.per_sample // params.per_law):
@@ -128,7 +137,14 @@ class Worlds:
         self._adopt(w)
 
     def step(self, alive: BoolArray) -> dict[int, str]:
-        """Take one control period in the worlds that are alive, shape (W,); return why others diverged, by number."""
+        """Take one control period.
+
+        Args:
+            alive: True for each world that takes it, shape (W,).
+
+        Returns:
+            The reason for each world that diverged, by its number.
+        """
         if self._is_random:
             for w in np.flatnonzero(alive).tolist():
                 self._take(self.rows.loop_of(w), self.rows.values[w], slice(w, w + 1), alive)

@@ -28,12 +28,14 @@ from mjsheaf.video.scene import (
     set_detail,
     vehicle_radius,
 )
+from mjsheaf.video.sea import mesh, sea_at
 
 QUALITY = 6  # imageio's scale from 1 to 10, here x264's constant rate factor 20; 18 looks lossless, 23 is the default
 PRESET = "veryfast"  # rendering is the expensive part, and x264 competes with it for the same cores
 X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
 """Options of x264 with a third less work than the preset's at the same file size, on few threads."""
 CONTAINER = ("-movflags", "+faststart", "-f", "mp4")  # explicit, because the temporary name has no extension
+UNSEEN = 5  # a group of geoms that MuJoCo does not draw
 AHEAD = 3  # maximum number of drawn frames that wait for the encoder
 GAP = 4  # pixels between pictures side by side; must be even
 
@@ -127,6 +129,8 @@ class Painter(AbstractContextManager["Painter"]):
         self.times = self._frames.times
         self.model = copy(model)  # because the size of vehicles and visual settings change
         enlarge_vehicles(self.model, film.body_id, film.scales(options))
+        if film.seas:
+            self.model.geom(film.surface).group = UNSEEN  # waves are drawn in its place
         radius = vehicle_radius(self.model, film.body_id)
         films = [self._frames, *(Frames(other, options) for other in beside)]
         self.camera = camera_path(
@@ -159,7 +163,9 @@ class Painter(AbstractContextManager["Painter"]):
     def draw(self, number: int) -> Callable[[], Image.Image]:
         """Draw one frame's scene, and return what completes the frame, which may be called in another thread."""
         now, view = self.pose(number)
-        scene = self._renderer.draw(self.data, view, lambda scene: self._decorator.add(scene, now, view))
+        sea = sea_at(self._film.seas, now.time)
+        surface = None if sea is None else mesh(sea, view, now.time)
+        scene = self._renderer.draw(self.data, view, lambda scene: self._decorator.add(scene, now, view), surface)
         return partial(self._write, scene, now, view)
 
     def paint(self, number: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,9 @@ from pydantic import Field
 from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.errors import InputError
 from mjsheaf.scenario.scenario import Scale, Video, scales_of
+
+if TYPE_CHECKING:
+    from mjsheaf.video.sea import Sea
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -143,6 +146,7 @@ class Film:
         automatic: Default scale of each vehicle, shape (V,). Empty for their true size.
         media: Moving media around the vehicles.
         obstacles: What agents keep away from; None without any.
+        seas: Waves of the surface, in order of their start times; empty for a level surface.
     """
 
     name: str
@@ -166,6 +170,7 @@ class Film:
     media: Sequence[Medium] = ()
     automatic: FloatArray | None = None
     obstacles: ObstacleArrays | None = None
+    seas: Sequence["Sea"] = ()
 
     def __post_init__(self) -> None:
         """Check that everything fits together.

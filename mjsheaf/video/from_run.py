@@ -28,6 +28,7 @@ from mjsheaf.video.film import (
     frame_times,
 )
 from mjsheaf.video.flow import largest_speed, velocities
+from mjsheaf.video.sea import Sea
 from mjsheaf.video.sizes import MOMENTS, automatic_scales, vehicle_radii
 
 if TYPE_CHECKING:
@@ -119,7 +120,8 @@ def film_of(
     arena = arena_of(system, colours[group])
     backend = "MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics"
     surface, grid = scenario.scene.surface, None
-    if surface != "none":
+    seas = seas_of(phases) if surface == "water" else []
+    if surface != "none" and not seas:
         # texrepeat counts the repetitions of a uniform texture in two metres. The ground's texture has four squares.
         grid = 2.0 / float(arena.model.mat(surface).texrepeat[0]) / (2 if surface == "ground" else 1)
     run = RecordedRun(dataset, scenario.scene.height)
@@ -148,8 +150,25 @@ def film_of(
         stages=[_stage(phase) for phase in phases] if any(phase.events for phase in phases) else (),
         automatic=automatic_scales(system.bodies.vehicle, vehicle_radii(arena.model, arena.body), places),
         obstacles=system.obstacles,
+        seas=seas,
     )
     return film, arena.model
+
+
+def seas_of(phases: "Sequence[Phase]") -> list[Sea]:
+    """List the sea of each phase of a run, level in a phase without waves; empty if no phase has waves."""
+    found = []
+    for phase in phases:
+        waves = [flow.waves.components_of(phase.system.seed) for flow in phase.system.flows if flow.waves is not None]
+        found.append(waves[0] if waves else None)
+    some = next((waves for waves in found if waves is not None), None)
+    if some is None:
+        return []
+    calm = some._replace(amplitude=np.zeros_like(some.amplitude))
+    return [
+        Sea(phase.time, waves or calm, phase.system.bodies.surface_height)
+        for phase, waves in zip(phases, found, strict=True)
+    ]
 
 
 def places_of(run: "RecordedRun", phases: "Sequence[Phase]") -> FloatArray:

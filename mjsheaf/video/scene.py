@@ -21,6 +21,7 @@ from mjsheaf.video.camera import CameraPath, View
 from mjsheaf.video.film import Edge, Film, FloatArray, IntArray, Moment, VideoOptions
 from mjsheaf.video.flow import colour, velocities
 from mjsheaf.video.gl import open_context
+from mjsheaf.video.sea import draw_sea
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -45,6 +46,7 @@ LONGEST_ARROW = 0.95  # maximum length of an arrow, as a fraction of the spacing
 SLOWEST_ARROW = 0.03  # slowest flow with an arrow, as a fraction of the scale's end
 DASH = 10.0  # length of a dash and of the gap after it
 MARKER = 10.5  # radius of the ball at q*
+SMALL_MARKER = 6.5  # radius of an opaque ball at q*
 SMALL_TEAM = 50  # number of agents above which balls shrink, so that they do not cover each other
 FOOT = 2.5  # radius of the ball at the foot of a vertical line
 STEM = 17.0  # minimum length of a vertical line
@@ -91,6 +93,9 @@ class Decorator:
         self.most_geoms = 2 * film.vehicles  # per vehicle: the foot of its vertical line and a ball at q*
         self.most_geoms += 0 if film.obstacles is None else len(film.obstacles.kind)
         self._spacing = 0.0
+        # MuJoCo's transparent geoms write no depth, so a sea, which is drawn later, would cover them.
+        self._see_through = 1.0 if film.seas else 0.55
+        self._marker = SMALL_MARKER if film.seas else MARKER
 
     def lay_out_arrows(self, view: View) -> None:
         """Choose the spacing of arrows for one of the camera's views."""
@@ -103,8 +108,9 @@ class Decorator:
         if absent:
             self._turn_grey(scene, absent)
         size = self._unit * view.metres_per_pixel(self._height)  # of a pixel of the reference frame, in m
-        radius = MARKER * min(1.0, (SMALL_TEAM / max(self._film.agents, 1)) ** 0.5) * size
-        for i, (goal, rgba) in enumerate(zip(moment.harmonic_extension, self._with_alpha(0.55), strict=False)):
+        radius = self._marker * min(1.0, (SMALL_TEAM / max(self._film.agents, 1)) ** 0.5) * size
+        goals = zip(moment.harmonic_extension, self._with_alpha(self._see_through), strict=False)
+        for i, (goal, rgba) in enumerate(goals):
             if i not in absent:
                 _add_ball(scene, goal, radius, rgba)
         if self._film.obstacles is not None:
@@ -247,8 +253,8 @@ def _add_obstacles(scene: mujoco.MjvScene, obstacles: ObstacleArrays, time: floa
         scene.ngeom += 1
 
 
-def draw_lines(batches: Sequence[Lines]) -> None:
-    """Draw into the current context's buffer, over what MuJoCo drew there and behind what is nearer.
+def draw_lines(batches: Sequence[Lines], sea: tuple[FloatArray, FloatArray] | None = None) -> None:
+    """Draw lines, and the mesh of a sea before them, over what MuJoCo drew there and behind what is nearer.
 
     MuJoCo leaves its camera's matrices and its depth test in place; everything that is changed is put back.
     """
@@ -271,6 +277,8 @@ def draw_lines(batches: Sequence[Lines]) -> None:
         gl.glDisableClientState(gl.GL_TEXTURE_COORD_ARRAY)
         gl.glEnableClientState(gl.GL_VERTEX_ARRAY)
         gl.glEnableClientState(gl.GL_COLOR_ARRAY)
+        if sea is not None:
+            draw_sea(*sea)
         for lines in batches:
             ends = np.ascontiguousarray(lines.ends)
             colours = np.repeat(lines.rgba, 2, axis=0)
@@ -330,7 +338,11 @@ class Renderer:
             self._held = held.pop_all()
 
     def draw(
-        self, data: mujoco.MjData, view: View, decorate: Callable[[mujoco.MjvScene], Sequence[Lines]]
+        self,
+        data: mujoco.MjData,
+        view: View,
+        decorate: Callable[[mujoco.MjvScene], Sequence[Lines]],
+        sea: tuple[FloatArray, FloatArray] | None = None,
     ) -> Image.Image:
         """Draw one frame, RGB.
 
@@ -338,6 +350,7 @@ class Renderer:
             data: the state, with its kinematics computed.
             view: where the camera is.
             decorate: adds geoms to the scene before it is drawn, and returns lines to draw over it.
+            sea: Mesh of a surface to draw between them; see `mjsheaf.video.sea.mesh`.
         """
         if self._closed:
             raise MjsheafError("the renderer is closed")
@@ -351,7 +364,7 @@ class Renderer:
         mujoco.mjv_updateScene(self._model, data, self._options, None, self._camera, every, self._scene)
         lines = decorate(self._scene)
         mujoco.mjr_render(self._rectangle, self._scene, self._mjr)
-        draw_lines(lines)
+        draw_lines(lines, sea)
         mujoco.mjr_readPixels(self._pixels, None, self._rectangle, self._mjr)
         height, width, _ = self._pixels.shape
         # A copy. The last argument: GL counts rows from the bottom.

@@ -17,6 +17,7 @@ from mjsheaf import simulate
 from mjsheaf.page import page as page_module
 from mjsheaf.page.ghosts import Ghost
 from mjsheaf.scenario import load_scenario
+from mjsheaf.video.from_run import seas_of
 from tests.page.browser import missing, open_browser, open_page
 from tests.page.pages import Made, make_page, positions_of, said_in
 from tests.page.test_page import HOSTILE
@@ -501,3 +502,29 @@ def test_names_are_text_whatever_they_contain(browser: Any, tmp_path: Path) -> N
     assert page.evaluate("[...document.querySelectorAll('script')].length") == 3
     assert page.title().endswith("mjsheaf run")
     require_quiet(page)
+
+
+@pytest.mark.parametrize("name", ["range_formation", "harbour_gusts", "leader_follower", "swap"])
+def test_pages_of_teams_to_which_an_assumption_does_not_apply_open(browser: Any, name: str, tmp_path: Path) -> None:
+    made = make_page(name, "ideal", {"time.end": 1.0})
+    page = open_page(browser, made.write(tmp_path / "report.html"))
+    require_quiet(page)
+    assert page.locator("#facts article").count() >= 4
+
+
+def test_the_sea_of_a_page_is_the_one_that_boats_meet(browser: Any, tmp_path: Path) -> None:
+    """Oracle: the sea of the video, which is tested against the compiled one."""
+    made = make_page("open_sea", "physics", {"time.end": 2.0})
+    page = open_page(browser, made.write(tmp_path / "report.html"))
+    require_quiet(page)
+    (sea,) = seas_of(made.scenario.phases)
+    x, y = np.linspace(-4.0, 4.0, 401), np.linspace(7.0, 9.0, 101)
+    expected = sea.surface(x, y, 1.3)
+    for i, j in ((0, 0), (200, 50), (400, 73)):
+        found = page.evaluate(f"window.mjsheaf.world.sea.elevation({x[i]}, {y[j]}, 1.3)")
+        np.testing.assert_allclose(found, expected[:, i, j], atol=1e-5)
+    page.evaluate("window.mjsheaf.clock.seek(1.3)")
+    wait_until(page, "window.mjsheaf.world.dirty === false")
+    middle = "(() => { const { sea } = window.mjsheaf.world, n = 3 * (sea.places.length / 3 - 1) / 2;"
+    px, py, pz = page.evaluate(middle + " return [sea.places[n], sea.places[n + 1], sea.places[n + 2]]; })()")
+    assert pz == pytest.approx(page.evaluate(f"window.mjsheaf.world.sea.elevation({px}, {py}, 1.3)")[0], abs=5e-3)

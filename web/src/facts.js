@@ -335,7 +335,7 @@ function verdictsOf({ assumptions, theorem, held }) {
 }
 
 function itemOf({ verdict, text, why }) {
-  const [mark, colour] = { holds: ["✓ ", "good"], fails: ["✗ ", "bad"], undecided: ["? ", ""] }[verdict];
+  const [mark, colour] = { holds: ["✓ ", "good"], fails: ["✗ ", "bad"], undecided: ["? ", ""] }[verdict] ?? ["– ", ""];
   return make("li", colour, make("b", "", mark), text, why ? make("small", "", " ", own(why)) : null);
 }
 

@@ -6,6 +6,7 @@ import { Bodies } from "./bodies.js";
 import { Ghosts } from "./ghosts.js";
 import { Lines } from "./lines.js";
 import { Obstacles } from "./obstacles.js";
+import { Sea } from "./sea.js";
 import { isSilent, nice } from "./data.js";
 
 export const THEMES = {
@@ -135,6 +136,7 @@ export class World extends EventTarget {
     this.surface.material.dispose();
     this.surface = surfaceOf(this);
     this.scene.add(this.surface);
+    this.surface.visible = !this.sea;
     this.setTheme(document.documentElement.dataset.theme ?? "light");
     this.labelGrid();
     if (!this.touched && this.followed === "") this.view("angle");
@@ -150,6 +152,8 @@ export class World extends EventTarget {
     const { run, scene } = this;
     this.surface = surfaceOf(this);
     scene.add(this.surface);
+    this.sea = run.said.seas.length ? new Sea(run, scene) : null;
+    this.surface.visible = !this.sea;
     this.bodies = new Bodies(run, this.software);
     scene.add(this.bodies.group);
     if (run.series.ghost) {
@@ -312,6 +316,7 @@ export class World extends EventTarget {
     uniforms.colour.value = this.theme[this.run.said.surface];
     uniforms.grid.value = this.theme.grid;
     uniforms.sky.value = this.theme.sky;
+    this.sea?.setTheme(name, this.theme.sky);
     this.flowsNow = null; // arrows are drawn in other colours
     this.changed();
   }
@@ -365,6 +370,7 @@ export class World extends EventTarget {
       return automatic[v] ? Math.max(scale, room / kinds[kind[v]].radius) : scale;
     });
     const unit = metres / distance;
+    this.sea?.update(this.clock.t, this.controls.target, distance);
     this.bodies.update(this.positions, this.quaternions, this.scales, this.present, this.camera, unit);
     this.ideal?.update(this.idealAt, this.quaternions, this.scales, null, this.camera, unit);
     this.drawGoals(metres);
