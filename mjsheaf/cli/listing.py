@@ -1,6 +1,7 @@
 """`mjsheaf list`, `mjsheaf new`, `mjsheaf schema` and `mjsheaf bench`."""
 
 import json
+import os
 import re
 import shlex
 from pathlib import Path
@@ -10,7 +11,10 @@ import typer
 
 from mjsheaf.cli.options import require_file_name
 from mjsheaf.cli.terminal import make_console, make_table, print_lines, progress_bars
-from mjsheaf.errors import InputError, shortened
+from mjsheaf.errors import InputError, in_field, shortened
+
+_ROOM = 40.0  # m around the origin that the vehicles of the new scenario need
+_LEAST_DURATION = 1.0  # s
 
 
 def list_(
@@ -96,6 +100,14 @@ def _limit(value: float) -> str:
 
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, or path of the file to write.")],
+    netcdf: Annotated[
+        Path | None,
+        typer.Option(
+            "--from-netcdf",
+            metavar="FILE",
+            help="Put the scenario into the current or wind of a netCDF file: proposes origin, start and box.",
+        ),
+    ] = None,
 ) -> None:
     """Write NAME.yaml, a commented scenario to start from. It runs as it is.
 
@@ -114,10 +126,45 @@ def new(
     require_file_name("NAME", path, ".yaml", ".yml")
     template = Path(__file__).parents[1] / "scenario" / "template.yaml"
     text = template.read_text(encoding="utf-8").replace("{file}", path.name).replace("{name}", name_from(path))
+    if netcdf is not None:
+        with progress_bars("reading the netCDF file"):
+            text = _within_flow(text, netcdf, path)
     with naming(path):
         write_whole(path, text.encode("utf-8"))
     quoted = shlex.quote(str(path))
     print_lines(f"wrote {path}; next: mjsheaf check {quoted}, then mjsheaf run {quoted}")
+
+
+def _within_flow(text: str, netcdf: Path, path: Path) -> str:
+    """Return the text of a new scenario at `path` with the flow of a netCDF file in place of its current or wind.
+
+    Raises:
+        InputError: The file holds no flow, or one that is too small or too short for a scenario.
+    """
+    from mjsheaf.media.gridded import propose
+
+    with in_field("--from-netcdf"):
+        found = propose(str(netcdf))
+        if found.clear < _ROOM or found.duration < _LEAST_DURATION:
+            raise InputError(
+                f"{netcdf} has a flow within {found.clear:.3g} m of its best place, for {found.duration:.3g} s; "
+                f"expected {_ROOM:g} m and {_LEAST_DURATION:g} s or more"
+            )
+        beside = os.path.relpath(netcdf.absolute(), path.absolute().parent)
+        if beside.startswith(".."):
+            raise InputError(f"{netcdf} lies outside the directory of {path}; expected a file there or below it")
+    lines = [
+        f"  {found.medium}:",
+        f"    # {found.grid.box}; without gaps within {found.clear:.4g} m",
+        "    kind: gridded",
+        f"    path: {json.dumps(beside)}",
+        f"    origin: [{found.origin[0]}, {found.origin[1]}]    # latitude and longitude of x = y = 0",
+    ]
+    if found.start is not None:
+        lines.append(f'    start: "{found.start}"    # at t = 0; the file ends {found.duration:g} s later')
+    end = min(60.0, found.duration)
+    text = text.replace("time: {end: 60} ", f"time: {{end: {end:g}}} ")
+    return re.sub(rf"^  {found.medium}: \{{dimension.*$", lambda _: "\n".join(lines), text, flags=re.MULTILINE)
 
 
 def schema(

@@ -4,10 +4,10 @@ import base64
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 
 from mjsheaf.arrays import Array
+from mjsheaf.engine import mujoco
 from mjsheaf.page.geometry import kinds_of
 from mjsheaf.vehicles.vehicle import Vehicle
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
+from scipy.ndimage import distance_transform_edt
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
@@ -144,6 +145,59 @@ def open_flow(path: str) -> "xr.Dataset":
         return xr.open_dataset(path)
     except Exception as error:  # of any of the libraries that read files
         raise InputError(f"path: {path} is no netCDF file that can be read: {error}") from None
+
+
+class Proposal(NamedTuple):
+    """Section of a scenario for the flow of a file.
+
+    Attributes:
+        medium: 'water' or 'air'.
+        origin: Latitude and longitude of the node that is farthest from land and from the edge of the grid, deg.
+        start: First time of the file; None for a steady flow.
+        duration: Time from the first to the last, s; infinite for a steady flow.
+        clear: Distance from the origin within which the flow is known at all times, m.
+        grid: The data about that origin.
+    """
+
+    medium: Literal["water", "air"]
+    origin: tuple[float, float]
+    start: str | None
+    duration: float
+    clear: float
+    grid: Grid
+
+
+def propose(path: str) -> Proposal:
+    """Choose the origin and start of a scenario in the flow of a file, at its smallest depth or height.
+
+    Raises:
+        InputError: The file cannot be read, has no such data, or is nowhere known at all times.
+    """
+    with open_flow(path) as data:
+        part = find_velocity(data, 0)
+        if part is None:
+            raise InputError(f"path: {path} has no velocities; expected variables as eastward_sea_water_velocity")
+        x, y, time = (_axis(part, name) for name in ("x", "y", "time"))
+        longitudes, latitudes = (np.sort(axis.values.astype(np.float64)) for axis in (x, y))
+        start = None if time is None else str(np.datetime_as_string(time.values[0].astype("datetime64[s]")))
+        is_wind = "wind" in part.attrs.get("standard_name", "") or str(part.name).lower().startswith("u10")
+    middle = float(np.mean(latitudes)), float(np.mean(longitudes))
+    grid = read_grid(path, *middle, None, 0.0)
+    known = np.isfinite(grid.velocity).all(axis=(0, 3))
+    away = distance_transform_edt(np.pad(known, 1), _spacing(grid))[1:-1, 1:-1]
+    row, column = np.unravel_index(int(np.argmax(away)), away.shape)
+    if not known.any():
+        raise InputError(f"path: the flow of {path} is nowhere known at all times")
+    origin = round(float(latitudes[row]), 6), round(float(longitudes[column]), 6)
+    grid = read_grid(path, *origin, None, 0.0)
+    duration = float(grid.time[-1] - grid.time[0]) if len(grid.time) > 1 else math.inf
+    medium: Literal["water", "air"] = "air" if is_wind else "water"
+    return Proposal(medium, origin, start, duration, float(away[row, column] - max(_spacing(grid))), grid)
+
+
+def _spacing(grid: Grid) -> tuple[float, float]:
+    """Return the smallest spacing of a grid along y and x, m."""
+    return float(np.diff(grid.y).min()), float(np.diff(grid.x).min())
 
 
 def find_velocity(data: "xr.Dataset", component: int) -> "xr.DataArray | None":

@@ -4,10 +4,10 @@ import base64
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from mjsheaf.arrays import Array
+from mjsheaf.engine import mujoco
 from mjsheaf.simulation.arena import compose
 from mjsheaf.vehicles.vehicle import Vehicle
 from mjsheaf.video.sizes import SEEN_GROUPS, vehicle_radii

@@ -2,12 +2,12 @@
 
 from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
 import xarray as xr
 
 from mjsheaf.arrays import Array
 from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres, nearest_points
+from mjsheaf.engine import mujoco
 from mjsheaf.system import System
 
 if TYPE_CHECKING:

@@ -2,12 +2,17 @@
 
 import re
 import shlex
+import shutil
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import xarray as xr
 import yaml
 
-from mjsheaf import check, load_scenario
+from mjsheaf import check, load_scenario, simulate
+from tests.builders import REPOSITORY
 from tests.commands import answer_of, call
 
 
@@ -75,3 +80,88 @@ def test_what_is_no_name_is_refused(name: str) -> None:
     assert answer.code == 2
     assert len(answer.err.splitlines()) == 1
     assert list(Path().iterdir()) == []
+
+
+GYRE = REPOSITORY / "scenarios" / "double_gyre.nc"
+
+
+def wind_file(path: Path) -> Path:
+    """Write a wind over 24 hours on a grid of 2 km, still over land in its west."""
+    longitude, latitude = np.linspace(7.0, 7.5, 21), np.linspace(43.0, 43.4, 17)
+    shape = 5, len(latitude), len(longitude)
+    values = np.full(shape, 3.0)
+    values[:, :, :8] = np.nan
+    attrs = {"units": "m s-1", "standard_name": "eastward_wind"}
+    data = xr.Dataset(
+        {
+            "east": (("time", "latitude", "longitude"), values, attrs),
+            "north": (("time", "latitude", "longitude"), 0.5 * values, attrs | {"standard_name": "northward_wind"}),
+        },
+        {
+            "time": np.datetime64("2026-03-01T06:00", "ns") + np.arange(5) * np.timedelta64(6, "h"),
+            "latitude": latitude,
+            "longitude": longitude,
+        },
+    )
+    data.to_netcdf(path, engine="h5netcdf")
+    return path
+
+
+def test_a_current_out_of_a_file(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    shutil.copy(GYRE, tmp_path / "data" / "a gyre.nc")
+    answer = answer_of("new", "mine", "--from-netcdf", "data/a gyre.nc")
+    assert answer.code == 0, answer.err
+    scenario = load_scenario("mine.yaml")
+    water: Any = scenario.flow.water
+    assert water.kind == "gridded"
+    assert water.start == "2026-05-01T00:00:00"
+    assert Path(water.path).name == "a gyre.nc"
+    run = simulate(load_scenario("mine.yaml", {"time.end": 2}), "ideal")
+    assert run.status == "finished"
+    flow = run.agent_flow.values
+    assert np.isfinite(flow[..., :2]).all()
+    assert np.ptp(flow[:, 2, 0]) > 0.0
+
+
+def test_a_wind_out_of_a_file_is_met_away_from_gaps(tmp_path: Path) -> None:
+    wind_file(tmp_path / "wind.nc")
+    assert call("new", "sub.yml", "--from-netcdf", str(tmp_path / "wind.nc")) == 0
+    scenario = load_scenario("sub.yml")
+    air: Any = scenario.flow.air
+    latitude, longitude = air.origin
+    assert longitude > 7.0 + 8 * 0.025 + 0.05
+    assert 43.1 < latitude < 43.3
+    assert (air.kind, air.start) == ("gridded", "2026-03-01T06:00:00")
+    run = simulate(load_scenario("sub.yml", {"time.end": 1}), "ideal")
+    np.testing.assert_allclose(run.agent_flow.values[0, 0], [3.0, 1.5, 0.0], atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "there is no file"), (b"CDF", "no netCDF file"), ({}, "no velocities"), ({"clear": 1.0}, "expected 40 m")],
+)
+def test_files_without_a_flow_are_refused(content: object, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.nc"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content == {}:
+        xr.Dataset({"salinity": ("x", np.zeros(3))}).to_netcdf(path, engine="h5netcdf")
+    elif content:
+        data = xr.open_dataset(GYRE).load()
+        data.isel({name: slice(0, 4) for name in data.sizes if name != "time"}).to_netcdf(path, engine="h5netcdf")
+    answer = answer_of("new", "mine", "--from-netcdf", "x.nc")
+    assert answer.code == 2
+    assert len(answer.err.splitlines()) == 1
+    assert words in answer.err
+    assert "--from-netcdf" in answer.err
+    assert not Path("mine.yaml").exists()
+
+
+def test_a_file_that_the_scenario_cannot_refer_to_is_refused(tmp_path: Path) -> None:
+    wind_file(tmp_path / "wind.nc")
+    (tmp_path / "sub").mkdir()
+    answer = answer_of("new", "sub/mine", "--from-netcdf", "wind.nc")
+    assert answer.code == 2
+    assert "outside the directory of sub/mine.yaml" in answer.err
+    assert not (tmp_path / "sub" / "mine.yaml").exists()
