@@ -78,7 +78,7 @@ def view(
             again = f"mjsheaf run {directory / 'scenario.yaml'} --backend {backend}"
             again += "" if engine is Engine.MUJOCO else f" --engine {engine}"
             number = len(scenario.events) - len(loaded.events)
-            kept[0] = f"{number} events recorded; the session again: {again}"
+            kept[0] = f"{number} event{'' if number == 1 else 's'} recorded; the session again: {again}"
 
         pace = speed or math.inf
         with in_field(source), saying_what_is_kept(lambda: kept[0]):

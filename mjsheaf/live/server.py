@@ -6,6 +6,7 @@ token. A websocket also needs the server's own Origin, and there is one at a tim
 
 import json
 import logging
+import os
 import secrets
 import threading
 from collections import deque
@@ -86,7 +87,8 @@ class Server:
                 logger=quiet,
             )
         except OSError as error:
-            raise InputError(f"--port {port}: {error.strerror}; expected a free port, or 0 for any") from None
+            reason = os.strerror(error.errno or 0)
+            raise InputError(f"--port {port}: {reason}; expected a free port, or 0 for any") from None
         self.host = f"127.0.0.1:{self._server.socket.getsockname()[1]}"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
