@@ -11,6 +11,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.vehicles.vectors import add, subtract, triple
 
 _FARTHEST = 1e10  # m; positions beyond it are a blow-up, which is reported elsewhere
 _USUAL = 4.0  # mean distances from the middle, within which cells end
@@ -61,28 +62,35 @@ def _lay_out(cells, reach):
     The few vehicles that are far from all others count for the outermost cells: they would make all cells wide.
     """
     V = cells.places.shape[0]
+    lowest = (np.inf, np.inf, np.inf)
+    highest = (-np.inf, -np.inf, -np.inf)
+    total = (0.0, 0.0, 0.0)
+    known = True
+    for v in range(V):
+        x = triple(cells.places[v])
+        known &= (abs(x[0]) < _FARTHEST) & (abs(x[1]) < _FARTHEST) & (abs(x[2]) < _FARTHEST)
+        lowest = (min(lowest[0], x[0]), min(lowest[1], x[1]), min(lowest[2], x[2]))
+        highest = (max(highest[0], x[0]), max(highest[1], x[1]), max(highest[2], x[2]))
+        total = add(total, x)
+    if not known:
+        return False
+    middle = (total[0] / V, total[1] / V, total[2] / V)
+    away = (0.0, 0.0, 0.0)
+    for v in range(V):
+        apart = subtract(triple(cells.places[v]), middle)
+        away = add(away, (abs(apart[0]), abs(apart[1]), abs(apart[2])))
     for axis in range(3):
-        low, high, total = np.inf, -np.inf, 0.0
-        for v in range(V):
-            value = cells.places[v, axis]
-            if not abs(value) < _FARTHEST:
-                return False
-            low, high = min(low, value), max(high, value)
-            total += value
-        middle, away = total / V, 0.0
-        for v in range(V):
-            away += abs(cells.places[v, axis] - middle)
-        usual = _USUAL * away / V
-        low, high = max(low, middle - usual), min(high, middle + usual)
+        usual = _USUAL * away[axis] / V
+        low, high = max(lowest[axis], middle[axis] - usual), min(highest[axis], middle[axis] + usual)
         cells.corner[axis] = low
         cells.shape[axis] = max(high - low, 0.0)
     width = max(reach, 1e-3)
-    total = np.inf
-    while total > 2.0 * V:
-        total = 1.0
+    count = np.inf
+    while count > 2.0 * V:
+        count = 1.0
         for axis in range(3):
-            total *= np.floor(cells.shape[axis] / width) + 1.0
-        if total > 2.0 * V:
+            count *= np.floor(cells.shape[axis] / width) + 1.0
+        if count > 2.0 * V:
             width *= _GROWTH
     for axis in range(3):
         cells.shape[axis] = np.floor(cells.shape[axis] / width) + 1.0

@@ -1,0 +1,80 @@
+"""Vehicles of every kind that exchange places do not touch: the filter's margins cover how bodies lag behind commands.
+
+The radius of a vehicle is that of a sphere about it. `MJSHEAF_EXCHANGES=200` tries more.
+"""
+
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import load_scenario, simulate
+from mjsheaf.vehicles.loading import list_vehicles
+
+PASSIVE = {"buoy"}
+PLANAR = ["hull", "otter", "otter_rudder", "wamv", "wamv_azimuth"]
+SPATIAL = ["aerial", "hexarotor", "quadrotor", "submersible", "x500"]
+SEEDS = range(int(os.environ.get("MJSHEAF_EXCHANGES", "12")))
+
+
+def places(rng: np.random.Generator, n: int, dimension: int) -> Any:
+    """Random places apart from one another, shape (n, dimension), m."""
+    gap = 20.0 if dimension == 2 else 12.0
+    found: list[Any] = []
+    while len(found) < n:
+        size = gap * n ** (1 / dimension)
+        place = rng.uniform(-size, size, dimension)
+        if dimension == 3:
+            place[2] = 40.0 + 0.3 * place[2]
+        if all(np.linalg.norm(place - other) >= gap for other in found):
+            found.append(place)
+    return np.array(found)
+
+
+def exchange(seed: int) -> dict[str, Any]:
+    """A team of random vehicles, each on its way to a random place."""
+    rng = np.random.default_rng(seed)
+    dimension, n = int(rng.integers(2, 4)), int(rng.integers(4, 11))
+    kinds = rng.choice(PLANAR if dimension == 2 else SPATIAL, n)
+    starts, goals = places(rng, n, dimension), places(rng, n, dimension)
+    agents = [
+        {
+            "id": f"A{k}",
+            "position": starts[k].tolist(),
+            "velocity_limit": float(rng.uniform(0.5, 2.0)),
+            "vehicle": str(kinds[k]),
+            "heading": float(rng.uniform(-180.0, 180.0)),
+        }
+        for k in range(n)
+    ]
+    return {
+        "name": "exchange",
+        "time": {"end": 60.0},
+        "controller": {"gain": 0.3, "control_period": float(rng.choice([0.02, 0.05, 0.1]))},
+        "agents": agents,
+        "anchors": [{"agent": f"A{k}", "axes": list("xyz"[:dimension]), "value": goals[k].tolist()} for k in range(n)],
+        "safety": {
+            "distance": "size",
+            "rate": float(rng.choice([0.3, 1.0])),
+            "tie_break": str(rng.choice(["none", "right_hand"])),
+            "authority": str(rng.choice(["equal", "by_speed"])),
+        },
+    }
+
+
+def test_every_vehicle_takes_part() -> None:
+    assert {*PLANAR, *SPATIAL} | PASSIVE == set(list_vehicles())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_pair_touches(seed: int) -> None:
+    scenario = load_scenario(exchange(seed))
+    run = simulate(scenario, engine="fused", threads=1)
+    assert run.status == "finished"
+    x = np.nan_to_num(run.agent_position.values)
+    radius = scenario.whole.vehicle_radii[: x.shape[1]]
+    first, second = np.triu_indices(x.shape[1], 1)
+    gaps = np.linalg.norm(x[:, first] - x[:, second], axis=2) - radius[first] - radius[second]
+    assert gaps.min() > 0.0
