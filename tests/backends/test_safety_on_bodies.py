@@ -15,7 +15,7 @@ from mjsheaf.vehicles.loading import list_vehicles
 PASSIVE = {"buoy"}
 PLANAR = ["hull", "otter", "otter_rudder", "wamv", "wamv_azimuth"]
 SPATIAL = ["aerial", "hexarotor", "quadrotor", "submersible", "x500"]
-SEEDS = range(int(os.environ.get("MJSHEAF_EXCHANGES", "12")))
+SEEDS = range(int(os.environ.get("MJSHEAF_EXCHANGES", "5")))
 
 
 def places(rng: np.random.Generator, n: int, dimension: int) -> Any:

@@ -3,6 +3,7 @@
 Oracle: the same episodes one by one, through a Session each.
 """
 
+import os
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,11 @@ CHANGES: dict[str, dict[str, Any]] = {
     "limited": {"controller": {"gain": 3.0, "control_period": 0.01, "velocity_limit": 1.0}},
     "safe": {"safety": {"distance": 4.0, "range": 9.0}},
 }
+COMPILED = ["links", "terms", "safe"]  # which take a while to compile
 WORLDS = 5
+SHIPPED = ["harbour", "open_sea", "paper_safe", "noisy_harbour", "double_gyre", "harbour_lost_hexarotor"]
+if os.environ.get("MJSHEAF_SCENARIOS") == "all":
+    SHIPPED = list(list_scenarios())
 
 
 def compare(scenario: Scenario, periods: int, *, together: bool = True, **options: Any) -> None:
@@ -53,7 +58,9 @@ def compare(scenario: Scenario, periods: int, *, together: bool = True, **option
             assert one.episode.world.time == other.episode.world.time
 
 
-@pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in COMPILED else name for name in CHANGES]
+)
 @pytest.mark.parametrize("options", [{}, {"action": "velocity", "parts": ["received", "measurements", "velocity"]}])
 def test_every_run_is_that_of_its_seed(name: str, options: dict[str, Any]) -> None:
     compare(mixed_scenario(**{"time": {"end": 0.6}} | CHANGES[name]), 8, **options)
@@ -71,8 +78,9 @@ def test_runs_that_no_batch_takes_are_stepped_one_by_one(change: dict[str, Any])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list_scenarios())
-def test_every_shipped_scenario(name: str) -> None:
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenarios(name: str) -> None:
+    """`MJSHEAF_SCENARIOS=all` tries every one."""
     scenario = load_scenario(name)
     if scenario.expect.refused is not None or len(scenario.agents) > 100:
         return
