@@ -186,7 +186,7 @@ _DESCRIPTIONS: tuple[tuple[tuple[type[Exception], ...], Callable[[Any], str]], .
     ((OSError,), lambda error: f"{_place_of(error)}: {error.strerror or error}"),
     ((ImportError,), lambda error: f"cannot load what it needs: {error}"),  # also a library without memory
     # Libraries that run out of memory in C raise the second one.
-    ((MemoryError, SystemError), lambda error: f"not enough memory: {error}; use fewer samples or vehicles"),
+    ((MemoryError, SystemError), lambda error: f"not enough memory: use fewer samples or vehicles. {error}".strip()),
 )
 """Descriptions of errors that are not mjsheaf's, by their types."""
 
