@@ -3,6 +3,10 @@
 Space is cut into cells at least as wide as the range, so that the neighbours of a vehicle lie in its own cell and those
 around it. Cells along x follow one another, and vehicles are sorted by cell, so that three cells in a row are one run
 of vehicles. There are at most two cells a vehicle: the work is proportional to the number of vehicles.
+
+A sort serves while no vehicle is farther than half of a slack from where it was sorted (L. Verlet, Phys. Rev. 159,
+1967): two that are within `reach` then were within reach + slack at the sort. Hence cells are as wide as that, and a
+vehicle is looked for where it was sorted. One that had no other within reach + slack has none within `reach`.
 """
 
 from typing import NamedTuple
@@ -17,23 +21,28 @@ _FARTHEST = 1e10  # m; positions beyond it are a blow-up, which is reported else
 _USUAL = 4.0  # mean distances from the middle, within which cells end
 _ROUNDING = 1e-12  # by which cells are wider: a product may round up
 _GROWTH = 1.25  # of the cells' width until there are few enough
+_SLACK = 0.125  # of the reach
 
 
 class Cells(NamedTuple):
-    """A list of cells; all of its arrays are scratch space, overwritten at every sample.
+    """A list of cells; all of its arrays are scratch space, and what is found with them does not depend on it.
 
     They hold whole numbers as float64, as arrays do that every world of a batch has for itself.
 
     Attributes:
         places: Positions of all vehicles in one space, shape (V, 3), m.
+        sorted: Positions when they were sorted, shape (V, 3), m.
+        alone: 1.0 for a vehicle without another within `reach` + slack when they were sorted, else 0.0, shape (V,).
         corner: Smallest coordinates, shape (3,), m.
-        shape: Number of cells along each axis, and how many there are in a metre, shape (4,).
+        shape: Number of cells along each axis, how many there are in a metre, and the reach, shape (5,).
         start: Where the vehicles of each cell begin in `order`, shape (2 V + 3,).
         order: Vehicles sorted by cell, shape (V,).
         cell: Cell of each vehicle, shape (V,).
     """
 
     places: Array
+    sorted: Array
+    alone: Array
     corner: Array
     shape: Array
     start: Array
@@ -44,8 +53,8 @@ class Cells(NamedTuple):
 def new_cells(V: int) -> Cells:
     """Return room for a list of cells of V vehicles; none at all for none."""
     some = V > 0
-    places, corner, shape = np.zeros((V, 3)), np.zeros(3 * some), np.zeros(4 * some)
-    return Cells(places, corner, shape, np.zeros((2 * V + 3) * some), np.zeros(V), np.zeros(V))
+    corner, shape, start = np.zeros(3 * some), np.zeros(5 * some), np.zeros((2 * V + 3) * some)
+    return Cells(np.zeros((V, 3)), np.zeros((V, 3)), np.zeros(V), corner, shape, start, np.zeros(V), np.zeros(V))
 
 
 @inline_jit
@@ -98,25 +107,83 @@ def _lay_out(cells, reach):
     return True
 
 
+@inline_jit
+def cell_of(cells, v):
+    """Return the number of the cell of vehicle v along each axis."""
+    x = triple(cells.sorted[v])
+    return cell_along(cells, 0, x[0]), cell_along(cells, 1, x[1]), cell_along(cells, 2, x[2])
+
+
+@inline_jit
+def row_around(cells, cell, row):
+    """Return where the vehicles in one of the nine rows of three cells around a cell begin and end in `cells.order`."""
+    line, layer = cell[1] + row % 3 - 1, cell[2] + row // 3 - 1
+    wide, high, deep = int(cells.shape[0]), int(cells.shape[1]), int(cells.shape[2])
+    if line < 0 or line >= high or layer < 0 or layer >= deep:
+        return 0, 0
+    first = (layer * high + line) * wide
+    return int(cells.start[first + max(cell[0] - 1, 0)]), int(cells.start[first + min(cell[0] + 2, wide)])
+
+
 @jit
 def sort_into_cells(cells, reach):
-    """Sort the vehicles at `cells.places` into cells for neighbours within `reach`, m.
+    """Sort the vehicles at `cells.places` into cells for neighbours within `reach`, m, if the last sort does not serve.
 
     Returns:
         False if a position is not a number or huge.
     """
-    if not _lay_out(cells, reach):
+    V = cells.places.shape[0]
+    serves = cells.shape[4] == reach
+    most = 0.5 * _SLACK * reach
+    for v in range(V):
+        serves &= _square_between(cells.places[v], cells.sorted[v]) <= most * most  # not so for what is not a number
+    if serves:
+        return True
+    cells.shape[4] = 0.0
+    if not _lay_out(cells, (1.0 + _SLACK) * reach):
         return False
+    _fill(cells)
+    for v in range(V):
+        cells.alone[v] = _is_alone(cells, v, (1.0 + _SLACK) * reach)
+    cells.shape[4] = reach
+    return True
+
+
+@inline_jit
+def _square_between(a, b):
+    """Compute |a - b|^2."""
+    x, y, z = subtract(triple(a), triple(b))
+    return x * x + y * y + z * z
+
+
+@inline_jit
+def _is_alone(cells, v, reach):
+    """Return 1.0 if no other vehicle is within `reach` of vehicle v, else 0.0."""
+    cell = cell_of(cells, v)
+    for row in range(9):
+        first, end = row_around(cells, cell, row)
+        for k in range(first, end):
+            j = int(cells.order[k])
+            if j != v and _square_between(cells.places[v], cells.places[j]) <= reach * reach * (1.0 + _ROUNDING):
+                return 0.0
+    return 1.0
+
+
+@inline_jit
+def _fill(cells):
+    """Count the vehicles of each cell, and sort them."""
     V = cells.places.shape[0]
     count = int(cells.shape[0] * cells.shape[1] * cells.shape[2])
     for c in range(count + 1):
         cells.start[c] = 0.0
     for v in range(V):
-        x, y, z = cells.places[v, 0], cells.places[v, 1], cells.places[v, 2]
-        row = cell_along(cells, 2, z) * int(cells.shape[1]) + cell_along(cells, 1, y)
-        cell = row * int(cells.shape[0]) + cell_along(cells, 0, x)
+        x = triple(cells.places[v])
+        row = cell_along(cells, 2, x[2]) * int(cells.shape[1]) + cell_along(cells, 1, x[1])
+        cell = row * int(cells.shape[0]) + cell_along(cells, 0, x[0])
         cells.cell[v] = cell
         cells.start[cell + 1] += 1.0
+        for i in range(3):
+            cells.sorted[v, i] = x[i]
     for c in range(count):
         cells.start[c + 1] += cells.start[c]
     for k in range(V):  # from the last vehicle back, so that each cell's vehicles keep their order
@@ -127,4 +194,3 @@ def sort_into_cells(cells, reach):
     for c in range(count):  # what was counted down is where the next cell began
         cells.start[c] = cells.start[c + 1]
     cells.start[count] = V
-    return True

@@ -28,7 +28,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.halfspaces import nearest_within
-from mjsheaf.control.neighbours import Cells, cell_along, new_cells, sort_into_cells
+from mjsheaf.control.neighbours import Cells, cell_of, new_cells, row_around, sort_into_cells
 from mjsheaf.control.obstacles import ObstacleArrays, distance_from
 from mjsheaf.jit import inline_jit, jit
 
@@ -138,17 +138,13 @@ def _constrain(safety, t, v, work):
     """Write the constraints of agent v, in the order of what causes them, and return how many there are."""
     cells, count = work.cells, 0
     x, y, z = cells.places[v, 0], cells.places[v, 1], cells.places[v, 2]
-    wide, high = int(cells.shape[0]), int(cells.shape[1])
-    column, line, layer = cell_along(cells, 0, x), cell_along(cells, 1, y), cell_along(cells, 2, z)
-    for deck in range(max(layer - 1, 0), min(layer + 2, int(cells.shape[2]))):
-        for m in range(max(line - 1, 0), min(line + 2, high)):
-            row = (deck * high + m) * wide
-            first = int(cells.start[row + max(column - 1, 0)])
-            end = int(cells.start[row + min(column + 2, wide)])
-            for k in range(first, end):
-                j = int(cells.order[k])
-                if j != v:
-                    count = _add_vehicle(safety, v, j, x, y, z, work, count)
+    cell = cell_of(cells, v)
+    for row in range(0 if cells.alone[v] > 0.0 else 9):
+        first, end = row_around(cells, cell, row)
+        for k in range(first, end):
+            j = int(cells.order[k])
+            if j != v:
+                count = _add_vehicle(safety, v, j, x, y, z, work, count)
     for k in range(safety.obstacles.kind.shape[0]):
         count = _add_obstacle(safety, t, v, k, x, y, z, work, count)
     return count

@@ -4,19 +4,15 @@ import numpy as np
 import pytest
 
 from mjsheaf.arrays import Array
-from mjsheaf.control.neighbours import Cells, cell_along, new_cells, sort_into_cells
+from mjsheaf.control.neighbours import Cells, cell_of, new_cells, row_around, sort_into_cells
 
 
 def candidates(cells: Cells, v: int) -> list[int]:
     """Vehicles in the cells around that of vehicle v, as the filter visits them."""
-    wide, high, deep = (int(n) for n in cells.shape[:3])
-    column, line, layer = (cell_along(cells, axis, cells.places[v, axis]) for axis in range(3))
     found: list[int] = []
-    for deck in range(max(layer - 1, 0), min(layer + 2, deep)):
-        for m in range(max(line - 1, 0), min(line + 2, high)):
-            row = (deck * high + m) * wide
-            first, end = cells.start[row + max(column - 1, 0)], cells.start[row + min(column + 2, wide)]
-            found += [int(j) for j in cells.order[int(first) : int(end)]]
+    for row in range(0 if cells.alone[v] else 9):
+        first, end = row_around(cells, cell_of(cells, v), row)
+        found += [int(j) for j in cells.order[first:end]]
     return found
 
 
@@ -41,7 +37,27 @@ def test_every_pair_within_range_is_found_once(k: int, reach: float) -> None:
     for v in range(len(places)):
         near = candidates(cells, v)
         assert len(near) == len(set(near))
-        assert set(np.flatnonzero(away[v] <= reach)) <= set(near)
+        assert set(np.flatnonzero(away[v] <= reach)) - {v} <= set(near)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.01, 0.1, 0.3, 1.0, 30.0])
+def test_no_pair_is_missed_while_vehicles_move(step: float) -> None:
+    """A sort serves for several samples: some pairs come within range long after it, at any speed."""
+    rng = np.random.default_rng(2)
+    places, reach, sorts = rng.uniform(-20.0, 20.0, (150, 3)) * [1, 1, 0.2], 2.0, 0
+    heading = rng.normal(size=(150, 3))
+    heading *= step / np.linalg.norm(heading, axis=1, keepdims=True)
+    cells = new_cells(150)
+    for k in range(60):
+        before = cells.sorted.copy()
+        cells.places[:] = places
+        assert sort_into_cells(cells, reach if k < 40 else 3.0)  # an event may change the range
+        sorts += bool((cells.sorted != before).any())
+        away = np.linalg.norm(places[:, None] - places, axis=-1)
+        for v in range(150):
+            assert set(np.flatnonzero(away[v] <= reach)) - {v} <= set(candidates(cells, v))
+        places = places + heading * rng.uniform(0.5, 1.0)
+    assert sorts <= 60 * min(1.0, step / 0.125 + 0.05)
 
 
 def test_the_work_is_proportional_to_the_number_of_vehicles() -> None:
