@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import load_scenario, simulate
+from mjsheaf import Session, load_scenario, simulate
 from mjsheaf.vehicles.loading import list_vehicles
 
 PASSIVE = {"buoy"}
@@ -78,3 +78,33 @@ def test_no_pair_touches(seed: int) -> None:
     first, second = np.triu_indices(x.shape[1], 1)
     gaps = np.linalg.norm(x[:, first] - x[:, second], axis=2) - radius[first] - radius[second]
     assert gaps.min() > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", [*PLANAR, *SPATIAL])
+@pytest.mark.parametrize("speed", [0.5, 1.5])
+def test_the_margin_covers_the_way_to_a_stop(vehicle: str, speed: float) -> None:
+    """From its top speed along each axis, a vehicle comes to rest within its margin."""
+    place = [0.0, 0.0] if vehicle in PLANAR else [0.0, 0.0, 40.0]
+    agent = {"id": "A", "position": place, "velocity_limit": speed, "vehicle": vehicle}
+    scenario = load_scenario(
+        {
+            "name": "stop",
+            "time": {"end": 30.0},
+            "controller": {"gain": 0.5, "control_period": 0.05},
+            "agents": [agent],
+            "anchors": [{"agent": "A", "axes": list("xyz"[: len(place)]), "value": place}],
+            "safety": {"distance": 1.0},
+        }
+    )
+    session = Session(scenario, engine="fused", commanded=True)
+    for along in np.eye(3)[: len(place)]:
+        session.reset()
+        for _ in range(300):
+            session.step(speed * along[None])
+        start, farthest = session.observe().truth.positions[0].copy(), 0.0
+        for _ in range(200):
+            session.step(np.zeros((1, 3)))
+            farthest = max(farthest, float((session.observe().truth.positions[0] - start) @ along))
+        assert 0.4 * speed * scenario.whole.vehicles[0].reduced_model().tau.min() < farthest
+        assert farthest < scenario.whole.safety_margins[0]
