@@ -224,6 +224,26 @@ the function, nor be handed to one that is not inlined. The number of rows is a 
 """
 
 
+@intrinsic
+def _lanes_by_asm(_: Any) -> Any:
+    def generate(context: Any, builder: Any, *_: Any) -> Any:
+        number = ir.IntType(64)
+        one = builder.asm(ir.FunctionType(number, [number]), "", "=r,0", [ir.Constant(number, 1)], False)
+        return builder.mul(one, ir.Constant(number, LANES))
+
+    return types.int64(), generate
+
+
+def _lanes() -> int:
+    return LANES
+
+
+all_lanes: Any = _lanes if INTERPRETED else _lanes_by_asm
+"""Return LANES, as a multiple of LANES that LLVM does not know.
+
+It unrolls a short loop over a number that it knows before it tries to make vector instructions of it.
+"""
+
 _C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}
 
 

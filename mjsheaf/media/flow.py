@@ -29,6 +29,7 @@ from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.gusts import Gusts
 from mjsheaf.media.varying import Ramp, Tide
 from mjsheaf.media.waves import Waves
+from mjsheaf.vehicles.vectors import add, triple
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
@@ -47,32 +48,51 @@ def _channel_place(c, rx, ry, rz):
     return along, nx * nx + ny * ny + nz * nz
 
 
+@inline_jit
+def source_velocity(c, r):
+    """Return the velocity of a source at an offset r from its centre, as three numbers."""
+    s = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[9]
+    a = c[8] / (s * np.sqrt(s)) if c[1] else c[8] / s
+    return a * r[0], a * r[1], a * r[2]
+
+
+@inline_jit
+def vortex_velocity(c, r):
+    """Return that of a vortex."""
+    a = c[8] / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[9])
+    x, y, z = c[6] * r[2] - c[7] * r[1], c[7] * r[0] - c[5] * r[2], c[5] * r[1] - c[6] * r[0]
+    return a * x, a * y, a * z
+
+
+@inline_jit
+def channel_velocity(c, r):
+    """Return that of a channel."""
+    along, across2 = _channel_place(c, r[0], r[1], r[2])
+    falloff = across2 * c[9] + along * along * c[10]
+    a = c[8] * np.exp(-min(falloff, _NOTHING_LEFT))
+    return a * c[5], a * c[6], a * c[7]
+
+
+@inline_jit
+def offset_from(c, x):
+    """Return the offset of a point x from the centre of a kernel."""
+    return x[0] - c[2], x[1] - c[3], (x[2] - c[4]) * c[1]
+
+
 @jit
 def flow_velocity(table, x, y, z):
     """Velocity of the medium at a point, as three numbers; the first row of the table is the drift."""
-    wx, wy, wz = table[0, 2], table[0, 3], table[0, 4]
+    w = triple(table[0, 2:])
     for k in range(1, table.shape[0]):
         c = table[k]
-        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
+        r = offset_from(c, (x, y, z))
         if c[0] == SOURCE:
-            s = rx * rx + ry * ry + rz * rz + c[9]
-            a = c[8] / (s * np.sqrt(s)) if c[1] else c[8] / s
-            wx += a * rx
-            wy += a * ry
-            wz += a * rz
+            w = add(w, source_velocity(c, r))
         elif c[0] == VORTEX:
-            a = c[8] / (rx * rx + ry * ry + rz * rz + c[9])
-            wx += a * (c[6] * rz - c[7] * ry)
-            wy += a * (c[7] * rx - c[5] * rz)
-            wz += a * (c[5] * ry - c[6] * rx)
+            w = add(w, vortex_velocity(c, r))
         else:
-            along, across2 = _channel_place(c, rx, ry, rz)
-            falloff = across2 * c[9] + along * along * c[10]
-            a = c[8] * np.exp(-min(falloff, _NOTHING_LEFT))
-            wx += a * c[5]
-            wy += a * c[6]
-            wz += a * c[7]
-    return wx, wy, wz
+            w = add(w, channel_velocity(c, r))
+    return w
 
 
 @inline_jit

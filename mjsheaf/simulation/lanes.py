@@ -11,7 +11,9 @@ its thrusters, or is lost is moved by `advance_each`.
 
 import numpy as np
 
-from mjsheaf.jit import LANES, inline_jit, jit, lane_array
+from mjsheaf.jit import LANES, all_lanes, inline_jit, jit, lane_array
+from mjsheaf.media.disturbance import sine
+from mjsheaf.media.flow import SOURCE, VORTEX, channel_velocity, offset_from, source_velocity, vortex_velocity
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.media.medium import medium_velocity
 from mjsheaf.simulation.bodies import allocate_within_limits, drag_wrench
@@ -23,6 +25,7 @@ from mjsheaf.vehicles.vectors import add, cross, rotation, row_product, subtract
 
 _FEWEST = 4  # vehicles that move faster in lanes than one after the other
 _CHANNELS = 8  # largest number of actuators of a vehicle
+_HARMONICS = 8  # largest number of harmonics of a disturbance
 
 # Rows of a block.
 _POSITION, _QUATERNION, _VELOCITY, _RATES = 0, 3, 7, 10
@@ -30,13 +33,17 @@ _MEDIUM, _COMMAND, _HEADING = 13, 16, 19
 _FORCE, _MOMENT = 21, 24  # on the body
 _WEIGHT, _TURN, _PUSH, _COUPLE = 27, 30, 33, 36  # that actuators are to make: see `bodies`
 _TOTAL = 39  # their sum, (6,)
-_BEYOND = 45  # 1 where an effort is beyond its limits
-_GOOD = 46  # 1 where the commands are good
-_SOUND = 47  # 1 where the state is
-_PARTS = 48  # of the unit quaternion of a turn: cosine, sine over the angle
-_SIZE = 50  # what makes the quaternion one
-_LARGE = 51  # 1 where the turn is large, or the quaternion far from one
-_ROWS = 52
+_GOOD = 45  # 1 where the commands are good
+_SOUND = 46  # 1 where the state is
+_PARTS = 47  # of the unit quaternion of a turn: cosine, sine over the angle
+_SIZE = 49  # what makes the quaternion one
+_LARGE = 50  # 1 where the turn is large, or the quaternion far from one
+_SHAKE = 51  # velocity of the disturbance
+_ROWS = 54
+
+# Rows of the disturbances, one for each harmonic.
+_RATE, _PHASE, _AMPLITUDE = 0, _HARMONICS, 2 * _HARMONICS
+_WAVE_ROWS = 5 * _HARMONICS
 
 
 @inline_jit
@@ -173,22 +180,30 @@ def _steer(kind, block):
 @inline_jit
 def _allocate(loop, first, last, block, effort):
     """Write the efforts; see `bodies.thruster_commands`."""
-    fleet, state = loop.params.fleet, loop.state
+    fleet = loop.params.fleet
     kind = fleet.kinds[fleet.bodies[first].kind]
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-    for lane in range(LANES):
-        block[_BEYOND, lane] = 0.0
+    beyond = 0
     for j in range(kind.count):
         channel = thrusters[j]
-        for lane in range(LANES):
+        for lane in range(all_lanes()):
             u = row_product(channel.row, _three(block, _TOTAL, lane), _three(block, _TOTAL + 3, lane))
             effort[j, lane] = u
-            within = (channel.low <= u) & (u <= channel.high)
-            block[_BEYOND, lane] = block[_BEYOND, lane] if within else 1.0
-    for lane in range(last - first):
-        if block[_BEYOND, lane] > 0.0:
-            body = fleet.bodies[first + lane]
-            ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
+            beyond += 0 if (channel.low <= u) & (u <= channel.high) else 1
+    if beyond > 0:
+        _allocate_within_limits(loop, kind, thrusters, first, last, block, effort)
+
+
+@inline_jit
+def _allocate_within_limits(loop, kind, thrusters, first, last, block, effort):
+    """Replace the efforts of vehicles of which one is beyond its limits."""
+    for v in range(first, last):
+        lane, within = v - first, True
+        for j in range(kind.count):
+            within &= (thrusters[j].low <= effort[j, lane]) & (effort[j, lane] <= thrusters[j].high)
+        if not within:
+            actuator = loop.params.fleet.bodies[v].actuator
+            ctrl = loop.state.ctrl[actuator : actuator + kind.count]
             weight, turn = _three(block, _WEIGHT, lane), _three(block, _TURN, lane)
             force, moment = _three(block, _PUSH, lane), _three(block, _COUPLE, lane)
             upright = _attitude(block, lane)[8]
@@ -306,11 +321,62 @@ def _mark_states(first, last, k, block, bad):
 
 
 @inline_jit
-def _meet_medium(params, state, first, last, block):
+def _is_steady(medium, first, last):
+    """Return True if one steady flow and harmonics of few frequencies are all that moves the vehicles."""
+    steady = (len(medium.parts) == 0) & (medium.harmonics.amplitude.shape[1] <= _HARMONICS)
+    for v in range(first, last):
+        steady &= (medium.rows[v, 0] == medium.rows[first, 0]) & (not medium.planar[v])
+    return steady
+
+
+@inline_jit
+def _gather_waves(harmonics, first, last, waves):
+    """Read the harmonics of the vehicles' disturbances, as `_gather` reads their state."""
+    K = harmonics.amplitude.shape[1]
+    for lane in range(LANES):
+        v = first + lane if first + lane < last else first
+        for k in range(K):
+            waves[_RATE + k, lane] = harmonics.rate[v * K + k]
+            waves[_PHASE + k, lane] = harmonics.phase[v * K + k]
+            _put(waves, _AMPLITUDE + 3 * k, lane, triple(harmonics.amplitude[v, k]))
+
+
+@inline_jit
+def _meet_steady(medium, first, t, waves, block):
+    """Write the velocity of a steady medium with disturbances at each vehicle; see `medium.medium_velocity`."""
+    table = medium.kernels[medium.rows[first, 0] : medium.rows[first, 1]]
+    for lane in range(LANES):
+        _put(block, _MEDIUM, lane, triple(table[0, 2:]))
+        _put(block, _SHAKE, lane, (0.0, 0.0, 0.0))
+    for k in range(1, table.shape[0]):
+        c = table[k]
+        if c[0] == SOURCE:
+            for lane in range(all_lanes()):
+                w = source_velocity(c, offset_from(c, _three(block, _POSITION, lane)))
+                _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), w))
+        elif c[0] == VORTEX:
+            for lane in range(all_lanes()):
+                w = vortex_velocity(c, offset_from(c, _three(block, _POSITION, lane)))
+                _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), w))
+        else:
+            for lane in range(LANES):
+                w = channel_velocity(c, offset_from(c, _three(block, _POSITION, lane)))
+                _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), w))
+    for k in range(medium.harmonics.amplitude.shape[1]):
+        for lane in range(LANES):
+            s = sine(waves[_RATE + k, lane] * t + waves[_PHASE + k, lane])
+            a = _three(waves, _AMPLITUDE + 3 * k, lane)
+            _put(block, _SHAKE, lane, add(_three(block, _SHAKE, lane), (a[0] * s, a[1] * s, a[2] * s)))
+    for lane in range(LANES):
+        _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), _three(block, _SHAKE, lane)))
+
+
+@inline_jit
+def _meet_medium(medium, state, first, last, block):
     """Write the velocity of the medium at each vehicle."""
     for v in range(first, last):
         x, y, z = _three(block, _POSITION, v - first)
-        _put(block, _MEDIUM, v - first, medium_velocity(params.medium, state.medium, v, x, y, z))
+        _put(block, _MEDIUM, v - first, medium_velocity(medium, state, v, x, y, z))
 
 
 @inline_jit
@@ -332,16 +398,24 @@ def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
     kind, one = fleet.kinds[number], motion[number]
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     block, activation, effort = lane_array(_ROWS), lane_array(_CHANNELS), lane_array(_CHANNELS)
+    waves, steady = lane_array(_WAVE_ROWS), _is_steady(params.medium, first, last)
     _gather(loop, first, last, block, activation)
+    if steady:
+        _gather_waves(params.medium.harmonics, first, last, waves)
     for lane in range(LANES):
         block[_GOOD, lane] = 1.0
     all_good = True
     for k in range(step, step + count):
-        advance_medium(params.medium, params.start + k * h, first, last, state.medium)
-        _meet_medium(params, state, first, last, block)
+        t, recorded = params.start + k * h, k == step and row >= 0
+        if recorded or not steady:
+            advance_medium(params.medium, t, first, last, state.medium)
+        if steady:
+            _meet_steady(params.medium, first, t, waves, block)
+        else:
+            _meet_medium(params.medium, state.medium, first, last, block)
         _steer(kind, block)
         _allocate(loop, first, last, block, effort)
-        if k == step and row >= 0:
+        if recorded:
             _write_commands(loop, first, last, effort)
             record(loop, log, row, first, last)
         _act(kind, thrusters, block, activation, effort)

@@ -676,10 +676,11 @@ def _turned(c, s, ahead, port):
 @inline_jit
 def actuator_force(channel, ctrl, act):
     """Compute MuJoCo's force from a command and an activation, and the activation after a step."""
-    u, after = min(max(ctrl, channel.ctrl[0]), channel.ctrl[1]), act
-    if channel.late:
-        after = min(max(act + channel.followed * (u - act), channel.act[0]), channel.act[1])
-        u = after if channel.early else act
+    u = min(max(ctrl, channel.ctrl[0]), channel.ctrl[1])
+    follower = min(max(act + channel.followed * (u - act), channel.act[0]), channel.act[1])
+    after = follower if channel.late else act  # selections, no branch: this is also evaluated in lanes
+    used = follower if channel.early else act
+    u = used if channel.late else u
     return min(max(channel.gain * u, channel.force[0]), channel.force[1]), after
 
 
