@@ -155,6 +155,11 @@ def inline_jit(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False, forceinline=True)
 
 
+def apart_jit(function: Callable[..., Any]) -> Any:
+    """Compile as `jit` does, and never inline, so that what rarely happens does not lengthen what often does."""
+    return _compile(function, apart=True, _nrt=False, forceinline=False)
+
+
 def user_jit(function: Callable[..., Any]) -> Any:
     """Compile a function of a user's as `jit` does, but for the cache, which has it as a part of what calls it."""
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
@@ -247,7 +252,7 @@ It unrolls a short loop over a number that it knows before it tries to make vect
 _C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}
 
 
-def _compile(function: Callable[..., Any], **options: Any) -> Any:
+def _compile(function: Callable[..., Any], apart: bool = False, **options: Any) -> Any:
     if INTERPRETED:
         return function
     options |= {"nogil": True, "error_model": "numpy"}
@@ -261,18 +266,18 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
     if cached:
         _drop_stale_code(compiled.stats.cache_path, Path(inspect.getfile(function)).resolve())
         compile_in_one_process(compiled, f"{function.__module__}.{function.__qualname__}")
-    _link_into_callers(compiled, cached, options)
+    _link_into_callers(compiled, cached, apart, options)
     return compiled
 
 
-def _link_into_callers(compiled: Any, cached: bool, options: dict[str, Any]) -> None:
+def _link_into_callers(compiled: Any, cached: bool, apart: bool, options: dict[str, Any]) -> None:
     """Hand compiled callers the function's code for linking, and share that for integers among literal integers."""
 
     @cache
     def for_callers() -> Any:
         from mjsheaf.linking import linked
 
-        return linked(compiled.py_func, cached, **options)
+        return linked(compiled.py_func, cached, apart, **options)
 
     def get_call_template(args: Any, kws: Any) -> Any:
         return for_callers().get_call_template(tuple(types.unliteral(argument) for argument in args), kws)

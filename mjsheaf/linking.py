@@ -62,10 +62,26 @@ class LinkedLibrary(JITCodeLibrary):
         return library
 
 
+class _ApartLibrary(LinkedLibrary):
+    """Intermediate code of a function that callers do not inline."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        super()._optimize_functions(ll_module)
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                function.add_function_attribute("noinline")
+
+
 class _LinkedCompiler(Compiler):
+    library: type[LinkedLibrary] = LinkedLibrary
+
     def compile_extra(self, func: Any) -> Any:
-        self.state.library = LinkedLibrary(self.state.targetctx.codegen(), func.__qualname__)
+        self.state.library = self.library(self.state.targetctx.codegen(), func.__qualname__)
         return super().compile_extra(func)
+
+
+class _ApartCompiler(_LinkedCompiler):
+    library = _ApartLibrary
 
 
 class _LinkedCacheImpl(CompileResultCacheImpl):
@@ -99,10 +115,10 @@ class _LinkedCache(FunctionCache):
     _impl_class = _LinkedCacheImpl
 
 
-def linked(function: Any, cached: bool, **options: Any) -> Any:
-    """Return the dispatcher of a function for calls by compiled code."""
+def linked(function: Any, cached: bool, apart: bool, **options: Any) -> Any:
+    """Return the dispatcher of a function for calls by compiled code, which do not inline it if it is `apart`."""
     without: dict[str, Any] = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    dispatcher: Any = njit(pipeline_class=_LinkedCompiler, **without)(function)
+    dispatcher: Any = njit(pipeline_class=_ApartCompiler if apart else _LinkedCompiler, **without)(function)
     if cached:
         dispatcher._cache = _LinkedCache(function)
         compile_in_one_process(dispatcher, f"{function.__module__}.{function.__qualname__}, linked")

@@ -48,7 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.jit import as_records, inline_jit, jit
+from mjsheaf.jit import apart_jit, as_records, inline_jit, jit
 from mjsheaf.simulation.trajectory import quaternions_of
 from mjsheaf.vehicles.actuators import CHANNEL, FIXED, aim, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest
@@ -401,7 +401,7 @@ def _allocate(kind, thrusters, upright, weight, turn, force, moment, effort):
         allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort)
 
 
-@jit
+@apart_jit
 def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort):
     """Efforts within their limits: the weight, then roll and pitch, then yaw, then as much of translation as fits.
 
