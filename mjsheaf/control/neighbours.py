@@ -127,7 +127,11 @@ def row_around(cells, cell, row):
 
 @jit
 def sort_into_cells(cells, reach):
-    """Sort the vehicles at `cells.places` into cells for neighbours within `reach`, m, if the last sort does not serve.
+    """Sort the vehicles at `cells.places` into cells, if the last sort does not serve.
+
+    Args:
+        cells: List of cells, with the present places.
+        reach: Distance within which every vehicle's neighbours are wanted, m.
 
     Returns:
         False if a position is not a number or huge.

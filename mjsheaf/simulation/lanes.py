@@ -343,7 +343,15 @@ def _gather_waves(harmonics, first, last, waves):
 
 @inline_jit
 def _meet_steady(medium, first, t, waves, block):
-    """Write the velocity of a steady medium with disturbances at each vehicle; see `medium.medium_velocity`."""
+    """Write the velocity of a steady medium with disturbances at each vehicle; see `medium.medium_velocity`.
+
+    Args:
+        medium: Medium for which `_is_steady` holds.
+        first: Number of the first vehicle.
+        t: Time, s.
+        waves: Harmonics of the disturbances, from `_gather_waves`.
+        block: Rows of the vehicles.
+    """
     table = medium.kernels[medium.rows[first, 0] : medium.rows[first, 1]]
     for lane in range(LANES):
         _put(block, _MEDIUM, lane, triple(table[0, 2:]))
