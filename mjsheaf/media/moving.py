@@ -77,6 +77,13 @@ KINDS: dict[type, Kind] = {
 }
 
 
+GAUSSIAN = (GustArrays, FrozenArrays)
+"""Kinds without a bound."""
+
+WITHOUT_MEAN = (*GAUSSIAN, WaveArrays)
+"""Kinds whose velocity at a fixed place has no mean."""
+
+
 def new_states(parts: Parts) -> Parts:
     """Return states of all parts."""
     return tuple(KINDS[type(part)].new_state(part) for part in parts)
@@ -110,6 +117,15 @@ def unknown_flow(parts: Parts, states: Parts, v: int) -> str:
 def of_kind(parts: Parts, kind: type) -> list[Any]:
     """Return the parts of a kind."""
     return [part for part in parts if isinstance(part, kind)]
+
+
+def silence(parts: Parts, kinds: tuple[type, ...]) -> Parts:
+    """Return the parts, where no vehicle meets those of some kinds; their types stay, so that nothing recompiles."""
+    rows = [KINDS[type(part)].by_vehicle[0] if isinstance(part, kinds) else "" for part in parts]
+    return tuple(
+        part._replace(**{name: np.zeros_like(getattr(part, name))}) if name else part
+        for part, name in zip(parts, rows, strict=True)
+    )
 
 
 def hold_parts(parts, states, t, first, last):

@@ -26,10 +26,11 @@ from mjsheaf.checking.loop.linear_law import Feedback, LawModel, model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.checking.theorem.constants import agent_drift
+from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
 from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.io.section import Record
+from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
@@ -195,6 +196,7 @@ def mean_medium(system: System, time: Array, q_star: Array) -> Array:
     """
     stride = max(1, len(q_star) // _MOST_SAMPLES)
     w = agent_drift(system, q_star[::stride])
+    w += agent_motion(system, time[::stride], q_star[::stride], WITHOUT_MEAN)
     mean = np.trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
     return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
 

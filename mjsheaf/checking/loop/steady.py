@@ -3,7 +3,7 @@
 With q and q* measured from q* at the start, s = H q* is what the targets add to eta = H q - s. The law in the
 eigenvectors of H (see `linear_law`) has the inputs q, -s as an error of eta, s as what sensing edges report, and the
 displacement by the medium over the period before as what an agent sees of its own motion. The vehicles have the
-commands u and the velocity of the medium at q*, with its disturbance, as inputs. So
+commands u and the velocity of the medium at q*, with its disturbance, gusts, waves and tides, as inputs. So
 
     z_{k+1} = M z_k + E (s_k, f_k),    z = (q, states of the vehicles, what the law remembers)
 
@@ -18,11 +18,11 @@ from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import held_modes, linear_vehicles
+from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes, linear_vehicles
 from mjsheaf.checking.loop.linear_law import LinearLaw, model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
-from mjsheaf.checking.theorem.constants import agent_drift
+from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.control import LawArrays
 from mjsheaf.errors import UndecidedError
@@ -37,6 +37,7 @@ MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
 
 _MAX_NUMBERS = 4_000_000  # samples times states
+_GAUSS = 0.5 / np.sqrt(3.0)  # of a period, from its middle
 _SETTLING = 12.0  # times 1 / rate before the second half from which the loop is followed
 
 
@@ -135,6 +136,10 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
     shaken = evaluate(harmonics, times).reshape(last - first, -1)
     middle = 0.5 * (q_star[1:] + q_star[:-1])
     flow = agent_drift(system, middle) + shaken[:, system.team.slots[: q_star.shape[1]]]
+    for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
+        flow += 0.5 * agent_motion(system, instant, middle)
+    if not np.isfinite(flow).all():
+        raise UndecidedError("q* leaves the file of the flow")
     return _Path(q_star, flow, min(counted, last - first))
 
 
@@ -212,7 +217,7 @@ def _follow(
             [physical.learnt[0], np.zeros((memory * L, states)), physical.kept],
         ]
     )
-    if not np.abs(np.linalg.eigvals(M)).max() < 1.0:
+    if not np.abs(np.linalg.eigvals(M)).max() <= 1.0 + NEUTRAL_RATE * system.grid.period:
         raise UndecidedError("the loop is unstable")
     q_star = path.q_star - path.q_star[0]
     s = q_star @ system.team.dirichlet.H.toarray()

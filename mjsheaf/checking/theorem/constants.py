@@ -22,6 +22,7 @@ from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.media.bounds import Supremum, supremum
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.media.medium import moving_along
+from mjsheaf.media.moving import GAUSSIAN, silence
 from mjsheaf.system import System
 
 _MOST_CELLS = 50_000  # that are bounded
@@ -44,7 +45,8 @@ class Difference:
         bound: never exceeded by |f_B| along the path, m/s; infinite where the path is not known or meets a singularity.
         time: about when it is largest, s.
         carried, own, values: H^-1 B f_p, f_q(q*) and f_B at the path's own instants, stacked, shape (T, n_q), m/s.
-        shaken: H^-1 B omega_p there, what the targets' disturbances ask of the agents, m/s.
+        shaken: H^-1 B omega_p there, what the targets' disturbances ask of the agents, less what moves in the medium
+            that the agents meet at q*, m/s.
     """
 
     bound: float
@@ -58,7 +60,8 @@ class Difference:
 def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Difference:
     """Bound |f_B| along a path, and evaluate f_B at its instants."""
     carried, own = carrier.carry(np.nan_to_num(path.drift)), agent_drift(system, path.q_star)
-    values, shaken = carried - own, carrier.carry(_shaking(system, path))
+    values = carried - own
+    shaken = carrier.carry(_shaking(system, path)) - agent_motion(system, path.time, path.q_star, GAUSSIAN)
     if path.cells is None:
         return Difference(np.inf, float(path.time[0]), carried, own, np.full_like(values, np.nan), shaken)
     bound, time = _largest(system, path.cells, carrier)
@@ -175,6 +178,23 @@ def agent_drift(system: System, q: Array) -> Array:
     w = np.zeros_like(spread)
     for field, own in _agents_by_field(system):
         w[:, own] = system.flows[field].velocity(spread[:, own])
+    return w.reshape(len(q), -1)[:, system.team.slots[: q.shape[1]]]
+
+
+def agent_motion(system: System, time: Array, q: Array, without: tuple[type, ...] = ()) -> Array:
+    """What moves in the medium, at stacked agent states (T, n_q) and times (T,), s, stacked, shape (T, n_q), m/s.
+
+    It is without disturbances, and without parts of the kinds `without`.
+    """
+    if not system.moving:
+        return np.zeros_like(q)
+    N = len(system.team.agents)
+    places = np.repeat(system.initial[None], len(q), axis=0)
+    places[:, :N] = system.team.unpack(q)
+    harmonics = system.medium.harmonics
+    still = harmonics._replace(amplitude=np.zeros_like(harmonics.amplitude))
+    medium = system.medium._replace(harmonics=still, parts=silence(system.moving, without))
+    w = moving_along(medium, time, places)[:, :N]
     return w.reshape(len(q), -1)[:, system.team.slots[: q.shape[1]]]
 
 
