@@ -487,6 +487,8 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
     holds = theorem.applies and proven
     wanted = gain_for_wanted_radius(search, certificate, radius)
     source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
+    if constants.moving.slope:
+        source += f"; {constants.moving.slope:.3g} 1/s of it is the slope of what moves in the medium"
     if not slope.exact:
         source += " (an upper bound, not tight)"
     sets: dict[str, Any] = {
@@ -508,9 +510,9 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         lambda_min=spectrum.lambda_min,
         lambda_max=spectrum.lambda_max,
         sigma_max_B=spectrum.sigma_max_B,
-        omega_bar=constants.omega_bar,
-        f_bar=constants.difference.bound,
-        rho=slope.upper if rho is None else rho(start),
+        omega_bar=constants.moving.omega_bar,
+        f_bar=constants.f_bar,
+        rho=slope.upper + constants.moving.slope if rho is None else rho(start),
         rho_seen=slope.seen,
         rho_source=source if rho is None else "given by the user, here at the initial error",
         lambda_V=theorem.rate or None if holds or rate is not None else None,

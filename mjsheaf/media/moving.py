@@ -106,6 +106,30 @@ def bounds_of(parts: Parts, vehicles: int) -> Bounds:
     return total
 
 
+def pieces_of(parts: Parts) -> tuple[Parts, Parts]:
+    """Split parts into pieces that add up to them.
+
+    Returns:
+        Pieces that are one continuous flow of time and place for all who meet them, and all others: gusts, files with
+        land, and waves as vehicles in space meet them, below the surface alone.
+    """
+    shared: list[Any] = []
+    others: list[Any] = []
+    for part in parts:
+        if isinstance(part, VaryingArrays):
+            no_ramp = part.ramp * [0.0, 0.0, 0.0, 1.0, 1.0]
+            shared.append(part._replace(vortices=part.vortices[:0]))
+            shared += [part._replace(tide=0.0 * part.tide, ramp=no_ramp, vortices=row[None]) for row in part.vortices]
+        elif isinstance(part, WaveArrays):
+            shared.append(part._replace(met=np.where(part.met == 1, 1, 0)))
+            others.append(part._replace(met=np.where(part.met == 1, 0, part.met)))
+        elif isinstance(part, GridArrays) and np.isfinite(part.velocity).all():
+            shared.append(part)
+        else:
+            others.append(part)
+    return tuple(shared), tuple(others)
+
+
 def unknown_flow(parts: Parts, states: Parts, v: int) -> str:
     """Return why vehicle v met a flow that is not known, or an empty string."""
     for part, state in zip(parts, states, strict=True):

@@ -7,9 +7,13 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import examine_scenario
-from mjsheaf.checking.theorem.targets import follow_targets
+from mjsheaf.checking.theorem.certificate import certify
+from mjsheaf.checking.theorem.constants import bound_moving
+from mjsheaf.checking.theorem.targets import Carrier, follow_targets
+from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.media.medium import moving_along
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.load import scenario_from_mapping
 from tests.builders import mixed_scenario
 from tests.media.test_flow_events import pieces_of
 
@@ -47,6 +51,120 @@ def test_bounds_of_waves_are_not_exceeded_anywhere(seed: int) -> None:
     step *= h / np.linalg.norm(step, axis=2, keepdims=True)
     beside = moving_along(system.medium, times, places + step * [1.0, 1.0, 0.0])
     assert (np.linalg.norm(beside - at, axis=2) / h <= bounds.slope + 1e-3).all()
+
+
+VORTEX = {"centre": [-6.0, 1.0], "gamma": 8.0, "velocity": [0.5, 0.1]}
+SWELL = {"kind": "jonswap", "significant_height": 0.3, "peak_period": 12.0, "components": 4, "spreading": "cos2"}
+TIDE = {"amplitude": 0.4, "minor": 0.1, "period": 20.0, "direction": 30.0}
+
+
+def boats(gain: float = 3.0, **water: Any) -> Scenario:
+    """Return three boats about a fourth that sails a circle, all on water."""
+    return scenario_from_mapping(
+        {
+            "name": "boats",
+            "time": {"end": 20.0},
+            "controller": {"gain": gain, "control_period": 0.02},
+            "agents": [{"id": f"B{k}", "position": place} for k, place in enumerate([[4, 0], [-3, 2], [0, -4]])],
+            "targets": [
+                {
+                    "id": "T",
+                    "position": [0, 0],
+                    "motion": {"kind": "lissajous", "amplitude": [2, 2], "rate": [0.1, 0.1], "phase": [1.57, 0]},
+                }
+            ],
+            "communication": [["B0", "B1"], ["B1", "B2"]],
+            "sensing": [["B0", "T"], ["B2", "T"]],
+            "formations": [
+                {"name": "about", "shape": "polygon", "members": ["B0", "B1", "B2"], "about": "T", "radius": 3}
+            ],
+            "flow": {"water": {"dimension": 2, "core": 20.0, "drift": [0.1, 0.0], **water}},
+        }
+    )
+
+
+def gyre() -> Scenario:
+    """Return the team in a current out of a file, without its speed limit."""
+    return mjsheaf.load_scenario("double_gyre", {"controller.velocity_limit": None, "time.end": 100.0})
+
+
+SHARED = {
+    "tide": lambda: boats(tide=TIDE),
+    "ramp": lambda: boats(ramp={"velocity": [0.5, -0.3], "start": 2.0, "end": 6.0}),
+    "vortex": lambda: boats(vortices=[VORTEX]),
+    "swell": lambda: boats(waves=SWELL),
+    "all": lambda: boats(tide=TIDE, vortices=[VORTEX, {**VORTEX, "centre": [5, -4], "velocity": [-0.2, 0.3]}]),
+    "file": gyre,
+    "boats among aircraft": lambda: mixed_scenario(flow={"water": {"dimension": 2, "tide": TIDE}}, time={"end": 9.0}),
+}
+
+
+@pytest.mark.parametrize("name", SHARED)
+def test_nothing_that_moves_in_the_medium_exceeds_what_it_adds_to_the_constants(name: str) -> None:
+    """|K w(p) - w(q)| <= f_bar + omega_bar + rho |e|, along the path and at any error e."""
+    system, rng, n = SHARED[name]().system, np.random.default_rng(0), 20_000
+    team, spectrum, path = system.team, spectrum_of(system.team), follow_targets(system)
+    carrier, N = Carrier(system, spectrum), len(team.agents)
+    assert path.cells is not None
+    cells = np.sort(rng.integers(0, len(path.cells.begin), n))
+    share = rng.uniform(0.0, 1.0, n)
+    times = path.cells.begin[cells] + share * (path.cells.end - path.cells.begin)[cells]
+    order = np.argsort(times, kind="stable")
+    cells, share, times = cells[order], share[order], times[order]
+    targets = path.cells.centre[cells] + (2.0 * share - 1.0)[:, None, None] * path.cells.half[cells]
+    away = rng.standard_normal((n, N, 3)) * (10.0 ** rng.uniform(-3.0, 0.5, n))[:, None, None]
+    away *= [[[1.0, 1.0, agent.dimension - 2.0] for agent in team.agents]]
+    places = np.concatenate([team.unpack(carrier.extend(targets)) + away, targets], axis=1)
+    met = moving_along(system.medium, times, places)
+    own = met[:, :N].reshape(n, -1)[:, team.slots[: path.q_star.shape[1]]]
+    pushed = np.linalg.norm(carrier.carry(met[:, N:]) - own, axis=1)
+    error = np.linalg.norm(away.reshape(n, -1), axis=1)
+    steep, level = bound_moving(system, path, carrier, spectrum, 0.1)
+    for bound in (steep, level):
+        limits = bound.f_bar + bound.omega_bar + bound.slope * error
+        assert (pushed <= limits * (1.0 + 1e-9) + 1e-9).all()
+    apart = (pushed / (steep.f_bar + steep.omega_bar + steep.slope * error + 1e-9)).max()
+    assert apart > (0.0 if name in ("tide", "ramp") else 0.05)
+    assert steep.f_bar + steep.omega_bar < 0.5 * (level.f_bar + level.omega_bar) or level.slope == steep.slope
+    assert level.slope == 0.0
+
+
+def test_a_tide_that_all_meet_moves_no_error_and_enters_no_constant() -> None:
+    still, tidal = (mjsheaf.check(boats(**water))["theorem"] for water in (dict[str, Any](), {"tide": TIDE}))
+    assert tidal["omega_bar"] == 0.0
+    assert tidal["f_bar"] == pytest.approx(still["f_bar"], abs=1e-6)
+    assert tidal["radius_U"] == pytest.approx(still["radius_U"], abs=1e-6)
+    apart = mjsheaf.check(SHARED["boats among aircraft"]())["theorem"]
+    assert apart["f_bar"] + apart["omega_bar"] > 0.3
+
+
+@pytest.mark.parametrize("name", ["vortex", "swell", "all"])
+def test_runs_in_what_moves_stay_within_the_bound_of_the_theorem(name: str) -> None:
+    scenario = SHARED[name]()
+    flow = scenario.flow.model_dump(mode="json", exclude_none=True)
+    for seed in range(12):
+        phase = {"tide": {**TIDE, "phase": 30.0 * seed}} if name == "all" else {}
+        raw = scenario.model_dump(mode="json", exclude_none=True)
+        raw |= {"seed": seed, "flow": {"water": {**flow["water"], **phase}}}
+        run = scenario_from_mapping(raw)
+        certificate = certify(run.system)
+        assert certificate.applies, certificate.reason
+        assert certificate.constants.moving.slope > 0.0
+        data = mjsheaf.simulate(run, backend="ideal")
+        error = np.sqrt(np.nansum((data.harmonic_extension - data.agent_position).values ** 2, axis=(1, 2)))
+        elapsed = data.time.values - data.time.values[0]
+        assert (error <= certificate.bound(certificate.constants.initial_error, elapsed) * (1.0 + 1e-6)).all()
+
+
+def test_a_target_that_passes_through_the_surface_of_waves_has_no_known_path() -> None:
+    dives = {"kind": "lissajous", "amplitude": [0.1, 0.1, 3.0], "rate": [1.0, 1.0, 1.0], "phase": [0.0, 0.0, 0.0]}
+    targets = [
+        {"id": "diver", "position": [1, 1, -2], "motion": dives},
+        {"id": "ship", "position": [-3, 2], "heading": 45},
+    ]
+    fields = {"targets": targets, "target_edges": [], "target_formation": None}
+    warnings = [follow_targets(waving(**fields, time={"end": end}).system).warning for end in (0.1, 4.0)]
+    assert warnings == ["", "diver passes through the surface of the waves"]
 
 
 def test_the_path_of_targets_in_waves_lies_within_its_cells() -> None:

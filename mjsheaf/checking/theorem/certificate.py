@@ -40,6 +40,7 @@ from mjsheaf.checking.theorem.constants import (
     Constants,
     Region,
     Tube,
+    bound_moving,
     difference_along,
     speed_everywhere,
     tube_about,
@@ -47,7 +48,7 @@ from mjsheaf.checking.theorem.constants import (
 )
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
-from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, disturbance_bound, theorem_1
+from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, theorem_1
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.bounds import singular_points
@@ -223,16 +224,16 @@ class Search:
         self.spectrum = spectrum = spectrum_of(system.team)
         self._carrier = Carrier(system, spectrum)
         path = follow_targets(system, self._carrier)
-        largest, team = float(system.largest_disturbance.max(initial=0.0)), system.team
+        difference = difference_along(system, path, self._carrier)
+        moving, level = bound_moving(system, path, self._carrier, spectrum, difference.bound)
         if initial_error is None:
-            initial_error = float(np.linalg.norm(path.q_star[0] - team.split(system.initial)[0]))
+            initial_error = float(np.linalg.norm(path.q_star[0] - system.team.split(system.initial)[0]))
         self.constants = Constants(
             path=path,
-            difference=difference_along(system, path, self._carrier),
-            largest_disturbance=largest,
-            omega_bar=disturbance_bound(
-                spectrum.sigma_max_B, spectrum.lambda_min, len(team.agents), len(team.targets), largest
-            ),
+            difference=difference,
+            largest_disturbance=float(system.largest_disturbance.max(initial=0.0)),
+            moving=level if rho is not None else moving,
+            level=level,
             initial_error=initial_error,
         )
 
@@ -267,26 +268,30 @@ class Search:
 
     def weaker(self, speed: float) -> Theorem:
         """The bound with rho = 0, where f~ = f_q(q*) - f_q(q) is at most twice the flow's speed for each agent."""
-        return self.theorem(0.0, None, 2.0 * np.sqrt(len(self.system.team.agents)) * speed)
+        c, gain = self.constants, self.system.gain
+        f_bar = c.difference.bound + c.level.f_bar + 2.0 * np.sqrt(len(self.system.team.agents)) * speed
+        return theorem_1(gain, self.spectrum.lambda_min, f_bar, c.level.omega_bar, 0.0, None, c.initial_error)
 
-    def theorem(self, rho: float | Rho, rate: float | None, more: float = 0.0) -> Theorem:
-        """Theorem 1 with a rho, and with f_bar enlarged."""
-        c = self.constants
-        f_bar, lambda_min = c.difference.bound + more, self.spectrum.lambda_min
-        return theorem_1(self.system.gain, lambda_min, f_bar, c.omega_bar, rho, rate, c.initial_error)
+    def theorem(self, rho: float | Rho, rate: float | None) -> Theorem:
+        """Evaluate Theorem 1 with a rho of the steady flow, or with the user's own rho for all of it."""
+        c, gain = self.constants, self.system.gain
+        whole = rho if isinstance(rho, Rho) else rho + c.moving.slope
+        lambda_min = self.spectrum.lambda_min
+        return theorem_1(gain, lambda_min, c.f_bar, c.moving.omega_bar, whole, rate, c.initial_error)
 
     def own_tube(self, rate: float | None) -> Region | None:
         """The tube of Theorem 1's own bound, with a rho that holds over it; None where none is found."""
-        theorem = self.theorem(self.rho or 0.0, rate)
+        slope = 0.0
         for _ in range(_MOST_ROUNDS):
+            theorem = self.theorem(self.rho or slope, rate)
             if not self._confines(theorem):
                 return None
             tube = self.tube(theorem)
-            if self.rho is not None or tube.slope.upper <= theorem.lipschitz:
+            if self.rho is not None or tube.slope.upper <= slope:
                 # The assumed slope may be a little more than the tube's.
-                rho = tube.slope if self.rho is not None else replace(tube.slope, upper=theorem.lipschitz)
+                rho = tube.slope if self.rho is not None else replace(tube.slope, upper=slope)
                 return Region(tube, "a tube about q* as wide as the bound", True, rho)
-            theorem = self.theorem(RHO_STEP * tube.slope.upper, rate)
+            slope = RHO_STEP * tube.slope.upper
         return None
 
     def _confines(self, bound: Theorem) -> bool:
@@ -421,13 +426,15 @@ def _assumption(number: int, name: str, verdict: Verdict, value: float | None, u
 
 
 def _bounded(system: System, largest: float) -> Finding:
-    """Sums of sines are bounded; gusts are Gaussian, and no bound is claimed."""
+    """Decide: sums of sines, waves, tides and files are bounded; gusts are Gaussian, and no bound is claimed."""
     gusts = np.flatnonzero(~np.isfinite(system.largest_disturbance))
     if len(gusts):
         who = _first([system.team.members[v].id for v in gusts], 6)
         return "does not apply", None, "m/s", f"the gusts of {who} are Gaussian, not bounded: see disturbance.rms"
-    sines = "sums of sines: continuous, and bounded by construction" if largest else "there is no disturbance"
-    return "holds", largest, "m/s", sines
+    witness = "sums of sines: continuous, and bounded by construction" if largest else "there is no disturbance"
+    if system.moving and largest:
+        witness = "what moves in the medium is continuous and bounded; what vehicles share counts in f_bar and rho"
+    return "holds", largest, "m/s", witness
 
 
 def _smooth(system: System, region: Region, confined: bool, constants: Constants) -> Finding:

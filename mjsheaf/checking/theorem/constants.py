@@ -9,20 +9,37 @@ most r_k about a centre and f_p,k by at most s_k, with |K_ik| the norms of the b
 
 As long as |e(t)| <= R(t), each agent is within R(t) of its q*_i(t). So bounds on the flow's slope and speed over the
 tube of that radius about q* hold along the run.
+
+What moves in the medium is bounded in one of two ways. As a disturbance, it adds its largest speed S to omega_bar_i.
+But it is mostly one flow w(x, t) for all vehicles of a set, and only its differences move e. With E_q and E_p the maps
+that give each agent and target of the set the same velocity, c any place, and L the largest norm of the Jacobian of w,
+
+    K w(p, t) - w(q, t) = (K E_p - E_q) w(c, t) + K d_p - d_q + (w(q*, t) - w(q, t)),
+    |d_k| <= L |x_k - c| at p_k and q*_k,    |w(q*, t) - w(q, t)| <= L |e|,
+
+so that it adds sigma S + L D to f_bar and L to rho, with sigma the norm of K E_p - E_q and D a bound on
+|K (x_p - c) - (x_q* - c)| by the norms of K's blocks, along the path. sigma is 0 where all meet the flow: a tide alone
+moves the whole team and no error. A grid is continued beyond its box by the value at the nearest point, which keeps S
+and L. Nothing else is used of w: the proof of the theorem holds as it is. Each flow is bounded in the way that makes
+the ultimate radius smaller.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
+from mjsheaf.checking.topology.cohomology import Spectrum
+from mjsheaf.control.theorem import disturbance_bound
+from mjsheaf.media import disturbance
 from mjsheaf.media.bounds import Supremum, supremum
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.media.medium import moving_along
-from mjsheaf.media.moving import GAUSSIAN, silence
+from mjsheaf.media.moving import GAUSSIAN, bounds_of, pieces_of, silence
 from mjsheaf.system import System
 
 _MOST_CELLS = 50_000  # that are bounded
@@ -182,9 +199,16 @@ def agent_drift(system: System, q: Array) -> Array:
 
 
 def agent_motion(system: System, time: Array, q: Array, without: tuple[type, ...] = ()) -> Array:
-    """What moves in the medium, at stacked agent states (T, n_q) and times (T,), s, stacked, shape (T, n_q), m/s.
+    """Evaluate what moves in the medium where agents are, without disturbances.
 
-    It is without disturbances, and without parts of the kinds `without`.
+    Args:
+        system: The system.
+        time: Times, shape (T,), s.
+        q: Stacked states of the agents, shape (T, n_q), m.
+        without: Kinds of parts that are left out.
+
+    Returns:
+        Velocities, stacked, shape (T, n_q), m/s.
     """
     if not system.moving:
         return np.zeros_like(q)
@@ -249,6 +273,94 @@ class Tube:
         return max(found, key=lambda s: s.upper)
 
 
+class Moving(NamedTuple):
+    """Bounds of what moves in the medium: see the module.
+
+    Attributes:
+        f_bar: What it adds to f_bar, m/s.
+        omega_bar: Bound on |Delta| by all that is a disturbance, m/s.
+        slope: What it adds to rho, 1/s.
+    """
+
+    f_bar: float
+    omega_bar: float
+    slope: float
+
+
+def bound_moving(system: System, path: TargetPath, carrier: Carrier, spectrum: Spectrum, f_bar: float) -> list[Moving]:
+    """Bound what moves in the medium in the better way for each flow, with and without what adds to rho.
+
+    Args:
+        system: The system.
+        path: Path of its targets.
+        carrier: Its carrier.
+        spectrum: Spectrum of H and sigma_max(B).
+        f_bar: f_bar by the steady flow, m/s.
+
+    Returns:
+        The bounds with what adds to rho, and those without.
+    """
+    N, V = len(system.team.agents), len(system.field)
+    rate = system.gain * spectrum.lambda_min
+    pieces, others = pieces_of(system.moving)
+    if path.cells is None or not rate > 0.0:
+        pieces, others = (), system.moving
+    bounds = np.array([_bound_shared(system, path, carrier, piece) for piece in pieces]).reshape(-1, 2)
+
+    def sharing(shared: list[int]) -> Moving:
+        """Bound all, with the pieces of these numbers as flows that vehicles share."""
+        rest = (*others, *(piece for k, piece in enumerate(pieces) if k not in shared))
+        speeds = disturbance.bounds(system.harmonics) + bounds_of(rest, V).speed
+        largest = float((speeds if shared else system.largest_disturbance).max(initial=0.0))
+        omega_bar = disturbance_bound(spectrum.sigma_max_B, spectrum.lambda_min, N, V - N, largest)
+        return Moving(float(bounds[shared, 0].sum()), omega_bar, float(bounds[shared, 1].sum()))
+
+    def radius(moving: Moving) -> float:
+        """Return the ultimate radius at the best rate, up to a factor, m."""
+        left = 0.5 * rate - moving.slope
+        return (f_bar + moving.f_bar + moving.omega_bar) / np.sqrt(left) if left > 0.0 else np.inf
+
+    found = []
+    for steepest in (np.inf, 0.0):
+        shared = list[int]()
+        for k in np.flatnonzero(bounds[:, 1] <= steepest).tolist():
+            if radius(sharing([*shared, k])) < radius(sharing(shared)):
+                shared.append(k)
+        found.append(sharing(shared))
+    return found
+
+
+def _bound_shared(system: System, path: TargetPath, carrier: Carrier, piece: Any) -> tuple[float, float]:
+    """Bound a flow that vehicles share: see the module.
+
+    Args:
+        system: The system.
+        path: Path of its targets, which is known.
+        carrier: Its carrier.
+        piece: Parameters of the flow.
+
+    Returns:
+        sigma S + L D, m/s, and L, 1/s.
+    """
+    N, n_q, bounds = len(system.team.agents), path.q_star.shape[1], bounds_of((piece,), len(system.field))
+    met = (piece.met > 0).astype(np.float64)
+    speed, slope = float(bounds.speed.max(initial=0.0)), float(bounds.slope.max(initial=0.0))
+    same = np.eye(3)[:, None] * met[:, None]
+    own = same[:, :N].reshape(3, -1)[:, system.team.slots[:n_q]]
+    sigma = float(np.linalg.norm(carrier.carry(same[:, N:]) - own, ord=2))
+    if slope == 0.0:
+        return sigma * speed + _ROUNDING * speed, 0.0
+    assert path.cells is not None
+    cells = coarser(path.cells, _MOST_SPANS)
+    reach = np.linalg.norm(cells.half, axis=2) + cells.bend
+    places = np.concatenate([system.team.unpack(carrier.extend(cells.centre)), cells.centre], axis=1)
+    middle = (places * met[:, None]).sum(axis=1) / max(met.sum(), 1.0)
+    away = np.linalg.norm(places - middle[:, None], axis=2) + np.concatenate([carrier.reach(reach), reach], axis=1)
+    away *= met
+    apart = float(carrier.spread(away[:, N:], np.ones_like(away[:, :N]), away[:, :N]).max())
+    return (sigma * speed + slope * apart) * (1.0 + _ROUNDING) + _ROUNDING * speed, slope
+
+
 @dataclass(frozen=True)
 class Constants:
     """The constants of a system, but for those of a region.
@@ -257,15 +369,22 @@ class Constants:
         path: the targets' path and the harmonic extension along it.
         difference: f_B along the targets' path; its bound is f_bar.
         largest_disturbance: largest omega_bar_i, m/s.
-        omega_bar: bound on |Delta|, m/s.
+        moving: Bounds of what moves in the medium.
+        level: The same without anything that adds to rho, for the bound with rho = 0.
         initial_error: |e(t0)|, m.
     """
 
     path: TargetPath
     difference: Difference
     largest_disturbance: float
-    omega_bar: float
+    moving: Moving
+    level: Moving
     initial_error: float
+
+    @property
+    def f_bar(self) -> float:
+        """Bound on |f_B| along the path, with the flows in time that vehicles share, m/s."""
+        return self.difference.bound + self.moving.f_bar
 
 
 @dataclass(frozen=True)

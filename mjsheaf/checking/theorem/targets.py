@@ -34,7 +34,8 @@ from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media import disturbance
 from mjsheaf.media.flow import flow_scale, flow_slope
 from mjsheaf.media.medium import MediumArrays, moving_velocity
-from mjsheaf.media.moving import rows_of
+from mjsheaf.media.moving import of_kind, rows_of
+from mjsheaf.media.waves import WaveArrays
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import System
@@ -437,6 +438,7 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
         if _DIFFERENCES * apart > error:
             error = _DIFFERENCES * apart
             samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, margin=error)
+        _require_one_side(system, cells)
         # Cells that hold every path within `error` of the one that they cover.
         cells = cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
     except _UnknownPathError as unknown:
@@ -450,6 +452,16 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     positions[:-1, N:], positions[-1, N:] = cells.centre[kept] - cells.half[kept], cells.centre[-1] + cells.half[-1]
     q_star = extend(positions[:, N:])
     return TargetPath(time, positions, drift, q_star, cells, error, samples[:: _between(system)], _stride(system), "")
+
+
+def _require_one_side(system: System, cells: Cells) -> None:
+    """Refuse a path through the surface of waves, where the velocity that a target in space meets jumps."""
+    N = len(system.team.agents)
+    for waves in of_kind(system.moving, WaveArrays):
+        low, high = (cells.centre[..., 2] + s * (np.abs(cells.half[..., 2]) + cells.bend) for s in (-1.0, 1.0))
+        through = np.any((low < waves.level[0]) & (waves.level[0] <= high), axis=0) & (waves.met[N:] == 2)
+        for k in np.flatnonzero(through):
+            raise _UnknownPathError(f"{system.team.target_ids[k]} passes through the surface of the waves")
 
 
 def _integrate(system: System, share: float, tolerance: float, margin: float) -> tuple[Array, Cells]:

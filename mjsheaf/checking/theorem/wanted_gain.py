@@ -93,7 +93,7 @@ class _Trials:
         theorem = certificate.theorem
         if certificate.applies and search.rate is None and theorem.radius <= radius:
             self.does = theorem.gain
-            self._narrow(self._needed(theorem.lipschitz))
+            self._narrow(self._needed(certificate.region.rho.upper))
 
     def smallest(self) -> float | None:
         """Return the smallest gain found that gives the radius, 1/s; None without any."""
@@ -143,8 +143,8 @@ class _Trials:
     def _needed(self, slope: float) -> float:
         """Return the gain that a slope, or the user's own bound, requires, 1/s."""
         c, spectrum = self._certificate.constants, self._certificate.spectrum
-        rho = self._search.rho or slope
-        return gain_for_radius(self._radius, spectrum.lambda_min, c.difference.bound, c.omega_bar, rho, c.initial_error)
+        rho = self._search.rho or slope + c.moving.slope
+        return gain_for_radius(self._radius, spectrum.lambda_min, c.f_bar, c.moving.omega_bar, rho, c.initial_error)
 
     def _sure(self) -> Array:
         """Return gains that give the radius: the bound then stays in a tube of a fixed radius, with the slope there.
@@ -155,8 +155,8 @@ class _Trials:
         gains = []
         for r in self._radius * _RADII:
             wide = max(float(r), c.initial_error)
-            slope = RHO_STEP * self._search.tube_of(wide).slope.upper
-            gains.append(gain_for_radius(float(r), spectrum.lambda_min, c.difference.bound, c.omega_bar, slope))
+            slope = RHO_STEP * self._search.tube_of(wide).slope.upper + c.moving.slope
+            gains.append(gain_for_radius(float(r), spectrum.lambda_min, c.f_bar, c.moving.omega_bar, slope))
             if wide > r:
                 break
         finite = np.array(gains)
