@@ -14,7 +14,7 @@ Source: the paper's Section VI, and the kernels of its published run.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Annotated, Literal
 
@@ -198,6 +198,14 @@ class Channel(Section):
     width: Positive = Field(description="standard deviation across the direction [m]")
     length: Positive = Field(description="standard deviation along the direction [m]")
 
+    @model_validator(mode="after")
+    def _is_no_line(self) -> "Channel":
+        if not np.linalg.norm(self.direction) or min(self.width, self.length) < _NARROWEST:
+            raise ValueError(
+                f"a channel needs a non-zero direction and a positive width and length, of {_NARROWEST:g} m at least"
+            )
+        return self
+
     def row(self, _: float) -> list[float]:
         """As that of a source."""
         along = np.asarray(self.direction) / np.linalg.norm(self.direction, axis=0)  # 0: without BLAS
@@ -223,27 +231,34 @@ class FlowField(Section):
     waves: Waves | None = Field(None, description="waves, in `flow.water` alone; none unless given")
 
     @model_validator(mode="after")
-    def _fits(self) -> "FlowField":
-        n, space = self.dimension, self.dimension == 3
-        if any((k.axis is not None) != space for k in self.vortices):
+    def _poles_are_complete(self) -> "FlowField":
+        if any((vortex.axis is not None) != (self.dimension == 3) for vortex in self.vortices):
             raise ValueError("vortices: in space each needs an axis; in the plane the axis is z, leave it out")
         if (self.sources or self.vortices) and self.core is None:
             raise ValueError("sources and vortices are singular at their centre: give a 'core' radius (0 leaves it so)")
-        if any(k.velocity is not None for k in self.vortices) and not self.core:
+        if any(vortex.velocity is not None for vortex in self.vortices) and not self.core:
             raise ValueError("vortices: one that moves needs a 'core' radius above 0")
-        points = {"drift": self.drift, "ramp.velocity": self.ramp.velocity if self.ramp else None}
-        points |= {f"channels.{k}.direction": c.direction for k, c in enumerate(self.channels)}
-        points |= {f"vortices.{k}.velocity": vortex.velocity for k, vortex in enumerate(self.vortices)}
-        for name in ("sources", "vortices", "channels"):
-            points |= {f"{name}.{k}.centre": kernel.centre for k, kernel in enumerate(getattr(self, name))}
-        for name, point in points.items():
-            if point is not None and len(point) != n:
-                raise ValueError(f"{name} has {len(point)} numbers; expected {n}")
-        if any(not np.linalg.norm(c.direction) or min(c.width, c.length) < _NARROWEST for c in self.channels):
-            raise ValueError(
-                f"a channel needs a non-zero direction and a positive width and length, of {_NARROWEST:g} m at least"
-            )
         return self
+
+    @model_validator(mode="after")
+    def _points_have_its_dimension(self) -> "FlowField":
+        for name, point in self._points():
+            if point is not None and len(point) != self.dimension:
+                raise ValueError(f"{name} has {len(point)} numbers; expected {self.dimension}")
+        return self
+
+    def _points(self) -> Iterator[tuple[str, Point | None]]:
+        """Yield the names of all points and directions, and their values."""
+        yield "drift", self.drift
+        yield "ramp.velocity", self.ramp.velocity if self.ramp else None
+        for k, source in enumerate(self.sources):
+            yield f"sources.{k}.centre", source.centre
+        for k, vortex in enumerate(self.vortices):
+            yield f"vortices.{k}.centre", vortex.centre
+            yield f"vortices.{k}.velocity", vortex.velocity
+        for k, channel in enumerate(self.channels):
+            yield f"channels.{k}.centre", channel.centre
+            yield f"channels.{k}.direction", channel.direction
 
     @cached_property
     def table(self) -> Array:
