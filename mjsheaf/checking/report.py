@@ -196,17 +196,30 @@ def _disturbance(found: DisturbanceRecord) -> list[Table]:
     if found.rms == 0.0:
         return []
     rows: list[Row] = [("error", _number(found.rms, "m"), found.reason or "RMS over agents on ideal kinematics")]
-    on_bodies = [rms for rms in found.bodies.values() if rms is not None]
-    if on_bodies:
-        who = max(found.bodies, key=lambda id: found.bodies[id] or 0.0)
-        total = math.sqrt(sum(rms**2 for rms in on_bodies) / len(on_bodies))
-        rows.append(("on bodies", _number(total, "m"), f"largest {_number(found.bodies[who], 'm')}, of {who}"))
-    elif found.bodies_reason:
-        rows.append(("on bodies", "undecided", found.bodies_reason))
+    rows += _rms_on_bodies(found)
+    for id, altitude in found.clipped.items():
+        rows.append(("altitude", id, f"begins where the model does not hold; its gusts are those at {altitude:g} m"))
     for id, speed in found.carried_off.items():
         remark = f"the medium is {_number(speed, 'm/s')} faster at times than its vehicle can be"
         rows.append(("cannot hold station", id, remark))
     return [_pairs("gusts and waves, once the loop has settled", rows)]
+
+
+def _rms_on_bodies(found: DisturbanceRecord) -> list[Row]:
+    """Return the RMS error on bodies, or why it is not known.
+
+    Args:
+        found: Errors that gusts and waves leave.
+
+    Returns:
+        A row, or none where the error is not known on ideal kinematics either.
+    """
+    on_bodies = [rms for rms in found.bodies.values() if rms is not None]
+    if on_bodies:
+        who = max(found.bodies, key=lambda id: found.bodies[id] or 0.0)
+        total = math.sqrt(sum(rms**2 for rms in on_bodies) / len(on_bodies))
+        return [("on bodies", _number(total, "m"), f"largest {_number(found.bodies[who], 'm')}, of {who}")]
+    return [("on bodies", "undecided", found.bodies_reason)] if found.bodies_reason else []
 
 
 def _separation(found: SafetyRecord | None) -> list[Table]:

@@ -144,7 +144,15 @@ def of_kind(parts: Parts, kind: type) -> list[Any]:
 
 
 def silence(parts: Parts, kinds: tuple[type, ...]) -> Parts:
-    """Return the parts, where no vehicle meets those of some kinds; their types stay, so that nothing recompiles."""
+    """Return parts that no vehicle meets where they are of some kinds.
+
+    Args:
+        parts: Parameters of the parts.
+        kinds: Kinds to silence.
+
+    Returns:
+        Parts of the same types, so that nothing is compiled again.
+    """
     rows = [KINDS[type(part)].by_vehicle[0] if isinstance(part, kinds) else "" for part in parts]
     return tuple(
         part._replace(**{name: np.zeros_like(getattr(part, name))}) if name else part

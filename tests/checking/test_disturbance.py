@@ -1,12 +1,16 @@
 """Predictions of the RMS error by gusts and waves: published numbers, and long runs on ideal kinematics and bodies."""
 
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import mjsheaf
+from mjsheaf.checking import examine_scenario
+from mjsheaf.checking.report import report
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
 from tests.builders import mixed_scenario
@@ -101,6 +105,16 @@ def test_a_sea_of_few_waves_is_predicted_by_them() -> None:
     assert measured(scenario, "ideal", 4000.0, 1)["A"] == pytest.approx(predicted, rel=0.01)
 
 
+@pytest.mark.parametrize("peak_period", [2.0, 4.0])
+def test_a_hull_on_the_slopes_of_short_waves_moves_as_predicted(peak_period: float) -> None:
+    """Compare a single wave: at 2 s the slope moves the hand point 40 % farther than the velocity alone does."""
+    wave = {"kind": "jonswap", "significant_height": 0.02, "peak_period": peak_period, "components": 1}
+    boat = {"agents": [{"id": "A", "position": [5, 0], "vehicle": "otter"}]}
+    scenario = lone(0.5, 0.1, wave, **boat, physics={"timestep": 0.01, "contacts": False})
+    predicted = mjsheaf.check(scenario)["disturbance"]["bodies"]["A"]
+    assert measured(scenario, "physics", 200.0, 1, "fused")["A"] == pytest.approx(predicted, rel=0.02)
+
+
 def over_seeds(name: str, backend: str, runs: int) -> dict[str, float]:
     """Return the RMS of each agent's error about the mean of runs that differ in their seeds, after a third, m."""
     found = []
@@ -147,6 +161,19 @@ def test_predictions_agree_with_long_runs_as_the_guide_has_it(name: str) -> None
         numbers = [float(cell) for cell in line.split("|")[3:7]]
         assert numbers[::2] == pytest.approx(found[::2], abs=6e-4)
         assert numbers[1::2] == pytest.approx(found[1::2], rel=0.01)
+
+
+def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
+    agents = [{"id": f"H{z}", "position": [z, 0, z], "vehicle": "hexarotor"} for z in (1, 20, 400)]
+    flow = {"air": {"dimension": 3, "gusts": {"kind": "dryden", "wind_speed": 6.0}}}
+    scenario = lone(0.5, 0.1, PM, agents=agents, sensing=[[agent["id"], "T"] for agent in agents], flow=flow)
+    record = examine_scenario(scenario).record
+    assert record.disturbance.clipped == pytest.approx({"H1": 3.048, "H400": 304.8})
+    terminal = Console(width=200, record=True, file=StringIO())
+    terminal.print(report(record))
+    line = next(line for line in terminal.export_text().splitlines() if "those at 304.8 m" in line)
+    assert "H400" in line
+    assert mjsheaf.check(team())["disturbance"]["clipped"] == {}
 
 
 def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:

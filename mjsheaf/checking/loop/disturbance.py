@@ -9,10 +9,13 @@ target that the medium moves takes q* along. Where the law is continuous, the lo
 
 On bodies the loop is that of the linear vehicles. In axes that move with the medium a vehicle does not know that it
 moves; so with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w.
-Waves act by their horizontal velocity alone: heave, roll and pitch are left out.
+A hull rights itself to the surface, so the same holds of a slope s with the attitude E_s upright on it:
+x+ = A x + (E_s - A E_s) s and p+ = p + C x - C E_s s. Heave is left out. A boat that holds no heading turns along the
+waves, within minutes, by an effect of second order that the linear vehicle does not have: it is taken as turned.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,6 +59,11 @@ class DisturbanceRecord(Record):
         description="agents that cannot hold station at times: by how much the medium's speed, its mean and twice its "
         "RMS, exceeds the vehicle's steady speed in its slowest direction, m/s",
     )
+    clipped: dict[str, float] = Field(
+        {},
+        description="vehicles that begin below or above the altitudes for which the model of the gusts holds: altitude "
+        "of the gusts that they meet, m",
+    )
     reason: str = Field("", description="why it is not known, or empty")
     bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
 
@@ -68,6 +76,7 @@ class _Loop(NamedTuple):
         met: Input of the agents' mean velocities, shape (S, n_q), s and 1.
         carried: Input of the mean velocity of q*, shape (S, n_q), s.
         shown: Rows that give the error, shape (n_q, S).
+        tilted: Input of the slopes of the surface about the agents, along x and y, shape (S, n_q), 1.
         period: Time between samples, s.
         continuous: Eigenvalues k1 lambda of a continuous law and their vectors; None where it is held.
     """
@@ -76,26 +85,24 @@ class _Loop(NamedTuple):
     met: Array
     carried: Array
     shown: Array
+    tilted: Array
     period: float
     continuous: tuple[Array, Array] | None = None
 
-    def response(self, angle: float) -> tuple[Complex, Complex]:
-        """Return E of the agents' velocities and of that of q*, at an angle omega h, shape (n_q, n_q) each, s."""
-        both = np.concatenate([self.met, self.carried], axis=1)
-        solved = self.shown @ np.linalg.solve(np.exp(1j * angle) * np.eye(len(self.M)) - self.M, both)
-        n = self.met.shape[1]
-        return solved[:, :n].astype(np.complex128), solved[:, n:].astype(np.complex128)
+    def response(self, angle: float) -> Complex:
+        """Return E of velocities of agents, of q*, and of slopes, at an angle omega h, shape (3, n_q, n_q), s and m."""
+        inputs = np.concatenate([self.met, self.carried, self.tilted], axis=1)
+        solved = self.shown @ np.linalg.solve(np.exp(1j * angle) * np.eye(len(self.M)) - self.M, inputs)
+        return np.array(np.split(solved, 3, axis=1), dtype=np.complex128)
 
-    def response_to_waves(self, rate: float) -> tuple[Complex, Complex]:
+    def response_to_waves(self, rate: float) -> Complex:
         """Return the same of a wave of a frequency, rad/s, by its velocity at the middle of a period."""
         if self.continuous is not None:
             values, vectors = self.continuous
-            answer = ((vectors / (1j * rate + values)) @ vectors.T).astype(np.complex128)
-            return answer, -answer
+            answer = (vectors / (1j * rate + values)) @ vectors.T
+            return np.array([answer, -answer, 0.0 * answer], dtype=np.complex128)
         angle = rate * self.period
-        mean = np.sinc(angle / (2.0 * np.pi))
-        met, carried = self.response(angle)
-        return mean * met, mean * carried
+        return np.sinc(angle / (2.0 * np.pi)) * self.response(angle)
 
 
 def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> DisturbanceRecord:
@@ -110,7 +117,7 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
     if not _moves(system):
         return DisturbanceRecord(rms=0.0, agents=dict.fromkeys(ids, 0.0), bodies=dict.fromkeys(ids, 0.0))
     bodies, bodies_reason = dict[str, float](), ""
-    carried_off = _carried_off(system, medium)
+    known = {"carried_off": _carried_off(system, medium), "clipped": _clipped(system)}
     try:
         _require_known(system)
         ideal = _rms(system, _ideal_loop(system, spectrum), np.zeros(len(system.team.targets)))
@@ -118,7 +125,7 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
         reason = str(error)
         unknown = dict.fromkeys(ids)
         reasons = {"reason": reason, "bodies_reason": reason}
-        return DisturbanceRecord(rms=None, agents=unknown, bodies={}, carried_off=carried_off, **reasons)
+        return DisturbanceRecord(rms=None, agents=unknown, bodies={}, **known, **reasons)
     try:
         tau = np.array([v.reduced_model().tau.max() for v in system.vehicles[len(ids) :]])
         real = _rms(system, _body_loop(system, spectrum, medium), tau)
@@ -127,9 +134,17 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
         bodies_reason = str(error)
     rms = float(np.sqrt(np.mean(ideal**2)))
     agents = dict(zip(ids, ideal.tolist(), strict=True))
-    return DisturbanceRecord(
-        rms=rms, agents=agents, bodies=bodies, carried_off=carried_off, bodies_reason=bodies_reason
-    )
+    return DisturbanceRecord(rms=rms, agents=agents, bodies=bodies, **known, bodies_reason=bodies_reason)
+
+
+def _clipped(system: System) -> dict[str, float]:
+    """Return the altitude of the gusts of each vehicle that begins outside the range of their model, m."""
+    found = {}
+    for id, field, place in zip(system.team.index, system.field, system.initial, strict=True):
+        gusts, height = system.flows[field].gusts, float(place[2]) - system.bodies.surface_height
+        if gusts is not None and isinstance(gusts.altitude, str) and gusts.altitude_of(height) != height:
+            found[id] = gusts.altitude_of(height)
+    return found
 
 
 def _carried_off(system: System, medium: Array) -> dict[str, float]:
@@ -184,7 +199,7 @@ def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
         rates = system.gain * values
         into = (vectors * (-np.expm1(-rates * h) / rates)) @ vectors.T
         M = (vectors * np.exp(-rates * h)) @ vectors.T
-        return _Loop(M, into, -into, np.eye(n_q), h, (rates, vectors))
+        return _Loop(M, into, -into, np.eye(n_q), 0.0 * into, h, (rates, vectors))
     shapes = ((np.zeros((0, 0)), np.zeros((0, n)), np.zeros((n, 0)), h * np.eye(n)) for n in _sizes(system))
     return _closed(system, spectrum, [LinearVehicle(*parts) for parts in shapes], h)
 
@@ -193,8 +208,26 @@ def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
     """Return the loop of the agents' vehicles."""
     if system.grid.continuous and of_kind(system.moving, GustArrays) + of_kind(system.moving, FrozenArrays):
         raise UndecidedError("the law is continuous, and gusts are held")
-    agents, period = linear_team(system, medium)
+    agents, period = linear_team(_turned(system), medium)
     return _closed(system, spectrum, agents, period)
+
+
+def _turned(system: System) -> System:
+    """Turn vehicles that hold no heading along the waves, the shorter way.
+
+    Args:
+        system: The system.
+
+    Returns:
+        The system with other initial headings.
+    """
+    heading = system.bodies.heading.copy()
+    for v in np.flatnonzero(system.planar):
+        waves = system.flows[system.field[v]].waves
+        if waves is not None and not system.vehicles[v].steering.attitude:
+            along = np.radians(waves.direction)
+            heading[v] = along + np.pi * np.round((heading[v] - along) / np.pi)
+    return replace(system, bodies=replace(system.bodies, heading=heading))
 
 
 def _sizes(system: System) -> list[int]:
@@ -207,22 +240,25 @@ def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: 
     if len(M) > 2 * _MOST_STATES:
         raise UndecidedError(f"the loop has {len(M)} states; up to {2 * _MOST_STATES} are solved")
     n_q, m = Q.shape
-    met, carried = np.zeros((len(M), n_q)), np.zeros((len(M), n_q))
+    met, carried, tilted = np.zeros((3, len(M), n_q))
     carried[:m] = -h * Q.T
     row, column = m, 0
     for one, n in zip(agents, _sizes(system), strict=True):
         s = len(one.A)
-        velocity = np.zeros((s, n))
+        velocity, tilt = np.zeros((2, s, n))
         if s:
             first = 3 + (3 - n)  # after the attitude and, of a floating vehicle, the height
             velocity[first : first + n] = np.eye(n)
+            tilt[:2, :2] = [[0.0, 1.0], [-1.0, 0.0]] if n == 2 else 0.0  # upright on a slope
         columns = slice(column, column + n)
+        tilted[:m, columns] = -Q[columns].T @ one.C @ tilt
+        tilted[row : row + s, columns] = tilt - one.A @ tilt
         met[:m, columns] = Q[columns].T @ (h * np.eye(n) - one.C @ velocity)
         met[row : row + s, columns] = velocity - one.A @ velocity
         row, column = row + s, column + n
     shown = np.zeros((n_q, len(M)))
     shown[:, :m] = Q
-    return _Loop(M, met, carried, shown, h)
+    return _Loop(M, met, carried, shown, tilted, h)
 
 
 class _Source(NamedTuple):
@@ -279,15 +315,20 @@ def _of_waves(system: System, loop: _Loop, carrier: Carrier, tau: Array, waves: 
     met = (system.field == number) & system.planar
     places = _places(system)
     variance = np.zeros(loop.shown.shape[0])
-    answers: dict[float, tuple[Complex, Complex]] = {}
-    for rate, number_, unit, speed in zip(waves.rate, waves.number, waves.unit, waves.speed, strict=True):
+    slots = system.team.slots[: len(variance)]
+    answers: dict[float, Complex] = {}
+    for rate, number_, unit, speed, height in zip(
+        waves.rate, waves.number, waves.unit, waves.speed, waves.amplitude, strict=True
+    ):
         phase = np.exp(-1j * number_ * (places[:, :2] @ unit))
         velocity = np.zeros((len(met), 3), dtype=np.complex128)
         velocity[met, :2] = speed * phase[met, None] * unit
         if rate not in answers:
             answers[rate] = loop.response_to_waves(rate)
         source = _source(system, carrier, velocity, _follow(system, tau, rate))
-        variance += 0.5 * np.abs(answers[rate][0] @ source.agents + answers[rate][1] @ source.targets) ** 2
+        moved, carried, tilted = answers[rate]
+        slope = -1j * number_ * height / speed * velocity[: len(system.team.agents)].reshape(-1)[slots]
+        variance += 0.5 * np.abs(moved @ source.agents + carried @ source.targets + tilted @ slope) ** 2
     return variance
 
 
@@ -356,7 +397,7 @@ def _integrated(
     variance = np.zeros(loop.shown.shape[0])
     for angle, weight in _angles(loop, slowest):
         rate = angle / loop.period
-        met, carried = loop.response(angle)
+        met, carried, _ = loop.response(angle)
         follow = _follow(system, tau, rate)
         for velocity, size in sources(np.exp(1j * angle), rate):
             source = _source(system, carrier, velocity, follow)
