@@ -293,11 +293,6 @@ class FlowField(Section):
         return total
 
     @property
-    def is_still(self) -> bool:
-        """True if the steady velocity is zero everywhere."""
-        return len(self.table) == 1 and not self.table[0, 2:5].any()
-
-    @property
     def is_steady(self) -> bool:
         """True if nothing of it changes with time."""
         return self.gusts is None and self.waves is None and not self.varies

@@ -19,7 +19,7 @@ from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity, eval
 from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.media.gridded import GriddedFlow, flow_at_start, pack_grid
 from mjsheaf.media.gusts import Exposure, pack_frozen, pack_gusts
-from mjsheaf.media.moving import Parts, add_surfaces, add_velocities, advance_parts, hold_parts, new_states
+from mjsheaf.media.moving import Parts, add_surfaces, add_velocities, advance_parts, hold_parts, new_states, silence
 from mjsheaf.media.varying import pack_varying
 from mjsheaf.media.waves import pack_waves
 
@@ -106,6 +106,20 @@ def pack_parts(
             reached = np.where(planar, numbers, 2)
             parts.append(pack_waves(flow.waves.components_of(exposed.seed), reached, exposed.level))
     return tuple(parts)
+
+
+def undisturbed(medium: MediumArrays, without: tuple[type, ...] = ()) -> MediumArrays:
+    """Return a medium without disturbances.
+
+    Args:
+        medium: The medium.
+        without: Kinds of parts that no vehicle meets any more.
+
+    Returns:
+        A medium of the same types, so that nothing is compiled again.
+    """
+    silent = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude))
+    return medium._replace(harmonics=silent, parts=silence(medium.parts, without))
 
 
 def new_state(medium: MediumArrays) -> MediumState:

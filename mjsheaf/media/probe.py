@@ -12,8 +12,8 @@ from mjsheaf.arguments import require_scenario
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import jit
-from mjsheaf.media.medium import MediumArrays, advance, hold, medium_velocity, new_state, surface_about
-from mjsheaf.media.moving import unknown_flow
+from mjsheaf.media.medium import MediumArrays, advance, hold, medium_velocity, new_state, surface_about, undisturbed
+from mjsheaf.media.moving import WITHOUT_MEAN, unknown_flow
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -34,6 +34,24 @@ def _elevations(medium, state, times, positions, out):
     for k in range(times.shape[0]):
         advance(medium, times[k], 0, 1, state)
         out[k] = surface_about(medium, state, 0, positions[k, 0], positions[k, 1])[0] - medium.level
+
+
+def mean_flow(system: "System", vehicle: int, time: float, points: Array) -> Array:
+    """Return the medium without gusts and waves.
+
+    Args:
+        system: The system.
+        vehicle: Number of a vehicle that meets it.
+        time: Time, s.
+        points: Points, shape (K, 3), m.
+
+    Returns:
+        Velocities, shape (K, 3), m/s; NaN outside a file, and on land.
+    """
+    medium, out = undisturbed(system.medium, WITHOUT_MEAN), np.zeros(points.shape)
+    times = np.full(len(points), time)
+    _velocities(medium, new_state(medium), vehicle, times, np.ascontiguousarray(points, dtype=np.float64), out)
+    return out
 
 
 class MediumOfRun:
@@ -95,9 +113,7 @@ class MediumOfRun:
         starts[0] = 0
         for phase, (first, last) in zip(self._phases, pairwise([*starts, len(times)]), strict=True):
             if first < last:
-                medium = _lasting(phase.system, float(times[last - 1])).medium
-                silent = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude))
-                yield slice(first, last), medium._replace(harmonics=silent)
+                yield slice(first, last), undisturbed(_lasting(phase.system, float(times[last - 1])).medium)
 
 
 def _lasting(system: "System", end: float) -> "System":

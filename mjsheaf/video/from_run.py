@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
+from mjsheaf.media.moving import WITHOUT_MEAN
+from mjsheaf.media.probe import mean_flow
 from mjsheaf.plotting import groups_of
 from mjsheaf.results.metrics import law_in_words, mean_known
 from mjsheaf.results.netcdf import length_of_piece
@@ -39,6 +40,7 @@ DRAFT_FPS = 15
 HALF_FPS = 24  # most, where two runs are drawn side by side,
 LONGEST_HALF = 30.0  # and the longest such video, s: two pictures a frame cost twice as much
 HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, offsets for estimating the heading of a body without attitude
+_SNAPSHOTS = 24  # of a flow that changes with time, in each phase
 _POSITIONS = 2**18  # positions read at once, so that memory does not grow with the length of a video
 
 
@@ -194,16 +196,37 @@ def media_of(phases: "Sequence[Phase]", places: FloatArray) -> list[Medium]:
     for name, system in systems.items():
         k = system.flow_names.index(name)
         met = np.flatnonzero(system.field == k)
-        flows = [(phase.time, phase.system.flow_named(name)) for phase in phases]
-        if not len(met) or all(flow.is_still for _, flow in flows):
+        if not len(met):
             continue
+        (_, first), *changes = shots = _snapshots(phases, name, int(met[0]))
         level = all(system.team.members[v].dimension == 2 for v in met)
-        changes = [(time, flow.velocity) for (_, old), (time, flow) in pairwise(flows) if flow != old]
-        medium = Medium(name, flows[0][1].velocity, met, level, k, changes=changes)
+        medium = Medium(name, first, met, level, k, changes=changes)
         seen = places[:, met].reshape(-1, 3)
-        tops = [largest_speed(partial(velocities, medium, time=time), seen) for time, _ in flows]
+        tops = [largest_speed(partial(velocities, medium, time=time), seen) for time, _ in shots]
         found.append(replace(medium, top=max(tops)))
     return [medium for medium in found if medium.top > 0.0]
+
+
+def _snapshots(
+    phases: "Sequence[Phase]", name: str, vehicle: int
+) -> list[tuple[float, Callable[[FloatArray], FloatArray]]]:
+    """List velocities of a flow and the times at which they begin: several of a flow that changes with time.
+
+    Args:
+        phases: The phases.
+        name: Name of the flow field.
+        vehicle: Number of a vehicle that meets it.
+    """
+    found: list[tuple[float, Callable[[FloatArray], FloatArray]]] = []
+    flow = None
+    for phase in phases:
+        before, flow, grid = flow, phase.system.flow_named(name), phase.system.grid
+        if any(part.met[vehicle] for part in phase.system.moving if not isinstance(part, WITHOUT_MEAN)):
+            times = phase.time + grid.period * grid.steps * np.arange(_SNAPSHOTS) / _SNAPSHOTS
+            found += [(time, partial(mean_flow, phase.system, vehicle, time)) for time in times.tolist()]
+        elif flow != before:
+            found.append((phase.time, flow.velocity))
+    return found
 
 
 def _edges(team: Team) -> list[Edge]:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 import mjsheaf.video
-from mjsheaf import simulate
+from mjsheaf import medium, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs.simulate import stream
@@ -19,6 +19,7 @@ from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import Frames, Samples
+from mjsheaf.video.flow import velocities
 from mjsheaf.video.from_run import film_of, film_run, video_options
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.scene import Decorator
@@ -225,3 +226,19 @@ def test_the_bar_is_as_long_as_it_says(distance: float) -> None:
     bright = np.flatnonzero((np.asarray(image)[692] > 250).all(axis=1))
     pixels, _ = view.project(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), 1000, 720)
     assert bright[bright > 700].max() - bright[bright > 700].min() == pytest.approx(np.ptp(pixels[:, 0]), abs=4)
+
+
+@pytest.mark.parametrize(("name", "vehicle"), [("double_gyre", "A1"), ("harbour_gusts", "W1")])
+def test_arrows_of_a_current_that_changes_with_time_are_the_current_of_the_moment(name: str, vehicle: str) -> None:
+    scenario = load_scenario(name)
+    film, _ = film_of(scenario, simulate(scenario, backend="ideal"))
+    (current,) = (one for one in film.media if one.level)
+    points = np.array([[40.0, 30.0, 0.0], [35.0, 42.0, 0.0], [20.0, 25.0, 0.0]])
+    real = medium(scenario)
+    assert len(current.changes) > 10
+    for time, _ in current.changes:
+        found = velocities(current, points, time + 0.1)
+        for place, velocity in zip(points, found, strict=True):
+            assert velocity == pytest.approx(real.velocity(vehicle, [time], place)[0], abs=1e-12)
+    assert np.ptp([velocities(current, points, time)[0, 0] for time, _ in current.changes]) > 0.05
+    assert current.top == pytest.approx(0.6, abs=0.2)

@@ -38,8 +38,8 @@ from mjsheaf.control.theorem import disturbance_bound
 from mjsheaf.media import disturbance
 from mjsheaf.media.bounds import Supremum, supremum
 from mjsheaf.media.disturbance import evaluate
-from mjsheaf.media.medium import moving_along
-from mjsheaf.media.moving import GAUSSIAN, bounds_of, pieces_of, silence
+from mjsheaf.media.medium import moving_along, undisturbed
+from mjsheaf.media.moving import GAUSSIAN, bounds_of, pieces_of
 from mjsheaf.system import System
 
 _MOST_CELLS = 50_000  # that are bounded
@@ -215,10 +215,7 @@ def agent_motion(system: System, time: Array, q: Array, without: tuple[type, ...
     N = len(system.team.agents)
     places = np.repeat(system.initial[None], len(q), axis=0)
     places[:, :N] = system.team.unpack(q)
-    harmonics = system.medium.harmonics
-    still = harmonics._replace(amplitude=np.zeros_like(harmonics.amplitude))
-    medium = system.medium._replace(harmonics=still, parts=silence(system.moving, without))
-    w = moving_along(medium, time, places)[:, :N]
+    w = moving_along(undisturbed(system.medium, without), time, places)[:, :N]
     return w.reshape(len(q), -1)[:, system.team.slots[: q.shape[1]]]
 
 
