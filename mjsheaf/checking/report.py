@@ -113,7 +113,7 @@ def _theorem(record: CheckRecord) -> Table:
         ("region", "", f"agents in ({low}) to ({high}) m; {source}"),
         ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
         ("sigma_max(B)", _number(t.sigma_max_B), ""),
-        ("f_bar", _number(t.f_bar, "m/s"), "never exceeded by |H^-1 B f_p - f_q(q*)| along the targets' path"),
+        ("f_bar", _number(t.f_bar, "m/s"), "upper bound on |H^-1 B f_p - f_q(q*)| along the targets' path"),
         ("omega_bar", _number(t.omega_bar, "m/s"), ""),
         ("rho", _number(t.rho, "1/s"), t.rho_source),
         ("k_min", _number(t.k_min, "1/s"), "k1 lambda_min / 2"),
@@ -140,12 +140,12 @@ def _theorem(record: CheckRecord) -> Table:
             f"gain for {t.wanted_radius:g} m",
             _number(t.gain_for_wanted_radius, "1/s"),
             t.gain_for_wanted_radius_reason
-            or "smallest k1 whose ultimate radius, norm of the whole team, is that in its own region",
+            or "smallest k1 with this ultimate radius, norm of the whole team, in its own region",
         ),
         (
             "weaker bound",
             _number(t.weaker.radius_per_agent, "m"),
-            _rms_of(t.weaker.radius, "ultimate radius with rho = 0, whatever the slopes"),
+            _rms_of(t.weaker.radius, "ultimate radius with rho = 0, for any slopes"),
         ),
     ]
     over = " over exact links" * (record.links is not None and not record.links.exact)
@@ -164,29 +164,29 @@ def _law(record: CheckRecord) -> Table:
     gains = "none" if law.stable_gains is None else " to ".join(f"{gain:.4g}" for gain in law.stable_gains) + " 1/s"
     rows = [
         ("loop", word, f"spectral radius {_number(law.spectral_radius)} over {h.period:g} s" if h else ""),
-        ("rate", _number(law.rate, "1/s"), "at which the slowest error decays"),
+        ("rate", _number(law.rate, "1/s"), "decay rate of the slowest mode"),
         ("stable gains", gains, "under this hold" + ", with these terms" * bool(law.terms)),
     ]
     if law.stable:
-        remark = "|e|, the norm of the whole team, is in the end at most this times the largest |d|"
+        remark = "|e|, the norm of the whole team, is ultimately at most this times the largest |d|"
         rows.append(("error per disturbance", _number(law.error_per_disturbance, "s"), remark))
     return _pairs(name, rows + _bound_rows(law) + _cost_rows(law))
 
 
 def _bound_rows(law: LawLoop) -> list[Row]:
     """Return the bound of a run under a law, and what it is made of."""
-    never = _rms_of(law.radius, "never exceeded at samples of the run's last half")
+    never = _rms_of(law.radius, "upper bound at samples of the run's second half")
     rows: list[Row] = [("bound on the error", _number(law.radius_per_agent, "m"), law.reason or never)]
     if law.radius is not None:
         whole = f"RMS over agents; {_number(law.largest_per_agent, 'm')} over the whole run"
         rows.append(("between samples", _number(law.between_per_agent, "m"), whole))
-        rows.append(("command", _number(law.command, "m/s"), "no agent's exceeds it over the last half"))
+        rows.append(("command", _number(law.command, "m/s"), "upper bound for every agent over the second half"))
     elif law.unlimited is not None:
-        same = _rms_of(law.unlimited, "the same bound, of the law without speed limits")
+        same = _rms_of(law.unlimited, "the same bound for the law without speed limits")
         rows.append(("without limits", _number(law.unlimited_per_agent, "m"), same))
     left = [share for share in law.left if share.size > 0.0]
     if left:
-        rows.append(("left of d", "", "what drives e away from 0, in the last half at most:"))
+        rows.append(("residual of d", "", "drives e away from 0; upper bounds over the second half:"))
     rows += [("", _number(share.size, "m/s"), share.part) for share in left]
     return rows
 
@@ -228,7 +228,7 @@ def _separation(found: SafetyRecord | None) -> list[Table]:
         return []
     rows: list[Row] = [("guaranteed", "yes" if found.guaranteed else "no", "on ideal kinematics, while feasible")]
     rows += [("", "", f"because {reason}") for reason in found.reasons]
-    rows += [("sees within", _number(found.range, "m"), f"with gamma = {found.rate:.4g} 1/s")]
+    rows += [("sensor range", _number(found.range, "m"), f"with gamma = {found.rate:.4g} 1/s")]
     if found.parting:
         rows.append(
             ("flow", _number(found.parting, "m/s"), "largest relative speed of the media around two vehicles; included")
@@ -247,10 +247,10 @@ def _cost_rows(law: LawLoop) -> list[Row]:
     """Return what a law sends, and what noise it hands on."""
     rows = list[Row]()
     if law.exchanges:
-        sent = f"{law.numbers:.4g} numbers a second that an agent sends"
+        sent = f"an agent sends {law.numbers:.4g} numbers per second on average"
         rows.append(("messages", _number(law.exchanges, "1/s"), f"rounds of exchange; {sent}"))
     if law.noise:
-        remark = "of the command, m/s RMS for each m of noise of odometry, at most"
+        remark = "upper bound on command noise, m/s RMS per m of odometry noise"
         rows.append(("noise", _number(law.noise, "1/s"), remark))
     return rows
 
@@ -278,29 +278,29 @@ def _delay_rows(links: LinkRecord) -> list[Row]:
     rows = list[Row]()
     if not links.exact:
         late = "" if delay.delay is None else f"measurements up to {_number(delay.delay, 's')} old"
-        late = "measurements arrive at once" if delay.delay == 0.0 else late
+        late = "measurements arrive instantly" if delay.delay == 0.0 else late
         late += ", as if none were lost" if late and links.loss is not None else ""
         radius = "" if delay.spectral_radius is None else f", spectral radius {delay.spectral_radius:.6g} over a period"
         rows.append(("delay", _WORDS[delay.stable], (late + radius) or delay.reason))
     if delay.delay is not None:
-        alike = "all links alike and in whole periods; one period more is unstable"
+        alike = "equal on all links, in whole periods; one more period is unstable"
         rows.append(("delay margin", _number(delay.margin, "s"), delay.reason or alike))
     return rows
 
 
 def _noise_rows(noise: NoiseAnswer, *, lossy: bool) -> list[Row]:
     """Return what noise does to the team, on links of which some may lose measurements."""
-    what = "what noise makes in time, at samples"
-    what += ", in addition to what losses make" if lossy else ""
+    what = "steady-state error due to noise, at samples"
+    what += ", in addition to that due to losses" if lossy else ""
     what += ", linearised" if noise.linearised else ""
     rows: list[Row] = [
-        ("error by noise", _number(noise.error_per_agent, "m"), noise.reason or _rms_of(noise.error, what))
+        ("error due to noise", _number(noise.error_per_agent, "m"), noise.reason or _rms_of(noise.error, what))
     ]
     if noise.error is not None:
         worst = max(noise.agents, key=lambda agent: agent.error)
-        rows.append(("  of one agent", _number(worst.error, "m"), f"RMS of |e_i|, the largest, of {worst.agent}"))
-        rows.append(("  of commands", _number(noise.command, "m/s"), "RMS of the commands, norm of the whole team"))
-        rows.append(("  by bias", _number(noise.mean_per_agent, "m"), _rms_of(noise.mean, "mean of e")))
+        rows.append(("  largest", _number(worst.error, "m"), f"RMS of |e_i|, that of {worst.agent}"))
+        rows.append(("  commands", _number(noise.command, "m/s"), "RMS of the commands, norm of the whole team"))
+        rows.append(("  due to bias", _number(noise.mean_per_agent, "m"), _rms_of(noise.mean, "mean of e")))
     return rows
 
 
@@ -313,10 +313,10 @@ def _loss_rows(loss: LossAnswer, delivery: Mapping[str, float | None]) -> list[R
     falls = "in mean square, with these delays" if loss.factor is None else "E|e|^2, with these delays"
     rows.append(("loss", _WORDS[loss.stable], loss.reason or falls))
     if loss.factor is not None:
-        most = "" if loss.bound is None else f"; in any one period times {loss.bound:.6g} at most"
+        most = "" if loss.bound is None else f"; at most {loss.bound:.6g} over any one period"
         rows.append(("  factor", f"{loss.factor:.6g}", f"of E|e|^2 over a period in the long run{most}"))
         rows.append(("  rate", _number(loss.rate, "1/s"), "at which the RMS of e decays"))
-    rows.append(("  not counted", "", "what losses leave where edges disagree at q*, or where e is not zero"))
+    rows.append(("  not included", "", "the error due to losses if edges disagree at q*, or if e is not zero"))
     return rows
 
 
@@ -329,18 +329,20 @@ def _proposals(record: CheckRecord) -> list[Text | Table]:
     rows = []
     for p in record.proposals:
         cost = (
-            f"{p.exchanges:.4g} exchanges a second, {p.numbers:.4g} numbers an agent" if p.exchanges else "no messages"
+            f"{p.exchanges:.4g} exchanges per second, {p.numbers:.4g} numbers per agent and second"
+            if p.exchanges
+            else "no messages"
         )
         command = "" if p.command is None else f"; commands up to {p.command:.4g} m/s"
-        noise = f"; noise of the command {_number(p.noise, '1/s')}" if p.noise else ""
-        limits = "" if p.certified else "; bound without limits of speed"
+        noise = f"; command noise {_number(p.noise, '1/s')}" if p.noise else ""
+        limits = "" if p.certified else "; bound without speed limits"
         bodies = {True: "", False: "; UNSTABLE on the vehicles", None: "; undecided on the vehicles"}[
             p.stable_on_bodies
         ]
         rows.append((f"{p.bound_per_agent:.4g} m", _in_yaml(p.controller), cost + command + noise + limits + bodies))
     radius = record.theorem.wanted_radius
-    title = f"laws whose bound on |e|, norm of the whole team, is at most {radius:g} m on ideal kinematics"
-    return [_pairs(f"{title}: the bound as RMS over agents, the cheapest of each kind", rows)]
+    title = f"laws with a bound of at most {radius:g} m on |e|, norm of the whole team, on ideal kinematics"
+    return [_pairs(f"{title}: bound as RMS over agents, the cheapest law of each kind", rows)]
 
 
 def _in_yaml(fields: dict[str, Any]) -> str:
@@ -368,7 +370,7 @@ def _margins(record: CheckRecord) -> Table:
     if hold is not None:
         word = "diverges" if hold.product >= 2 else "rings" if hold.product > 1 else "does not ring"
         rows = [
-            ("k1 h lambda_max", _number(hold.product), f"{word}; below 2 it converges, up to 1 it does not ring{over}"),
+            ("k1 h lambda_max", _number(hold.product), f"{word}; the law rings above 1, and diverges from 2 on{over}"),
             ("largest gain", _number(hold.largest_gain, "1/s"), f"under a hold of {hold.period:g} s{over}"),
             ("gain without ringing", _number(hold.ringing_gain, "1/s"), ""),
         ]
@@ -381,7 +383,7 @@ def _margins(record: CheckRecord) -> Table:
     rows += [
         ("damping by inertia", damping, f"slowest and fastest mode, tau = {tau} s, without attitude, lag and hold"),
         *_bodies(m.bodies),
-        ("speed asked at start", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"),
+        ("initial speed command", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"),
         _speed_of_bodies(m.speed),
         *_speed_of_limits(m.speed),
         ("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"),
@@ -449,8 +451,8 @@ def _speed_of_limits(speeds: list[SpeedDemand]) -> list[Row]:
         (
             "velocity limit",
             _number(first.limit, "m/s"),
-            f"of {first.agent}, BELOW the {first.steady:.4g} m/s that q* takes{others}: the error cannot stay at zero; "
-            f"it takes a limit above {max(s.steady or 0.0 for s in short):.4g} m/s plus the disturbance",
+            f"of {first.agent}, BELOW the {first.steady:.4g} m/s that q* requires{others}: the error cannot stay at 0; "
+            f"set a limit above {max(s.steady or 0.0 for s in short):.4g} m/s plus the disturbance",
         )
     ]
 
@@ -466,7 +468,7 @@ def _phases(record: CheckRecord) -> list[Text | Table]:
         failed, known = "; ".join(a.failure for a in p.assumptions if a.failure), t.initial_error is not None
         rows = [
             ("assumptions", "all hold" if not failed else "FAIL", failed),
-            ("absent", ", ".join(p.absent[:_MOST]) or "nobody", ""),
+            ("absent", ", ".join(p.absent[:_MOST]) or "none", ""),
             ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
             ("Theorem 1", "applies" if t.applies else "does not apply", t.reason),
             (

@@ -143,7 +143,7 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
     known = ", ".join(text for text in gains if text) or "not known"
     yield from _row("largest gain", f"{known}; the gain is {record.theorem.gain:.4g} 1/s")
     margin = None if record.links is None else record.links.delay_margin
-    delay = "not known" if margin is None else f"{margin:.3g} s on all links alike"
+    delay = "not known" if margin is None else f"{margin:.3g} s, equal on all links"
     yield from _row("delay margin", delay)
     yield from _row("better law", _better(record.proposals, record.theorem.wanted_radius, as_if))
     if record.safety is not None:
@@ -158,7 +158,7 @@ def _fragile(fragility: Fragility) -> str:
     losses = [f"{loss.name} ({loss.kind})" for loss in fragility.critical[:3]]
     more = fragility.critical_count - len(losses)
     if more:
-        losses.append("1 other" if more == 1 else f"one of {more} others")
+        losses.append("1 other" if more == 1 else f"any of {more} others")
     *others, last = losses
     either = f"{', '.join(others)} or {last}" if others else last
     return f"losing {either} breaks an assumption"
@@ -170,7 +170,7 @@ def _separation(safety: SafetyRecord) -> str:
     for pairs, where in ((safety.unsafe, "q*"), (safety.initial, "the start")):
         if pairs:
             worst = pairs[0]
-            others = f", and {len(pairs) - 1} other pairs" if len(pairs) > 1 else ""
+            others = f", and {len(pairs) - 1} more" if len(pairs) > 1 else ""
             told.append(
                 f"too close at {where}: {' - '.join(worst.pair)} by {-worst.gap:.3g} m at {worst.time:.4g} s{others}"
             )

@@ -30,7 +30,7 @@ def check(
     scenario: ScenarioArgument,
     overrides: SetOption = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the record as JSON (see mjsheaf schema --check).")
+        bool, typer.Option("--json", help="Print the results as JSON (see mjsheaf schema --check).")
     ] = False,
     full: Annotated[bool, typer.Option("--full", help="Print the whole report instead of one screen.")] = False,
     plot: Annotated[
@@ -64,7 +64,7 @@ def check(
     --full it also prints the constants and bounds of Theorem 1, the sampled loop over its links, and better laws.
 
     The exit code is 1 if an assumption fails or is undecided, if the loop of the law, of the vehicles or of the targets
-    is unstable, or if the law has a part that cannot be modelled. Errors are the RMS over agents, in metres.
+    is unstable, or if the law has a term that check cannot model. Errors are the RMS over agents, in metres.
     """
     figures = _figures_of(plot, formats, title)
     import json
@@ -106,7 +106,7 @@ def _figures_of(plot: Path | None, formats: str | None, title: bool) -> FigureOp
         InputError: The name or a format is not one of figures, or formats are given without a plot.
     """
     if plot is None and formats is not None:
-        raise InputError(f"--format {formats}: there is no plot; expected --plot FILE with it")
+        raise InputError(f"--format {formats}: no plot to write; expected --plot FILE too")
     if plot is None:
         return AS_USUAL
     require_file_name("--plot", plot, *(f".{form}" for form in FORMATS))

@@ -119,7 +119,7 @@ def compare_runs(
     formats: FormatOption = "png",
     title: TitleOption = True,
 ) -> None:
-    """Compare finished runs with the first one, without simulating.
+    """Compare finished runs with the first of them, without simulating.
 
     Plots their errors on one axis, prints a table of errors and differences, and writes a page that draws the agents of
     the other runs translucent. Writes runs.json, runs.csv, errors.png and report.html to a directory (default

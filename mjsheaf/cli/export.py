@@ -24,7 +24,7 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Write a finished run as a log that other tools open, without simulating.
+    """Export a finished run as a log that other tools read, without simulating.
 
     The log has the pose of every vehicle, the scene with edges coloured by residual, desired positions and flow, errors
     and commands, events as messages, and the scenario. `run --mcap` writes the same file during a run.

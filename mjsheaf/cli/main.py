@@ -31,7 +31,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Simulate teams of boats and drones that track targets under a decentralized sheaf law, on ideal kinematics "
     "or MuJoCo bodies.",
-    epilog="Begin with [bold]mjsheaf list[/bold] and [bold]mjsheaf run midpoint[/bold], then [bold]mjsheaf new mine"
+    epilog="Start with [bold]mjsheaf list[/bold] and [bold]mjsheaf run midpoint[/bold], then [bold]mjsheaf new mine"
     "[/bold]. Exit codes: 0 success; 1 an assumption, expectation or bound does not hold; 2 bad input; "
     "3 the simulation diverged.",
 )

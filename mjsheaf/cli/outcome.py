@@ -64,7 +64,7 @@ def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
     print_lines(
         *_safety(summary.get("safety")),
         *_notes(summary),
-        *(f"DRIFTS: {direction}; errors are against the q* of least norm" for direction in summary["free_directions"]),
+        *(f"DRIFTS: {direction}; errors refer to the q* of least norm" for direction in summary["free_directions"]),
         *_effort(summary),
         *replaced,
         *describe_files(outcome.directory, _FILES),
@@ -119,8 +119,8 @@ def _verdict(expect: dict[str, Any], overridden: bool) -> list[str]:
         scope = " (the expectation is for the scenario without --set)" if overridden else ""
         return [f"NOT as expected: {'; '.join(missed)}{scope}"]
     held = [
-        f"{_words(check['measure'])} {check['found']:.3g} m, "
-        f"at {'least' if check['measure'] == 'smallest_separation' else 'most'} {check['bound']:g}"
+        f"{_words(check['measure'])} {check['found']:.3g} m "
+        f"(at {'least' if check['measure'] == 'smallest_separation' else 'most'} {check['bound']:g} m)"
         for check in expect["checks"]
     ]
     return [f"as expected: {'; '.join(held)}"]
@@ -158,18 +158,18 @@ def _safety(safety: dict[str, Any] | None) -> list[str]:
     shares, left = safety["filtered"], safety["smallest_separation"]
     busiest = max(shares, key=shares.__getitem__)
     lines = [
-        f"separation: the distance to keep is exceeded by {left:.3g} m or more; the filter acted on "
+        f"separation: all distances exceed the required ones by at least {left:.3g} m; the filter acted on "
         f"{sum(share > 0.0 for share in shares.values())} of {len(shares)} agents, on {busiest} most, "
         f"{100.0 * shares[busiest]:.3g} % of the time"
         if left is not None and left >= 0.0
-        else f"TOO CLOSE: a distance is {0.0 if left is None else -left:.3g} m below the one to keep"
+        else f"TOO CLOSE: a distance is {0.0 if left is None else -left:.3g} m below the required one"
     ]
     if safety["deadlocked"]:
         names = shortened(", ".join(safety["deadlocked"]))
         lines.append(f"DEADLOCKED: {names} block one another; safety.tie_break: right_hand makes them turn right")
     if safety["infeasible"]:
         names = shortened(", ".join(safety["infeasible"]))
-        lines.append(f"INFEASIBLE: no command kept every distance of {names} at some time; nothing is certain after it")
+        lines.append(f"INFEASIBLE: at some time no command kept all distances of {names}; no guarantee from then on")
     return lines
 
 

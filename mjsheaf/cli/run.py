@@ -284,7 +284,7 @@ def video(
     quality: QualityOption = None,
     legend: LegendOption = None,
 ) -> None:
-    """Draw the video of a finished run again, without simulating.
+    """Redraw the video of a finished run, without simulating.
 
     Options that are not given come from the scenario of the run.
     """
@@ -332,7 +332,7 @@ def report(
         Path | None, typer.Option(metavar="FILE", help="HTML file to write.", show_default="DIR/report.html")
     ] = None,
 ) -> None:
-    """Write the page of a finished run again: one HTML file that replays the run in any browser, offline."""
+    """Rewrite the page of a finished run: one HTML file that replays the run in any browser, offline."""
     with progress_bars("writing the page"):
         from mjsheaf.page import write_page_again
 
@@ -351,7 +351,7 @@ def plot(
         Path | None, typer.Option(metavar="FOLDER", help="Directory for the plots.", show_default="DIR")
     ] = None,
 ) -> None:
-    """Draw the plots of a finished run again, for example as PDF without titles for a paper."""
+    """Redraw the plots of a finished run, for example as PDF without titles for a paper."""
     with progress_bars() as bars:
         figures = figure_options(formats, title)
         from mjsheaf.runs.publish import plot_again

@@ -34,7 +34,7 @@ Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "cen
 GridOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="PATH=V1,V2,...", help="Values of a field, PATH as for --set; repeated, all combinations are run."
+        metavar="PATH=V1,V2,...", help="Values of a field, PATH as for --set. Repeat to run all combinations."
     ),
 ]
 WorkersOption = Annotated[

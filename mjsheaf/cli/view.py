@@ -37,7 +37,7 @@ def view(
     seed: SeedOption = None,
     engine: EngineOption = Engine.MUJOCO,
     speed: Annotated[
-        float, typer.Option(help="Simulated seconds per second at the start; 0 for as fast as possible.")
+        float, typer.Option(help="Initial speed in simulated seconds per second; 0 for as fast as possible.")
     ] = 1.0,
     out: Annotated[
         Path | None,
@@ -49,7 +49,7 @@ def view(
     """Run a scenario in the browser: pause, set speed, gain and flow, lose agents, cut links. Or open a finished run.
 
     The page is served on 127.0.0.1 only, to one client, at an address with a random token. Closing it ends the
-    command. What was done is recorded as `events:` of a scenario that reproduces the session bit for bit.
+    command. What you do is recorded as the `events:` of a scenario that reproduces the session bit for bit.
     """
     if Path(source).is_dir():
         _open_finished(Path(source), browser)

@@ -354,7 +354,7 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
     if over.any():
         i = int(over.argmax())
         most, allowed = f"{found.command[:, i].max():.3g} m/s", f"speed limit of {limit[i]:.3g} m/s"
-        return replace(found, clipped=f"the law may ask {agents[i].id} for {most}, beyond its {allowed}")
+        return replace(found, clipped=f"the law may command {most} for {agents[i].id}, above its {allowed}")
     if found.integral > system.law.terms.largest:
         return replace(found, clipped=f"the integral may reach its limit: it may need {found.integral:.3g} m/s")
     return found

@@ -379,7 +379,7 @@ def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, b
         product = system.gain * system.grid.period * spectrum.lambda_max
         if product >= 1.0:
             what = "diverges" if product >= 2.0 else "rings"
-            return f"the held law {what} (k1 h lambda_max = {product:.3g}): a bound of continuous time says nothing"
+            return f"the held law {what} (k1 h lambda_max = {product:.3g}): the continuous-time bound does not apply"
     if system.safety is not None:
         return FILTERED
     limit = float(system.law.limit[: len(system.team.agents)].min())
@@ -544,5 +544,5 @@ def _bounded_difference(system: System, constants: Constants, smooth: Verdict, f
         return "undecided", bound, "m/s", "q* is not unique, so f_q(q*) is undefined"
     if not np.isfinite(bound):
         return "undecided", bound, "m/s", "q* or a target comes near a singular kernel of the flow"
-    where = f"largest about t = {constants.difference.time:.4g} s; the path is followed to {path.error:.1g} m"
+    where = f"largest near t = {constants.difference.time:.4g} s; the path error is at most {path.error:.1g} m"
     return "holds", bound, "m/s", where

@@ -72,7 +72,7 @@ def gain_for_wanted_radius(search: Search, certificate: Certificate, radius: flo
         return WantedGain(None, f"{steep}: no gain was found that confines them")
     there = certificate_of(search.at_gain(gain))
     if not there.applies:
-        return WantedGain(None, f"it takes {gain:.4g} 1/s, and there {there.reason}")
+        return WantedGain(None, f"it requires {gain:.4g} 1/s, where {there.reason}")
     if not there.theorem.radius <= radius:
         return WantedGain(None, "no gain was found whose own region gives this radius")
     return WantedGain(gain)
