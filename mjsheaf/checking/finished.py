@@ -258,7 +258,7 @@ def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
 
 
 def _largest(share: Array, time: Array) -> tuple[float, float, float]:
-    """The largest share of a bound after the start, where both are |e(t0)|; that of the last half; when, s."""
+    """The largest share of a bound after the start, where both are |e(t0)|; that of the second half; when, s."""
     share[0] = 0.0
     worst = int(share.argmax())
     return float(share[worst]), float(share[len(share) // 2 :].max()), float(time[worst])
@@ -385,9 +385,8 @@ def is_level(error: Array) -> bool:
 def settling_time(time: Array, error: Array) -> float | None:
     """When an error has become level, s after its start; None where it never does.
 
-    It is the first sample from which on the error stays below 1.25 times the largest of the run's last half plus 2 % of
-    its largest of all: the transient is then small relative to the rest, be that a constant, an
-    oscillation or noise.
+    It is the first sample from which on the error stays below 1.25 times the largest of the run's second half plus 2 %
+    of its largest of all: the transient is then small relative to the rest: a constant, an oscillation or noise.
 
     Args:
         time: shape (T,), s.

@@ -140,7 +140,7 @@ def _print_record(record: "RunsRecord") -> None:
     numbers = ["tracking", "at the end", "formation", "at the end ", "distance"]
     headings = ["run", "backend", "law", *numbers]
     title = (
-        f"errors in m: RMS over agents (formation: over edges) and the last half of {record.start_s:g} to "
+        f"errors in m: RMS over agents (formation: over edges) and the second half of {record.start_s:g} to "
         f"{record.end_s:g} s, and at the end\nin brackets the difference from the first run; distance: of agents from "
         "the first run's"
     )

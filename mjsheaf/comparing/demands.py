@@ -35,7 +35,7 @@ class UnlimitedRecord(FiniteRecord):
 
     run: Literal["ideal", "all"]
     share_at_limit: float = Field(
-        description="fraction of agents and samples at the limit, in the last half of the run or phase"
+        description="fraction of agents and samples at the limit, in the second half of the run or phase"
     )
     status_without: str
     errors_without: dict[str, ScopeRecord] = Field(description="by scope, as in the ladder")
@@ -47,7 +47,7 @@ class VelocityLimitRecord(FiniteRecord):
     lowest_m_s: float
     highest_m_s: float
     asked_m_s: float = Field(
-        description="maximum speed in the last half of the ideal run or phase without a limit; it would suffice as one"
+        description="maximum speed in the second half of the ideal run or phase without a limit; a sufficient limit"
     )
     who: str
     runs: list[UnlimitedRecord]
@@ -58,7 +58,7 @@ class VelocityLimitRecord(FiniteRecord):
 
 
 class DemandRecord(FiniteRecord):
-    """Speeds commanded to the vehicles of one kind in the last half of a run, relative to the medium."""
+    """Speeds commanded to the vehicles of one kind in the second half of a run, relative to the medium."""
 
     run: Literal["ideal", "all"]
     role: Role
@@ -85,7 +85,7 @@ class FastestRecord(FiniteRecord):
 
 
 def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[DemandRecord]:
-    """Return the speeds commanded to each kind of vehicle in the last half of a run; none if it blew up."""
+    """Return the speeds commanded to each kind of vehicle in the second half of a run; none if it blew up."""
     if not run.finished:
         return []
     time = run.trajectory.time
@@ -185,7 +185,7 @@ def _without_limits(system: System) -> System:
 
 
 def _late_speeds(run: Run, span: Span) -> tuple[Array, Array]:
-    """Return |v_c| of every agent in the last half of a span, thinned, and its limit, shapes (T, N), m/s.
+    """Return |v_c| of every agent in the second half of a span, thinned, and its limit, shapes (T, N), m/s.
 
     The limit of an absent agent is 0.
     """

@@ -97,7 +97,7 @@ def plot_budget(record: CompareRecord, path: Path, options: FigureOptions = AS_U
     order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
     names = ["targets become bodies", "agents become bodies", "interaction of effects"]
     rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
-    what = f"{display_name(record.measure)} ({RMS_OVER[record.measure]} and the last half)"
+    what = f"{display_name(record.measure)} ({RMS_OVER[record.measure]} and the second half)"
     title = f"{record.scenario}: causes of the {what}"
     figure = new_figure(max(WIDTH, 1.9 + 1.75 * len(scopes)), 1.2 + 0.36 * len(rows), title, options)
     panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))

@@ -41,7 +41,7 @@ class GainTrialRecord(FiniteRecord):
     gain: float = Field(description="k1, 1/s")
     status: str
     ending: Ending | None
-    late: ErrorsRecord = Field(description="errors of the team, RMS over the last half, m")
+    late: ErrorsRecord = Field(description="errors of the team, RMS over the second half, m")
     saturated: Finite = Field(description="fraction of time and of agents' thrusters at a limit, 0 to 1")
 
 

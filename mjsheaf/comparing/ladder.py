@@ -90,11 +90,11 @@ class RungRecord(FiniteRecord):
     )
     settling_time_s: float | None = Field(
         description="time after which the team's formation error (or, in a team without formations, its tracking "
-        "error) stays below 1.25 times its maximum over the last half plus 2% of its maximum over the run; null if the "
-        "run has not converged"
+        "error) stays below 1.25 times its maximum over the second half plus 2% of its maximum over the run; null if "
+        "the run has not converged"
     )
     distance: DistanceRecord | None = Field(description="largest distance to the ideal run")
-    distance_late: DistanceRecord | None = Field(description="largest distance to the ideal run over the last half")
+    distance_late: DistanceRecord | None = Field(description="largest distance to the ideal run over the second half")
     saturation: list[SaturationRecord]
 
 
@@ -181,7 +181,7 @@ class Run:
 
     @property
     def errors(self) -> dict[str, ScopeRecord]:
-        """Errors at the end and over the last half, by scope."""
+        """Errors at the end and over the second half, by scope."""
         return errors_by_scope(self.series, whole_run(self.system), complete=self.finished)
 
     def finished_phase(self, number: int) -> bool:

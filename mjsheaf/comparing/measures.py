@@ -45,7 +45,7 @@ class ScopeRecord(FiniteRecord):
     """Errors of the team or of a group, at the end and on average."""
 
     final: ErrorsRecord = Field(description="at the last sample of the run or phase, as in summary.json")
-    late: ErrorsRecord = Field(description="RMS over the last half of the run or phase")
+    late: ErrorsRecord = Field(description="RMS over the second half of the run or phase")
 
     def error(self, measure: str, statistic: Statistic = "late") -> float | None:
         """Return one error by its field, m."""
@@ -88,7 +88,7 @@ class Span:
     end: int
 
     def last_half(self, samples: int) -> BoolArray:
-        """Mark the samples of its last half among those of a run, shape (T,)."""
+        """Mark the samples of its second half among those of a run, shape (T,)."""
         number = np.arange(samples)
         return np.asarray((number >= 0.5 * (self.first + self.end - 1)) & (number < self.end))
 
@@ -99,7 +99,7 @@ def whole_run(system: System) -> Span:
 
 
 def errors_by_scope(series: Series, span: Span, *, complete: bool) -> dict[str, ScopeRecord]:
-    """Measure errors at the last sample of a span, and RMS over its last half.
+    """Measure errors at the last sample of a span, and RMS over its second half.
 
     Args:
         series: Errors over the whole run.
@@ -142,7 +142,7 @@ def formation_size(system: System) -> float:
 
 
 def middle_of(system: System) -> float:
-    """Return the time at which the last half of the requested run begins, s."""
+    """Return the time at which the second half of the requested run begins, s."""
     return system.grid.start + 0.5 * system.grid.period * system.grid.steps
 
 

@@ -80,13 +80,13 @@ class RunRecord(FiniteRecord):
     start_s: float
     end_s: float
     final: ErrorsRecord = Field(description="at the last time that all runs reach")
-    late: ErrorsRecord = Field(description="RMS over the last half of the time that all runs cover")
+    late: ErrorsRecord = Field(description="RMS over the second half of the time that all runs cover")
     final_difference: ErrorsRecord = Field(description="`final` minus that of the first run")
     late_difference: ErrorsRecord = Field(description="`late` minus that of the first run")
     agents_in_common: int = Field(description="number of agents shared with the first run")
     norm: Norm = Field(PER_AGENT_RMS, description="norm of `distance_m`")
     distance_m: Finite = Field(
-        description="their distance to the first run's agents, RMS over agents and the last half"
+        description="their distance to the first run's agents, RMS over agents and the second half"
     )
     largest_distance_m: Finite = Field(description="largest of these distances at any time that all runs cover")
     farthest: str = Field(description="agent whose distance that is, or empty")
@@ -261,7 +261,7 @@ def _error_at(run: OpenRun, time: float) -> dict[str, float]:
 
 
 def _error_late(run: OpenRun, start: float, end: float) -> dict[str, float]:
-    """The team's errors, RMS over the last half of a time, m; NaN where they have no meaning."""
+    """The team's errors, RMS over the second half of a time, m; NaN where they have no meaning."""
     chosen = (run.time >= 0.5 * (start + end) - 1e-9) & (run.time <= end + 1e-9)
     found = {}
     for name, values in run.errors().items():
@@ -278,7 +278,7 @@ def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> tuple[
     samples.
 
     Returns:
-        RMS over agents and the last half, m; the largest, m; and whose that is. NaN and empty without any.
+        RMS over agents and the second half, m; the largest, m; and whose that is. NaN and empty without any.
     """
     chosen = np.flatnonzero((first.time >= start - 1e-9) & (first.time <= end + 1e-9))
     chosen = chosen[:: max(1, len(chosen) // _MAX_SAMPLES)]
@@ -392,8 +392,8 @@ def page_of_runs(runs: Sequence[OpenRun], record: RunsRecord) -> bytes:
         error, base = run.late.tracking_error, record.runs[0].late.tracking_error
         if error is not None and base is not None:
             sentences.append(
-                f"{run.name}: tracking error {error:.3g} m RMS over agents and the last half, against {base:.3g} m of "
-                f"{first.name}"
+                f"{run.name}: tracking error {error:.3g} m RMS over agents and the second half, against {base:.3g} m "
+                f"of {first.name}"
             )
     again = "mjsheaf compare-runs " + " ".join(run.directory for run in record.runs), " in this directory"
     bounds = bounds_of_phases(phases, first.dataset)

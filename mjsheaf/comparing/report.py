@@ -94,7 +94,7 @@ def _phases(record: CompareRecord) -> list[Group]:
         cells = [_number(phase.errors[key][TEAM].error(name)) for name in names for key in ("ideal", "all")]
         table.add_row(f"{k}: {shortened(what, 36)}", f"{phase.start:.6g}", f"{phase.end:.6g}", *cells)
         notes += [f"phase {k}: {sentence}" for sentence in phase.levers[:_SENTENCES_A_PHASE]]
-    title = "phases: errors of the team in m (RMS over agents or edges, and over the last half of the phase)"
+    title = "phases: errors of the team in m (RMS over agents or edges, and over the second half of the phase)"
     notes.append("compare.json has the budget of each phase and all of its sentences")
     return [_under(title, table, *notes)]
 
@@ -114,12 +114,12 @@ def _gains(record: CompareRecord) -> list[Group]:
         f": {LIMITED_BY[limit.effect]}{f', mode about {limit.agent}' if limit.agent else ''}"
         for limit in record.gains.limits
     ]
-    title = "gain: runs of the bodies as given at the gain and above it; errors in m, RMS over the last half"
+    title = "gain: runs of the bodies as given at the gain and above it; errors in m, RMS over the second half"
     return [_under(title, table, *notes)]
 
 
 def _ladder(record: CompareRecord) -> Group:
-    table = _table("variant", "tracking", "formation", "settles (s)", "distance", "last half", "who, when", "limited")
+    table = _table("variant", "tracking", "formation", "settles (s)", "distance", "second half", "who, when", "limited")
     for _, rungs in groupby(record.ladder, key=lambda rung: _SECTION[rung.kind]):
         for rung in rungs:
             bold = rung.kind in ("ideal", "all") and rung.status == "finished"
@@ -129,8 +129,8 @@ def _ladder(record: CompareRecord) -> Group:
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
     telling = record.measure.removesuffix("_error")
     notes = [
-        "tracking: RMS over agents; formation: RMS over edges; over the last half: RMS over time too",
-        f"settles: time after which the team's {telling} error stays below 1.25 times its maximum over the last half;",
+        "tracking: RMS over agents; formation: RMS over edges; over the second half: RMS over time too",
+        f"settles: time from which the team's {telling} error stays below 1.25 times its maximum over the second half;",
         "moving: not converged yet; growing: diverging; circling: the team is in a limit cycle",
         "stuck: converged, but an agent does not move although it is commanded to",
         "limited: fraction of the time that agents' thrusters are at a limit",
@@ -139,7 +139,7 @@ def _ladder(record: CompareRecord) -> Group:
     notes += [f"paper's law: at the scenario's gain, instead of {record.controller}"] if record.controller else []
     notes += [f"with a tenth of the timestep, as it blows up otherwise: {finer}"] if finer else []
     notes += [f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"]
-    title = "ladder: errors in m, over the last half / at the end; largest distance to the ideal run in m"
+    title = "ladder: errors in m, over the second half / at the end; largest distance to the ideal run in m"
     return _under(title, table, *notes)
 
 
@@ -182,12 +182,12 @@ def _budget(record: CompareRecord) -> Group:
     table.add_section()
     rows(_AFTER_EFFECTS if team.effects else {"all_m": _AFTER_EFFECTS["all_m"]})
     title = (
-        f"error budget in mm: {display_name(record.measure)}, {RMS_OVER[record.measure]} and the last half: "
+        f"error budget in mm: {display_name(record.measure)}, {RMS_OVER[record.measure]} and the second half: "
         "what an effect adds alone / what removing it gives back"
     )
     notes = [
         "at q* already: error with the agents of the ideal run at q*; not part of the sum",
-        "compare.json has the tracking and formation error of every group, over the last half and at the end",
+        "compare.json has the tracking and formation error of every group, over the second half and at the end",
     ]
     return _under(title, table, *notes, *_worse_without([team, *groups]))
 
@@ -257,7 +257,7 @@ def _speeds(record: CompareRecord) -> Group:
             *("no limit" if v is None else f"{v:.3g}" for v in (d.least_speed_m_s, d.forward_speed_m_s)),
         )
     best = ", ".join(f"in {f.moves_in} {f.vehicle} {f.speed_m_s:.3g}" for f in record.fastest)
-    title = "maximum speeds commanded in the last half, relative to the medium, m/s"
+    title = "maximum speeds commanded in the second half, relative to the medium, m/s"
     holds = "sustained: steady speed through the medium at full thrust, in the slowest horizontal direction and ahead"
     return _under(title, table, holds, f"fastest real vehicles (slowest way): {best}")
 

@@ -69,8 +69,8 @@ class PhaseRecord(FiniteRecord):
     end: float = Field(description="time of its last sample, s")
     events: list[str] = Field(description="events at its start, in words")
     errors: dict[str, dict[str, ScopeRecord]] = Field(
-        description="by variant, then by scope: at its end, and RMS over its last half; null where a run did not reach "
-        "its end"
+        description="by variant, then by scope: at its end, and RMS over its second half; null where a run did not "
+        "reach its end"
     )
     budgets: list[BudgetRecord] = Field(description="as those of the whole run, over this phase")
     velocity_limit: VelocityLimitRecord | None = Field(
@@ -143,7 +143,7 @@ class CompareRecord(FiniteRecord):
         return TRACKING if self.rung("ideal").errors[TEAM].late.formation_error is None else FORMATION
 
     def limit_costs(self, scope: str, measure: str, run: str) -> float | None:
-        """Return how much the velocity limit adds to an error of run 'ideal' or 'all' over the last half, m.
+        """Return how much the velocity limit adds to an error of run 'ideal' or 'all' over the second half, m.
 
         None if that is unknown.
         """
@@ -214,7 +214,7 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
     if budget.ideal_m is None or budget.all_m is None:
         return ["the ideal run blows up, so nothing can be compared with it"]
     cost, name = budget.all_m - budget.ideal_m, display_name(record.measure)
-    over = f"{RMS_OVER[record.measure]} and the last half"
+    over = f"{RMS_OVER[record.measure]} and the second half"
     if budget.all_m <= ROUNDING:
         ideal = f"{budget.ideal_m:.3g} m" if budget.ideal_m > ROUNDING else "zero to rounding"
         return [f"{name}, {over}: ideal {ideal}, as given zero to rounding: nothing to gain"]
@@ -265,7 +265,7 @@ def _links(record: CompareRecord) -> list[str]:
 
 
 def _costs_of_terms(record: CompareRecord) -> tuple[float, float] | None:
-    """Return the tracking errors under the paper's law alone and with the terms, RMS over the last half, m.
+    """Return the tracking errors under the paper's law alone and with the terms, RMS over the second half, m.
 
     None if the law has no terms, or if one of the runs blew up.
     """
@@ -442,7 +442,7 @@ def _velocity_limit(record: CompareRecord) -> list[str]:
     costs = [record.limit_costs(TEAM, measure, run.run) or 0.0 for measure in measures for run in limit.runs]
     limits = " to ".join(dict.fromkeys([f"{limit.lowest_m_s:.3g}", f"{limit.highest_m_s:.3g}"]))
     told = (
-        f"agents are at their velocity limit ({limits} m/s) {100 * ideal.share_at_limit:.0f}% of the last half of "
+        f"agents are at their velocity limit ({limits} m/s) {100 * ideal.share_at_limit:.0f}% of the second half of "
         f"the ideal run, {100 * whole.share_at_limit:.0f}% as given"
     )
     if errors:
@@ -463,7 +463,7 @@ def _with_and_without(record: CompareRecord, measure: str) -> list[str]:
 
 
 def _raise_limit(record: CompareRecord) -> str:
-    """Advise the limit that suffices: the largest speed commanded in the last half of the ideal run without one."""
+    """Advise the limit that suffices: the largest speed commanded in the second half of the ideal run without one."""
     limit = record.velocity_limit
     assert limit is not None  # some agent has one
     return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"

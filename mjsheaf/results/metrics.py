@@ -277,7 +277,7 @@ def error_series_of(team: Team, dataset: xr.Dataset) -> dict[str, list[float | N
 
 
 def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
-    """Compute the RMS of the team's errors over the last half of a run, m; None if a measure is undefined."""
+    """Compute the RMS of the team's errors over the second half of a run, m; None if a measure is undefined."""
     time = dataset["time"].values
     everyone, _ = _series_of(team, dataset, int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)))
     return {name: finite(np.sqrt((x**2).mean())) for name, x in everyone.items()}

@@ -16,8 +16,8 @@
 Notes are in this order, the most important first. There is one per kind, about the vehicle with the worst value.
 
 A smooth command has almost no second difference from sample to sample. White noise of deviation s has a second
-difference of sqrt(6) s. This measures the jump of a run, as RMS over agents and the last half of the run. Commands are
-recorded after limiting, so jumps that a limit cuts off are larger than they appear.
+difference of sqrt(6) s. This measures the jump of a run, as RMS over agents and the second half of the run. Commands
+are recorded after limiting, so jumps that a limit cuts off are larger than they appear.
 """
 
 from collections.abc import Iterator, Sequence
@@ -109,7 +109,7 @@ class Note:
 
 @dataclass(frozen=True)
 class TermsInRun:
-    """Behaviour of a law's terms over the last half of a run.
+    """Behaviour of a law's terms over the second half of a run.
 
     Attributes:
         on: Names of the terms.
@@ -535,8 +535,8 @@ def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Terms
 
 def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:
     """Compose warnings about the terms."""
-    limited = f"agents are at their velocity limit for {100 * found.at_limit:.0f}% of the last half"
-    saturated = f"agents' thrusters are at a limit for {100 * (found.saturated or 0.0):.0f}% of the last half"
+    limited = f"agents are at their velocity limit for {100 * found.at_limit:.0f}% of the second half"
+    saturated = f"agents' thrusters are at a limit for {100 * (found.saturated or 0.0):.0f}% of the second half"
     if found.jump > max(MAX_JUMP * found.commanded, MIN_JUMP):
         jumping = (
             f"commands jump by {found.jump:.3g} m/s RMS from sample to sample "

@@ -145,7 +145,7 @@ def draw_errors(
 ) -> Figure:
     """Draw errors over time: disagreement, tracking, formation and centering by group, and tracking by agent.
 
-    The last two panels show the worst agents: their curves, and all agents ranked by their error over the last half.
+    The last two panels show the worst agents: their curves, and all agents ranked by their error over the second half.
 
     Args:
         team: Team of the run.
@@ -197,12 +197,12 @@ def draw_errors(
 
 
 def _last_half(time: Array) -> BoolArray:
-    """Mark the samples in the last half of a run, shape (T,)."""
+    """Mark the samples in the second half of a run, shape (T,)."""
     return np.asarray(time >= (time[0] + time[-1]) / 2)
 
 
 def _late_error(time: Array, tracking: Array) -> Array:
-    """Compute the RMS of agents' errors (T, N) over the last half, shape (N,), m; NaN for those absent at the end."""
+    """Compute the RMS of agents' errors (T, N) over the second half, shape (N,), m; NaN for those absent at the end."""
     late = np.sqrt(mean_known(tracking[_last_half(time)].T ** 2))
     return np.where(np.isnan(tracking[-1]), np.nan, late)
 
@@ -250,7 +250,7 @@ def _draw_agents(axis: Any, team: Team, time: Array, errors: Array, order: IntAr
 
 
 def _draw_ranking(axis: Any, team: Team, errors: Array, late: Array, order: IntArray, groups: IntArray) -> None:
-    """Draw all agents ranked by their RMS error over the last half (N,), with the range of their errors (T, N)."""
+    """Draw all agents ranked by their RMS error over the second half (N,), with the range of their errors (T, N)."""
     _, names, colours = groups_of(team)
     rank = np.arange(1, len(order) + 1)
     few = len(order) <= _MOST_RANKED
@@ -262,7 +262,7 @@ def _draw_ranking(axis: Any, team: Team, errors: Array, late: Array, order: IntA
         style = {"color": colours[k], "markersize": 5.0 if few else 2.0}
         axis.plot(rank[own], late[order][own], linestyle="", marker=marker_of(k, names), **style)
     log_axis(axis, "y", errors)
-    label_axes(axis, "agents by error over the last half", "" if few else "rank of the agent", "RMS and range (m)")
+    label_axes(axis, "agents by error over the second half", "" if few else "rank of the agent", "RMS and range (m)")
     axis.set_xlim(0.3, max(len(order), 1) + 0.7)
     if few:
         axis.set_xticks(rank, [_short(team.agents[i].id) for i in order], rotation=90, fontsize=SMALL)

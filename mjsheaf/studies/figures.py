@@ -49,7 +49,7 @@ _LABELS = {
 }
 _RATIOS = {
     "bound_ratio": "largest |e| / (bound + accuracy), whole run (-)",
-    "late_bound_ratio": "largest |e| / (bound + accuracy), last half (-)",
+    "late_bound_ratio": "largest |e| / (bound + accuracy), second half (-)",
 }
 _MOST_BINS, _NARROWEST = 60, 0.02
 _GREY = "#BBBBBB"
@@ -226,7 +226,7 @@ def _final_errors(study: StudyFile, records: list[dict[str, Any]]) -> dict[str, 
         values = _of_finished(records, lambda record, measure=measure: (record[when] or {}).get(measure))  # type: ignore[misc]
         if np.isfinite(values).any():
             label = _LABELS[measure]
-            errors[f"{label.removeprefix('final ')}\nRMS over the last half" if study.late else label] = values
+            errors[f"{label.removeprefix('final ')}\nRMS over the second half" if study.late else label] = values
     return errors
 
 

@@ -133,7 +133,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
     """Make the record of a run.
 
     Its fields are run, parameters, seed, status and message; `final` as in summary.json; `late`, the same measures as
-    RMS over the last half; `ending`; `settled`, True if that is 'settled'; `bound_ratio` and `late_bound_ratio`, see
+    RMS over the second half; `ending`; `settled`, True if that is 'settled'; `bound_ratio` and `late_bound_ratio`, see
     `RunBound`; `numbers_per_agent_second` and `law` as in summary.json. If trajectories are kept, `series` has the
     errors over time: time, s, and each measure, m, at selected samples.
     """

@@ -160,7 +160,7 @@ class StudyFile(Section):
     draws: Draws | None = Field(None, description="random points")
     seeds: SeedRange | None = Field(None, description="seeds of every point; the scenario's seed unless given")
     measure: Measure | None = Field(None, description="error that plots show; every error that is defined unless given")
-    late: bool = Field(False, description="plot RMS over the last half instead of the final error")
+    late: bool = Field(False, description="plot RMS over the second half instead of the final error")
     labels: dict[str, str] = Field(default_factory=dict, description="names of swept fields in plots, with units")
     trajectories: bool = Field(False, description="keep result.nc of every run, and draw errors over time")
 

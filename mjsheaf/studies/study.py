@@ -128,7 +128,7 @@ def results_of(plan: Plan, records: list[dict[str, Any]], figures: FigureOptions
 def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     """Make the table: run, a column for each swept field named by its path, then _COLUMNS.
 
-    Errors are the team's at the last sample and, under `late_`, their RMS over the last half, m. A cell is empty if a
+    Errors are the team's at the last sample and, under `late_`, their RMS over the second half, m. A cell is empty if a
     measure is undefined, if the run ended before it, or if a listed point does not set the parameter. A parameter's
     column holds numbers if all its values are numbers, text if all are text, and JSON otherwise.
     """
@@ -236,8 +236,8 @@ class Best:
 def best_point(plan: Plan, table: pd.DataFrame) -> Best | None:
     """Find the point with the smallest error, the median over its seeds; None without points to choose from.
 
-    The error is the one that plots show: the study's measure, at the end or over the last half. A point counts only if
-    all of its runs finished.
+    The error is the one that plots show: the study's measure, at the end or over the second half. A point counts only
+    if all of its runs finished.
     """
     measure = plan.study.measure or "tracking_error"
     column = f"late_{measure}" if plan.study.late else measure

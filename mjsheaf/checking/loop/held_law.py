@@ -62,7 +62,7 @@ class Share(Record):
     """A part of d that is left, and why."""
 
     part: str = Field(description="what of d it is")
-    size: float = Field(description="its largest size over the last half of the run, 2-norm over the team, m/s")
+    size: float = Field(description="its largest size over the second half of the run, 2-norm over the team, m/s")
 
 
 class LawLoop(Record):
@@ -88,7 +88,7 @@ class LawLoop(Record):
         "where undecided"
     )
     radius: Finite = Field(
-        description="|e| of the team never exceeds it at samples of the last half of the run, m; null: see reason"
+        description="|e| of the team never exceeds it at samples of the second half of the run, m; null: see reason"
     )
     between: Finite = Field(description="the same between samples too, m")
     largest: Finite = Field(description="the same over the whole run, m")
@@ -98,7 +98,7 @@ class LawLoop(Record):
     unlimited_per_agent: Finite = Field(description="`unlimited` as RMS over agents, m")
     norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
     command: Finite = Field(
-        description="no agent's command exceeds it over the last half of the run, before its last sample, m/s"
+        description="no agent's command exceeds it over the second half of the run, before its last sample, m/s"
     )
     unlimited: Finite = Field(description="`radius` of the same law without limits of speed and integral, m")
     left: list[Share] = Field(description="residual disturbance d by cause, the largest first")
@@ -321,7 +321,7 @@ class Envelope:
     clipped: str
 
     def late(self) -> float:
-        """The bound at samples of the last half of the run, m."""
+        """The bound at samples of the second half of the run, m."""
         return float(self.samples[len(self.within) // 2 :].max())
 
 
