@@ -127,7 +127,7 @@ def touched(loop: Loop) -> int:
     params, state = loop
     medium = params.medium
     bodies = params.fleet.bodies
-    read = [*medium.harmonics, bodies, state.memory.command, params.stopped, medium.planar, medium.rows]
+    read = [*medium.harmonics, bodies, state.memory.command, params.helm, medium.planar, medium.rows]
     changed = [state.qpos, state.qvel, state.ctrl, state.act, state.medium.sines]
     return int(sum(x.nbytes for x in read) + 2 * sum(x.nbytes for x in changed)) // len(bodies)
 

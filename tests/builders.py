@@ -26,6 +26,7 @@ from mjsheaf.media import disturbance
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.simulation.fused import Fused
+from mjsheaf.simulation.loop import AUTOPILOT, STOPPED
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
 from mjsheaf.system import System
@@ -443,9 +444,9 @@ def place(world: World, R: Array, velocity: Any = (0, 0, 0), rates: Any = (0, 0,
 
 def step_unpowered(world: World, count: int) -> None:
     """Step with the thrusters off."""
-    world._loop.params.stopped[:] = True
+    world._loop.params.helm[:] = STOPPED
     world.step(count)
-    world._loop.params.stopped[:] = False
+    world._loop.params.helm[:] = AUTOPILOT
 
 
 def wrench(world: World) -> Array:

@@ -46,12 +46,12 @@ class BodyPhysics(Physics):  # type: ignore[misc] # dm_control has no types
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         episode = self.episode
-        return _restored, (episode.scenario, episode.horizon, episode.state())
+        return _restored, (episode.scenario, episode.horizon, episode.action, episode.state())
 
 
-def _restored(scenario: Scenario, horizon: float, state: Array) -> BodyPhysics:
+def _restored(scenario: Scenario, horizon: float, action: str, state: Array) -> BodyPhysics:
     """Make physics in a state."""
-    episode = Episode(scenario, horizon=horizon)
+    episode = Episode(scenario, horizon=horizon, action=action)
     episode.set_state(state)
     return BodyPhysics(episode)
 
@@ -70,14 +70,16 @@ class Tracking(control.Task):  # type: ignore[misc] # dm_control has no types
         """Do nothing: the reset of the physics has placed all vehicles."""
 
     def before_step(self, action: Mapping[str, Array], physics: BodyPhysics) -> None:
-        """Add the action to the law's commands of the coming control period."""
+        """Choose the action of the coming control period."""
         self.episode.act(action)
 
     def action_spec(self, physics: BodyPhysics) -> dict[str, Any]:
-        """Velocity relative to the medium that is added to the law's command, by agent id, (n_i,), m/s."""
-        episode = self.episode
-        sizes = zip(episode.agents, episode.dimensions, episode.action_limits, strict=True)
-        return {name: specs.BoundedArray((int(n),), np.float64, -limit, limit, name=name) for name, n, limit in sizes}
+        """Action of each agent within `Episode.bounds`, by id."""
+        found = {}
+        for name, bounds in self.episode.bounds.items():
+            low, high = bounds if self.episode.action == "thrust" else bounds[:, 0]  # a velocity has one for all axes
+            found[name] = specs.BoundedArray(bounds.shape[1:], np.float64, low, high, name=name)
+        return found
 
     def observation_spec(self, physics: BodyPhysics) -> dict[str, Any]:
         """Shapes of `Episode.observe`, by agent id."""
@@ -117,13 +119,16 @@ class TeamEnvironment(control.Environment):  # type: ignore[misc] # dm_control h
         return self.task.reward_spec()
 
 
-def dm_env(scenario: Scenario, *, horizon: float | None = None, seed: int | None = None) -> TeamEnvironment:
+def dm_env(
+    scenario: Scenario, *, horizon: float | None = None, seed: int | None = None, action: str = "residual"
+) -> TeamEnvironment:
     """Return a scenario on bodies as an environment of dm_control; a step is one control period.
 
     Zero actions give the run of `mjsheaf run`, to the bit. Every episode is the same: `reset` goes back to the
     scenario's initial condition, with the same disturbances and links. For others take another seed.
 
     Action: a dict by agent id of velocities (n_i,), m/s, that are added to the law's commands before the speed limit.
+    Of other kinds of `action` zeros are commands, and not the run: to stand still in the medium, or no thrust.
     Observation: a dict by agent id, see `Episode.observe`. Reward: -|q* - q|^2 of each agent, shape (N,), m^2, in the
     order of `scenario.team.agent_ids`. Agents that are lost or have yet to join keep their places: their observation is
     zero, with `present` False, their reward is 0, and their action is ignored.
@@ -135,9 +140,10 @@ def dm_env(scenario: Scenario, *, horizon: float | None = None, seed: int | None
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.
         horizon: Length of an episode, s, a whole number of control periods; up to `time.end` unless given.
         seed: Seed of every episode instead of the scenario's.
+        action: Kind of the actions; see `Episode`.
 
     Raises:
         InputError: The scenario cannot be simulated on bodies, an argument is not valid, or dm_control is missing.
         NotUniqueError: The harmonic extension is not unique.
     """
-    return TeamEnvironment(Episode(scenario, horizon=horizon, seed=seed))
+    return TeamEnvironment(Episode(scenario, horizon=horizon, seed=seed, action=action))

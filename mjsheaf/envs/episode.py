@@ -1,8 +1,9 @@
 """The core of all environments: a scenario on bodies as a sequence of control periods, each with an action.
 
-An action is a velocity for each agent, relative to the medium. It is added to the law's command before the speed limit;
-see `add_supplied` in `mjsheaf.control.law`. An observation holds what the agent itself measures and nothing else. The
-reward of an agent is -|q* - q|^2, so that its distance from 0 is the regret against a known optimum.
+An action is a velocity for each agent, relative to the medium, or the commands of its actuators. A velocity is added to
+the law's command before the speed limit; see `add_supplied` in `mjsheaf.control.law`. An observation holds what the
+agent itself measures and nothing else. The reward of an agent is -|q* - q|^2, so that its distance from 0 is the regret
+against a known optimum.
 """
 
 import logging
@@ -17,6 +18,7 @@ from mjsheaf.arguments import require_choice, require_scenario
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.engine import Commanded
 from mjsheaf.simulation.loop import ClosedLoop
 from mjsheaf.simulation.session import Session
 from mjsheaf.team import Edge
@@ -25,8 +27,10 @@ from mjsheaf.vehicles.effects import capability_of, of_each
 DEFAULT_ACTION_LIMIT = 10.0
 """Largest action of an agent without a velocity limit whose thrusters have no limits either, m/s."""
 
-ACTIONS = ("residual", "velocity")
-"""Kinds of actions: velocities that are added to the commands of the law, or that take their place."""
+_COMMANDED: dict[str, Commanded] = {"residual": False, "velocity": True, "thrust": "thrust"}
+ACTIONS = tuple(_COMMANDED)
+"""Kinds of actions: velocities that are added to the commands of the law, velocities that take their place, or commands
+of actuators, which take the place of law and autopilot."""
 
 _log = logging.getLogger("mjsheaf")
 
@@ -59,9 +63,12 @@ class Episode:
         session: The run, period by period.
         world: Its closed loop on bodies.
         agents: Ids of all agents, those included that are lost or have yet to join.
+        action: Kind of the actions, see `ACTIONS`.
         dimensions: Components of each agent's action, shape (N,).
-        action_limits: Largest size of each component of an agent's action, shape (N,), m/s: its velocity limit or, if
+        action_limits: Largest size of each component of an agent's velocity, shape (N,), m/s: its velocity limit or, if
             it has none, its top speed, or `DEFAULT_ACTION_LIMIT` if nothing limits its thrusters.
+        bounds: Smallest and largest action by agent id, shape (2, n_i): `action_limits` both ways, m/s; of 'thrust' the
+            limits of the agent's actuators, N, or rad for angles.
         edges: Edges at which each agent measures in some phase, by its id.
         keys: Names of these edges; see `named_edges`.
         periods: Control periods of an episode.
@@ -85,24 +92,30 @@ class Episode:
             horizon: Length of an episode, s, a whole number of control periods; up to `time.end` unless given.
             seed: Seed of every episode instead of the scenario's.
             visible: False for a model without the geoms that are only to be seen.
-            action: 'residual': actions are added to the commands of the agents' law; 'velocity': they take their place.
+            action: 'residual': actions are added to the commands of the agents' law; 'velocity': they take their place;
+                'thrust': actions are the commands of the agents' actuators. They replace law and autopilot, so neither
+                the speed limit nor `safety` acts on these agents. Zero stops all thrusters.
             engine: Engine that moves the bodies, 'mujoco' or 'fused'.
 
         Raises:
-            InputError: The scenario cannot be simulated on bodies, or an argument is not valid.
+            InputError: The scenario cannot be simulated on bodies, or an argument is not valid; or actions are 'thrust'
+                and the thrust of an agent has no limits.
             NotUniqueError: The harmonic extension is not unique.
         """
         require_scenario(scenario)
         if seed is not None:
             scenario = scenario.with_seed(seed)
         require_choice("action", action, ACTIONS)
-        self.session = Session(scenario, visible=visible, commanded=action == "velocity", engine=engine)
+        self.action = action
+        self.session = Session(scenario, visible=visible, commanded=_COMMANDED[action], engine=engine)
         self.scenario = scenario
         self.world = cast(ClosedLoop, self.session.engine)
         team = scenario.team
         self.agents = list(team.agent_ids)
-        self.dimensions = np.array([agent.dimension for agent in team.agents])
         self.action_limits = _action_limits(scenario)
+        each = _thrust_limits(scenario) if action == "thrust" else self._velocity_limits()
+        self.bounds = dict(zip(self.agents, each, strict=True))
+        self.dimensions = np.array([limits.shape[1] for limits in each])
         grid = scenario.whole.grid
         self.periods = grid.steps if horizon is None else _whole_periods(horizon, grid.period, grid.steps)
         every = named_edges(team.measuring_edges)
@@ -117,28 +130,54 @@ class Episode:
         self.message = ""
         self.sample()
 
-    def act(self, actions: Mapping[str, ArrayLike]) -> None:
-        """Choose the velocities that are added to the law's commands from now on.
+    def act(self, actions: Mapping[str, ArrayLike], *, normalized: bool = False) -> None:
+        """Choose the actions of the agents from now on.
 
         Args:
-            actions: Velocity relative to the medium by agent id, shape (n_i,), m/s; larger ones are cut to
-                `action_limits`. An agent that is not named, or absent at present, gets none.
+            actions: Action by agent id, shape (n_i,), cut to `bounds`: a velocity relative to the medium, m/s, or the
+                commands of the agent's actuators. An agent that is not named, or absent at present, gets zeros.
+            normalized: True if actions are in [-1, 1]: 1 and -1 stand for the bounds, and 0 for 0.
 
         Raises:
             InputError: An id is unknown, or an action is not finite or of another shape.
         """
         if not isinstance(actions, Mapping):
-            raise InputError(f"action is a {type(actions).__name__}; expected a mapping of agent ids to velocities")
-        velocity = np.zeros((len(self.agents), 3))
+            raise InputError(f"action is a {type(actions).__name__}; expected a mapping of agent ids to arrays")
+        given = {name: np.zeros(n) for name, n in zip(self.agents, self.dimensions.tolist(), strict=True)}
         for name, action in actions.items():
-            if name not in self.scenario.team.index or name not in self.agents:
+            if name not in given:
                 raise InputError(f"action: unknown agent {name!r}; {expected(str(name), self.agents)}")
-            i = self.scenario.team.index[name]
-            n = self.dimensions[i]
-            velocity[i, :n] = _velocity(name, action, n)
-        velocity[~self.present] = 0.0
-        limits = self.action_limits[:, None]
-        self.world.add_to_command(np.clip(velocity, -limits, limits))
+            numbers = self._checked(name, action)
+            bounds = self.bounds[name]
+            given[name] = np.clip(scaled(numbers, bounds) if normalized else numbers, *bounds)
+        if self.action == "thrust":
+            self.world.add_to_command(np.concatenate(list(given.values())))
+            return
+        velocity = np.zeros((len(self.agents), 3))
+        for i in np.flatnonzero(self.present).tolist():
+            velocity[i, : self.dimensions[i]] = given[self.agents[i]]
+        self.world.add_to_command(velocity)
+
+    def _velocity_limits(self) -> list[Array]:
+        """Return the smallest and largest velocity of each agent, shape (2, n_i), m/s."""
+        sizes = zip(self.action_limits, self.scenario.team.agents, strict=True)
+        return [np.outer([-limit, limit], np.ones(agent.dimension)) for limit, agent in sizes]
+
+    def _checked(self, name: str, action: ArrayLike) -> Array:
+        """Return an action as numbers.
+
+        Raises:
+            InputError: It is of another shape, or not finite.
+        """
+        n = self.bounds[name].shape[1]
+        unit = "commands of its actuators" if self.action == "thrust" else "velocities in m/s"
+        try:
+            numbers = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError):
+            numbers = np.full(0, np.nan)
+        if numbers.shape != (n,) or not np.isfinite(numbers).all():
+            raise InputError(f"action of {name} is {str(action)[:60]}; expected {n} finite {unit}")
+        return numbers
 
     def advance(self, steps: int) -> None:
         """Take physics steps, `world.steps_per_sample` in a control period, and a sample at the end of a period.
@@ -249,6 +288,30 @@ def _action_limits(scenario: Scenario) -> Array:
     return np.where(np.isfinite(limits) & (limits > 0.0), limits, DEFAULT_ACTION_LIMIT)
 
 
+def scaled(action: Array, bounds: Array) -> Array:
+    """Return actions in [-1, 1], shape (..., n), in the units of their bounds (2, n); 0 stays 0."""
+    return np.where(action < 0.0, -bounds[0] * action, bounds[1] * action)
+
+
+def _thrust_limits(scenario: Scenario) -> list[Array]:
+    """Return the limits of each agent's actuators, shape (2, s_i), N, or rad for angles.
+
+    Raises:
+        InputError: A thrust has no limits.
+    """
+    limits = []
+    vehicles = scenario.whole.vehicles[: len(scenario.team.agents)]
+    for agent, vehicle in zip(scenario.team.agents, vehicles, strict=True):
+        each = np.array([(channel.low, channel.high) for channel in vehicle.channels]).reshape(-1, 2).T
+        if not np.isfinite(each).all():
+            raise InputError(
+                f"action is 'thrust', but the thrust of {agent.id} (vehicle {vehicle.name}) has no limits; expected "
+                "'residual', 'velocity', or agents whose vehicles have limits (physics.vehicles)"
+            )
+        limits.append(each)
+    return limits
+
+
 def _whole_periods(horizon: float, period: float, most: int) -> int:
     """The control periods of a horizon in s.
 
@@ -263,18 +326,3 @@ def _whole_periods(horizon: float, period: float, most: int) -> int:
             f"{most * period:g} s"
         )
     return round(ratio)
-
-
-def _velocity(name: str, action: ArrayLike, n: int) -> Array:
-    """An action as numbers.
-
-    Raises:
-        InputError: It is of another shape, or not finite.
-    """
-    try:
-        velocity = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError):
-        velocity = np.full(0, np.nan)
-    if velocity.shape != (n,) or not np.isfinite(velocity).all():
-        raise InputError(f"action of {name} is {str(action)[:60]}; expected {n} finite velocities in m/s")
-    return velocity

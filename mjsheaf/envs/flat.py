@@ -1,7 +1,8 @@
 """Episodes with actions and observations as arrays, which Gymnasium and PettingZoo share.
 
-An action is an array in [-1, 1], of which 1 is the agent's action limit. An observation is an array of the parts that
-`Episode.observe` names, one after another.
+An action is an array in [-1, 1]: 1 is the largest of the agent's actions, and -1 the smallest; see `Episode.bounds`.
+Zero is zero. What cannot be negative, such as the thrust of a rotor, is in [0, 1], and cut to its smallest. An
+observation is an array of the parts that `Episode.observe` names, one after another.
 """
 
 from collections.abc import Mapping, Sequence
@@ -57,7 +58,8 @@ class FlatEpisode(Episode):
     @cached_property
     def action_spaces(self) -> dict[str, spaces.Box]:
         """Space of each agent's action, by id."""
-        return {name: box(n, 1.0) for name, n in zip(self.agents, self.dimensions.tolist(), strict=True)}
+        lows = {name: -(limits[0] < 0.0).astype(np.float64) for name, limits in self.bounds.items()}
+        return {name: spaces.Box(low, 1.0, dtype=np.float64) for name, low in lows.items()}
 
     @cached_property
     def observation_spaces(self) -> dict[str, spaces.Box]:
@@ -72,9 +74,8 @@ class FlatEpisode(Episode):
         }
 
     def act_flat(self, actions: Mapping[str, Any]) -> None:
-        """Choose what is added to the law's commands by actions in [-1, 1], by id; see `Episode.act`."""
-        scale = dict(zip(self.agents, self.action_limits.tolist(), strict=True))
-        self.act({name: scale.get(name, 1.0) * np.asarray(one, dtype=np.float64) for name, one in actions.items()})
+        """Choose the actions of agents by arrays in [-1, 1], by id; see `Episode.act`."""
+        self.act(actions, normalized=True)
 
     def step_period(self) -> None:
         """Take one control period."""

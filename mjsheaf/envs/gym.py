@@ -4,6 +4,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 
 from mjsheaf.arrays import Array
 from mjsheaf.envs.flat import LARGEST, RENDER_MODES, FlatEpisode, box
@@ -28,7 +29,9 @@ class TeamEnv(gymnasium.Env[Array, Array]):
         period = episode.scenario.whole.grid.period
         self.metadata = {"render_modes": RENDER_MODES, "render_fps": max(1, round(1.0 / period))}
         self.render_mode = episode.render_mode
-        self.action_space = box(int(episode.dimensions.sum()), 1.0)
+        each = episode.action_spaces.values()
+        low, high = (np.concatenate([getattr(space, end) for space in each]) for end in ("low", "high"))
+        self.action_space = spaces.Box(low, high, dtype=np.float64)
         self.observation_space = box(len(self.observe()), LARGEST)
         self._ends = np.cumsum(episode.dimensions)[:-1]
 

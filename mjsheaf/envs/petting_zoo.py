@@ -86,8 +86,11 @@ def parallel_env(scenario: Scenario, **options: Any) -> TeamParallelEnv:
     """Return a scenario on bodies as a `pettingzoo.ParallelEnv`; a step is one control period.
 
     Zero actions give the run of `mjsheaf run`, to the bit. An action is an array (n_i,) in [-1, 1], times the agent's
-    action limit a velocity that is added to the law's command; `episode.action_limits` has the limits in m/s. An
-    observation is an array of what the agent itself measures. The reward is -|q* - q|^2 of the agent, m^2.
+    action limit a velocity that is added to the law's command; `episode.action_limits` has the limits in m/s. With
+    `action="velocity"` it is the whole command. With `action="thrust"` it is the commands of the agent's actuators, 1
+    their upper and -1 their lower limit; `episode.bounds` has the limits. Zeros of these two are commands: to stand
+    still in the medium, or no thrust, with which aircraft fall. An observation is an array of what the agent itself
+    measures. The reward is -|q* - q|^2 of the agent, m^2.
 
     An agent that is lost for good terminates. One that rejoins, or joins later, takes part from the start: while it is
     absent its observation is zero, and its action is ignored. All are truncated at `time.end`, or at the horizon, and

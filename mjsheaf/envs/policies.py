@@ -37,10 +37,12 @@ class SheafLaw:
             episode: The episode of an environment: `env.episode`, or `vector_env.envs[0].episode`.
 
         Raises:
-            InputError: The observations lack `measurements` or `received`, or an edge compares distances or directions,
-                from which alone no agent can compute eta.
+            InputError: Actions are not velocities; the observations lack `measurements` or `received`; or an edge
+                compares distances or directions, from which alone no agent can compute eta.
         """
         require_type("episode", episode, FlatEpisode, "the episode of an environment, such as env.episode")
+        if episode.action == "thrust":
+            raise InputError("action is 'thrust'; expected 'velocity' or 'residual', as the sheaf law is a velocity")
         for part in ("measurements", "received"):
             if part not in episode.parts:
                 raise InputError(f"parts: {', '.join(episode.parts)}; expected {part} among them, for the sheaf law")

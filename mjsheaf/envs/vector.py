@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control.sample import View
-from mjsheaf.envs.episode import named_edges
+from mjsheaf.envs.episode import named_edges, scaled
 from mjsheaf.envs.flat import FlatEpisode
 from mjsheaf.envs.gym import TeamEnv
 from mjsheaf.errors import InputError
@@ -126,7 +126,7 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         self._observations = np.stack([one.observe() for one in self.envs])
         episode = first.episode
-        self._limits = np.repeat(episode.action_limits, episode.dimensions)
+        self._bounds = np.hstack(list(episode.bounds.values()))
         self._agent = np.repeat(np.arange(len(episode.agents)), episode.dimensions)
         self._axis = np.concatenate([np.arange(n) for n in episode.dimensions.tolist()])
         self._worlds: Worlds | None = None
@@ -207,9 +207,12 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Return the same as `_take_one_by_one`."""
         worlds = self._worlds
         assert worlds is not None, "the runs are stepped one by one"
-        supplied = worlds.rows.loop.state.memory.supplied
-        velocity = np.clip(self._limits * actions, -self._limits, self._limits)
-        supplied[: self.num_envs, self._agent, self._axis] = velocity
+        state = worlds.rows.loop.state
+        given = np.clip(scaled(actions, self._bounds), *self._bounds)
+        if self.envs[0].episode.action == "thrust":
+            state.ctrl[: self.num_envs, : given.shape[1]] = given
+        else:
+            state.memory.supplied[: self.num_envs, self._agent, self._axis] = given
         broken = np.zeros(self.num_envs, dtype=np.bool_)
         for k, message in worlds.step(alive).items():
             self.envs[k].episode.message = message

@@ -6,7 +6,7 @@ compiled code. `mjsheaf.simulation.session` chooses one and offers it as a `Sess
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from mjsheaf.control.sample import Sample, Traffic, View
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, phases_of
+
+Commanded = bool | Literal["thrust"]
+"""True if velocities from outside take the place of the agents' law, 'thrust' if commands of actuators do."""
 
 Progress = Callable[[int, int], None]
 """Called with (samples done, samples in all)."""
@@ -66,14 +69,15 @@ class Engine(ABC):
         run: System | Sequence[Phase],
         *,
         controller: Law | Controller | None = None,
-        commanded: bool = False,
+        commanded: Commanded = False,
     ) -> None:
         """Put every vehicle at its initial position and heading.
 
         Args:
             run: The System of a scenario, or the phases of a run.
             controller: Law in Python in place of the agents' own.
-            commanded: True if velocities from outside take the place of the agents' own law, see `add_to_command`.
+            commanded: True if velocities from outside take the place of the agents' own law, 'thrust' if commands of
+                actuators take the place of their law and autopilot; see `add_to_command`.
 
         Raises:
             InputError: A vehicle is unknown or does not fit the dimension of its agent or target, or the control period
@@ -81,7 +85,7 @@ class Engine(ABC):
         """
         self._take(run)
         self.controller = controller_of(controller, self.system)
-        self._commanded = commanded or self.controller is not None
+        self._commanded: Commanded = commanded or self.controller is not None
         self._traffic = self.controller.traffic if self.controller else Traffic()
         self._prepare()
         self.reset()
@@ -336,6 +340,11 @@ class Engine(ABC):
             return next(self.record(self.system.grid.steps + 1, targets, progress))
 
     # -- what agents know ----------------------------------------------------------------------------------------------
+
+    @property
+    def command_shape(self) -> tuple[int, ...]:
+        """Shape of the argument of `add_to_command`."""
+        return len(self.system.team.agents), 3
 
     def add_to_command(self, velocity: Array) -> None:
         """Set velocities that are added to the commands of the compiled law, before the speed limit.

@@ -6,7 +6,7 @@ order, and lanes do not mix, so that a vehicle's bits are the same in a lane and
 by lane afterwards: efforts beyond their limits, large turns in a step.
 
 Lanes take multirotors and other vehicles that fly, with thrusters fixed on the body. What floats, has added mass, turns
-its thrusters, or is lost is moved by `advance_each`.
+its thrusters, is lost, or is commanded from outside is moved by `advance_each`.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from mjsheaf.media.flow import SOURCE, VORTEX, channel_velocity, offset_from, so
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.media.medium import medium_velocity
 from mjsheaf.simulation.bodies import allocate_within_limits, drag_wrench
-from mjsheaf.simulation.loop import HUGE, record
+from mjsheaf.simulation.loop import AUTOPILOT, HUGE, record
 from mjsheaf.simulation.motion import NEARLY_UNIT, SMALL, accelerations, series, turned
 from mjsheaf.vehicles.actuators import actuator_force
 from mjsheaf.vehicles.steering import FULL, THRUST_VECTOR, drag_force, point_thrust, turn_to
@@ -64,7 +64,7 @@ def fits_lanes(loop, first, last):
     fits = (last - first >= _FEWEST) & (last - first <= LANES)
     fits &= _flies_on_fixed_thrusters(kind) & (loop.state.qpos.itemsize == 8)
     for v in range(first, last):
-        fits &= not params.stopped[v]
+        fits &= params.helm[v] == AUTOPILOT
     return fits
 
 

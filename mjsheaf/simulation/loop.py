@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, BoolArray, Own
+from mjsheaf.arrays import Array, Own
 from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
@@ -35,6 +36,9 @@ from mjsheaf.vehicles.vectors import add, rotation, subtract, to_body, triple
 HUGE = 1e10
 """Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
 
+AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
+"""Codes of what commands the actuators of a vehicle: its autopilot, nothing, or the caller, who writes `State.ctrl`."""
+
 
 class Params(NamedTuple):
     """Constants of a run. Worlds of a batch share them, except for the fields marked `Own`.
@@ -44,7 +48,7 @@ class Params(NamedTuple):
         medium: Flow and disturbances around the vehicles.
         fleet: The vehicles.
         station: Positions that vehicles hold.
-        stopped: True for each vehicle whose thrusters stand still, shape (V,).
+        helm: AUTOPILOT, STOPPED or OUTSIDE for each vehicle, shape (V,).
         gain: Gains of all actuators, as MuJoCo has them, shape (A, k) or (A, 1).
         start: Time of step 0, s.
         timestep: Physics step, s.
@@ -56,7 +60,7 @@ class Params(NamedTuple):
     medium: MediumArrays
     fleet: Fleet
     station: Station
-    stopped: BoolArray
+    helm: NDArray[np.int8]
     gain: Array
     start: float
     timestep: float
@@ -198,8 +202,9 @@ def sense_and_command(loop, v):
     sensed = Sensed(R, quaternion, s, omega)
     command = triple(state.memory.command[v])
     act = state.act[body.state :]
-    thruster_commands(kind, thrusters, body.heading, command, sensed, act, ctrl)
-    if params.stopped[v]:
+    if params.helm[v] != OUTSIDE:
+        thruster_commands(kind, thrusters, body.heading, command, sensed, act, ctrl)
+    if params.helm[v] == STOPPED:
         for j in range(kind.count):
             if thrusters[j].code != ANGLE:
                 ctrl[j] = 0.0
@@ -286,7 +291,7 @@ def new_loop(
         medium=medium,
         fleet=fleet,
         station=no_station(V),
-        stopped=np.zeros(V, dtype=np.bool_),
+        helm=np.full(V, AUTOPILOT, dtype=np.int8),
         gain=arrays.gain,
         start=start,
         timestep=timestep,
@@ -368,11 +373,15 @@ class ClosedLoop(Engine):
 
     def _enter(self, memory: Memory) -> None:
         system = self.system
-        stopped = system.stopped
+        helm = np.full(len(self._vehicles), AUTOPILOT, dtype=np.int8)
+        if system.stopped is not None:
+            helm[system.stopped] = STOPPED
+        if self._commanded == "thrust":
+            helm[: len(system.team.agents)][system.team.present] = OUTSIDE
         params = self._loop.params._replace(
             control=self._control,
             medium=system.medium,
-            stopped=np.zeros(len(self._vehicles), dtype=np.bool_) if stopped is None else stopped,
+            helm=helm,
             station=system.station_of_bodies,
         )
         self._loop = Loop(params, self._loop.state._replace(medium=new_state(system.medium), memory=memory))
@@ -431,6 +440,26 @@ class ClosedLoop(Engine):
             self._consult()
             self._evaluate_law()
         self._command()
+
+    @property
+    def command_shape(self) -> tuple[int, ...]:
+        """Shape of the argument of `add_to_command`."""
+        if self._commanded != "thrust":
+            return super().command_shape
+        return (sum(len(vehicle.channels) for vehicle in self._vehicles[: len(self.system.team.agents)]),)
+
+    def add_to_command(self, command: Array) -> None:
+        """Set velocities as `Engine.add_to_command`, or the commands of actuators if `commanded` is 'thrust'.
+
+        Args:
+            command: Velocities, or the command of each actuator of the agents, shape (A,), in the order of `result.nc`
+                and within the limits of `Vehicle.channels`; actuators of agents that are absent ignore theirs.
+        """
+        if self._commanded == "thrust":
+            self._enter_phase()
+            self._loop.state.ctrl[: len(command)] = command
+        else:
+            super().add_to_command(command)
 
     @property
     def memory(self) -> Memory:

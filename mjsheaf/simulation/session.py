@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mjsheaf.control.controller import Controller, Law
     from mjsheaf.control.sample import Sample
     from mjsheaf.scenario import Scenario
-    from mjsheaf.simulation.engine import Engine
+    from mjsheaf.simulation.engine import Commanded, Engine
     from mjsheaf.system import Phase, System
 
 BACKENDS = ("physics", "ideal")
@@ -46,7 +46,7 @@ class Session:
         engine: str = "mujoco",
         threads: int | None = 1,
         controller: "Law | Controller | None" = None,
-        commanded: bool = False,
+        commanded: "Commanded" = False,
         allow_drift: bool = False,
         visible: bool = False,
     ) -> None:
@@ -58,7 +58,8 @@ class Session:
             engine: Engine that moves bodies: 'mujoco' or 'fused'; see `simulate`.
             threads: Number of threads that move the bodies; None takes the idle processors, see `simulate`.
             controller: A law in Python in place of the agents' own; see `simulate`.
-            commanded: True if the argument of `step` replaces the agents' own law; by default it is added.
+            commanded: True if the argument of `step` replaces the agents' own law; by default it is added. 'thrust' if
+                it has the commands of actuators, which replace law and autopilot: on bodies only.
             allow_drift: True to also simulate a team whose harmonic extension is not unique; see `simulate`.
             visible: True for a MuJoCo model that includes purely visual geoms.
 
@@ -71,6 +72,8 @@ class Session:
         self.backend = backend
         self._engine = engine
         self._threads = threads
+        if commanded == "thrust" and backend == "ideal":
+            raise InputError("commanded is 'thrust': ideal kinematics have no thrusters; expected backend 'physics'")
         phases = self._phases_of(scenario)
         require_simulable(phases, backend, allow_drift=allow_drift)
         self.engine = engine_of(
@@ -116,7 +119,8 @@ class Session:
         Args:
             command: Velocity of each agent relative to the medium, in this period, padded, shape (N, 3), m/s. It is
                 added to the command of the agents' law before the speed limit; if the session is `commanded`, it takes
-                its place. None stands for zeros, which change nothing of a law's command, to the bit.
+                its place. None stands for zeros, which change nothing of a law's command, to the bit. If `commanded`
+                is 'thrust': the command of each actuator of the agents, in the order of `result.nc`, shape (A,).
 
         Raises:
             UnstableError: The state became bad; the message names vehicle, time and likely cause.
@@ -124,10 +128,11 @@ class Session:
                 returned no velocities.
         """
         engine = self.engine
-        shape = len(engine.system.team.agents), 3
+        shape = engine.command_shape
         velocity = np.zeros(shape) if command is None else np.asarray(command, dtype=np.float64)
         if velocity.shape != shape or not np.isfinite(velocity).all():
-            raise InputError(f"command has shape {velocity.shape}; expected {shape} finite velocities in m/s")
+            unit = "velocities in m/s" if len(shape) == 2 else "commands of actuators"
+            raise InputError(f"command has shape {velocity.shape}; expected {shape} finite {unit}")
         engine.add_to_command(velocity)
         engine.step_period()
 
@@ -187,7 +192,7 @@ def engine_of(
     *,
     controller: "Law | Controller | None" = None,
     seed: int = 0,
-    commanded: bool = False,
+    commanded: "Commanded" = False,
     visible: bool = False,
 ) -> "Engine":
     """Return the engine of a run at its start; arguments as for `Session`, and the seed of a law in Python.

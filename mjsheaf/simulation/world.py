@@ -20,7 +20,7 @@ from mjsheaf.jit import external, inline_jit, jit
 from mjsheaf.media.medium import advance
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
-from mjsheaf.simulation.engine import Recorder
+from mjsheaf.simulation.engine import Commanded, Recorder
 from mjsheaf.simulation.gate import Crew, fail
 from mjsheaf.simulation.loop import (
     HUGE,
@@ -224,7 +224,7 @@ class World(ClosedLoop):
         scenario: Any,
         *,
         controller: Law | Controller | None = None,
-        commanded: bool = False,
+        commanded: Commanded = False,
         visible: bool = True,
     ) -> None:
         """Compose the arena and put every vehicle at its initial position and heading.
@@ -232,7 +232,8 @@ class World(ClosedLoop):
         Args:
             scenario: a Scenario, the System that one describes, or the phases of a run.
             controller: a law in Python in place of the agents' own; see `mjsheaf.control.controller`.
-            commanded: True if `add_to_command` gives the agents' whole command, in place of their own law.
+            commanded: True if `add_to_command` gives the agents' whole command, in place of their own law; 'thrust' if
+                it gives the commands of their actuators, in place of law and autopilot.
             visible: False for a model without the geoms that are only to be seen: the same motion to the bit, sooner.
 
         Raises:

@@ -115,7 +115,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         w[:, :3], w[:, 3:] = rng.normal(0, 4, (V, 3)), rng.normal(0, 2, (V, 3))
         ours.act[:] = rng.uniform(low, high)[params.fleet.channels["late"] > 0]
         ours.memory.command[:] = rng.normal(0, 3, (V, 3)) * (rng.random() < 0.8)
-        params.stopped[:] = of_world.stopped[:] = rng.random(V) < 0.1
+        params.helm[:] = of_world.helm[:] = rng.random(V) < 0.1
         theirs.qpos[:], theirs.qvel[:], theirs.act[:] = ours.qpos, ours.qvel, ours.act
         theirs.memory.command[:] = ours.memory.command
         before = w.copy()

@@ -19,6 +19,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.simulation.linear import Station, linearise
+from mjsheaf.simulation.loop import STOPPED
 from mjsheaf.vehicles.actuators import AzimuthThruster, RudderThruster, aim, flow_wrench
 from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
@@ -250,7 +251,7 @@ def test_a_lost_boat_leaves_its_rudder_where_it_is() -> None:
     own = body(world)[3]
     before = world.data.act[own][1]
     assert abs(before) > 0.05
-    world._loop.params.stopped[:] = True
+    world._loop.params.helm[:] = STOPPED
     world.step(100)
     assert world.data.act[own][1] == pytest.approx(before, abs=1e-12)
     assert world.data.act[own][0] < 1e-3 * MOST

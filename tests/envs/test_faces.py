@@ -169,7 +169,7 @@ def test_seeds_and_parts() -> None:
     np.testing.assert_array_equal(first, same)
     whole = env(scenario)
     assert len(first) < len(whole.reset()[0])
-    for wrong in ({"parts": ["smell"]}, {"render_mode": "human"}, {"action": "thrust"}, {"horizon": 99.0}):
+    for wrong in ({"parts": ["smell"]}, {"render_mode": "human"}, {"action": "force"}, {"horizon": 99.0}):
         with refused(InputError):
             env(scenario, **wrong)
 
