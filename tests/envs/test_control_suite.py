@@ -4,12 +4,15 @@ Oracles: `simulate` and a plain `World`, to the bit; the dataset's tracking erro
 """
 
 import importlib
+import io
 import os
 import pickle
 import pkgutil
 import subprocess
 import sys
+import unittest
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,6 +30,7 @@ from mjsheaf.envs import dm_env
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario, refused
+from tests.envs.test_faces import SHIPPED, horizon, shipped
 
 LOST = {"time": {"end": 0.3}, "events": [{"time": 0.1, "lose": "boat"}, {"time": 0.2, "join": "boat"}]}
 ALL = {
@@ -305,6 +309,28 @@ class Conformance(test_utils.EnvironmentTestMixin, absltest.TestCase):  # type: 
                 name: rng.uniform(spec.minimum, spec.maximum, spec.shape)
                 for name, spec in self.environment.action_spec().items()
             }
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_conformance_suite_passes_on_shipped_scenarios(name: str) -> None:
+    """Each of dm_env's tests begins with an environment of its own."""
+    scenario = shipped(name)
+    if scenario is None:
+        return
+
+    make = partial(dm_env, scenario, horizon=horizon(scenario, 25))
+
+    class OfScenario(Conformance):
+        def make_object_under_test(self) -> interface.Environment:
+            return make()
+
+    report = io.StringIO()
+    tests = unittest.defaultTestLoader.loadTestsFromTestCase(OfScenario)
+    result = unittest.TextTestRunner(report).run(tests)
+    assert result.testsRun >= 4
+    assert result.wasSuccessful(), report.getvalue()
 
 
 # -- importing ---------------------------------------------------------------------------------------------------------
