@@ -61,10 +61,12 @@ class Tracking(control.Task):  # type: ignore[misc] # dm_control has no types
 
     Attributes:
         episode: The episode that the physics steps through.
+        one_reward: True if the reward is the sum over all agents.
     """
 
-    def __init__(self, episode: Episode) -> None:
+    def __init__(self, episode: Episode, one_reward: bool = False) -> None:
         self.episode = episode
+        self.one_reward = one_reward
 
     def initialize_episode(self, physics: BodyPhysics) -> None:
         """Do nothing: the reset of the physics has placed all vehicles."""
@@ -89,16 +91,17 @@ class Tracking(control.Task):  # type: ignore[misc] # dm_control has no types
         }
 
     def reward_spec(self) -> Any:
-        """Rewards of all agents in order, shape (N,), m^2."""
-        return specs.Array((len(self.episode.agents),), np.float64, name="reward")
+        """Rewards of all agents in order, shape (N,), or their sum, m^2."""
+        return specs.Array(() if self.one_reward else (len(self.episode.agents),), np.float64, name="reward")
 
     def get_observation(self, physics: BodyPhysics) -> dict[str, dict[str, Array]]:
         """Return what each agent measures itself."""
         return self.episode.observe()
 
-    def get_reward(self, physics: BodyPhysics) -> Array:
-        """Return -|q* - q|^2 of each agent, shape (N,), m^2."""
-        return self.episode.rewards
+    def get_reward(self, physics: BodyPhysics) -> Array | float:
+        """Return -|q* - q|^2 of each agent, shape (N,), or the sum, m^2."""
+        rewards = self.episode.rewards
+        return float(rewards.sum()) if self.one_reward else rewards
 
     def get_termination(self, physics: BodyPhysics) -> float | None:
         """Return the final discount, 0 if the simulation blew up and 1 otherwise; None before the episode ends."""
@@ -110,17 +113,23 @@ class Tracking(control.Task):  # type: ignore[misc] # dm_control has no types
 class TeamEnvironment(control.Environment):  # type: ignore[misc] # dm_control has no types
     """The environment that `dm_env` returns."""
 
-    def __init__(self, episode: Episode) -> None:
+    def __init__(self, episode: Episode, one_reward: bool = False) -> None:
         steps = episode.world.steps_per_sample
-        super().__init__(BodyPhysics(episode), Tracking(episode), n_sub_steps=steps, legacy_step=False)
+        task = Tracking(episode, one_reward)
+        super().__init__(BodyPhysics(episode), task, n_sub_steps=steps, legacy_step=False)
 
     def reward_spec(self) -> Any:
-        """Rewards of all agents in order, shape (N,), m^2."""
+        """Rewards of all agents in order, shape (N,), or their sum, m^2."""
         return self.task.reward_spec()
 
 
 def dm_env(
-    scenario: Scenario, *, horizon: float | None = None, seed: int | None = None, action: str = "residual"
+    scenario: Scenario,
+    *,
+    horizon: float | None = None,
+    seed: int | None = None,
+    action: str = "residual",
+    one_reward: bool = False,
 ) -> TeamEnvironment:
     """Return a scenario on bodies as an environment of dm_control; a step is one control period.
 
@@ -141,9 +150,10 @@ def dm_env(
         horizon: Length of an episode, s, a whole number of control periods; up to `time.end` unless given.
         seed: Seed of every episode instead of the scenario's.
         action: Kind of the actions; see `Episode`.
+        one_reward: True for the sum of the rewards, for learners and wrappers that take one number, such as Shimmy.
 
     Raises:
         InputError: The scenario cannot be simulated on bodies, an argument is not valid, or dm_control is missing.
         NotUniqueError: The harmonic extension is not unique.
     """
-    return TeamEnvironment(Episode(scenario, horizon=horizon, seed=seed, action=action))
+    return TeamEnvironment(Episode(scenario, horizon=horizon, seed=seed, action=action), one_reward)

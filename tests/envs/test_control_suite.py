@@ -11,6 +11,7 @@ import pkgutil
 import subprocess
 import sys
 import unittest
+import warnings
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -331,6 +332,25 @@ def test_the_conformance_suite_passes_on_shipped_scenarios(name: str) -> None:
     result = unittest.TextTestRunner(report).run(tests)
     assert result.testsRun >= 4
     assert result.wasSuccessful(), report.getvalue()
+
+
+def test_shimmy_makes_it_an_environment_of_gymnasium() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of its windowing library, where there is no display
+        shimmy = pytest.importorskip("shimmy.dm_control_compatibility")
+    env = dm_env(mixed_scenario(**LOST), one_reward=True)
+    rewards = [step.reward for step in steps(dm_env(mixed_scenario(**LOST)))]
+    outer = shimmy.DmControlCompatibilityV0(env)
+    observation, _ = outer.reset(seed=1)
+    assert observation in outer.observation_space
+    assert idle(env) in outer.action_space
+    assert env.reward_spec().shape == ()
+    for k, own in enumerate(rewards):
+        observation, reward, terminated, truncated, _ = outer.step(idle(env))
+        assert observation in outer.observation_space
+        assert reward == own.sum()
+        assert (terminated, truncated) == (False, k == len(rewards) - 1)
+    outer.step(outer.action_space.sample())
 
 
 # -- importing ---------------------------------------------------------------------------------------------------------
