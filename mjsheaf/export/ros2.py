@@ -1,12 +1,17 @@
 """Sink that writes a bag of ROS 2: messages in CDR in one MCAP file, and metadata.yaml. Equal runs give equal bytes."""
 
+import struct
+import zlib
 from collections.abc import Mapping, Sequence
+from io import SEEK_END
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+import zstandard
+from mcap.reader import make_reader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -57,6 +62,11 @@ _LATCHED = Qos(
 )  # fmt: skip
 _HALF_OPEN = 0.6  # opacity of desired positions
 _ARROW = (0.25, 0.8, 0.95, 0.9)  # colour of arrows, RGBA
+# Of an MCAP file (mcap.dev/spec), bytes:
+_CRC_OF_CHUNK = 1 + 8 + 3 * 8  # after opcode, length, start, end and size
+_HEAD_OF_DATA = 4 + 4 + len("zstd") + 8  # from the CRC to the data: itself, the compression, the length
+_CRC_AND_MAGIC = 4 + 8  # at the end of the file
+_END = 2 * 8 + _CRC_AND_MAGIC  # from the start of the summary's address in the footer
 _HERE = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
@@ -109,6 +119,7 @@ class Ros2Bag:
             if self._status[0] == "unstable":
                 self._log("ERROR", self._status[1])
             self._writer.close()
+            _write_checksums(self._bag / f"{BAG}.mcap")
             for file in self._bag.iterdir():
                 file.replace(self._path / file.name)
             (self._path / "scenario.yaml").write_bytes(self._attachment.read_bytes())
@@ -176,6 +187,25 @@ class Ros2Bag:
         strides = [int(np.prod(rows.shape[k:])) for k in range(rows.ndim)]
         dimensions = [_Type["dimension"](*row) for row in zip(labels, rows.shape, strides, strict=True)]
         return _Type["values"](_Type["layout"](dimensions, 0), rows.ravel())
+
+
+def _write_checksums(path: Path) -> None:
+    """Write the CRCs of the chunks and of the summary of an MCAP file, for which rosbags writes 0: unknown."""
+    with path.open("r+b") as file:
+        summary = make_reader(file).get_summary()
+        assert summary is not None, "rosbags writes one"
+        for chunk in summary.chunk_indexes:
+            file.seek(chunk.chunk_start_offset + _CRC_OF_CHUNK)
+            record = file.read(_HEAD_OF_DATA + chunk.compressed_size)
+            content = zstandard.decompress(record[_HEAD_OF_DATA:], chunk.uncompressed_size)
+            file.seek(chunk.chunk_start_offset + _CRC_OF_CHUNK)
+            file.write(struct.pack("<I", zlib.crc32(content)))
+        file.seek(-_END, SEEK_END)
+        (start,) = struct.unpack("<Q", file.read(8))
+        file.seek(start)
+        crc = zlib.crc32(file.read()[:-_CRC_AND_MAGIC])
+        file.seek(-_CRC_AND_MAGIC, SEEK_END)
+        file.write(struct.pack("<I", crc))
 
 
 def _solid(header: Any, frame: str, number: int, solid: Solid) -> Any:
