@@ -55,7 +55,8 @@ class Mcap:
     def write(self, chunk: xr.Dataset) -> None:
         """Write the samples of a chunk."""
         self._failed = True
-        for moment in self._content.moments(chunk):
+        rounded = {name: (chunk[name].dims, _significant(chunk[name].values)) for name in self._content.labels}
+        for moment in self._content.moments(chunk.assign(rounded)):
             stamp = Timestamp()
             stamp.FromNanoseconds(moment.time)
             self._last = stamp
@@ -146,12 +147,11 @@ class Mcap:
         """Return the values of the variables of one topic at a sample."""
         message = kind()
         for variable in kind.DESCRIPTOR.fields:
-            rounded = _significant(values[variable.name])
             if variable.message_type is None:
-                _set_numbers(message, variable.name, rounded)
+                _set_numbers(message, variable.name, values[variable.name])
                 continue
             own = getattr(message, variable.name)
-            for field, value in zip(variable.message_type.fields, rounded, strict=True):
+            for field, value in zip(variable.message_type.fields, values[variable.name], strict=True):
                 _set_numbers(own, field.name, value)
         return message
 
