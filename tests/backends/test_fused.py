@@ -40,7 +40,10 @@ OFF: dict[str, dict[str, Any]] = {
 }
 
 
-def of_vehicles(names: list[str], timestep: float, **fields: Any) -> Scenario:
+CHANNEL = {"centre": [5.0, 2.0, 1.0], "direction": [1.0, 0.5, 0.1], "beta": 0.7, "width": 4.0, "length": 12.0}
+
+
+def of_vehicles(names: list[str], timestep: float, components: int = 6, **fields: Any) -> Scenario:
     """A vehicle of each kind, in flow and disturbances."""
     agents: list[dict[str, Any]] = [
         {
@@ -56,8 +59,8 @@ def of_vehicles(names: list[str], timestep: float, **fields: Any) -> Scenario:
         "targets": [{"id": "T", "position": [0.0, 0.0, 5.0]}],
         "sensing": [[agent["id"], "T"] for agent in agents],
         "anchors": [{"agent": a["id"], "axes": ["z"], "value": [1.0]} for a in agents if len(a["position"]) == 3],
-        "flow": {"agents": FLOW},
-        "disturbance": {"agents": {"bound": 0.5, "frequencies": [0.1, 5.0]}},
+        "flow": {"agents": {**FLOW, "channels": [CHANNEL]}},
+        "disturbance": {"agents": {"bound": 0.5, "frequencies": [0.1, 5.0], "components": components}},
         "controller": {"gain": 1.0, "control_period": 10 * timestep},
         "physics": {"timestep": timestep, **fields},
     }
@@ -179,13 +182,14 @@ def test_a_step_in_lanes_is_that_of_mujoco(tmp_path: Path) -> None:
     assert off_by(of_vehicles(of_lanes(tmp_path), 0.002), 30, 3) < EPSILON
 
 
-def test_a_vehicle_in_lanes_moves_as_it_does_alone(tmp_path: Path) -> None:
+@pytest.mark.parametrize("components", [6, 12])
+def test_a_vehicle_in_lanes_moves_as_it_does_alone(components: int, tmp_path: Path) -> None:
     """Neighbours change no bit, even at rest, at limits, in turns beyond any series, and if one is bad.
 
-    One vehicle at a time is not moved in lanes.
+    One vehicle at a time is not moved in lanes; nor are disturbances of so many components.
     """
     rng = np.random.default_rng(4)
-    scenario = of_vehicles(of_lanes(tmp_path), 0.01)
+    scenario = of_vehicles(of_lanes(tmp_path), 0.01, components)
     together, alone = Fused(scenario.phases), Fused(scenario.phases)
     V = len(together._vehicles)
     nothing = Log(*(np.empty((0,) * values.ndim) for values in together._unrecorded.log[:-1]))
