@@ -34,7 +34,7 @@ def export(
         raise InputError("export: expected --mcap, --ros2 or both")
     if out is not None and len(formats) > 1:
         raise InputError(
-            f"--out {out}: names one place, but --mcap and --ros2 write two; expected only one of them with --out"
+            f"--out {out}: names one place; expected only one of --mcap and --ros2 with it"
         )
     with progress_bars("exporting the run"):
         from mjsheaf.export import FORMATS, export_run
