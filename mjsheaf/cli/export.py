@@ -33,9 +33,7 @@ def export(
     if not formats:
         raise InputError("export: expected --mcap, --ros2 or both")
     if out is not None and len(formats) > 1:
-        raise InputError(
-            f"--out {out}: names one place; expected only one of --mcap and --ros2 with it"
-        )
+        raise InputError(f"--out {out}: names one place; expected only one of --mcap and --ros2 with it")
     with progress_bars("exporting the run"):
         from mjsheaf.export import FORMATS, export_run
 
