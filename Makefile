@@ -9,11 +9,12 @@ CARDS := $(VENV)/.cuda
 DEMO := runs/paper-physics
 
 # uv where it is installed and finds the packages, otherwise pip; both take the tested versions. Python compiles modules
-# when it first loads them: compiling all of them takes half of the time of an installation.
-install = { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)/python \
+# when it first loads them, so that installing need not. Where PYTHONDONTWRITEBYTECODE forbids that, as in many
+# containers, every command would compile them anew, for 3 s.
+install = { { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)/python \
 	--constraint constraints.txt --editable '$(1)'; } \
 	|| $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
-	--editable '$(1)'
+	--editable '$(1)'; } $(if $(PYTHONDONTWRITEBYTECODE),&& { $(BIN)/python -m compileall -q -j 0 $(VENV)/lib mjsheaf >/dev/null || true; })
 
 .PHONY: demo test test-slow test-all lint docs clean bundle check-bundle
 

@@ -3,8 +3,8 @@
 Compiling a function takes seconds, and a check of a few vehicles needs some of them for milliseconds only. Python and
 compiled code carry out the same operations in the same order, so that results have the same bits whichever is taken;
 tests hold the functions that use this to it. A function is compiled when Python has taken a while in one process, or
-when a second process needs it after a first one in which Python took noticeable time. Machine code on disk is used
-at once.
+when it has taken about as long as compiling takes in several ones, which add up their times in a file. Machine code on
+disk is used at once.
 """
 
 import contextlib
@@ -20,7 +20,8 @@ import numpy as np
 from mjsheaf.jit import INTERPRETED, Dispatcher
 
 _MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
-_NOTICEABLE = 0.1  # s: after so much in one process, the next one compiles the function
+_PROCESSES = 4  # Python may take so many times the limit of a process in all of them together
+_NOTICEABLE = 0.1  # s: a process writes down its time in steps of this size
 _MAX_NUMBERS = 10_000  # in the arrays of a call that Python carries out
 
 
@@ -76,8 +77,8 @@ class Tiered:
         self.compiled = compiled
         self._python: Callable[..., Any] | None = None
         self._left = seconds
-        self._taken = 0.0
-        self._marked = False
+        self._seconds = seconds
+        self._unwritten = 0.0
         self._numbers = numbers
         self._records = records
 
@@ -87,8 +88,8 @@ class Tiered:
             return self.compiled(*arguments)
         if self._python is None:
             self._python = in_python(self.compiled)
-            self._mark = _file(self.compiled)
-            if self._mark.exists() or _is_on_disk(self.compiled):
+            self._times = _file_of_times(self.compiled)
+            if _total_time(self._times) > _PROCESSES * self._seconds or _is_on_disk(self.compiled):
                 self._left = 0.0
         if self._left <= 0.0 or (self._numbers < np.inf and _numbers_in(arguments) > self._numbers):
             return self.compiled(*arguments)
@@ -97,11 +98,10 @@ class Tiered:
             result = self._python(*(_as_records(arguments) if self._records else arguments))
         taken = thread_time() - begun
         self._left -= taken
-        self._taken += taken
-        if self._taken > _NOTICEABLE and not self._marked:
-            self._marked = True
-            with contextlib.suppress(OSError):
-                self._mark.touch()
+        self._unwritten += taken
+        if self._unwritten > _NOTICEABLE:
+            _add_time(self._times, self._unwritten)
+            self._unwritten = 0.0
         return result
 
 
@@ -131,8 +131,8 @@ def _in_python(compiled: Any, made: dict[int, Callable[..., Any]]) -> Callable[.
     return twin
 
 
-def _file(compiled: Any) -> Path:
-    """Return a file next to the machine code of a function, which marks that a process has needed it."""
+def _file_of_times(compiled: Any) -> Path:
+    """Return a file next to the machine code of a function, with the times that Python took for it, s."""
     function = compiled.py_func
     return (
         Path(compiled.stats.cache_path or "")
@@ -140,9 +140,26 @@ def _file(compiled: Any) -> Path:
     )
 
 
+def _total_time(file: Path) -> float:
+    """Return the sum of the times in a file, s; 0 if there is none, and infinity if it is not readable."""
+    try:
+        return sum(map(float, file.read_text(encoding="ascii").split()))
+    except FileNotFoundError:
+        return 0.0
+    except (OSError, ValueError):
+        return math.inf
+
+
+def _add_time(file: Path, seconds: float) -> None:
+    """Append a time to a file, in one write, as other processes append to it too."""
+    with contextlib.suppress(OSError), open(file, "a", encoding="ascii") as times:
+        times.write(f"{seconds:.3f}\n")
+
+
 def _is_on_disk(compiled: Any) -> bool:
-    mark = _file(compiled)
-    return any(mark.parent.glob(f"{mark.stem}-*.nbi"))
+    """Return True if numba has saved the function for calls from Python, not only for those of compiled callers."""
+    times = _file_of_times(compiled)
+    return any(".linked." not in index.name for index in times.parent.glob(f"{times.stem}-*.nbi"))
 
 
 def _numbers_in(tree: Any) -> int:

@@ -65,7 +65,7 @@ def test_python_and_compiled_code_agree_to_the_bit(name: str, monkeypatch: pytes
     assert {"_answer", "_follow", "apply_forces", "fill_block", "solve_band", "_grow"} <= set(calls)
 
 
-def test_a_first_check_compiles_little_and_a_second_one_what_took_time(tmp_path: Path) -> None:
+def test_first_checks_compile_little_and_a_later_one_what_took_time(tmp_path: Path) -> None:
     def compiled() -> set[str]:
         environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PATH": ""}
         done = subprocess.run(
@@ -73,9 +73,26 @@ def test_a_first_check_compiles_little_and_a_second_one_what_took_time(tmp_path:
         )
         return set(done.stdout.split())
 
-    first = compiled()
-    assert not {"_answer", "_follow", "evaluate_law", "apply_forces", "fill_block"} & first
-    assert list(tmp_path.rglob("*.used"))
+    slow = {"_answer", "_follow", "evaluate_law", "apply_forces", "fill_block"}
+    assert not slow & compiled()
+    (times,) = tmp_path.rglob("targets._follow.used")
+    first = times.read_text().split()
+    assert not slow & compiled()
+    assert times.read_text().split()[: len(first)] == first  # a second process adds its own
+    assert len(times.read_text().split()) > len(first)
+    with times.open("a") as file:
+        file.write("1000\n")  # as many processes would
+    assert slow & compiled() == {"_follow", "evaluate_law"}  # which it calls
+
+
+@pytest.mark.parametrize(
+    ("text", "total"), [(None, 0.0), ("", 0.0), ("0.5\n1.25\n", 1.75), ("0.5\n0.", 0.5), ("x", np.inf)]
+)
+def test_times_of_processes_add_up(tmp_path: Path, text: str | None, total: float) -> None:
+    file = tmp_path / "f.used"
+    if text is not None:
+        file.write_text(text)
+    assert tiers._total_time(file) == total
 
 
 def test_python_hands_over_when_its_time_is_up() -> None:
