@@ -173,7 +173,7 @@ class Rows:
             InputError: It differs in what worlds share.
         """
         for ours, other in zip(leaves_of(self.loop), leaves_of(run.compiled[0]), strict=True):
-            if not ours.own and not _same(ours.value, other.value):
+            if not other.own and not _same(ours.value, other.value):  # seeds of all worlds are an array: not `own`
                 raise InputError(f"{ours.path}: run {w} has another than the others; expected runs of one team")
         self._write(w, run)
 

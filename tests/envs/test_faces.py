@@ -48,6 +48,24 @@ def shipped(name: str) -> Scenario | None:
     return scenario if scenario.expect.refused is None else None
 
 
+def cycles_beyond_events(scenario: Scenario, cycles: int) -> int:
+    """A number of periods, or more if some event comes later."""
+    last = max((event.time for event in scenario.events), default=scenario.time.start)
+    return max(cycles, round((last - scenario.time.start) / scenario.whole.grid.period) + 10)
+
+
+def compare_seeds(scenario: Scenario, cycles: int) -> None:
+    """Compare two environments of one seed under equal random actions; `parallel_seed_test` stops after one step."""
+    one, other = parallel_env(scenario), parallel_env(scenario)
+    rng = np.random.default_rng(5)
+    for _ in range(cycles):
+        if not one.agents:
+            np.testing.assert_equal(one.reset(seed=42), other.reset(seed=42))
+        actions = {name: rng.uniform(-1.0, 1.0, one.action_space(name).shape) for name in one.agents}
+        np.testing.assert_equal(one.step(actions), other.step(actions))
+        assert one.agents == other.agents
+
+
 def horizon(scenario: Scenario, cycles: int) -> float:
     """Length of an episode of so many periods, or of the whole scenario, s."""
     return min(cycles, scenario.whole.grid.steps) * scenario.whole.grid.period
@@ -58,6 +76,7 @@ def test_the_conformance_suites_pass(change: dict[str, Any]) -> None:
     scenario = mixed_scenario(**change)
     parallel_api_test(parallel_env(scenario), num_cycles=60)
     parallel_seed_test(lambda: parallel_env(scenario), num_cycles=30)
+    compare_seeds(scenario, 60)
     check_env(env(scenario), skip_render_check=True)
 
 
@@ -68,8 +87,10 @@ def test_the_conformance_suites_pass_on_shipped_scenarios(name: str) -> None:
     scenario = shipped(name)
     if scenario is None:
         return
-    parallel_api_test(parallel_env(scenario, horizon=horizon(scenario, 1000)), num_cycles=1000)
+    cycles = cycles_beyond_events(scenario, 1000)
+    parallel_api_test(parallel_env(scenario, horizon=horizon(scenario, cycles)), num_cycles=cycles)
     parallel_seed_test(lambda: parallel_env(scenario, horizon=horizon(scenario, 500)), num_cycles=500)
+    compare_seeds(scenario, cycles_beyond_events(scenario, 500))
     check_env(env(scenario, horizon=horizon(scenario, 5)), skip_render_check=True)
 
 

@@ -94,6 +94,7 @@ def test_zero_actions_are_a_batch_to_the_bit() -> None:
     scenario = mixed_scenario(**{"time": {"end": 0.2}} | CHANGES["links"] | CHANGES["disturbed"])
     worlds = vector_env(scenario, 4)
     worlds.reset(seed=11)
+    assert worlds._worlds is not None  # new seeds leave the runs together
     expected: Any = simulate_many([scenario.with_seed(11 + k) for k in range(4)], engine="fused")
     zero = still(worlds.action_space)
     for k in range(1, expected[0].sizes["time"]):
@@ -137,8 +138,8 @@ def test_one_run_and_its_seeds() -> None:
     assert any((worlds.step(zero)[0] != one).any() for one in own)
 
 
-def test_a_seed_that_changes_what_runs_share() -> None:
-    """The sea is the same for all vehicles of a run: its components are no part of a world's row."""
+def test_a_new_seed_changes_the_sea() -> None:
+    """All vehicles of a run meet the same waves, and those of another seed are others."""
     period = load_scenario("open_sea").whole.grid.period
     scenario = load_scenario("open_sea", {"time.end": 6 * period})
     worlds = vector_env(scenario, 1)
