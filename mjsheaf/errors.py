@@ -4,7 +4,7 @@ An error about an unknown name lists the expected names and suggests the closest
 """
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 
@@ -110,6 +110,23 @@ def listed(names: Collection[str]) -> str:
 def joined(names: Sequence[str]) -> str:
     """Join names in a sentence: a, b and c."""
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def select_true(reasons: Mapping[str, object]) -> list[str]:
+    """Return the texts whose conditions are true."""
+    return [text for text, true in reasons.items() if true]
+
+
+def first_true(reasons: Mapping[str, object]) -> str:
+    """Return the first text whose condition is true; empty if there is none."""
+    return next(iter(select_true(reasons)), "")
+
+
+def raise_first(error: type[Exception], obstacles: Mapping[str, object]) -> None:
+    """Raise an error of a kind with the first text whose condition is true, if there is one."""
+    obstacle = first_true(obstacles)
+    if obstacle:
+        raise error(obstacle)
 
 
 def suggestion(name: str, names: Collection[str]) -> str:

@@ -1,6 +1,7 @@
 """`check`: analyse a scenario without running it."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -25,7 +26,14 @@ from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.proposals import Proposal, propose
 from mjsheaf.checking.separation import SafetyRecord, safety_record
-from mjsheaf.checking.theorem.certificate import Assumption, Certificate, Search, certificate_of, obstacle_of_team
+from mjsheaf.checking.theorem.certificate import (
+    Assumption,
+    Certificate,
+    Search,
+    Verdict,
+    certificate_of,
+    obstacle_of_team,
+)
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
@@ -33,7 +41,7 @@ from mjsheaf.checking.topology.connecting import suggest_edges
 from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
 from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho
-from mjsheaf.errors import InputError, UndecidedError, listed
+from mjsheaf.errors import InputError, UndecidedError, listed, select_true
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.progress import shown
@@ -189,28 +197,42 @@ class CheckRecord(Record):
         default_factory=list, description="values in the files that look like mistakes, in sentences"
     )
 
+    @property
+    def imperfect_links(self) -> bool:
+        """True if links delay, lose or disturb measurements, or have a range."""
+        return self.links is not None and not self.links.exact
+
     def verdict(self) -> str:
         """The check in a few words: what holds, where, and what does not."""
-        region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
-        kinds = ("holds", "fails", "undecided", "does not apply")
-        counts = [sum(a.verdict == kind for a in self.assumptions) for kind in kinds]
-        loop = f"; the law is undecided, {because_of(self.law.unmodelled)}" if self.law.unmodelled else ""
-        loop += "; the held law is unstable" if self.law.stable is False else ""
-        loop += "; " + UNSTABLE_LINKS if self.links is not None and self.links.stable is False else ""
-        loop += "; " + self.targets.verdict() if self.targets.unstable else ""
-        loop += "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
-        later = [f"from {p.start:g} s on ({', '.join(p.events)})" for p in self.phases[1:] if not p.ok]
-        loop += f"; NOT SO in {len(later)} of {len(self.phases)} phases: {listed(later)}" if later else ""
+        problems = "".join(f"; {problem}" for problem in self._problems())
         if self.theorem.holds is None:
-            return self._local_verdict() + loop
-        if counts[0] == len(self.assumptions):
-            return f"all {counts[0]} assumptions hold, the 7th {region}{loop}"
-        named = [
-            f"{n} {word}"
-            for n, word in zip(counts[1:], ("FAIL" if counts[1] > 1 else "FAILS", *kinds[2:]), strict=True)
-            if n
-        ]
-        return f"{counts[0]} assumptions hold, {', '.join(named)}; the 7th is taken {region}{loop}"
+            return self._local_verdict() + problems
+        region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
+        counts = Counter(a.verdict for a in self.assumptions)
+        held = counts["holds"]
+        if held == len(self.assumptions):
+            return f"all {held} assumptions hold, the 7th {region}{problems}"
+        words: dict[Verdict, str] = {
+            "fails": "FAIL" if counts["fails"] > 1 else "FAILS",
+            "undecided": "undecided",
+            "does not apply": "does not apply",
+        }
+        named = ", ".join(f"{counts[kind]} {word}" for kind, word in words.items() if counts[kind])
+        return f"{held} assumptions hold, {named}; the 7th is taken {region}{problems}"
+
+    def _problems(self) -> list[str]:
+        """Name the loops that are undecided or unstable, and the later phases that are not ok."""
+        bodies = self.margins.bodies
+        later = [f"from {p.start:g} s on ({', '.join(p.events)})" for p in self.phases[1:] if not p.ok]
+        problems = {
+            f"the law is undecided, {because_of(self.law.unmodelled)}": bool(self.law.unmodelled),
+            "the held law is unstable": self.law.stable is False,
+            UNSTABLE_LINKS: self.links is not None and self.links.stable is False,
+            self.targets.verdict(): self.targets.unstable,
+            bodies.verdict(): bodies.stable is False,
+            f"NOT SO in {len(later)} of {len(self.phases)} phases: {listed(later)}": bool(later),
+        }
+        return select_true(problems)
 
     def _local_verdict(self) -> str:
         """The verdict on a team that Theorem 1 is not about."""
@@ -287,40 +309,46 @@ def examine(
     run: System | Sequence[Phase], *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
 ) -> Examination:
     """`check` of a system, or of the phases of a run, as a typed record with the certificate of the first."""
-    for name, value in (("rate", rate), ("radius", radius)):
-        if value is not None and not (isinstance(value, Real) and 0.0 < value < math.inf):
-            raise InputError(f"{name} is {value!r}; expected a positive, finite number")
+    if rate is not None:
+        _require_positive("rate", rate)
+    _require_positive("radius", radius)
     phases = phases_of(run)
     first = before = _examine_one(during(phases, 0), rate, radius, rho)
     if len(phases) == 1 and not phases[0].events:
         return first
-    records = []
+    records = [_phase_record(phases[0], first.record, None)]
     beyond = False  # True once a phase has terms, which Theorem 1 does not cover
-    for k, phase in enumerate(phases):
-        jumps = dict[str, float]()
-        if k > 0:
-            old, path = phases[k - 1].system, before.certificate.constants.path
-            targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
-            jumps = _jumps(old, phase.system, targets)
-            beyond = beyond or bool(old.law.extended or before.record.law.unmodelled)
-            unknown = beyond and not phase.system.law.extended
-            joining = _distances_of_joining(phases[: k + 1], targets)
-            start = math.inf if unknown else before.end + math.hypot(*jumps.values(), *joining)
-            system = during(phases, k, _settled(old, phase.system, targets))
-            before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
-        record = before.record
-        records.append(
-            PhaseRecord(
-                start=phase.time,
-                events=list(phase.events),
-                absent=sorted(phase.system.team.absent, key=phase.system.team.index.__getitem__),
-                jump=math.hypot(*jumps.values()) if k > 0 else None,
-                jumps=jumps,
-                **{name: getattr(record, name) for name in PhaseRecord.model_fields if name in _OF_PHASE},
-            )
-        )
+    for k, phase in enumerate(phases[1:], 1):
+        old = phases[k - 1].system
+        path = before.certificate.constants.path
+        targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
+        jumps = _jumps(old, phase.system, targets)
+        beyond = beyond or bool(old.law.extended or before.record.law.unmodelled)
+        joining = _distances_of_joining(phases[: k + 1], targets)
+        known = phase.system.law.extended or not beyond
+        start = before.end + math.hypot(*jumps.values(), *joining) if known else math.inf
+        system = during(phases, k, _settled(old, phase.system, targets))
+        before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
+        records.append(_phase_record(phase, before.record, jumps))
     ok = all(record.ok for record in records)
     return replace(first, record=first.record.model_copy(update={"ok": ok, "phases": records}))
+
+
+def _require_positive(name: str, value: float) -> None:
+    if not (isinstance(value, Real) and 0.0 < value < math.inf):
+        raise InputError(f"{name} is {value!r}; expected a positive, finite number")
+
+
+def _phase_record(phase: Phase, record: CheckRecord, jumps: dict[str, float] | None) -> PhaseRecord:
+    """Return the record of a phase, at whose start q* of some agents jumps; None for the first phase."""
+    return PhaseRecord(
+        start=phase.time,
+        events=list(phase.events),
+        absent=sorted(phase.system.team.absent, key=phase.system.team.index.__getitem__),
+        jump=None if jumps is None else math.hypot(*jumps.values()),
+        jumps=dict(jumps or {}),
+        **{name: getattr(record, name) for name in _OF_PHASE},
+    )
 
 
 _OF_PHASE = (
@@ -352,8 +380,7 @@ def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
 
 def _q_star(system: System, targets: Array) -> Array:
     """q* of targets (M, 3), padded, shape (N, 3), m; NaN for absent agents."""
-    positions = np.concatenate([system.initial[: len(system.team.agents)], targets])
-    return system.team.harmonic_extension(positions)
+    return system.team.harmonic_extension(np.concatenate([system.initial[: len(system.team.agents)], targets]))
 
 
 def _jumps(old: System, new: System, targets: Array) -> dict[str, float]:
@@ -403,23 +430,18 @@ def _examine_one(
     system = system.local
     search = Search(system, rate, rho, start)
     certificate = certificate_of(search)
-    practice, law = margins(system, certificate), law_loop(system, certificate, carried=start is not None)
-    links = link_answers(system, certificate.constants.path)
+    path = certificate.constants.path
+    practice = margins(system, certificate)
+    law = law_loop(system, certificate, carried=start is not None)
+    links = link_answers(system, path)
     loops = (practice.bodies.stable, law.stable, None if links is None else links.stable)
-    proposals = propose(system, certificate, radius)
-    targets = with_bodies(targets_loop(system), system, certificate.constants.path)
-    loops_hold = all(stable is not False for stable in loops) and not targets.unstable
+    targets = with_bodies(targets_loop(system), system, path)
+    stable = all(each is not False for each in loops) and not targets.unstable
     rigidity = _rigidity(system, original)
-    plain = not obstacle_of_team(system.team)
-    topology = all(
-        a.verdict in ("holds", "does not apply") for a in certificate.assumptions if plain or a.number in (5, 6)
-    )
-    if not plain:
-        topology = topology and _is_stable(system, law) and (rigidity.rigid is True or not system.team.free)
     mending = None if system.team.free else plan_augmentation(system.team)
     record = CheckRecord(
         scenario=system.name,
-        ok=topology and loops_hold and not law.unmodelled,
+        ok=stable and not law.unmodelled and _team_holds(system, certificate, law, rigidity),
         region=_region(certificate),
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=mending),
@@ -430,13 +452,25 @@ def _examine_one(
         links=links,
         topology_fix=suggest_edges(system.team, system.initial),
         steady=steady_error(system, certificate, law.rate),
-        proposals=proposals,
+        proposals=propose(system, certificate, radius),
         targets=targets,
         margins=practice,
         disturbance=predict_rms(system, search.spectrum, medium_on_path(system, certificate)),
         fragility=fragility(system.team),
     )
     return Examination(record, certificate, system)
+
+
+def _team_holds(system: System, certificate: Certificate, law: LawLoop, rigidity: Rigidity) -> bool:
+    """Return True if every assumption that applies holds.
+
+    Of a team that Theorem 1 is not about, this requires assumptions 5 and 6, a stable law, and a shape that is held.
+    """
+    team = system.team
+    if not obstacle_of_team(team):
+        return all(a.holds or not a.applies for a in certificate.assumptions)
+    connected = all(a.holds or not a.applies for a in certificate.assumptions if a.number in (5, 6))
+    return connected and _is_stable(system, law) and (rigidity.rigid is True or not team.free)
 
 
 def _is_stable(system: System, law: LawLoop) -> bool:
@@ -479,18 +513,13 @@ def _region(certificate: Certificate) -> RegionSummary:
 
 
 def _theorem(search: Search, certificate: Certificate, radius: float) -> TheoremSummary:
-    system, rate, rho = search.system, search.rate, search.rho
-    theorem, spectrum, constants = certificate.theorem, certificate.spectrum, certificate.constants
-    slope, start = certificate.region.rho, constants.initial_error
-    proven, agents = certificate.region.verified, len(system.team.agents)
-    weaker = certificate.weaker.radius if proven and not certificate.obstacle else None
-    holds = theorem.applies and proven
+    rate = search.rate
+    theorem = certificate.theorem
+    spectrum = certificate.spectrum
+    constants = certificate.constants
+    agents = len(search.system.team.agents)
+    holds = theorem.applies and certificate.region.verified
     wanted = gain_for_wanted_radius(search, certificate, radius)
-    source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
-    if constants.moving.slope:
-        source += f"; {constants.moving.slope:.3g} 1/s of it is the slope of what moves in the medium"
-    if not slope.exact:
-        source += " (an upper bound, not tight)"
     sets: dict[str, Any] = {
         "chi": theorem.chi,
         "chi_infinite": math.isinf(theorem.chi),
@@ -498,36 +527,51 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         "radius_S": theorem.radius_S,
         "radius_U": theorem.radius,
         "radius_U_per_agent": per_agent(theorem.radius, agents),
-        "initial_error_inside_S": theorem.contains(start),
+        "initial_error_inside_S": theorem.contains(constants.initial_error),
     }
     return TheoremSummary(
-        holds=None if obstacle_of_team(system.team) else certificate.applies,
+        holds=None if obstacle_of_team(search.system.team) else certificate.applies,
         applies=certificate.applies,
         gain_condition=holds,
         approximate=certificate.approximate,
         reason=certificate.reason,
-        gain=system.gain,
+        gain=search.system.gain,
         lambda_min=spectrum.lambda_min,
         lambda_max=spectrum.lambda_max,
         sigma_max_B=spectrum.sigma_max_B,
         omega_bar=constants.moving.omega_bar,
         f_bar=constants.f_bar,
-        rho=slope.upper + constants.moving.slope if rho is None else rho(start),
-        rho_seen=slope.seen,
-        rho_source=source if rho is None else "given by the user, here at the initial error",
+        **_slope(search, certificate),
         lambda_V=theorem.rate or None if holds or rate is not None else None,
         lambda_V_given=rate is not None,
         k_min=theorem.k_min,
         mu=theorem.mu,
         **(sets if holds else dict.fromkeys(sets)),
-        initial_error=start,
-        initial_error_per_agent=per_agent(start, agents),
+        initial_error=constants.initial_error,
+        initial_error_per_agent=per_agent(constants.initial_error, agents),
         wanted_radius=radius,
         gain_for_wanted_radius=wanted.gain,
         gain_for_wanted_radius_reason=wanted.reason,
-        weaker=WeakerBound(
-            f_bar=certificate.weaker.f_bar if proven else None,
-            radius=weaker,
-            radius_per_agent=per_agent(weaker, agents),
-        ),
+        weaker=_weaker(certificate, agents),
     )
+
+
+def _slope(search: Search, certificate: Certificate) -> dict[str, Any]:
+    """Return the slope rho of the summary, and where it comes from."""
+    slope = certificate.region.rho
+    if search.rho is not None:
+        value = search.rho(certificate.constants.initial_error)
+        source = "given by the user, here at the initial error"
+        return {"rho": value, "rho_seen": slope.seen, "rho_source": source}
+    moving = certificate.constants.moving.slope
+    source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
+    source += f"; {moving:.3g} 1/s of it is the slope of what moves in the medium" if moving else ""
+    source += "" if slope.exact else " (an upper bound, not tight)"
+    return {"rho": slope.upper + moving, "rho_seen": slope.seen, "rho_source": source}
+
+
+def _weaker(certificate: Certificate, agents: int) -> WeakerBound:
+    proven = certificate.region.verified
+    radius = certificate.weaker.radius if proven and not certificate.obstacle else None
+    f_bar = certificate.weaker.f_bar if proven else None
+    return WeakerBound(f_bar=f_bar, radius=radius, radius_per_agent=per_agent(radius, agents))

@@ -88,8 +88,7 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> list[Line2D]:
         axis, f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}", "number of the eigenvalue", "eigenvalue"
     )
     axis.xaxis.set_major_locator(MaxNLocator(6, integer=True))
-    drawn = np.concatenate([np.ravel(line.get_ydata()) for line in axis.lines])
-    log_axis(axis, "y", drawn)
+    log_axis(axis, "y", np.concatenate([np.ravel(line.get_ydata()) for line in axis.lines]))
     return list(axis.get_legend_handles_labels()[0])
 
 

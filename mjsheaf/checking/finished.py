@@ -76,17 +76,17 @@ class RunBound:
     @property
     def reason(self) -> str:
         """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
-        if self.law:
-            return f"the run has {self.law}, and the theorem is about the paper's law"
-        return self.certificate.reason or ("" if self.bodies else self.departed)
+        law = f"the run has {self.law}, and the theorem is about the paper's law" if self.law else ""
+        return law or self.certificate.reason or ("" if self.bodies else self.departed)
 
     @property
     def departed(self) -> str:
         """That the run has other targets than were checked; or empty."""
         error = self.certificate.constants.path.error
-        if self.departure <= error:
-            return ""
-        return f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
+        departed = (
+            f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
+        )
+        return departed if self.departure > error else ""
 
     @property
     def applies(self) -> bool:
@@ -213,8 +213,7 @@ def held_bound_of_run(
         return HeldBound(None, bound.clipped)
     error, time = _measured(dataset)
     samples = bound.samples[: len(error)]
-    share = np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf)
-    return HeldBound(samples, "", *_largest(share, time))
+    return HeldBound(samples, "", *_largest(np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf), time))
 
 
 def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) -> tuple[System, "xr.Dataset"]:
@@ -338,9 +337,10 @@ def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], boo
     Returns:
         None for fewer than 8 samples, or where the error is not finite.
     """
-    if len(error) < _FEWEST_SAMPLES or not np.isfinite(error).all():
+    if not _is_judgeable(error):
         return None
-    if offsets is not None and (own := _own_swing(error, offsets, unstable)) is not None:
+    own = None if offsets is None else _own_swing(error, offsets, unstable)
+    if own is not None:
         return own
     if is_level(error):
         return "circling" if unstable is not None and unstable() else "settled"
@@ -363,6 +363,11 @@ def _own_swing(error: Array, offsets: Array, unstable: Callable[[], bool] | None
     if ratio < 1.0 - _STEADY_LOOP and unstable is not None and not unstable():
         return "moving"
     return "circling" if ratio <= 1.0 + _STEADY_SWING else "growing"
+
+
+def _is_judgeable(error: Array) -> bool:
+    """Return True if an error has enough samples, all finite."""
+    return len(error) >= _FEWEST_SAMPLES and bool(np.isfinite(error).all())
 
 
 def is_level(error: Array) -> bool:
@@ -392,7 +397,7 @@ def settling_time(time: Array, error: Array) -> float | None:
         time: shape (T,), s.
         error: Error of the team, shape (T,), m.
     """
-    if len(time) < _FEWEST_SAMPLES or not np.isfinite(error).all() or not is_level(error):
+    if not _is_judgeable(error) or not is_level(error):
         return None
     limit = _SETTLED_BAND * error[len(error) // 2 :].max() + _SETTLED_RESIDUE * float(error.max())
     outside = np.flatnonzero(error > limit)

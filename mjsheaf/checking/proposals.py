@@ -89,9 +89,8 @@ def _keeps(system: System, certificate: Certificate, radius: float) -> bool:
     """Return True if the law's bound is at most the radius, m, and its gain well inside the stable range."""
     try:
         loop = loop_of(system)
-        if not max(loop.radius, replace(loop, gain=_RESERVE * loop.gain).radius) < 1.0:
-            return False
-        return envelope(system, certificate).late() <= radius
+        stable = max(loop.radius, replace(loop, gain=_RESERVE * loop.gain).radius) < 1.0
+        return stable and envelope(system, certificate).late() <= radius
     except UndecidedError:
         return False
 

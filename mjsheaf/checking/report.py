@@ -8,21 +8,25 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from mjsheaf.checking.check import CheckRecord, ExplainedCohomology
+from mjsheaf.checking.check import CheckRecord, ExplainedCohomology, PhaseRecord, TheoremSummary
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.loop.link_noise import NoiseAnswer
 from mjsheaf.checking.loop.links import LinkRecord
 from mjsheaf.checking.loop.loss import LossAnswer
-from mjsheaf.checking.loop.margins import BodyMargins, SpeedDemand
+from mjsheaf.checking.loop.margins import BodyMargins, OneSided, SpeedDemand
 from mjsheaf.checking.loop.targets_loop import TargetsLoop
+from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
 
 Row = tuple[str, str, str]
 """Name, value, remark."""
 
+_APPLIES = {True: "applies", False: "does not apply"}
+_RATES = {True: "the best", False: "none satisfies the gain condition"}
 _INSIDE = {True: "inside S", False: "OUTSIDE S", None: "no set S"}
+_WORDS = {True: "stable", False: "UNSTABLE", None: "undecided"}
 _MARKS = {
     "holds": ("holds", "green"),
     "fails": ("FAILS", "bold red"),
@@ -103,39 +107,25 @@ def _pairs(title: str, rows: list[Row]) -> Table:
 
 
 def _theorem(record: CheckRecord) -> Table:
-    t, corners = record.theorem, (record.region.agents_low, record.region.agents_high)
-    low, high = (", ".join(f"{x:.3g}" for x in corner) for corner in corners)
-    source = record.region.source + ", not proven" * (not record.region.verified)
-    verdict = "applies" + " (approximately)" * t.approximate if t.applies else "does not apply"
+    """Return the constants of Theorem 1, and what it says."""
+    t = record.theorem
+    region = record.region
+    low, high = (", ".join(f"{x:.3g}" for x in corner) for corner in (region.agents_low, region.agents_high))
+    proven = "" if region.verified else ", not proven"
+    approximately = " (approximately)" if t.applies and t.approximate else ""
     rows = [
-        ("verdict", verdict, t.reason),
+        ("verdict", _APPLIES[t.applies] + approximately, t.reason),
         ("gain condition", "holds" if t.gain_condition else "fails", "k_min > rho + lambda_V"),
-        ("region", "", f"agents in ({low}) to ({high}) m; {source}"),
+        ("region", "", f"agents in ({low}) to ({high}) m; {region.source}{proven}"),
         ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
         ("sigma_max(B)", _number(t.sigma_max_B), ""),
         ("f_bar", _number(t.f_bar, "m/s"), "upper bound on |H^-1 B f_p - f_q(q*)| along the targets' path"),
         ("omega_bar", _number(t.omega_bar, "m/s"), ""),
         ("rho", _number(t.rho, "1/s"), t.rho_source),
         ("k_min", _number(t.k_min, "1/s"), "k1 lambda_min / 2"),
-        (
-            "lambda_V",
-            _number(t.lambda_V, "1/s"),
-            "given" if t.lambda_V_given else "the best" if t.gain_condition else "none satisfies the gain condition",
-        ),
+        ("lambda_V", _number(t.lambda_V, "1/s"), "given" if t.lambda_V_given else _RATES[t.gain_condition]),
         ("mu", _number(t.mu, "m^2/s"), ""),
-        (
-            "chi, radii of D and S",
-            "infinite"
-            if t.chi_infinite
-            else f"{_number(t.chi, 'm')}, {_number(t.radius_D, 'm')}, {_number(t.radius_S, 'm')}",
-            "within the region, as rho is constant there" if t.chi_infinite else "",
-        ),
-        ("ultimate radius", _number(t.radius_U_per_agent, "m"), _rms_of(t.radius_U)),
-        (
-            "initial error",
-            _number(t.initial_error_per_agent, "m"),
-            _rms_of(t.initial_error, _INSIDE[t.initial_error_inside_S]),
-        ),
+        *_sets(t),
         (
             f"gain for {t.wanted_radius:g} m",
             _number(t.gain_for_wanted_radius, "1/s"),
@@ -148,24 +138,43 @@ def _theorem(record: CheckRecord) -> Table:
             _rms_of(t.weaker.radius, "ultimate radius with rho = 0, for any slopes"),
         ),
     ]
-    over = " over exact links" * (record.links is not None and not record.links.exact)
-    other = record.law.terms or record.law.unmodelled or over
-    return _pairs("Theorem 1" + f", of the paper's law{over or ' alone'}" * bool(other), rows)
+    return _pairs(f"Theorem 1{_restriction(record)}", rows)
+
+
+def _restriction(record: CheckRecord) -> str:
+    """Return which part of the law Theorem 1 is about, if that is not the whole law."""
+    if record.imperfect_links:
+        return ", of the paper's law over exact links"
+    return ", of the paper's law alone" if record.law.terms or record.law.unmodelled else ""
+
+
+def _sets(t: TheoremSummary) -> list[Row]:
+    """Return the radii of the sets of Theorem 1, and where the error begins."""
+    sizes = (f"{_number(t.chi, 'm')}, {_number(t.radius_D, 'm')}, {_number(t.radius_S, 'm')}", "")
+    if t.chi_infinite:
+        sizes = ("infinite", "within the region, as rho is constant there")
+    inside = _rms_of(t.initial_error, _INSIDE[t.initial_error_inside_S])
+    return [
+        ("chi, radii of D and S", *sizes),
+        ("ultimate radius", _number(t.radius_U_per_agent, "m"), _rms_of(t.radius_U)),
+        ("initial error", _number(t.initial_error_per_agent, "m"), inside),
+    ]
 
 
 def _law(record: CheckRecord) -> Table:
     """The law as it is held, with its terms, on ideal kinematics."""
     law = record.law
-    name = "the held law on ideal kinematics: " + (", ".join(law.terms) or "the paper's")
-    name += ", as if its links were exact" * (record.links is not None and not record.links.exact)
+    as_if = ", as if its links were exact" if record.imperfect_links else ""
+    name = "the held law on ideal kinematics: " + (", ".join(law.terms) or "the paper's") + as_if
     if law.stable is None:
         return _pairs(name, [("loop", "undecided", law.reason)])
-    word, h = "stable" if law.stable else "UNSTABLE", record.margins.hold
+    hold = record.margins.hold
+    radius = f"spectral radius {_number(law.spectral_radius)} over {hold.period:g} s" if hold else ""
     gains = "none" if law.stable_gains is None else " to ".join(f"{gain:.4g}" for gain in law.stable_gains) + " 1/s"
     rows = [
-        ("loop", word, f"spectral radius {_number(law.spectral_radius)} over {h.period:g} s" if h else ""),
+        ("loop", _WORDS[law.stable], radius),
         ("rate", _number(law.rate, "1/s"), "decay rate of the slowest mode"),
-        ("stable gains", gains, "under this hold" + ", with these terms" * bool(law.terms)),
+        ("stable gains", gains, "under this hold" + (", with these terms" if law.terms else "")),
     ]
     if law.stable:
         remark = "|e|, the norm of the whole team, is ultimately at most this times the largest |d|"
@@ -179,16 +188,16 @@ def _bound_rows(law: LawLoop) -> list[Row]:
     rows: list[Row] = [("bound on the error", _number(law.radius_per_agent, "m"), law.reason or never)]
     if law.radius is not None:
         whole = f"RMS over agents; {_number(law.largest_per_agent, 'm')} over the whole run"
-        rows.append(("between samples", _number(law.between_per_agent, "m"), whole))
-        rows.append(("command", _number(law.command, "m/s"), "upper bound for every agent over the second half"))
+        rows += [
+            ("between samples", _number(law.between_per_agent, "m"), whole),
+            ("command", _number(law.command, "m/s"), "upper bound for every agent over the second half"),
+        ]
     elif law.unlimited is not None:
         same = _rms_of(law.unlimited, "the same bound for the law without speed limits")
         rows.append(("without limits", _number(law.unlimited_per_agent, "m"), same))
-    left = [share for share in law.left if share.size > 0.0]
-    if left:
-        rows.append(("residual of d", "", "drives e away from 0; upper bounds over the second half:"))
-    rows += [("", _number(share.size, "m/s"), share.part) for share in left]
-    return rows
+    left: list[Row] = [("", _number(share.size, "m/s"), share.part) for share in law.left if share.size > 0.0]
+    heading: Row = ("residual of d", "", "drives e away from 0; upper bounds over the second half:")
+    return rows + ([heading, *left] if left else [])
 
 
 def _disturbance(found: DisturbanceRecord) -> list[Table]:
@@ -196,12 +205,17 @@ def _disturbance(found: DisturbanceRecord) -> list[Table]:
     if found.rms == 0.0:
         return []
     rows: list[Row] = [("error", _number(found.rms, "m"), found.reason or "RMS over agents on ideal kinematics")]
-    rows += _rms_on_bodies(found)
-    for id, altitude in found.clipped.items():
-        rows.append(("altitude", id, f"begins where the model does not hold; its gusts are those at {altitude:g} m"))
-    for id, speed in found.carried_off.items():
-        remark = f"the medium is {_number(speed, 'm/s')} faster at times than its vehicle can be"
-        rows.append(("cannot hold station", id, remark))
+    rows += [
+        *_rms_on_bodies(found),
+        *(
+            ("altitude", id, f"begins where the model does not hold; its gusts are those at {altitude:g} m")
+            for id, altitude in found.clipped.items()
+        ),
+        *(
+            ("cannot hold station", id, f"the medium is {speed:.4g} m/s faster at times than its vehicle can be")
+            for id, speed in found.carried_off.items()
+        ),
+    ]
     return [_pairs("gusts and waves, once the loop has settled", rows)]
 
 
@@ -255,9 +269,6 @@ def _cost_rows(law: LawLoop) -> list[Row]:
     return rows
 
 
-_WORDS = {True: "stable", False: "UNSTABLE", None: "undecided"}
-
-
 def _links(links: LinkRecord | None) -> list[Table]:
     """Return the tables about the law over its links."""
     if links is None:
@@ -290,121 +301,131 @@ def _delay_rows(links: LinkRecord) -> list[Row]:
 
 def _noise_rows(noise: NoiseAnswer, *, lossy: bool) -> list[Row]:
     """Return what noise does to the team, on links of which some may lose measurements."""
-    what = "steady-state error due to noise, at samples"
-    what += ", in addition to that due to losses" if lossy else ""
-    what += ", linearised" if noise.linearised else ""
-    rows: list[Row] = [
-        ("error due to noise", _number(noise.error_per_agent, "m"), noise.reason or _rms_of(noise.error, what))
+    lost = ", in addition to that due to losses" if lossy else ""
+    linear = ", linearised" if noise.linearised else ""
+    what = f"steady-state error due to noise, at samples{lost}{linear}"
+    total: Row = ("error due to noise", _number(noise.error_per_agent, "m"), noise.reason or _rms_of(noise.error, what))
+    if noise.error is None:
+        return [total]
+    worst = max(noise.agents, key=lambda agent: agent.error)
+    return [
+        total,
+        ("  largest", _number(worst.error, "m"), f"RMS of |e_i|, that of {worst.agent}"),
+        ("  commands", _number(noise.command, "m/s"), "RMS of the commands, norm of the whole team"),
+        ("  due to bias", _number(noise.mean_per_agent, "m"), _rms_of(noise.mean, "mean of e")),
     ]
-    if noise.error is not None:
-        worst = max(noise.agents, key=lambda agent: agent.error)
-        rows.append(("  largest", _number(worst.error, "m"), f"RMS of |e_i|, that of {worst.agent}"))
-        rows.append(("  commands", _number(noise.command, "m/s"), "RMS of the commands, norm of the whole team"))
-        rows.append(("  due to bias", _number(noise.mean_per_agent, "m"), _rms_of(noise.mean, "mean of e")))
-    return rows
 
 
 def _loss_rows(loss: LossAnswer, delivery: Mapping[str, float | None]) -> list[Row]:
     """Return how errors fall in mean square, where so large a share of each kind's measurements arrives."""
-    rows = list[Row]()
     arrive = ", ".join(f"{100.0 * x:.4g} % of {kind}" for kind, x in delivery.items() if x is not None)
-    if arrive:
-        rows.append(("arrives", "", f"{arrive}, in the long run"))
+    rows: list[Row] = [("arrives", "", f"{arrive}, in the long run")] if arrive else []
     falls = "in mean square, with these delays" if loss.factor is None else "E|e|^2, with these delays"
     rows.append(("loss", _WORDS[loss.stable], loss.reason or falls))
     if loss.factor is not None:
         most = "" if loss.bound is None else f"; at most {loss.bound:.6g} over any one period"
-        rows.append(("  factor", f"{loss.factor:.6g}", f"of E|e|^2 over a period in the long run{most}"))
-        rows.append(("  rate", _number(loss.rate, "1/s"), "at which the RMS of e decays"))
-    rows.append(("  not included", "", "the error due to losses if edges disagree at q*, or if e is not zero"))
-    return rows
+        rows += [
+            ("  factor", f"{loss.factor:.6g}", f"of E|e|^2 over a period in the long run{most}"),
+            ("  rate", _number(loss.rate, "1/s"), "at which the RMS of e decays"),
+        ]
+    return [*rows, ("  not included", "", "the error due to losses if edges disagree at q*, or if e is not zero")]
 
 
 def _proposals(record: CheckRecord) -> list[Text | Table]:
     """Laws that would do."""
-    if record.links is not None and not record.links.exact:
+    if record.imperfect_links:
         return [Text("\nno laws are proposed: no bound is known with noise, delay, loss or range", style="bold")]
     if not record.proposals:
         return []
-    rows = []
-    for p in record.proposals:
-        cost = (
-            f"{p.exchanges:.4g} exchanges per second, {p.numbers:.4g} numbers per agent and second"
-            if p.exchanges
-            else "no messages"
-        )
-        command = "" if p.command is None else f"; commands up to {p.command:.4g} m/s"
-        noise = f"; command noise {_number(p.noise, '1/s')}" if p.noise else ""
-        limits = "" if p.certified else "; bound without speed limits"
-        bodies = {True: "", False: "; UNSTABLE on the vehicles", None: "; undecided on the vehicles"}[
-            p.stable_on_bodies
-        ]
-        rows.append((f"{p.bound_per_agent:.4g} m", _in_yaml(p.controller), cost + command + noise + limits + bodies))
+    rows = [(f"{p.bound_per_agent:.4g} m", _in_yaml(p.controller), _cost_of(p)) for p in record.proposals]
     radius = record.theorem.wanted_radius
     title = f"laws with a bound of at most {radius:g} m on |e|, norm of the whole team, on ideal kinematics"
     return [_pairs(f"{title}: bound as RMS over agents, the cheapest law of each kind", rows)]
 
 
+def _cost_of(p: Proposal) -> str:
+    """Return what a proposed law sends and commands, and what is not certain of it."""
+    exchanged = f"{p.exchanges:.4g} exchanges per second, {p.numbers:.4g} numbers per agent and second"
+    remarks = (
+        exchanged if p.exchanges else "no messages",
+        "" if p.command is None else f"commands up to {p.command:.4g} m/s",
+        f"command noise {_number(p.noise, '1/s')}" if p.noise else "",
+        "" if p.certified else "bound without speed limits",
+        {True: "", False: "UNSTABLE on the vehicles", None: "undecided on the vehicles"}[p.stable_on_bodies],
+    )
+    return "; ".join(remark for remark in remarks if remark)
+
+
 def _in_yaml(fields: dict[str, Any]) -> str:
-    """Fields of a controller, one a line, as a scenario has them; what is as it is by default is left out."""
-    plain = {"filter": 0.0, "extrapolate": False}
-    lines = []
-    for name, value in fields.items():
-        if isinstance(value, dict):
-            inner = ", ".join(
-                f"{k}: {str(v).lower()}" for k, v in value.items() if name == "drift" or plain.get(k) != v
-            )
-            lines.append(f"{name}: {{{inner}}}")
-        elif value is None:
-            lines.append(f"{name}: null")
-        else:
-            lines.append(f"{name}: {value:g}")
-    return "\n".join(lines)
+    """Return the fields of a controller, one a line, as a scenario has them, without those that are as by default."""
+    return "\n".join(f"{name}: {_value_in_yaml(name, value)}" for name, value in fields.items())
+
+
+def _value_in_yaml(name: str, value: Any) -> str:
+    if isinstance(value, dict):
+        told = {k: v for k, v in value.items() if name == "drift" or {"filter": 0.0, "extrapolate": False}.get(k) != v}
+        return f"{{{', '.join(f'{k}: {str(v).lower()}' for k, v in told.items())}}}"
+    return "null" if value is None else f"{value:g}"
 
 
 def _margins(record: CheckRecord) -> Table:
-    m, hold = record.margins, record.margins.hold
-    over = "; over exact links" * (record.links is not None and not record.links.exact)
-    over += "; of the paper's law alone" * bool(record.law.unmodelled)
-    rows = [("sampling", "none", "the law is continuous")]
-    if hold is not None:
-        word = "diverges" if hold.product >= 2 else "rings" if hold.product > 1 else "does not ring"
-        rows = [
-            ("k1 h lambda_max", _number(hold.product), f"{word}; the law rings above 1, and diverges from 2 on{over}"),
-            ("largest gain", _number(hold.largest_gain, "1/s"), f"under a hold of {hold.period:g} s{over}"),
-            ("gain without ringing", _number(hold.ringing_gain, "1/s"), ""),
-        ]
+    """Return what the hold, the vehicles and the targets ask of the law."""
+    m = record.margins
     tau = " to ".join(f"{x:.3g}" for x in dict.fromkeys(m.bodies.tau))
     damping = f"{_number(m.bodies.damping_slowest)}, {_number(m.bodies.damping_fastest)}"
-    first = max(m.speed, key=lambda s: s.asked / (s.limit or 1e300))
-    limit = "no limit" if first.limit is None else f"limit {first.limit:.4g} m/s"
-    beyond = sum(s.limit is not None and s.asked > s.limit for s in m.speed)
-    exceeded = f", exceeded by {beyond} agents" if beyond else ""
-    rows += [
+    rows = [
+        *_hold(record),
         ("damping by inertia", damping, f"slowest and fastest mode, tau = {tau} s, without attitude, lag and hold"),
         *_bodies(m.bodies),
-        ("initial speed command", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"),
+        _initial_command(m.speed),
         _speed_of_bodies(m.speed),
         *_speed_of_limits(m.speed),
         ("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"),
         *_targets(record.targets),
+        *map(_one_sided, m.one_sided),
     ]
-    for one in m.one_sided:
-        others = "" if len(one.agents) == 1 else f" and {len(one.agents) - 1} more"
-        lacking = ", ".join(one.lacking)
-        what = f"{one.agents[0]}{others} cannot push in these directions without another: {lacking}; {one.meaning}"
-        rows.append(("one-sided", one.vehicle, what))
     return _pairs("margins in practice", rows)
+
+
+def _hold(record: CheckRecord) -> list[Row]:
+    """Return what holding the law over a period allows."""
+    hold = record.margins.hold
+    if hold is None:
+        return [("sampling", "none", "the law is continuous")]
+    over = "; over exact links" if record.imperfect_links else ""
+    alone = "; of the paper's law alone" if record.law.unmodelled else ""
+    word = "diverges" if hold.product >= 2 else "rings" if hold.product > 1 else "does not ring"
+    rings = f"{word}; the law rings above 1, and diverges from 2 on{over}{alone}"
+    return [
+        ("k1 h lambda_max", _number(hold.product), rings),
+        ("largest gain", _number(hold.largest_gain, "1/s"), f"under a hold of {hold.period:g} s{over}{alone}"),
+        ("gain without ringing", _number(hold.ringing_gain, "1/s"), ""),
+    ]
+
+
+def _initial_command(speeds: list[SpeedDemand]) -> Row:
+    """Return the row on the speed that the law commands first, of the agent for which that is the most."""
+    first = max(speeds, key=lambda s: s.asked / (s.limit or 1e300))
+    limit = "no limit" if first.limit is None else f"limit {first.limit:.4g} m/s"
+    beyond = sum(s.limit is not None and s.asked > s.limit for s in speeds)
+    exceeded = f", exceeded by {beyond} agents" if beyond else ""
+    return "initial speed command", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"
+
+
+def _one_sided(one: OneSided) -> Row:
+    others = "" if len(one.agents) == 1 else f" and {len(one.agents) - 1} more"
+    cannot = f"cannot push in these directions without another: {', '.join(one.lacking)}"
+    return "one-sided", one.vehicle, f"{one.agents[0]}{others} {cannot}; {one.meaning}"
 
 
 def _targets(loop: TargetsLoop) -> list[Row]:
     """Return rows on the targets' own law, if they have one."""
     if not loop.parts:
         return []
-    name, rate = f"targets' {' and '.join(loop.parts)}", f"rates up to {loop.rate:.4g} 1/s"
     held = "" if loop.product is None else f"; times the control period {loop.product:.4g}, stable below 2"
-    rows = [(name, "stable" if loop.stable else "UNSTABLE", rate + held)]
-    if (bodies := loop.bodies) is not None:
+    rows = [(f"targets' {' and '.join(loop.parts)}", _WORDS[loop.stable], f"rates up to {loop.rate:.4g} 1/s{held}")]
+    bodies = loop.bodies
+    if bodies is not None:
         radius = "" if bodies.spectral_radius is None else f"spectral radius {bodies.spectral_radius:.6g}"
         rows.append(("  on their vehicles", _WORDS[bodies.stable], radius or bodies.reason))
     return rows
@@ -414,12 +435,13 @@ def _bodies(bodies: BodyMargins) -> list[Row]:
     """The loop of the vehicles."""
     if bodies.stable is None or bodies.spectral_radius is None:
         return [("loop on bodies", "undecided", bodies.reason)]
-    word, mode = "stable" if bodies.stable else "UNSTABLE", bodies.least_damped
     beyond = "at no gain that was tried" if bodies.largest_gain is None else "beyond it"
+    radius = f"spectral radius {bodies.spectral_radius:.6g} over {bodies.period:g} s"
     rows = [
-        ("loop on bodies", word, f"spectral radius {bodies.spectral_radius:.6g} over {bodies.period:g} s"),
+        ("loop on bodies", _WORDS[bodies.stable], radius),
         ("largest gain on bodies", _number(bodies.largest_gain, "1/s"), f"{beyond} the vehicles oscillate or diverge"),
     ]
+    mode = bodies.least_damped
     if mode is not None:
         about = "" if mode.agent is None else f", about {mode.agent}"
         rows.append(("least damped mode", f"{mode.damping:.3g}", f"damping ratio at {mode.frequency:.3g} rad/s{about}"))
@@ -428,73 +450,81 @@ def _bodies(bodies: BodyMargins) -> list[Row]:
 
 def _speed_of_bodies(speeds: list[SpeedDemand]) -> Row:
     """Return the row that compares the speeds required to follow q* with those of the vehicles."""
-    known = [s for s in speeds if s.steady is not None]
+    known = [(s, s.steady) for s in speeds if s.steady is not None]
     if not known:
         return "speed along q*", "-", "a field is singular"
-    first = max(known, key=lambda s: (s.steady or 0.0) / (s.able or 1e300))
+    first, steady = max(known, key=lambda demand: demand[1] / (demand[0].able or 1e300))
     able = "its thrusters have no limits"
     if first.able is not None:
         able = f"its all-way speed is {first.able:.4g} m/s, forward {_number(first.able_forward, 'm/s')}"
-    short = sum(s.able is not None and (s.steady or 0.0) > s.able for s in known)
+    short = sum(s.able is not None and required > s.able for s, required in known)
     slow = f", TOO SLOW, as are {short} of {len(known)}" if short else ""
-    return "speed along q*", _number(first.steady, "m/s"), f"of {first.agent}; {able}{slow}"
+    return "speed along q*", _number(steady, "m/s"), f"of {first.agent}; {able}{slow}"
 
 
 def _speed_of_limits(speeds: list[SpeedDemand]) -> list[Row]:
     """Return rows for velocity limits below the speed required to follow q*."""
-    short = [s for s in speeds if s.limit is not None and s.steady is not None and s.steady > s.limit]
+    known = [(s.steady, s.limit, s.agent) for s in speeds if s.steady is not None and s.limit is not None]
+    short = [(steady, limit, agent) for steady, limit, agent in known if steady > limit]
     if not short:
         return []
-    first = max(short, key=lambda s: (s.steady or 0.0) - (s.limit or 0.0))
+    steady, limit, agent = max(short, key=lambda demand: demand[0] - demand[1])
     others = f", as are those of {len(short) - 1} more" if len(short) > 1 else ""
-    return [
-        (
-            "velocity limit",
-            _number(first.limit, "m/s"),
-            f"of {first.agent}, BELOW the {first.steady:.4g} m/s that q* requires{others}: the error cannot stay at 0; "
-            f"set a limit above {max(s.steady or 0.0 for s in short):.4g} m/s plus the disturbance",
-        )
-    ]
+    remark = (
+        f"of {agent}, BELOW the {steady:.4g} m/s that q* requires{others}: the error cannot stay at 0; "
+        f"set a limit above {max(short)[0]:.4g} m/s plus the disturbance"
+    )
+    return [("velocity limit", _number(limit, "m/s"), remark)]
 
 
 def _phases(record: CheckRecord) -> list[Text | Table]:
-    """Each phase of a run with events, in a few lines; what stands above is of the first."""
+    """Return each phase of a run with events, in a few lines; what stands above is of the first."""
     parts: list[Text | Table] = []
-    for p in record.phases[:1]:
-        absent = f"; absent: {', '.join(p.absent[:_MOST])}" if p.absent else ""
-        parts.append(Text(f"\nfrom t = {p.start:g} s on: {', '.join(p.events) or 'start'}: as above{absent}"))
-    for p in record.phases[1:]:
-        t, what = p.theorem, ", ".join(p.events) or "start"
-        failed, known = "; ".join(a.failure for a in p.assumptions if a.failure), t.initial_error is not None
-        rows = [
-            ("assumptions", "all hold" if not failed else "FAIL", failed),
-            ("absent", ", ".join(p.absent[:_MOST]) or "none", ""),
-            ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
-            ("Theorem 1", "applies" if t.applies else "does not apply", t.reason),
-            (
-                "ultimate radius",
-                _number(t.radius_U_per_agent, "m"),
-                f"RMS over agents; weaker bound {_number(t.weaker.radius_per_agent, 'm')}",
-            ),
-            (
-                "initial error",
-                _number(t.initial_error_per_agent, "m"),
-                "RMS over agents" + (", at most" if known and p.jump is not None else ""),
-            ),
-            ("held law", _WORDS[p.law.stable], p.law.reason),
-            *_targets(p.targets),
-        ]
-        if p.links is not None:
-            over, word = ("over exact links", "") if p.links.exact else ("over its links", _WORDS[p.links.stable])
-            rows.append((over, word, f"delay margin {_number(p.links.delay_margin, 's')}"))
-        rows.append(("loop on bodies", _WORDS[p.margins.bodies.stable], p.margins.bodies.reason))
-        if p.jump is not None:
-            far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")
-            most = f"norm of the whole team; the largest, {_number(p.jumps[far], 'm')}, of {far}" if far else ""
-            rows.insert(2, ("jump of q*", _number(p.jump, "m"), most))
-        free = _cohomology(p.relative_cohomology)
-        parts += [_pairs(f"from t = {p.start:g} s on: {what}", rows), *free, *_fragility(p.fragility)]
+    for p in record.phases:
+        beginning = f"from t = {p.start:g} s on: {', '.join(p.events) or 'start'}"
+        if parts:
+            parts += [_pairs(beginning, _phase_rows(p)), *_cohomology(p.relative_cohomology), *_fragility(p.fragility)]
+        else:
+            absent = f"; absent: {', '.join(p.absent[:_MOST])}" if p.absent else ""
+            parts.append(Text(f"\n{beginning}: as above{absent}"))
     return parts
+
+
+def _phase_rows(p: PhaseRecord) -> list[Row]:
+    """Return what the check says of a phase."""
+    t = p.theorem
+    failed = "; ".join(a.failure for a in p.assumptions if a.failure)
+    at_most = "" if t.initial_error is None or p.jump is None else ", at most"
+    weaker = f"weaker bound {_number(t.weaker.radius_per_agent, 'm')}"
+    return [
+        ("assumptions", "FAIL" if failed else "all hold", failed),
+        ("absent", ", ".join(p.absent[:_MOST]) or "none", ""),
+        *_jump(p),
+        ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
+        ("Theorem 1", _APPLIES[t.applies], t.reason),
+        ("ultimate radius", _number(t.radius_U_per_agent, "m"), f"RMS over agents; {weaker}"),
+        ("initial error", _number(t.initial_error_per_agent, "m"), f"RMS over agents{at_most}"),
+        ("held law", _WORDS[p.law.stable], p.law.reason),
+        *_targets(p.targets),
+        *_margin_of_links(p.links),
+        ("loop on bodies", _WORDS[p.margins.bodies.stable], p.margins.bodies.reason),
+    ]
+
+
+def _jump(p: PhaseRecord) -> list[Row]:
+    """Return how far q* jumps at the start of a phase."""
+    if p.jump is None:
+        return []
+    far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")
+    most = f"norm of the whole team; the largest, {_number(p.jumps[far], 'm')}, of {far}" if far else ""
+    return [("jump of q*", _number(p.jump, "m"), most)]
+
+
+def _margin_of_links(links: LinkRecord | None) -> list[Row]:
+    if links is None:
+        return []
+    loop = ("over exact links", "") if links.exact else ("over its links", _WORDS[links.stable])
+    return [(*loop, f"delay margin {_number(links.delay_margin, 's')}")]
 
 
 def _fragility(f: Fragility) -> list[Text]:

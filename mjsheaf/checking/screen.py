@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from textwrap import wrap
 
 from mjsheaf.checking.check import CheckRecord, PhaseRecord
+from mjsheaf.checking.loop.steady import SteadyError
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
-from mjsheaf.checking.theorem.certificate import Assumption
 from mjsheaf.checking.topology.cohomology import Fragility
 
 MAX_LINES = 45
@@ -49,40 +49,43 @@ def screen(record: CheckRecord, name: str) -> list[str]:
 
 
 def _headline(record: CheckRecord) -> str:
-    judged = [a for a in record.assumptions if a.applies]
-    failed = [a for a in judged if a.verdict == "fails"]
-    undecided = [a for a in judged if a.verdict == "undecided"]
-    problems = [f"{_count(failed)} fails" if len(failed) == 1 else f"{_count(failed)} fail"] if failed else []
-    problems += [f"{_count(undecided)} undecided"] if undecided else []
-    problems += [text for text, _ in _unstable(record)]
+    problems = [*_unsettled(record), *(text for text, _ in _unstable(record))]
     if problems:
         return "NOT OK: " + "; ".join(problems)
     if not record.ok:
         return "NOT OK in a later phase" if record.phases else "NOT OK"
-    every = "all assumptions that apply hold" if len(judged) < len(record.assumptions) else "all 7 assumptions hold"
-    where = "on ideal kinematics"
-    if record.margins.bodies.stable:
-        where += " and on the vehicles"
-    loop = f", and the loop is stable {where}" if record.law.stable else ""
+    all_apply = all(a.applies for a in record.assumptions)
+    every = "all 7 assumptions hold" if all_apply else "all assumptions that apply hold"
+    on_vehicles = " and on the vehicles" if record.margins.bodies.stable else ""
+    loop = f", and the loop is stable on ideal kinematics{on_vehicles}" if record.law.stable else ""
     return f"OK: {every}{loop}"
 
 
-def _count(assumptions: list[Assumption]) -> str:
-    numbers = ", ".join(str(a.number) for a in assumptions)
-    return f"assumption {numbers}" if len(assumptions) == 1 else f"assumptions {numbers}"
+def _unsettled(record: CheckRecord) -> Iterator[str]:
+    """Yield which assumptions fail, and which are undecided."""
+    for verdict, singular, plural in (("fails", "fails", "fail"), ("undecided", "undecided", "undecided")):
+        numbers = [str(a.number) for a in record.assumptions if a.applies and a.verdict == verdict]
+        if len(numbers) == 1:
+            yield f"assumption {numbers[0]} {singular}"
+        elif numbers:
+            yield f"assumptions {', '.join(numbers)} {plural}"
 
 
 def _unstable(record: CheckRecord) -> Iterator[tuple[str, str]]:
     """Yield what is not rigid or not stable, each with a fix."""
-    law = record.law
     shape = record.rigidity
     if shape.localizable is None and shape.rigid is False:
         fix = f"edges have rank {shape.rank}, and {shape.needed} is needed"
         yield "the formation is not rigid", fix if shape.bracing is None else shape.bracing.describe()
-    if law.unmodelled:
-        yield "the law is undecided", f"check has no model of {', '.join(law.unmodelled)}"
-    if law.stable is False:
-        gains = law.stable_gains
+    if record.law.unmodelled:
+        yield "the law is undecided", f"check has no model of {', '.join(record.law.unmodelled)}"
+    yield from _unstable_loops(record)
+
+
+def _unstable_loops(record: CheckRecord) -> Iterator[tuple[str, str]]:
+    """Yield the loops that are unstable, each with a fix."""
+    if record.law.stable is False:
+        gains = record.law.stable_gains
         fix = f"set controller.gain between {gains[0]:.3g} and {gains[1]:.3g} 1/s" if gains else "no gain is stable"
         yield "the sampled loop is unstable", fix
     if record.links is not None and record.links.stable is False:
@@ -125,30 +128,32 @@ def _fix(record: CheckRecord, number: int) -> str:
 
 def _numbers(record: CheckRecord) -> Iterator[str]:
     """Yield the five numbers and the fragility."""
-    steady, law, bodies = record.steady, record.law, record.margins.bodies
-    as_if = "" if steady.exact_links else ", as if links were exact"
-    if steady.ideal is None:
-        error = f"not known: {steady.reason}"
-    else:
-        on_bodies = "not known" if steady.bodies is None else f"{steady.bodies:.3g} m"
-        error = f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles"
-        error += f" (RMS over agents, second half{as_if})"
-        if steady.bodies is None:
-            error += f"; vehicles: {steady.reason_on_bodies}"
-        if steady.limited:
-            error += f"; {_listed(steady.limited)} would exceed the speed limit, so expect more"
-    yield from _row("tracking error", error)
-    gains = [f"{law.largest_gain:.4g} 1/s on ideal kinematics" if law.largest_gain is not None else ""]
-    gains += [f"{bodies.largest_gain:.4g} 1/s on the vehicles" if bodies.largest_gain is not None else ""]
-    known = ", ".join(text for text in gains if text) or "not known"
-    yield from _row("largest gain", f"{known}; the gain is {record.theorem.gain:.4g} 1/s")
+    as_if = "" if record.steady.exact_links else ", as if links were exact"
+    yield from _row("tracking error", _error(record.steady, as_if))
+    largest = {"ideal kinematics": record.law.largest_gain, "the vehicles": record.margins.bodies.largest_gain}
+    known = ", ".join(f"{gain:.4g} 1/s on {where}" for where, gain in largest.items() if gain is not None)
+    yield from _row("largest gain", f"{known or 'not known'}; the gain is {record.theorem.gain:.4g} 1/s")
     margin = None if record.links is None else record.links.delay_margin
-    delay = "not known" if margin is None else f"{margin:.3g} s, equal on all links"
-    yield from _row("delay margin", delay)
+    yield from _row("delay margin", "not known" if margin is None else f"{margin:.3g} s, equal on all links")
     yield from _row("better law", _better(record.proposals, record.theorem.wanted_radius, as_if))
     if record.safety is not None:
         yield from _row("separation", _separation(record.safety))
     yield from _row("fragility", _fragile(record.fragility))
+
+
+def _error(steady: SteadyError, as_if: str) -> str:
+    """Return the predicted tracking error, and what it leaves out."""
+    if steady.ideal is None:
+        return f"not known: {steady.reason}"
+    on_bodies = "not known" if steady.bodies is None else f"{steady.bodies:.3g} m"
+    error = (
+        f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles (RMS over agents, second half{as_if})"
+    )
+    if steady.bodies is None:
+        error += f"; vehicles: {steady.reason_on_bodies}"
+    if steady.limited:
+        error += f"; {_listed(steady.limited)} would exceed the speed limit, so expect more"
+    return error
 
 
 def _fragile(fragility: Fragility) -> str:

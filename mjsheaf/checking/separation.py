@@ -18,6 +18,7 @@ from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.control.obstacles import distances
 from mjsheaf.control.safety import SafetyArrays
+from mjsheaf.errors import select_true
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
 
@@ -61,7 +62,7 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
     names = [member.id for member in system.team.members] + system.safety.obstacle_ids
     times, places = _places(system, certificate)
     initial = system.initial[None] + arrays.lift
-    reasons = list(_reasons(system, arrays))
+    reasons = _reasons(system, arrays, names)
     about = arrays.unsteady + np.linalg.norm(arrays.carried, axis=1)
     moving = system.largest_disturbance + [system.flows[k].kernel_speed for k in system.field]
     return SafetyRecord(
@@ -108,21 +109,27 @@ def _too_close(safety: SafetyArrays, names: list[str], times: Array, places: Arr
     return [TooClose(pair=[names[i], names[j]], time=time, gap=gap) for (i, j), (gap, time) in closest]
 
 
-def _reasons(system: System, safety: SafetyArrays) -> Iterator[str]:
-    """Yield the requirements of the theorem that are not met."""
-    N, grid, limit = safety.agents, system.grid, system.law.limit
-    ids = [member.id for member in system.team.members]
+def _reasons(system: System, safety: SafetyArrays, names: list[str]) -> list[str]:
+    """Return the requirements of the theorem that are not met."""
+    N = safety.agents
+    grid = system.grid
     agents = [v for v in range(N) if safety.yields[v]]
-    if grid.continuous:
-        yield "the law is continuous: the theorem is about commands that are held for a period"
-    elif safety.rate * grid.period > 1.0:
-        yield f"rate times the control period is {safety.rate * grid.period:.3g}, above 1: take a smaller safety.rate"
-    if unlimited := [ids[v] for v in agents if not np.isfinite(limit[v])]:
-        yield f"{unlimited[0]} has no velocity_limit"
-    yield from _of_medium(system, ids)
-    if len(system.team.target_edges) and (system.law.gain[N:] > 0.0).any():
-        yield "the targets' own consensus moves them at a speed for which there is no bound here"
-    yield from _of_speeds(system, safety, agents, ids)
+    unlimited = next((names[v] for v in agents if not np.isfinite(system.law.limit[v])), "")
+    product = safety.rate * grid.period
+    moved = len(system.team.target_edges) and (system.law.gain[N:] > 0.0).any()
+    of_law = {
+        "the law is continuous: the theorem is about commands that are held for a period": grid.continuous,
+        f"rate times the control period is {product:.3g}, above 1: take a smaller safety.rate": not grid.continuous
+        and product > 1.0,
+        f"{unlimited} has no velocity_limit": unlimited,
+    }
+    of_targets = {"the targets' own consensus moves them at a speed for which there is no bound here": moved}
+    return [
+        *select_true(of_law),
+        *_of_medium(system, names),
+        *select_true(of_targets),
+        *_of_speeds(system, safety, agents, names),
+    ]
 
 
 def _of_medium(system: System, ids: list[str]) -> Iterator[str]:
@@ -136,25 +143,28 @@ def _of_medium(system: System, ids: list[str]) -> Iterator[str]:
             yield why.format(ids[int(np.isinf(speeds).argmax())])
 
 
-def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], ids: list[str]) -> Iterator[str]:
+def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], names: list[str]) -> Iterator[str]:
     """Yield why agents may not see others in time, or may be slower than what they are to avoid."""
-    limit, period = system.law.limit, 0.0 if system.grid.continuous else system.grid.period
+    limit = system.law.limit
+    period = 0.0 if system.grid.continuous else system.grid.period
     own = [v for v in agents if np.isfinite(limit[v])]
     if not own:
         return
     about = safety.unsteady + np.linalg.norm(safety.carried, axis=1)
-    others = [(id, safety.speed[v] + about[v]) for v, id in enumerate(ids) if not safety.yields[v]]
-    others += list(zip(system.safety.obstacle_ids if system.safety else [], safety.obstacles.speed, strict=True))
-    slowest = min(own, key=lambda v: limit[v])
-    for id, speed in others:
-        if speed + about[slowest] >= limit[slowest]:
-            yield (
-                f"{id} may come at {speed + about[slowest]:.3g} m/s relative to the medium about {ids[slowest]}, which "
-                f"commands at most {limit[slowest]:.3g} m/s"
-            )
-            break
+    V = len(about)
+    others = np.flatnonzero(~safety.yields[:V])
+    ids = [*(names[v] for v in others), *names[V:]]
+    speeds = np.concatenate([safety.speed[others] + about[others], safety.obstacles.speed])
+    slowest = min(own, key=limit.__getitem__)
+    relative = speeds + about[slowest]
+    too_fast = np.flatnonzero(relative >= limit[slowest])
+    if too_fast.size:
+        yield (
+            f"{ids[too_fast[0]]} may come at {relative[too_fast[0]]:.3g} m/s relative to the medium about "
+            f"{names[slowest]}, which commands at most {limit[slowest]:.3g} m/s"
+        )
     fastest = float(limit[own].max())
-    closing = fastest + max(fastest, *(speed for _, speed in others), 0.0) + 2.0 * float(about.max())
+    closing = fastest + max(fastest, *speeds, 0.0) + 2.0 * float(about.max())
     D = max(2.0 * float(safety.radius.max()), float(safety.clearance.max()))
     if safety.reach < D + closing * period:
         yield f"safety.range is {safety.reach:.3g} m; expected at least {D + closing * period:.3g} m, a period ahead"

@@ -187,6 +187,5 @@ def _reason(system: System, v: int, asked: float, flow: float, saturation: float
                 f"{turning.speed:.2g} m/s; a higher gain brings it nearer"
             )
         return f"its thrusters are one-sided: they push {authority.describe()}"
-    if saturation > _MOSTLY:
-        return "its thrusters are at a limit"
-    return "its thrusters push against each other, or something holds it"
+    held = "its thrusters push against each other, or something holds it"
+    return "its thrusters are at a limit" if saturation > _MOSTLY else held

@@ -8,7 +8,7 @@ import typer
 from mjsheaf.cli.options import McapOption, Ros2Option, formats_of, require_file_name
 from mjsheaf.cli.run import require_outside_of_runs
 from mjsheaf.cli.terminal import print_lines, progress_bars
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, raise_first
 
 
 def export(
@@ -30,10 +30,14 @@ def export(
     and commands, events as messages, and the scenario. `run --mcap` writes the same file during a run.
     """
     formats = formats_of(mcap, ros2)
-    if not formats:
-        raise InputError("export: expected --mcap, --ros2 or both")
-    if out is not None and len(formats) > 1:
-        raise InputError(f"--out {out}: names one place; expected only one of --mcap and --ros2 with it")
+    one_place = f"--out {out}: names one place; expected only one of --mcap and --ros2 with it"
+    raise_first(
+        InputError,
+        {
+            "export: expected --mcap, --ros2 or both": not formats,
+            one_place: out is not None and len(formats) > 1,
+        },
+    )
     with progress_bars("exporting the run"):
         from mjsheaf.export import FORMATS, export_run
 

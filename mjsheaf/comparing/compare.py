@@ -120,9 +120,8 @@ def _phases(
     phases: Sequence[Phase], runs: dict[str, Run], at_q_star: Series, limits: UnlimitedRuns | None
 ) -> list[PhaseRecord]:
     """Return the errors of every phase that the ideal run reached; none without events."""
-    if not any(phase.events for phase in phases):
-        return []
-    return [_phase(phases, k, runs, at_q_star, limits) for k in range(len(runs["ideal"].recording.pieces))]
+    count = len(runs["ideal"].recording.pieces) if any(phase.events for phase in phases) else 0
+    return [_phase(phases, k, runs, at_q_star, limits) for k in range(count)]
 
 
 def _phase(

@@ -10,6 +10,7 @@ from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.simulation.session import engine_of
+from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects
 
@@ -55,40 +56,49 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
     thrusters along every axis. The timestep is at most a tenth of tau, and divides the period.
     """
     system = _with_inertia(replace(system, initial=positions_at_q_star(system, system.initial[None])[0]), None)
-    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in system.vehicles)
+    grid = system.grid
+    largest = _SHARE_OF_OWN * min(float(inertial_tau(v).min()) for v in system.vehicles)
     fastest = system.gain * system.largest_eigenvalue
-    largest = min(_SHARE_OF_OWN * own, _SHARE_OF_LAW / fastest if fastest > 0.0 else np.inf)
+    if fastest > 0.0:
+        largest = min(largest, _SHARE_OF_LAW / fastest)
     start = grid.start + _CATCH_UP * largest
     steps = min(grid.steps, int(np.ceil((_CATCH_UP * largest + _SPAN) / grid.period)))
     end = grid.start + steps * grid.period
     taus = [largest / _RATIO**k for k in range(_COUNT)]
-
-    def record(points: list[PointRecord], reason: str = "") -> ConvergenceRecord:
-        slope = constant = None
-        known = [(p.tau_s, p.distance_m) for p in points if p.distance_m]
-        if len(known) >= 2:
-            tau, distance = np.log(np.array(known)).T
-            slope, intercept = np.polyfit(tau, distance, 1)
-            constant = np.exp(intercept)
-        return ConvergenceRecord(points=points, start_s=start, end_s=end, slope=slope, constant=constant, reason=reason)
-
     smallest = taus[-1] / _STEPS_PER_TAU
     if smallest < _SHORTEST_STEP:
-        return record([], f"bodies or law are so fast that timesteps of {smallest:.2g} s would be needed")
+        return _record(start, end, [], f"bodies or law are so fast that timesteps of {smallest:.2g} s would be needed")
     system = replace(system, grid=replace(grid, steps=steps))
     ideal = engine_of(system, "ideal").run()
     if ideal.status != "finished" or end <= start:
-        return record([], ideal.message or "the run is too short")
+        return _record(start, end, [], ideal.message or "the run is too short")
     points = []
     for k, tau in enumerate(taus):
         progress("converging", k, _COUNT)
-        timestep = grid.period / np.ceil(grid.period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
-        here = _with_inertia(system, tau)
-        run = engine_of(replace(here, bodies=replace(here.bodies, timestep=float(timestep)))).run()
-        apart = largest_distance(run, ideal, start) if run.status == "finished" else None
-        points.append(PointRecord(tau_s=tau, timestep_s=timestep, distance_m=apart.distance_m if apart else None))
+        points.append(_measure(system, ideal, tau, start))
     progress("converging", _COUNT, _COUNT)
-    return record(points)
+    return _record(start, end, points)
+
+
+def _measure(system: System, ideal: Trajectory, tau: float, start: float) -> PointRecord:
+    """Measure the distance of bodies with one time constant, s, to the ideal run from a time on, s."""
+    period = system.grid.period
+    timestep = period / np.ceil(period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
+    here = _with_inertia(system, tau)
+    run = engine_of(replace(here, bodies=replace(here.bodies, timestep=float(timestep)))).run()
+    apart = largest_distance(run, ideal, start) if run.status == "finished" else None
+    return PointRecord(tau_s=tau, timestep_s=timestep, distance_m=apart.distance_m if apart else None)
+
+
+def _record(start: float, end: float, points: list[PointRecord], reason: str = "") -> ConvergenceRecord:
+    """Fit the distances over time constants by a power law, if at least two of them are known."""
+    slope = constant = None
+    known = [(p.tau_s, p.distance_m) for p in points if p.distance_m]
+    if len(known) >= 2:
+        tau, distance = np.log(np.array(known)).T
+        slope, intercept = np.polyfit(tau, distance, 1)
+        constant = np.exp(intercept)
+    return ConvergenceRecord(points=points, start_s=start, end_s=end, slope=slope, constant=constant, reason=reason)
 
 
 def _with_inertia(system: System, tau: float | None) -> System:

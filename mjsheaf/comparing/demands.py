@@ -180,8 +180,7 @@ def run_without_limits(
 
 def _without_limits(system: System) -> System:
     """Return the system without velocity limits; absent agents are still commanded to rest."""
-    limit = np.where(system.law.limit > 0.0, np.inf, 0.0)
-    return replace(system, law=system.law._replace(limit=limit))
+    return replace(system, law=system.law._replace(limit=np.where(system.law.limit > 0.0, np.inf, 0.0)))
 
 
 def _late_speeds(run: Run, span: Span) -> tuple[Array, Array]:

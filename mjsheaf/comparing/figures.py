@@ -54,39 +54,52 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
     title = f"{record.scenario}: what each effect does, {record.law_in_words}"
     figure = new_figure(WIDTH, 1.1 + 2.1 * len(drawn), title, options)
     panels = figure.subplots(len(drawn), 1, sharex=True)
-    drawn_rungs, footnote = choose_rungs(record)
-    for axis, (name, title) in zip(panels, drawn.items(), strict=True):
-        values, ends = [], []
-        for k, rung in enumerate(drawn_rungs):
-            run = runs[rung.key]
-            apart = farthest(run, ideal)
-            keep = thin(len(apart), _MOST_POINTS)
-            y = (run.series[TEAM] | {"distance": apart})[name][keep]
-            y = np.where(y > 0.0, y, np.nan)  # a logarithmic axis has no zero
-            if rung.status == "finished":
-                values.append(y)
-            label = rung.label if rung.status == "finished" else f"{rung.label} (BLOWS UP)"
-            if np.isfinite(y).any():
-                style = _style(rung, k)
-                axis.plot(run.trajectory.time[keep], y, **style)
-                ends.append((float(y[np.isfinite(y)][-1]), label, style["color"]))
-        log_axis(axis, "y", np.concatenate([*values, np.zeros(0)]), decades=4)
-        label_axes(axis, "", y=title)
-        end = float(ideal.trajectory.time[0]) + record.time_s
-        axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
-        axis.set_xlim(float(ideal.trajectory.time[0]), end)
-        mark_times(axis, [phase.start for phase in record.phases if phase.events])
-        label_ends(axis, ends)
-    words = "time (s); the error budget of the whole run covers the shaded half\n" + fill(footnote, 80)
+    rungs, footnote = choose_rungs(record)
+    start = float(ideal.trajectory.time[0])
+    end = start + record.time_s
     eventful = [phase for phase in record.phases if phase.events]
+    for axis, (name, title) in zip(panels, drawn.items(), strict=True):
+        ends = _draw_rungs(axis, name, rungs, runs)
+        label_axes(axis, "", y=title)
+        axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
+        axis.set_xlim(start, end)
+        mark_times(axis, [phase.start for phase in eventful])
+        label_ends(axis, ends)
     happened = [f"{k}: {', '.join(phase.events)} ({phase.start:.6g} s)" for k, phase in enumerate(eventful, 1)]
-    words += "\n" + fill("   ".join(happened), 100)
+    shaded = "time (s); the error budget of the whole run covers the shaded half"
+    words = f"{shaded}\n{fill(footnote, 80)}\n{fill('   '.join(happened), 100)}"
     panels[-1].set_xlabel(words.strip(), fontsize=NORMAL)
     figure.align_ylabels(panels)
     settle(figure)
     for axis in panels:
         spread_ends(axis)
     save_figure(figure, path, options)
+
+
+def _draw_rungs(axis: Any, name: str, rungs: list[RungRecord], runs: dict[str, Run]) -> list[tuple[float, str, Any]]:
+    """Draw an error of the team, or the distance to the ideal run, over time, one line per variant.
+
+    Returns:
+        Last value, label and colour of each line.
+    """
+    values = [np.zeros(0)]
+    ends = []
+    for k, rung in enumerate(rungs):
+        run = runs[rung.key]
+        apart = farthest(run, runs["ideal"])
+        keep = thin(len(apart), _MOST_POINTS)
+        y = (run.series[TEAM] | {"distance": apart})[name][keep]
+        y = np.where(y > 0.0, y, np.nan)  # a logarithmic axis has no zero
+        label = f"{rung.label} (BLOWS UP)"
+        if rung.status == "finished":
+            values.append(y)
+            label = rung.label
+        if np.isfinite(y).any():
+            style = _style(rung, k)
+            axis.plot(run.trajectory.time[keep], y, **style)
+            ends.append((float(y[np.isfinite(y)][-1]), label, style["color"]))
+    log_axis(axis, "y", np.concatenate(values), decades=4)
+    return ends
 
 
 def plot_budget(record: CompareRecord, path: Path, options: FigureOptions = AS_USUAL) -> None:
@@ -141,19 +154,25 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     Variants with one effect are drawn, except those with the same line as ideal thrusters. If there would be more than
     10 lines, those closest to the ideal run are left out.
     """
-    keys = {rung.key for rung in record.ladder}
-    begin = [record.rung(key) for key in ("targets", "agents", "base")]
-    end = [record.rung(key) for key in ("all-terms", "all-links", "all", "ideal") if key in keys]
-    alone = [rung for rung in record.ladder if rung.kind == "alone"]
-    same = [rung for rung in alone if _line_of(rung) == _line_of(begin[-1])]
-    others = [rung for rung in alone if rung not in same]
-    kept = sorted(others, key=_weight, reverse=True)[: _MOST_LINES - len(begin) - len(end)]
-    shown = [rung for rung in others if rung in kept]
-    small = [rung for rung in others if rung not in kept]
-    missing = [*_named(same, "as ideal thrusters"), *_named(small, "little")]
-    missing += ["all but one"] if any(rung.kind == "without" for rung in record.ladder) else []
+    rungs = {rung.key: rung for rung in record.ladder}
+    begin = [rungs[key] for key in ("targets", "agents", "base")]
+    end = [rungs[key] for key in ("all-terms", "all-links", "all", "ideal") if key in rungs]
+    alone, missing = _choose_alone(record, _MOST_LINES - len(begin) - len(end))
+    if "without" in {rung.kind for rung in record.ladder}:
+        missing.append("all but one")
     footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
-    return [*begin, *shown, *end], footnote
+    return [*begin, *alone, *end], footnote
+
+
+def _choose_alone(record: CompareRecord, most: int) -> tuple[list[RungRecord], list[str]]:
+    """Choose at most so many variants with one effect; describe the others."""
+    alone = [rung for rung in record.ladder if rung.kind == "alone"]
+    base = _line_of(record.rung("base"))
+    same = [rung for rung in alone if _line_of(rung) == base]
+    others = [rung for rung in alone if rung not in same]
+    small = sorted(sorted(others, key=_weight, reverse=True)[most:], key=others.index)
+    missing = [*_named(same, "as ideal thrusters"), *_named(small, "little")]
+    return [rung for rung in others if rung not in small], missing
 
 
 def _weight(rung: RungRecord) -> float:
@@ -184,8 +203,8 @@ def _style(rung: RungRecord, k: int) -> dict[str, Any]:
 
 def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None:
     """Draw the panel of one scope: at_q_star as text, three bars, then two bars for each effect, in mm."""
-    items = {item.effect: item for item in budget.effects}
-    effects, y = [items[name] for name in order], 4.0 + np.arange(len(order))
+    effects = sorted(budget.effects, key=lambda item: order.index(item.effect))
+    y = 4.0 + np.arange(len(order))
     _barh(axis, np.arange(1, 4), [budget.targets_m, budget.agents_m, budget.interaction_m], 0.5, _BASE)
     _barh(axis, y + 0.2, [e.alone_m for e in effects], 0.36, BLUE, "added to ideal thrusters, alone")
     given_back = "given back when it is removed from all (below 0: worse without it)"

@@ -229,8 +229,7 @@ class Run:
         there = np.flatnonzero(piece.system.team.present)
         q_star = positions_at_q_star(piece.system, piece.positions)[:, there]
         positions = piece.positions[:, there]
-        on_bodies = self.variant.setup.agents
-        ending = ending_of(piece.system.remaining, piece.time, q_star, positions, on_bodies=on_bodies)
+        ending = ending_of(piece.system.remaining, piece.time, q_star, positions, on_bodies=self.variant.setup.agents)
         if ending == "settled" and self.variant.kind == "all":
             return ending_of_run(self.recording.phases, self.recording.dataset("physics", seed=0))
         return ending
@@ -246,8 +245,7 @@ class Run:
 def span_of_phase(phases: Sequence[Phase], number: int) -> Span:
     """Return the samples of a phase."""
     following = phases[number + 1 :]
-    end = following[0].start if following else phases[0].system.grid.steps + 1
-    return Span(phases[number].start, end)
+    return Span(phases[number].start, following[0].start if following else phases[0].system.grid.steps + 1)
 
 
 def changed_systems(phases: Sequence[Phase], change: Callable[[System], System]) -> tuple[Phase, ...]:
@@ -393,8 +391,7 @@ def run_ablation(
 
 
 def _with_finer_timestep(system: System) -> System:
-    finer = replace(system.bodies, timestep=system.bodies.timestep / _TIMESTEP_DIVISOR)
-    return replace(system, bodies=finer)
+    return replace(system, bodies=replace(system.bodies, timestep=system.bodies.timestep / _TIMESTEP_DIVISOR))
 
 
 def _simulate(

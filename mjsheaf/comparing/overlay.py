@@ -16,7 +16,7 @@ from pydantic import Field
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import bounds_of_phases
-from mjsheaf.errors import InputError, PlaceError, listed
+from mjsheaf.errors import InputError, PlaceError, listed, select_true
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, FiniteRecord
@@ -309,27 +309,33 @@ def _paths(run: OpenRun) -> Array:
 
 def _interpolated(time: Array, values: Array, at: Array) -> Array:
     """Interpolate values, shape (T, n), at other times within their range, shape (K, n)."""
-    if len(time) == len(at) and np.array_equal(time, at):
-        return values
-    return np.column_stack([np.interp(at, time, column) for column in values.T])
+    same = np.array_equal(time, at)
+    return values if same else np.column_stack([np.interp(at, time, column) for column in values.T])
 
 
 def _unlike(runs: Sequence[OpenRun], end: float) -> list[str]:
     """Describe differences between the runs in time, team and scenario."""
-    first, notes = runs[0], []
-    if len({float(run.time[-1]) for run in runs}) > 1:
-        notes.append(f"the runs end at different times; errors are those at {end:g} s, the last that all of them reach")
-    for run in runs[1:]:
-        others = [name for name in run.agents if name not in first.agents]
-        missing = [name for name in first.agents if name not in run.agents]
-        told = [f"lacks {listed(missing)}"] if missing else []
-        told += [f"has {listed(others)} in addition"] if others else []
-        if told:
-            notes.append(f"{run.name} {' and '.join(told)}; its errors are those of its own team")
-        if run.scenario.name != first.scenario.name:
-            notes.append(f"{run.name} is of scenario {run.scenario.name}, {first.name} of {first.scenario.name}")
-    notes += [f"{run.name} blew up" for run in runs if run.dataset.attrs["status"] != "finished"]
-    return notes
+    ends = {float(run.time[-1]) for run in runs}
+    at_end = f"the runs end at different times; errors are those at {end:g} s, the last that all of them reach"
+    return [
+        *([at_end] if len(ends) > 1 else []),
+        *(note for run in runs[1:] for note in _unlike_first(run, runs[0])),
+        *(f"{run.name} blew up" for run in runs if run.dataset.attrs["status"] != "finished"),
+    ]
+
+
+def _unlike_first(run: OpenRun, first: OpenRun) -> list[str]:
+    """Describe differences of a run from the first one in team and scenario."""
+    others = [name for name in run.agents if name not in first.agents]
+    missing = [name for name in first.agents if name not in run.agents]
+    told = {f"lacks {listed(missing)}": missing, f"has {listed(others)} in addition": others}
+    team = " and ".join(select_true(told))
+    scenario = run.scenario.name
+    notes = {
+        f"{run.name} {team}; its errors are those of its own team": team,
+        f"{run.name} is of scenario {scenario}, {first.name} of {first.scenario.name}": scenario != first.scenario.name,
+    }
+    return select_true(notes)
 
 
 def table_of(record: RunsRecord) -> pd.DataFrame:
@@ -352,19 +358,23 @@ def plot_runs(runs: Sequence[OpenRun], path: Path, options: FigureOptions = AS_U
     figure = new_figure(WIDTH, 0.9 + 2.4 * len(drawn), f"{scenarios}: {len(runs)} runs", options)
     panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
     for panel, name in zip(panels, drawn, strict=True):
-        for k, (run, own) in enumerate(zip(runs, errors, strict=True)):
-            keep = thin(len(run.time), _MAX_POINTS)
-            style = line_style(k) | {"color": _COLOURS[k]}
-            panel.plot(run.time[keep], own[name][keep], label=_legend(run), **style)
-        log_axis(panel, "y", np.concatenate([own[name] for own in errors]))
+        _draw_error(panel, runs, [own[name] for own in errors])
         label_axes(panel, "", y=_LABELS[name])
-        events = [phase["time"] for phase in phases_in(runs[0].dataset) if phase["events"]]
-        mark_times(panel, events)
+        mark_times(panel, [phase["time"] for phase in phases_in(runs[0].dataset) if phase["events"]])
     panels[-1].set_xlabel(_below(runs[0]))
     figure.align_ylabels(panels)
     legend_below(figure, panels[0].get_legend_handles_labels()[0], 2)
     settle(figure)
     save_figure(figure, path, options)
+
+
+def _draw_error(panel: Any, runs: Sequence[OpenRun], errors: Sequence[Array]) -> None:
+    """Draw one error of each run over time."""
+    for k, (run, error) in enumerate(zip(runs, errors, strict=True)):
+        keep = thin(len(run.time), _MAX_POINTS)
+        style = line_style(k) | {"color": _COLOURS[k]}
+        panel.plot(run.time[keep], error[keep], label=_legend(run), **style)
+    log_axis(panel, "y", np.concatenate(errors))
 
 
 def _legend(run: OpenRun) -> str:

@@ -54,8 +54,7 @@ class Recording:
     @cached_property
     def present(self) -> BoolArray:
         """True for agents that are part of the team at each sample, shape (T, N)."""
-        rows = [np.tile(piece.system.team.present, (len(piece.time), 1)) for piece in self.pieces]
-        return np.concatenate(rows)
+        return np.concatenate([np.tile(piece.system.team.present, (len(piece.time), 1)) for piece in self.pieces])
 
     @cached_property
     def limits(self) -> Array:

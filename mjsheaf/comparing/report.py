@@ -18,7 +18,7 @@ from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
 from mjsheaf.control.source import LawFile
-from mjsheaf.errors import PlaceError, joined, shortened
+from mjsheaf.errors import PlaceError, joined, select_true, shortened
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.results import summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
@@ -125,22 +125,28 @@ def _ladder(record: CompareRecord) -> Group:
             bold = rung.kind in ("ideal", "all") and rung.status == "finished"
             table.add_row(rung.label, *_cells(rung), style="bold" if bold else None)
         table.add_section()
+    title = "ladder: errors in m, over the second half / at the end; largest distance to the ideal run in m"
+    return _under(title, table, *_notes_on_ladder(record))
+
+
+def _notes_on_ladder(record: CompareRecord) -> list[str]:
     usual = record.rung("all").timestep_s
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
     telling = record.measure.removesuffix("_error")
-    notes = [
+    special = {
+        f"paper's law: without {joined(record.terms or [''])}": record.terms,
+        f"paper's law: at the scenario's gain, instead of {record.controller}": record.controller,
+        f"with a tenth of the timestep, as it blows up otherwise: {finer}": finer,
+    }
+    return [
         "tracking: RMS over agents; formation: RMS over edges; over the second half: RMS over time too",
         f"settles: time from which the team's {telling} error stays below 1.25 times its maximum over the second half;",
         "moving: not converged yet; growing: diverging; circling: the team is in a limit cycle",
         "stuck: converged, but an agent does not move although it is commanded to",
         "limited: fraction of the time that agents' thrusters are at a limit",
+        *select_true(special),
+        *(f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"),
     ]
-    notes += [f"paper's law: without {joined(record.terms)}"] if record.terms else []
-    notes += [f"paper's law: at the scenario's gain, instead of {record.controller}"] if record.controller else []
-    notes += [f"with a tenth of the timestep, as it blows up otherwise: {finer}"] if finer else []
-    notes += [f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"]
-    title = "ladder: errors in m, over the second half / at the end; largest distance to the ideal run in m"
-    return _under(title, table, *notes)
 
 
 def _cells(rung: RungRecord) -> list[Text | str | None]:
@@ -245,17 +251,17 @@ def _ringing(record: CompareRecord) -> Group | Text:
 
 def _speeds(record: CompareRecord) -> Group:
     table = _table("", "ideal run", "as given", "who, when (s)", "sustained: slowest way", "sustained: ahead")
-    bodies = {(d.role, d.vehicle): d for d in record.demands if d.run == "all"}
-    for d in (d for d in record.demands if d.run == "ideal"):
-        there = bodies.get((d.role, d.vehicle))
-        beyond = d.least_speed_m_s is not None and d.asked_m_s > d.least_speed_m_s
-        table.add_row(
-            f"{d.role}: {d.vehicle}",
-            Text(f"{d.asked_m_s:.3g}", style="bold red" if beyond else ""),
-            _number(there.asked_m_s if there else None),
-            f"{d.who}, {d.time_s:.4g}",
-            *("no limit" if v is None else f"{v:.3g}" for v in (d.least_speed_m_s, d.forward_speed_m_s)),
-        )
+    as_given = {(d.role, d.vehicle): d.asked_m_s for d in record.demands if d.run == "all"}
+    for d in record.demands:
+        if d.run == "ideal":
+            beyond = d.least_speed_m_s is not None and d.asked_m_s > d.least_speed_m_s
+            table.add_row(
+                f"{d.role}: {d.vehicle}",
+                Text(f"{d.asked_m_s:.3g}", style="bold red" if beyond else ""),
+                _number(as_given.get((d.role, d.vehicle))),
+                f"{d.who}, {d.time_s:.4g}",
+                *("no limit" if v is None else f"{v:.3g}" for v in (d.least_speed_m_s, d.forward_speed_m_s)),
+            )
     best = ", ".join(f"in {f.moves_in} {f.vehicle} {f.speed_m_s:.3g}" for f in record.fastest)
     title = "maximum speeds commanded in the second half, relative to the medium, m/s"
     holds = "sustained: steady speed through the medium at full thrust, in the slowest horizontal direction and ahead"

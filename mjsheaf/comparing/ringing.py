@@ -78,6 +78,13 @@ class RingingRecord(FiniteRecord):
     delay_s: float = Field(0.0, description="maximum age of measurements, which the predictions do not include")
     measured: list[ReleaseRecord]
 
+    @property
+    def largest_rise(self) -> tuple[float, str]:
+        """Largest rise of the measured damping ratio when an effect is left out, and that effect; 0 if unknown."""
+        known = [(m.bodies, m.damping_ratio) for m in self.measured if m.damping_ratio is not None]
+        rises = [(later[1] - now[1], later[0].split()[-1]) for now, later in pairwise(known)]
+        return max(rises, default=(0.0, ""))
+
 
 @dataclass(frozen=True)
 class Mode:
@@ -311,9 +318,8 @@ def _fit_decay(e: Array, mode: Mode, period: float) -> tuple[float | None, float
     runs = signals[:, : count * step].reshape(len(signals), count, step)
     roots = fit_roots(np.moveaxis(runs, 1, 2).reshape(-1, count)[:, 1:], step * period)
     s = roots[np.argmax(roots.imag)]
-    if abs(s.imag) <= _REAL_ROOT * abs(s):
-        return None, None
-    return float(-s.real / abs(s)), float(abs(s))
+    oscillates = abs(s.imag) > _REAL_ROOT * abs(s)
+    return (float(-s.real / abs(s)), float(abs(s))) if oscillates else (None, None)
 
 
 def _overshoot(e: Array, mode: Mode) -> float:
@@ -365,40 +371,43 @@ def gain_limits(system: System, ringing: RingingRecord | None) -> list[GainLimit
     stiffest = 1.0 if system.law.terms.newton else system.largest_eigenvalue
     if system.gain <= 0.0 or stiffest <= 0.0:
         return []
-    if ringing is not None:
-        damping, frequency = ringing.predicted_damping_ratio, ringing.predicted_frequency_rad_s
-    else:
+    limits = [_limit_of_damping(system, ringing, stiffest)]
+    if not system.grid.continuous:
+        delayed = _late(system)
+        calm = delayed**delayed / (delayed + 1.0) ** (delayed + 1)
+        limits.append(GainLimit(calm / (system.grid.period * stiffest), "links" if delayed else "hold", ""))
+    return limits
+
+
+def _limit_of_damping(system: System, ringing: RingingRecord | None, stiffest: float) -> GainLimit:
+    """Find the gain at which the least damped mode's damping ratio falls to 0.3."""
+    if ringing is None:
         slowest = max(float(inertial_tau(v).max()) for v in system.vehicles[: len(system.team.agents)])
         frequency = sqrt(system.gain * stiffest / slowest)
         damping = 0.5 / (frequency * slowest)
-    period = 0.0 if system.grid.continuous else system.grid.period
-    measured = None if ringing is None else ringing.measured[0].damping_ratio
+        measured = None
+    else:
+        frequency = ringing.predicted_frequency_rad_s
+        damping = ringing.predicted_damping_ratio
+        measured = ringing.measured[0].damping_ratio
     delayed = _late(system)
+    period = 0.0 if system.grid.continuous else system.grid.period
     of_hold = frequency * period * (1.0 + 2.0 * delayed) / 4.0
     of_bodies = 0.0 if measured is None else damping - measured
     delta = max(of_hold, of_bodies)
     # The root sqrt(k) of delta k + 0.3 sqrt(k) - damping = 0, in the form that is valid for delta = 0 too.
     root = 2.0 * damping / (_LEAST_DAMPING + sqrt(_LEAST_DAMPING**2 + 4.0 * delta * damping))
-    sampling: Literal["links", "hold"] = "links" if delayed else "hold"
-    effect: Literal["inertia", "lag", "underactuation", "hold", "links"] = "inertia"
-    if root**2 < _MOSTLY_INERTIA * (damping / _LEAST_DAMPING) ** 2:
-        effect = _blamed_effect(ringing) if of_bodies > of_hold else sampling
-    limits = [GainLimit(system.gain * root**2, effect, "" if ringing is None else ringing.agent)]
-    if period > 0.0:
-        calm = delayed**delayed / (delayed + 1.0) ** (delayed + 1)
-        limits.append(GainLimit(calm / (period * stiffest), sampling, ""))
-    return limits
+    effect: Literal["inertia", "lag", "underactuation", "hold", "links"] = "links" if delayed else "hold"
+    if root**2 >= _MOSTLY_INERTIA * (damping / _LEAST_DAMPING) ** 2:
+        effect = "inertia"
+    elif of_bodies > of_hold:
+        effect = _blamed_effect(ringing)
+    return GainLimit(system.gain * root**2, effect, "" if ringing is None else ringing.agent)
 
 
 def _blamed_effect(ringing: RingingRecord | None) -> Literal["inertia", "lag", "underactuation"]:
     """Find the effect whose absence raises the measured damping ratio most; inertia if none does."""
-    known = (
-        []
-        if ringing is None
-        else [(m.bodies, m.damping_ratio) for m in ringing.measured if m.damping_ratio is not None]
-    )
-    rises = [(later[1] - now[1], later[0].split()[-1]) for now, later in pairwise(known)]
-    rise, effect = max(rises, default=(0.0, ""))
+    rise, effect = (0.0, "") if ringing is None else ringing.largest_rise
     if rise <= 0.0:
         return "inertia"
     return "lag" if effect == "lag" else "underactuation"

@@ -4,7 +4,8 @@ Errors, distances and their parts are in m, times in s, speeds in m/s. A value i
 from a run that blew up. Each part is defined by the module that computes it.
 """
 
-from itertools import pairwise
+from itertools import chain, product
+from math import inf
 from typing import NamedTuple
 
 from pydantic import Field
@@ -128,9 +129,7 @@ class CompareRecord(FiniteRecord):
     @property
     def law_in_words(self) -> str:
         """The law for titles: its gain and terms, or its name."""
-        if self.gain is None:
-            return f"law {self.law}"
-        return ", ".join([f"gain {self.gain:g} 1/s", *self.terms])
+        return f"law {self.law}" if self.gain is None else ", ".join([f"gain {self.gain:g} 1/s", *self.terms])
 
     @property
     def scopes(self) -> list[str]:
@@ -141,6 +140,11 @@ class CompareRecord(FiniteRecord):
     def measure(self) -> Measure:
         """The error that matters: the formation error, or that of tracking in a team without formations."""
         return TRACKING if self.rung("ideal").errors[TEAM].late.formation_error is None else FORMATION
+
+    @property
+    def large_tracking_error(self) -> float:
+        """Tracking error that is large compared with the formation, m; infinite without formations."""
+        return inf if self.formation_size_m is None else _LARGE_TRACKING * self.formation_size_m
 
     def limit_costs(self, scope: str, measure: str, run: str) -> float | None:
         """Return how much the velocity limit adds to an error of run 'ideal' or 'all' over the second half, m.
@@ -204,25 +208,29 @@ def _unsettled(record: CompareRecord) -> list[str]:
 
 def _of_the_whole(record: CompareRecord) -> list[str]:
     """Report how much bodies cost, and the dominant cause of the error."""
-    whole = record.rung("all")
-    if whole.status != "finished":
-        stable = [r for r in record.ladder if r.kind == "without" and r.status == "finished"]
-        names = " or without ".join(display_name(r.effect or "") for r in stable)
-        lever = f"dominant cause: it is stable without {names}" if stable else "no single effect is the cause"
-        return [f"the scenario as given blows up ({whole.message})", lever]
+    if record.rung("all").status != "finished":
+        return _blown_up(record)
     budget = record.budget(TEAM, record.measure, "late")
     if budget.ideal_m is None or budget.all_m is None:
         return ["the ideal run blows up, so nothing can be compared with it"]
-    cost, name = budget.all_m - budget.ideal_m, display_name(record.measure)
-    over = f"{RMS_OVER[record.measure]} and the second half"
+    error = f"{display_name(record.measure)}, {RMS_OVER[record.measure]} and the second half"
     if budget.all_m <= ROUNDING:
         ideal = f"{budget.ideal_m:.3g} m" if budget.ideal_m > ROUNDING else "zero to rounding"
-        return [f"{name}, {over}: ideal {ideal}, as given zero to rounding: nothing to gain"]
+        return [f"{error}: ideal {ideal}, as given zero to rounding: nothing to gain"]
+    cost = budget.all_m - budget.ideal_m
     return [
         f"dominant cause: {_lever(record, TEAM)}",
-        f"{name}, {over}: ideal {budget.ideal_m:.3g} m, as given {budget.all_m:.3g} m; "
+        f"{error}: ideal {budget.ideal_m:.3g} m, as given {budget.all_m:.3g} m; "
         f"bodies {'add' if cost >= 0 else 'remove'} {abs(cost):.2g} m ({_relative(budget.ideal_m, budget.all_m)})",
     ]
+
+
+def _blown_up(record: CompareRecord) -> list[str]:
+    """Report a scenario that blows up, and the effects without which it does not."""
+    stable = [r for r in record.ladder if r.kind == "without" and r.status == "finished"]
+    names = " or without ".join(display_name(r.effect or "") for r in stable)
+    lever = f"dominant cause: it is stable without {names}" if stable else "no single effect is the cause"
+    return [f"the scenario as given blows up ({record.rung('all').message})", lever]
 
 
 def _harmful_terms(record: CompareRecord) -> list[str]:
@@ -241,10 +249,8 @@ def _terms(record: CompareRecord) -> list[str]:
         return []
     ideal = [record.rung(key).errors[TEAM].error(TRACKING) for key in ("ideal-terms", "ideal")]
     known = "" if None in ideal else f", ideal {ideal[0]:.3g} -> {ideal[1]:.3g} m"
-    if record.controller:
-        what = f"{record.controller} instead of the paper's law at the scenario's gain"
-    else:
-        what = joined(record.terms)
+    instead = f"{record.controller} instead of the paper's law at the scenario's gain"
+    what = instead if record.controller else joined(record.terms)
     return [f"{what}: tracking error {cost[0]:.3g} -> {cost[1]:.3g} m as given{known}"]
 
 
@@ -338,9 +344,8 @@ def _lever_of_bodies(budget: BudgetRecord, changes: dict[str, str], cost: float,
 
 def _changes(record: CompareRecord) -> dict[str, str]:
     """Return a fix for each effect, without a gain that the law ignores."""
-    if record.gain is not None:
-        return _CHANGE
-    return {effect: change.removesuffix(_LOWER_GAIN) for effect, change in _CHANGE.items()}
+    ignored = _LOWER_GAIN if record.gain is None else ""
+    return {effect: change.removesuffix(ignored) for effect, change in _CHANGE.items()}
 
 
 def _law(record: CompareRecord, *others: str) -> str:
@@ -395,12 +400,11 @@ def _groups(record: CompareRecord) -> list[str]:
     known = {scope: lever for scope in record.scopes[1:] if (lever := _lever(record, scope)) is not None}
     if of_team is None or all(lever.kind == of_team.kind for lever in known.values()):
         return []
-    errors = {scope: record.budget(scope, record.measure, "late").all_m or 0.0 for scope in known}
-    chosen = sorted(known, key=lambda scope: errors[scope], reverse=True)[:_MOST_GROUPS]
+    largest = sorted(known, key=lambda scope: -(record.budget(scope, record.measure, "late").all_m or 0.0))
     return [
         f"{scope}: {lever}" if lever.cure != of_team.cure else f"{scope}: {lever.kind}: {lever.why}"
         for scope, lever in known.items()
-        if scope in chosen
+        if scope in largest[:_MOST_GROUPS]
     ]
 
 
@@ -412,23 +416,32 @@ def _tracking(record: CompareRecord) -> list[str]:
     """
     if record.measure == TRACKING or record.rung("all").status != "finished":
         return []
-    budget, other = record.budget(TEAM, TRACKING, "late"), record.budget(TEAM, record.measure, "late")
-    now, ideal, size = budget.all_m, budget.ideal_m, record.formation_size_m
-    if now is None or ideal is None or other.all_m is None:
+    budget = record.budget(TEAM, TRACKING, "late")
+    now = budget.all_m
+    ideal = budget.ideal_m
+    other = record.budget(TEAM, record.measure, "late").all_m
+    if now is None or ideal is None or other is None:
         return []
-    own = ideal >= 0.5 * now
-    if not (size is not None and now >= _LARGE_TRACKING * size) and not (own and now >= other.all_m):
-        return []
-    told = f"tracking error {now:.3g} m, of that {min(ideal, now):.3g} m in the ideal run"
-    if own:
-        limit = record.limit_costs(TEAM, TRACKING, "ideal") or 0.0
-        notable = limit >= _LEAST_CAUSE_SHARE * ideal
-        of_limit = f"{limit:.2g} m from the velocity limit, the rest from " if notable else ""
-        return [f"{told}: {of_limit}the law's lag; {_law(record, 'slower targets')}"]
+    mostly_ideal = ideal >= 0.5 * now
+    cause = _lag_of_law(record, ideal) if mostly_ideal else _cause_in_bodies(budget, now)
+    told = f"tracking error {now:.3g} m, of that {min(ideal, now):.3g} m in the ideal run: {cause}"
+    return [told] if now >= record.large_tracking_error or (mostly_ideal and now >= other) else []
+
+
+def _lag_of_law(record: CompareRecord, ideal: float) -> str:
+    """Attribute the tracking error of the ideal run, m, to the velocity limit and the law."""
+    limit = record.limit_costs(TEAM, TRACKING, "ideal") or 0.0
+    notable = limit >= _LEAST_CAUSE_SHARE * ideal
+    of_limit = f"{limit:.2g} m from the velocity limit, the rest from " if notable else ""
+    return f"{of_limit}the law's lag; {_law(record, 'slower targets')}"
+
+
+def _cause_in_bodies(budget: BudgetRecord, now: float) -> str:
+    """Attribute the rest of the tracking error, m, to the effect whose removal reduces it most."""
     most, effect = next(iter(_ranked(budget)), (0.0, ""))
-    notably = most >= _LEAST_BODY_SHARE * now
-    first = f", mainly {display_name(effect)}: without it the error would be {most:.2g} m less" if notably else ""
-    return [f"{told}: the rest is due to bodies{first}"]
+    notable = most >= _LEAST_BODY_SHARE * now
+    first = f", mainly {display_name(effect)}: without it the error would be {most:.2g} m less" if notable else ""
+    return f"the rest is due to bodies{first}"
 
 
 def _velocity_limit(record: CompareRecord) -> list[str]:
@@ -436,18 +449,18 @@ def _velocity_limit(record: CompareRecord) -> list[str]:
     limit = record.velocity_limit
     if limit is None or max(run.share_at_limit for run in limit.runs) < _LEAST_SATURATION:
         return []
-    ideal, whole = limit.run("ideal"), limit.run("all")
     measures = dict.fromkeys((record.measure, TRACKING))
-    errors = [text for measure in measures for text in _with_and_without(record, measure)]
-    costs = [record.limit_costs(TEAM, measure, run.run) or 0.0 for measure in measures for run in limit.runs]
+    errors = list(chain.from_iterable(_with_and_without(record, measure) for measure in measures))
+    costs = [record.limit_costs(TEAM, measure, run.run) or 0.0 for measure, run in product(measures, limit.runs)]
+    raised = f": {_raise_limit(record)}" if max(costs) > ROUNDING else ""
+    without = f"; without it {', '.join(errors)}{raised}" if errors else ""
     limits = " to ".join(dict.fromkeys([f"{limit.lowest_m_s:.3g}", f"{limit.highest_m_s:.3g}"]))
-    told = (
-        f"agents are at their velocity limit ({limits} m/s) {100 * ideal.share_at_limit:.0f}% of the second half of "
-        f"the ideal run, {100 * whole.share_at_limit:.0f}% as given"
-    )
-    if errors:
-        told += f"; without it {', '.join(errors)}" + (f": {_raise_limit(record)}" if max(costs) > ROUNDING else "")
-    return [told]
+    ideal = 100 * limit.run("ideal").share_at_limit
+    whole = 100 * limit.run("all").share_at_limit
+    return [
+        f"agents are at their velocity limit ({limits} m/s) {ideal:.0f}% of the second half of the ideal run, "
+        f"{whole:.0f}% as given{without}"
+    ]
 
 
 def _with_and_without(record: CompareRecord, measure: str) -> list[str]:
@@ -505,18 +518,19 @@ def _saturation(record: CompareRecord) -> list[str]:
 def _ringing(record: CompareRecord) -> list[str]:
     """Report a team that rings before it comes to rest, and how to change that."""
     ringing = record.ringing
-    measured = ringing.measured[0].damping_ratio if ringing and ringing.measured else None
-    if ringing is None or measured is None or measured >= _RINGING_DAMPING:
+    if ringing is None or not ringing.measured:
+        return []
+    measured = ringing.measured[0].damping_ratio
+    if measured is None or measured >= _RINGING_DAMPING:
         return []
     if measured < 0.0:
         return [f"the least damped mode (about {ringing.agent}) DIVERGES: lower controller.gain"]
     predicted = ringing.predicted_damping_ratio_held
     why = "" if measured > 0.7 * predicted else f", predicted {predicted:.2g} from inertia and the law's hold"
     late = f" without the measurements' delay of {ringing.delay_s:.3g} s" if why and ringing.delay_s else ""
-    known = [(m.bodies, m.damping_ratio) for m in ringing.measured if m.damping_ratio is not None]
-    blamed = max(((later[1] - now[1], later[0]) for now, later in pairwise(known)), default=(0.0, ""))[1]
-    cures = [f", or {cure}" for effect, cure in _RINGING_CURES.items() if blamed.endswith(effect)]
+    _, blamed = ringing.largest_rise
+    cure = f", or {_RINGING_CURES[blamed]}" if blamed in _RINGING_CURES else ""
     return [
         f"it rings: damping ratio {measured:.2g} of the mode about {ringing.agent}{why}{late}; "
-        f"lower controller.gain{''.join(cures)}"
+        f"lower controller.gain{cure}"
     ]

@@ -152,8 +152,7 @@ class Ros2Bag:
 
     def _scene(self, moment: Moment, header: Any) -> Any:
         """Return edges, desired positions and arrows, after everything of the sample before is deleted."""
-        clear = _marker(header, "", 0, _MARKER.ARROW, action=_MARKER.DELETEALL)
-        markers = [clear]
+        markers = [_marker(header, "", 0, _MARKER.ARROW, action=_MARKER.DELETEALL)]
         if len(moment.edges):
             points = _points(moment.poses[moment.edges.ravel(), :3])
             colours = [_colour(PALETTE[level]) for level in np.repeat(moment.levels, 2).tolist()]

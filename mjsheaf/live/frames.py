@@ -84,8 +84,7 @@ class Frames:
         self._last = own
         positions = positions_of(own, self._surface) - self._origin
         row = Row()
-        rows = np.array([sample], dtype=np.int64)
-        add_samples(row, both, own, positions, phases, rows, self._scene, self._origin)
+        add_samples(row, both, own, positions, phases, np.array([sample], dtype=np.int64), self._scene, self._origin)
         self._keep_edges(row, phases)
         self._keep_sign(row)
         time = own["time"].values.astype("<f8")

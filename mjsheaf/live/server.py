@@ -188,8 +188,7 @@ class Server:
             self._client = number = self._clients
             self.opened = True
             self._changed.notify_all()
-        sender = threading.Thread(target=self._send, args=(connection, number), daemon=True)
-        sender.start()
+        threading.Thread(target=self._send, args=(connection, number), daemon=True).start()
         try:
             for message in connection:
                 self._receive(message)

@@ -304,10 +304,11 @@ def positions_of(piece: xr.Dataset, surface_height: float) -> Array:
     """Return the positions of all vehicles in space, shape (n, V, 3), m."""
     names = _position_names(piece)
     places = np.concatenate([piece[name].values for name in names[:2]], axis=1)
-    if len(names) > 2:
-        places[..., 2] = np.concatenate([piece[name].values for name in names[2:]], axis=1)
-    else:
-        places[..., 2] = np.where(np.isnan(places[..., 2]), surface_height, places[..., 2])
+    places[..., 2] = (
+        np.concatenate([piece[name].values for name in names[2:]], axis=1)
+        if len(names) > 2
+        else np.where(np.isnan(places[..., 2]), surface_height, places[..., 2])
+    )
     return places
 
 
@@ -330,8 +331,7 @@ def _survey(pieces: Iterable[Array], samples: int, phases: Sequence[Phase]) -> t
         some = places[rows].copy()
         phase = np.searchsorted(starts, done + rows, side="right") - 1
         for k in np.unique(phase):
-            lost = np.flatnonzero(~phases[k].system.team.present)
-            some[np.ix_(phase == k, lost)] = np.nan
+            some[np.ix_(phase == k, np.flatnonzero(~phases[k].system.team.present))] = np.nan
         seen.append(some)
         joined = np.concatenate([before, places]) if len(before) else places
         with np.errstate(all="ignore"):

@@ -181,8 +181,7 @@ class Delivery:
         """Return the numbers of a system's links, in order."""
         labelled = labelled_edges(system)
         self.sizes |= {key: len(edge.b) for key, edge in labelled}
-        names = [key for key, _ in labelled]
-        keys = [names[e] for e in system.law.links.table["edge"]]
+        keys = [labelled[e][0] for e in system.law.links.table["edge"]]
         for key in keys:
             self._number.setdefault(key, len(self._number))
         more = (0, len(self._number) - len(self._new))

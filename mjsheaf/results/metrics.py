@@ -1,8 +1,9 @@
 """Error norms of a run: distances from the desired positions at every sample, final errors, and expectations."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,9 +49,7 @@ class Errors:
         """Compute the RMS error over the edges of a group, or of all groups, shape (T,), m; NaN without edges."""
         residuals = self.formation.values() if group is None else [self.formation[group]]
         r = np.concatenate([np.zeros((len(self.tracking), 0)), *residuals], axis=1)
-        if r.shape[1] == 0:
-            return np.full(len(r), np.nan)
-        return np.sqrt((r**2).mean(axis=1))
+        return np.sqrt((r**2).mean(axis=1)) if r.shape[1] else np.full(len(r), np.nan)
 
     def largest_centering(self) -> Array:
         """Compute the largest centering error over groups with a target, shape (T,), m; NaN if there are none."""
@@ -90,9 +89,8 @@ def _curved_residual(edge: Edge, z: Array) -> Array:
     """Return the residual of a range or bearing edge at relative positions z (T, m), shape (T,), m."""
     desired = np.zeros(1) if edge.offset is None else edge.offset
     length = np.linalg.norm(z, axis=1)
-    if edge.measures == "range":
-        return np.abs(length - desired[0])
-    return np.linalg.norm(z - length[:, None] * desired, axis=1)
+    of_range = edge.measures == "range"
+    return np.abs(length - desired[0]) if of_range else np.linalg.norm(z - length[:, None] * desired, axis=1)
 
 
 def _centering(team: Team, formation: Formation, positions: Array) -> Array:
@@ -352,16 +350,21 @@ def check_expectation(
         checks.append({"measure": "refused", "bound": expect.refused, "found": None, "met": False})
     if bounds is not None:
         checks += _separation_check(bounds.smallest_separation, safety, status)
-        own = [phase["final"] or {} for phase in phases]
-        places = [("", bounds, final), *((f"phases.{k}.", b, own[k] if k < len(own) else {})
-                                         for k, b in enumerate(bounds.phases or []))]  # fmt: skip
-        for place, part, errors in places:
-            for name in MEASURES:
-                bound, found = getattr(part, name), errors.get(name)
-                if bound is not None:
-                    met = status == "finished" and found is not None and found <= bound
-                    checks.append({"measure": place + name, "bound": bound, "found": found, "met": met})
+        checks += _error_checks("", bounds, final, status)
+        reached = chain(phases, repeat({"final": None}))
+        for k, (part, phase) in enumerate(zip(bounds.phases or [], reached, strict=False)):
+            checks += _error_checks(f"phases.{k}.", part, phase["final"] or {}, status)
     return {"met": all(c["met"] for c in checks) if checks else None, "checks": checks}
+
+
+def _error_checks(place: str, bounds: Any, errors: dict[str, Any], status: str) -> Iterator[dict[str, Any]]:
+    """Yield the records of the upper bounds on the errors at one place."""
+    for name in MEASURES:
+        bound = getattr(bounds, name)
+        if bound is not None:
+            found = errors.get(name)
+            met = status == "finished" and found is not None and found <= bound
+            yield {"measure": place + name, "bound": bound, "found": found, "met": met}
 
 
 def _separation_check(bound: float | None, safety: dict[str, Any] | None, status: str) -> list[dict[str, Any]]:

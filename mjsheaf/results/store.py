@@ -15,7 +15,7 @@ import xarray as xr
 from pydantic_core import to_json
 
 from mjsheaf._version import __version__
-from mjsheaf.errors import InputError, PlaceError
+from mjsheaf.errors import InputError, PlaceError, raise_first
 from mjsheaf.io.figures import names_of
 from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.io.yaml import SUFFIXES
@@ -65,28 +65,45 @@ def check_replaceable(directory: Path) -> None:
             renamed, or inside the directory of another run, which could then no longer be replaced.
     """
     run = enclosing_run(directory)
-    if run is not None:
-        raise PlaceError(f"{directory}: lies inside {run}, the directory of another run; choose another with --out")
-    if not directory.exists() and not directory.is_symlink():
-        return
-    if not directory.is_dir() or directory.is_symlink():
-        raise PlaceError(f"{directory}: exists and is not a directory; choose another with --out")
-    if directory.resolve() == Path.cwd() or os.path.ismount(directory):
-        what = "a mount point" if os.path.ismount(directory) else "the current directory"
-        raise PlaceError(f"{directory}: is {what}, which no rename can replace; name a directory in it with --out")
-    entries = {path.name for path in directory.iterdir()}
-    if not entries:
-        return
+    is_link = directory.is_symlink()
+    exists = directory.exists() or is_link
+    mounted = os.path.ismount(directory)
+    what = "a mount point" if mounted else "the current directory"
+    raise_first(
+        PlaceError,
+        {
+            f"{directory}: lies inside {run}, the directory of another run; choose another with --out": run is not None,
+            f"{directory}: exists and is not a directory; choose another with --out": exists
+            and (is_link or not directory.is_dir()),
+            f"{directory}: is {what}, which no rename can replace; name a directory in it with --out": mounted
+            or directory.resolve() == Path.cwd(),
+        },
+    )
+    entries = {path.name for path in directory.iterdir()} if exists else set()
+    if entries:
+        _require_run(directory, entries)
+
+
+def _require_run(directory: Path, entries: set[str]) -> None:
+    """Refuse a directory with entries that mjsheaf did not write.
+
+    Raises:
+        PlaceError: There is one, or no run.
+    """
     ours = {*FILES, LOG, *COMPARISON_FILES, *RUNS_FILES, *names_of(_FIGURES), VEHICLES, BAG}
-    strange = sorted(name for name in entries - ours if not is_part_of(name, ours))
-    strange += _strange_vehicles(directory / VEHICLES)
-    strange += [f"{BAG}/{name}" for name in strange_in_bag(directory / BAG)]
-    if strange:
-        raise PlaceError(
-            f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
-        )
-    if not holds_run(directory):
-        raise PlaceError(f"{directory}: exists and was not written by mjsheaf; choose another with --out")
+    strange = [
+        *sorted(name for name in entries - ours if not is_part_of(name, ours)),
+        *_strange_vehicles(directory / VEHICLES),
+        *(f"{BAG}/{name}" for name in strange_in_bag(directory / BAG)),
+    ]
+    first = next(iter(strange), "")
+    raise_first(
+        PlaceError,
+        {
+            f"{directory}: holds {first!r}, which mjsheaf did not write; move it or choose another with --out": strange,
+            f"{directory}: exists and was not written by mjsheaf; choose another with --out": not holds_run(directory),
+        },
+    )
 
 
 def write_checksums(folder: Path) -> None:
@@ -230,13 +247,25 @@ def _require_readable(path: Path) -> None:
 
 def _is_whole(summary: dict[str, Any]) -> bool:
     """Return True if the fields of a summary.json that are read later have the right types, or are missing."""
-    final, expect, notes = summary.get("final") or {}, summary.get("expect") or {}, summary.get("notes") or []
-    if not (isinstance(final, dict) and isinstance(expect, dict) and isinstance(notes, list)):
-        return False
-    groups, checks = final.get("groups") or {}, expect.get("checks") or []
-    if not (isinstance(groups, dict) and isinstance(checks, list)):
+    try:
+        groups = _read_part(_read_part(summary, "final", dict), "groups", dict)
+        checks = _read_part(_read_part(summary, "expect", dict), "checks", list)
+        notes = _read_part(summary, "notes", list)
+    except TypeError:
         return False
     return all(isinstance(entry, dict) for entry in (*groups.values(), *checks, *notes))
+
+
+def _read_part(record: dict[str, Any], name: str, kind: type[Any]) -> Any:
+    """Return a field of a record, empty if it is missing.
+
+    Raises:
+        TypeError: It is not of the given kind.
+    """
+    part = record.get(name) or kind()
+    if not isinstance(part, kind):
+        raise TypeError(name)
+    return part
 
 
 @contextmanager
@@ -246,15 +275,15 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     Raises:
         InputError: The directory holds no run.
     """
-    if (directory / "compare.json").is_file():
-        raise InputError(
-            f"{directory}: holds a comparison, which keeps no data; expected the directory of a run. `mjsheaf compare` "
-            "makes its pages, plots and video"
-        )
-    if (directory / "runs.json").is_file():
-        raise InputError(
-            f"{directory}: holds a comparison of runs, which keeps no data; expected the directory of a run"
-        )
+    no_data = "which keeps no data; expected the directory of a run"
+    outputs = "`mjsheaf compare` makes its pages, plots and video"
+    raise_first(
+        InputError,
+        {
+            f"{directory}: holds a comparison, {no_data}. {outputs}": (directory / "compare.json").is_file(),
+            f"{directory}: holds a comparison of runs, {no_data}": (directory / "runs.json").is_file(),
+        },
+    )
     for name in ("result.nc", "summary.json", "scenario.yaml"):
         if not (directory / name).is_file():
             raise InputError(f"{directory}: holds no {name}; expected the directory of a finished run")

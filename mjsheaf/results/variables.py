@@ -20,6 +20,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.law import disagreement
 from mjsheaf.control.links import NEW, SILENT
 from mjsheaf.control.safety import CAUSE, CORRECTION, VIOLATION
+from mjsheaf.errors import first_true
 from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
 from mjsheaf.team import Edge
 
@@ -448,9 +449,7 @@ def fault_of(dataset: xr.Dataset) -> str:
                 return fault
         elif entry.present in always:
             return f"has no {entry.name}"
-    if not dataset.sizes["time"]:
-        return "has no samples"
-    return "" if dataset.sizes["axis"] == 3 else "has not three axes"
+    return first_true({"has no samples": not dataset.sizes["time"], "has not three axes": dataset.sizes["axis"] != 3})
 
 
 def _fault_of_variable(found: xr.Variable, entry: Variable) -> str:
@@ -458,6 +457,5 @@ def _fault_of_variable(found: xr.Variable, entry: Variable) -> str:
     if found.dims != entry.dimensions:
         expected = ", ".join(entry.dimensions)
         return f"has {entry.name} over ({', '.join(map(str, found.dims))}) and not ({expected})"
-    if entry.unit and found.dtype.kind not in "fiu":
-        return f"has {entry.name} of the type {found.dtype} and not of numbers"
-    return ""
+    wrong = entry.unit and found.dtype.kind not in "fiu"
+    return f"has {entry.name} of the type {found.dtype} and not of numbers" if wrong else ""

@@ -347,8 +347,7 @@ def _own_speed(system: System, bodies: bool) -> Array:
 
     if not bodies:
         return np.full(len(system.team.agents), np.inf)
-    vehicles = system.vehicles[: len(system.team.agents)]
-    return of_each(vehicles, lambda vehicle: capability_of(vehicle).least_speed)
+    return of_each(system.vehicles[: len(system.team.agents)], lambda vehicle: capability_of(vehicle).least_speed)
 
 
 def _conditions(phases: Sequence[Phase], first: int, count: int) -> tuple[BoolArray, Array]:

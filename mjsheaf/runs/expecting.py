@@ -218,9 +218,8 @@ def miss(check: Mapping[str, Any]) -> str:
         what = "it ran" if found is None else "its refusal says something else"
         return f"{what}, expected a refusal that says {bound!r}"
     side = "at least" if measure == _AT_LEAST else "at most"
-    if found is None:
-        return f"{measure} has no value, expected {side} {bound:g}"
-    return f"{measure} is {found:.4g}, expected {side} {bound:g}"
+    is_found = "has no value" if found is None else f"is {found:.4g}"
+    return f"{measure} {is_found}, expected {side} {bound:g}"
 
 
 def describe(trial: Trial, name: str, watch: str) -> str:

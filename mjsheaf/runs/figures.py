@@ -203,8 +203,7 @@ def _last_half(time: Array) -> BoolArray:
 
 def _late_error(time: Array, tracking: Array) -> Array:
     """Compute the RMS of agents' errors (T, N) over the second half, shape (N,), m; NaN for those absent at the end."""
-    late = np.sqrt(mean_known(tracking[_last_half(time)].T ** 2))
-    return np.where(np.isnan(tracking[-1]), np.nan, late)
+    return np.where(np.isnan(tracking[-1]), np.nan, np.sqrt(mean_known(tracking[_last_half(time)].T ** 2)))
 
 
 def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
@@ -449,8 +448,7 @@ def _draw_in_space(
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     up = np.array([-np.sin(tilt) * np.cos(turn), -np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     seen = np.stack([right, up])
-    flat = np.einsum("ij,vjt->vit", seen, tracks)
-    _draw_tracks(axis, team, flat, absent, inside)
+    _draw_tracks(axis, team, np.einsum("ij,vjt->vit", seen, tracks), absent, inside)
     axis.set_axis_off()
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.05)

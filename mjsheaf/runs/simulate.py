@@ -147,5 +147,4 @@ def dataset_of(
     controller: "Controller | None" = None,
 ) -> "xr.Dataset":
     """Collect a run in memory, with one piece for each phase that it reached; see `stream` for the arguments."""
-    samples = phases[0].system.grid.steps + 1
-    return next(datasets_of(pieces, phases, backend, seed, samples, controller))
+    return next(datasets_of(pieces, phases, backend, seed, phases[0].system.grid.steps + 1, controller))

@@ -70,8 +70,7 @@ class Batches:
             left = {w: known[k] for w, k in enumerate(group)}
             runs = [run for _, run, _ in left.values()]
             try:
-                bounds = _bounds_of([run.system for run in runs])
-                batch = Batch(runs, bounds, order=self._order)
+                batch = Batch(runs, _bounds_of(runs), order=self._order)
                 for w in self._run(batch):
                     job, run, seed = left[w]
                     record = _record_of(job, run.system, seed, batch.outcome(w))
@@ -102,15 +101,15 @@ def _of_team(job: Job) -> list[tuple[str, Any]]:
     return [(path, value) for path, value in job.changes.items() if path not in ("seed", "controller.gain")]
 
 
-def _bounds_of(systems: list[System]) -> list[Array]:
+def _bounds_of(runs: list[Fused]) -> list[Array]:
     """Compute Theorem 1's bound for each run, once for all runs that differ only in the agents' disturbances."""
     found, alike = list[Array](), dict[bytes, Array]()
-    for system in systems:
-        usual = _rounded_up(system)
+    for run in runs:
+        usual = _rounded_up(run.system)
         key = pickle.dumps((usual.initial, usual.gain, usual.law.limit, usual.harmonics))
         if key not in alike:
             bound = bound_ahead(usual)
-            alike[key] = np.full(system.grid.steps + 1, np.inf) if bound is None else bound
+            alike[key] = np.full(run.system.grid.steps + 1, np.inf) if bound is None else bound
         found.append(alike[key])
     return found
 

@@ -103,7 +103,7 @@ class StudyDirectory:
         record = read_mapping(self._file(_RUNS, point.number))
         if record is None or record.get("status") not in STATUSES:
             return None
-        if record.get("run") != point.number or record.get("parameters") != point.parameters:
+        if (record.get("run"), record.get("parameters")) != (point.number, point.parameters):
             return None
         found = {key: record.pop(key, None) for key in _SEALS}
         kept = digest(self._file(_TRAJECTORIES, point.number)) or None if found["result_sha256"] else None
@@ -208,10 +208,7 @@ def _begin(path: Path, plan: Plan) -> None:
     before = _study_in(path)
     found = [] if before is None else _differences(before, asked)
     if found and _has_runs(path):
-        more = f" (and {len(found) - _SHOWN_DIFFERENCES} more)" if len(found) > _SHOWN_DIFFERENCES else ""
-        raise PlaceError(
-            f"{path}: holds another study: {'; '.join(found[:_SHOWN_DIFFERENCES])}{more}; choose another --out"
-        )
+        raise PlaceError(f"{path}: holds another study: {_shown(found)}; choose another --out")
     _remove_parts(path)
     if found:
         (path / _SCENARIO).unlink(missing_ok=True)
@@ -222,7 +219,16 @@ def _begin(path: Path, plan: Plan) -> None:
     # A scenario file in this directory could not refer to a vehicle's own files.
     if not plan.files and not (path / _SCENARIO).exists():
         write_whole(path / _SCENARIO, dump_yaml(plan.scenario).encode())
-    # After study.json, because a directory with runs but without it would be refused.
+    _make_folders(path, plan)  # after study.json, because a directory with runs but without it would be refused
+
+
+def _shown(differences: list[str]) -> str:
+    more = len(differences) - _SHOWN_DIFFERENCES
+    return "; ".join(differences[:_SHOWN_DIFFERENCES]) + (f" (and {more} more)" if more > 0 else "")
+
+
+def _make_folders(path: Path, plan: Plan) -> None:
+    """Make the folders of a study and the file of its timings."""
     (path / _RUNS).mkdir(exist_ok=True)
     if plan.study.trajectories:
         (path / _TRAJECTORIES).mkdir(exist_ok=True)

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -117,7 +117,7 @@ def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxi
 
     If several fields always change together, the first one represents them.
     """
-    listed = {path for point in study.points for path in point} if study.names else set()
+    listed = set(chain.from_iterable(study.points)) if study.names else set()
     axes = [_axis_of_points(study, records)] if study.names else []
     axes += [_axis_of_field(study, records, path) for path in study.paths if path not in listed]
     distinct: list[SweptAxis] = []
@@ -139,11 +139,20 @@ def _axis_of_field(study: StudyFile, records: list[dict[str, Any]], path: str) -
     """Return the axis of a field."""
     values = [record["parameters"].get(path) for record in records]
     draw = (study.draws.values if study.draws else {}).get(path)
-    name = plain(study.labels.get(path, path))
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
-        places, index = np.unique(np.array(values, dtype=np.float64), return_inverse=True)
-        log = isinstance(draw, LogUniform) or _spans_decades(places)
-        return SweptAxis(path, name, True, draw is not None, log, places, [f"{x:g}" for x in places], index)
+    numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    axis_of = _axis_of_numbers if numeric else _axis_of_choices
+    return axis_of(path, plain(study.labels.get(path, path)), values, draw)
+
+
+def _axis_of_numbers(path: str, name: str, values: list[Any], draw: Any) -> SweptAxis:
+    """Return the axis of a field whose values are numbers, drawn as `draw` says if it is not None."""
+    places, index = np.unique(np.array(values, dtype=np.float64), return_inverse=True)
+    log = isinstance(draw, LogUniform) or _spans_decades(places)
+    return SweptAxis(path, name, True, draw is not None, log, places, [f"{x:g}" for x in places], index)
+
+
+def _axis_of_choices(path: str, name: str, values: list[Any], draw: Any) -> SweptAxis:
+    """Return the axis of a field with other values, in the order of `draw` if that lists them."""
     keys = [_key(value) for value in values]
     order = [_key(value) for value in draw.values] if isinstance(draw, Choice) else []
     names = list(dict.fromkeys([*(key for key in order if key in keys), *keys]))
@@ -191,21 +200,20 @@ def plot_study(
     ends = np.array([_MARKS[r["settled"]][0] if r["status"] == "finished" else _UNFINISHED for r in records])
     errors = _final_errors(study, records)
     title = _title_of(study, name, finished) if options.title else ""
-    plots = {}
-    if errors:
-        plots["error"] = _draw(title, axes, errors, ends)
-    sent = _of_finished(records, lambda record: record.get("numbers_per_agent_second"))
-    if errors and len(np.unique(sent[np.isfinite(sent)])) > 1:
-        plots["messages"] = _draw_messages(title, axes, errors, sent)
-    ratios = {label: [r[ratio] for r in records if r.get(ratio) is not None] for ratio, label in _RATIOS.items()}
-    if any(ratios.values()):
-        plots["bound"] = _draw_bound(title, {label: np.array(values) for label, values in ratios.items() if values})
-    if len(records) <= _MOST_LINES and any(r.get("series") for r in records):
-        plots["over_time"] = _draw_over_time(title, axes, _measures_of(study), records)
-    if not finished.all():
-        plots["success"] = _draw(title, axes, {"fraction of runs that finish": finished.astype(np.float64)}, None)
-    drawn = {plot: figure_bytes(figure, options) for plot, figure in plots.items()}
-    return {f"{plot}.{form}": data for plot, forms in drawn.items() for form, data in forms.items()}
+    success = {"fraction of runs that finish": finished.astype(np.float64)}
+    figures = {
+        "error": _draw(title, axes, errors, ends) if errors else None,
+        "messages": _draw_messages(title, axes, errors, records),
+        "bound": _draw_bound(title, records),
+        "over_time": _draw_over_time(title, axes, _measures_of(study), records),
+        "success": None if finished.all() else _draw(title, axes, success, None),
+    }
+    return {
+        f"{plot}.{form}": data
+        for plot, figure in figures.items()
+        if figure is not None
+        for form, data in figure_bytes(figure, options).items()
+    }
 
 
 def _measures_of(study: StudyFile) -> Sequence[str]:
@@ -239,13 +247,7 @@ def _title_of(study: StudyFile, name: str, finished: NDArray[np.bool_]) -> str:
 
 def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: Ends) -> Figure:
     """Draw panels for each kind of value; without `ends`, values are zeros and ones and their fractions are drawn."""
-    if len(axes) == 2 and _fill_a_grid(axes):
-        kinds: list[Callable[..., None]] = [partial(_heat_map, axes=axes)]
-    elif axes:
-        over = " over all other fields and seeds" if len(axes) > 1 else ""
-        kinds = [partial(_marginal, axis=axis, over=over) for axis in axes[:_MOST_AXES]]
-    else:
-        kinds = [_distribution]
+    kinds = _kinds_of_panels(axes)
     upright = [len(max(axis.labels, key=len)) for axis in axes if axis.upright and not axis.numeric]
     columns = len(kinds) if len(kinds) > 1 else min(len(values), 2)
     figure, panels = _panels(len(values) * len(kinds), columns, title, 0.065 * max(upright, default=0))
@@ -258,6 +260,16 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
     for panel in panels:
         _drop_what_does_not_fit(panel)
     return figure
+
+
+def _kinds_of_panels(axes: list[SweptAxis]) -> list[Callable[..., None]]:
+    """Return the functions that draw the panels of a value: a heat map, a curve for each axis, or a distribution."""
+    if not axes:
+        return [_distribution]
+    if len(axes) == 2 and _fill_a_grid(axes):
+        return [partial(_heat_map, axes=axes)]
+    over = " over all other fields and seeds" if len(axes) > 1 else ""
+    return [partial(_marginal, axis=axis, over=over) for axis in axes[:_MOST_AXES]]
 
 
 def _panels(count: int, columns: int, title: str, below: float = 0.0) -> tuple[Figure, list[Any]]:
@@ -284,75 +296,107 @@ def _drop_what_does_not_fit(panel: Any) -> None:
 
 def _draw_over_time(
     title: str, axes: list[SweptAxis], measures: Sequence[str], records: list[dict[str, Any]]
-) -> Figure:
-    """Draw errors over time, one line per run."""
-    known = [(k, r["series"]) for k, r in enumerate(records) if r.get("series")]
-    drawn = [m for m in measures if any(x is not None for _, series in known for x in series[m])]
+) -> Figure | None:
+    """Draw errors over time, one line per run; None for many runs, or without trajectories."""
+    known = {k: r["series"] for k, r in enumerate(records) if r.get("series")}
+    if not known or len(records) > _MOST_LINES:
+        return None
+    drawn = [m for m in measures if _is_defined(m, known.values())]
     figure = new_figure(WIDTH, 0.8 + 2.2 * len(drawn), title)
     panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
     for panel, measure in zip(panels, drawn, strict=True):
-        values = []
-        for k, series in known:
-            named = [a.labels[a.index[k]] if a.path == "points" else f"{a.name}: {a.labels[a.index[k]]}" for a in axes]
-            name = ", ".join(named) or f"run {k}"
-            if records[k]["status"] != "finished":
-                name += f" ({records[k]['status']})"
-            y = np.array(series[measure], dtype=np.float64)
-            marked = {} if np.isfinite(y).any() else {"markevery": None}  # markers cannot be spaced along an empty line
-            panel.plot(series["time"], y, label=name, **line_style(k) | marked)
-            values.append(y)
-        log_axis(panel, "y", np.concatenate(values))
+        for k, series in known.items():
+            _draw_line(panel, series["time"], series[measure], k, _name_of_run(axes, k, records[k]))
+        log_axis(panel, "y", np.concatenate([line.get_ydata() for line in panel.lines]))
         label_axes(panel, "", y=_LABELS[measure].removeprefix("final "))
     panels[-1].set_xlabel("time (s)", fontsize=NORMAL)
     legend_below(figure, panels[0].get_legend_handles_labels()[0], 3)
     return figure
 
 
-def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], sent: Array) -> Figure:
-    """Draw errors against the numbers that an agent sends per second.
+def _is_defined(measure: str, series: Iterable[dict[str, Any]]) -> bool:
+    """Return True if a measure has a value in some series."""
+    return any(value is not None for each in series for value in each[measure])
+
+
+def _draw_line(panel: Any, time: list[float], values: list[float | None], k: int, label: str) -> None:
+    y = np.array(values, dtype=np.float64)
+    marked = {} if np.isfinite(y).any() else {"markevery": None}  # markers cannot be spaced along an empty line
+    panel.plot(time, y, label=label, **line_style(k) | marked)
+
+
+def _name_of_run(axes: list[SweptAxis], k: int, record: dict[str, Any]) -> str:
+    """Return the values of the k-th run, and its status unless it finished."""
+    named = [a.labels[a.index[k]] if a.path == "points" else f"{a.name}: {a.labels[a.index[k]]}" for a in axes]
+    status = "" if record["status"] == "finished" else f" ({record['status']})"
+    return (", ".join(named) or f"run {k}") + status
+
+
+def _draw_messages(
+    title: str, axes: list[SweptAxis], errors: dict[str, Array], records: list[dict[str, Any]]
+) -> Figure | None:
+    """Draw errors against the numbers that an agent sends per second; None if these do not differ.
 
     If exactly one swept field does not determine these numbers, each of its values gets a line.
     """
+    sent = _of_finished(records, lambda record: record.get("numbers_per_agent_second"))
+    if not errors or len(np.unique(sent[np.isfinite(sent)])) < 2:
+        return None
     others = [a for a in axes if pd.Series(sent).groupby(a.index).nunique().max() > 1]
     lines = others[0] if len(others) == 1 and len(others[0].places) <= _MOST_LINES else None
     figure, panels = _panels(len(errors), min(len(errors), 2), title)
     for panel, (label, y) in zip(panels, errors.items(), strict=True):
         label_axes(panel, "", "numbers that an agent sends (1/s)", label, which="major")
-        known = np.isfinite(y) & np.isfinite(sent)
-        for k, name in enumerate(lines.labels if lines else [""]):
-            own = np.flatnonzero(known & (lines.index == k) if lines else known)
-            own = own[np.argsort(sent[own], kind="stable")]
-            style = line_style(k) | {"markevery": None} | ({} if lines else {"linestyle": ""})
-            panel.plot(sent[own], y[own], label=name or None, **style)
-        if sent[known].min() > 0.0:
-            log_axis(panel, "x", sent[known])
-        if _spans_decades(y[known]):
-            log_axis(panel, "y", y[known])
+        _draw_against(panel, sent, y, lines)
     if lines:
-        handles = panels[0].get_legend_handles_labels()[0]
-        legend_below(figure, handles, 6, title=lines.name)
+        legend_below(figure, panels[0].get_legend_handles_labels()[0], 6, title=lines.name)
     return figure
 
 
-def _draw_bound(title: str, ratios: dict[str, Array]) -> Figure:
-    """Draw a histogram of the ratio of errors to Theorem 1's bound."""
+def _draw_against(panel: Any, x: Array, y: Array, lines: SweptAxis | None) -> None:
+    """Draw the values of runs against others: a line for each value of a field, or points alone."""
+    known = np.isfinite(y) & np.isfinite(x)
+    runs = {"": known} if lines is None else {name: known & (lines.index == k) for k, name in enumerate(lines.labels)}
+    for k, (name, chosen) in enumerate(runs.items()):
+        own = np.flatnonzero(chosen)
+        own = own[np.argsort(x[own], kind="stable")]
+        style = line_style(k) | {"markevery": None} | ({} if lines else {"linestyle": ""})
+        panel.plot(x[own], y[own], label=name or None, **style)
+    if x[known].min() > 0.0:
+        log_axis(panel, "x", x[known])
+    if _spans_decades(y[known]):
+        log_axis(panel, "y", y[known])
+
+
+def _draw_bound(title: str, records: list[dict[str, Any]]) -> Figure | None:
+    """Draw a histogram of the ratio of errors to Theorem 1's bound; None if none is known."""
+    known = {label: [r[ratio] for r in records if r.get(ratio) is not None] for ratio, label in _RATIOS.items()}
+    ratios = {label: np.array(values) for label, values in known.items() if values}
+    if not ratios:
+        return None
     figure, panels = _panels(len(ratios), len(ratios), title)
-    for panel, (label, known) in zip(panels, ratios.items(), strict=True):
-        middle, half = 0.5 * (known.min() + known.max()), max(0.5 * np.ptp(known), _NARROWEST)
-        edges = np.linspace(middle - half, middle + half, min(_MOST_BINS, 2 + int(np.sqrt(len(known)))))
-        beyond = np.nextafter(BROKEN, 2.0)
-        edges = np.union1d(edges, [beyond]) if edges[0] < beyond < edges[-1] else edges  # no bar straddles the bound
-        counts, _ = np.histogram(known, edges)
-        within = edges[1:] <= beyond
-        for these, colour, name in ((within, BLUE, "run within the bound"), (~within, RED, "run beyond the bound")):
-            if counts[these].any():
-                widths, heights = np.diff(edges)[these], counts[these] / len(known)
-                panel.bar(edges[:-1][these], heights, widths, align="edge", color=colour, label=name)
-        panel.axvline(1.0, color="black", linewidth=1.2, linestyle="--", label="the bound of Theorem 1")
-        heading = f"{len(known)} runs, {(known > BROKEN).sum()} beyond the bound"
-        label_axes(panel, heading, label, "fraction of runs", which="major")
+    for panel, (label, values) in zip(panels, ratios.items(), strict=True):
+        _draw_histogram(panel, label, values)
     legend_below(figure, list(_handles_of(panels).values()), 3)
     return figure
+
+
+def _draw_histogram(panel: Any, label: str, known: Array) -> None:
+    """Draw a histogram of ratios of errors to the bound, within it and beyond it."""
+    middle = 0.5 * (known.min() + known.max())
+    half = max(0.5 * np.ptp(known), _NARROWEST)
+    edges = np.linspace(middle - half, middle + half, min(_MOST_BINS, 2 + int(np.sqrt(len(known)))))
+    beyond = np.nextafter(BROKEN, 2.0)
+    edges = np.union1d(edges, [beyond]) if edges[0] < beyond < edges[-1] else edges  # no bar straddles the bound
+    counts, _ = np.histogram(known, edges)
+    within = edges[1:] <= beyond
+    for these, colour, name in ((within, BLUE, "run within the bound"), (~within, RED, "run beyond the bound")):
+        if counts[these].any():
+            heights = counts[these] / len(known)
+            panel.bar(edges[:-1][these], heights, np.diff(edges)[these], align="edge", color=colour, label=name)
+    panel.axvline(1.0, color="black", linewidth=1.2, linestyle="--", label="the bound of Theorem 1")
+    heading = f"{len(known)} runs, {(known > BROKEN).sum()} beyond the bound"
+    label_axes(panel, heading, label, "fraction of runs", which="major")
 
 
 def _handles_of(panels: Iterable[Any]) -> dict[str, Any]:
@@ -382,17 +426,28 @@ def _marginal(panel: Any, label: str, y: Array, ends: Ends, axis: SweptAxis, ove
         return
     if _spans_decades(y):
         log_axis(panel, "y", y)
-    known = np.isfinite(y)
-    many = known.sum() > 1.5 * len(axis.places)
+    many = bool(np.isfinite(y).sum() > 1.5 * len(axis.places))
     if not axis.drawn:
-        found = pd.Series(y).groupby(axis.index).agg(["median", "min", "max"]).dropna()
-        places = axis.places[found.index]
-        style = {"linewidth": 1.8} if axis.numeric else {"linewidth": 0.0, "marker": "_", "markersize": 22}
-        panel.plot(places, found["median"], color=BLUE, label="median" if many else None, **style)
-        if many and axis.numeric:
-            band = {"color": BLUE, "alpha": 0.18, "linewidth": 0}
-            panel.fill_between(places, found["min"], found["max"], label=f"smallest to largest{over}", **band)
-    x, size = axis.places[axis.index], 5.0 if known.sum() <= 200 else 2.5
+        _draw_median(panel, axis, y, over if many else None)
+    _draw_runs(panel, axis, y, ends, many)
+
+
+def _draw_median(panel: Any, axis: SweptAxis, y: Array, over: str | None) -> None:
+    """Draw the median of runs at each value of a field and, unless `over` is None, the band that holds all of them."""
+    found = pd.Series(y).groupby(axis.index).agg(["median", "min", "max"]).dropna()
+    places = axis.places[found.index]
+    style = {"linewidth": 1.8} if axis.numeric else {"linewidth": 0.0, "marker": "_", "markersize": 22}
+    panel.plot(places, found["median"], color=BLUE, label=None if over is None else "median", **style)
+    if over is not None and axis.numeric:
+        band = {"color": BLUE, "alpha": 0.18, "linewidth": 0}
+        panel.fill_between(places, found["min"], found["max"], label=f"smallest to largest{over}", **band)
+
+
+def _draw_runs(panel: Any, axis: SweptAxis, y: Array, ends: NDArray[np.str_], many: bool) -> None:
+    """Draw a marker for each run by its end; those that did not finish are at the lower edge of the panel."""
+    known = np.isfinite(y)
+    x = axis.places[axis.index]
+    size = 5.0 if known.sum() <= 200 else 2.5
     for end, style in _MARKS.values():
         these = known & (ends == end)
         if these.any():
@@ -400,7 +455,7 @@ def _marginal(panel: Any, label: str, y: Array, ends: Ends, axis: SweptAxis, ove
             faint = 0.55 if many and not hollow else 1.0
             panel.plot(x[these], y[these], "o", markersize=size + hollow, alpha=faint, label=end, **style)
     failed = x[ends == _UNFINISHED]
-    if failed.size:  # at the lower edge of the panel, whatever the scale of errors
+    if failed.size:  # whatever the scale of errors
         foot = {"transform": panel.get_xaxis_transform(), "color": "black", "markersize": size}
         panel.plot(failed, np.full(failed.size, 0.02), "x", label=_UNFINISHED, **foot)
 
@@ -421,7 +476,8 @@ def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:
 
 def _heat_map(panel: Any, label: str, y: Array, ends: Ends, axes: list[SweptAxis]) -> None:
     """Draw the median, or fraction, of the runs in each cell; a cell without a value is grey."""
-    (across, up), shares = axes, ends is None
+    across, up = axes
+    shares = ends is None
     cells = pd.Series(y).groupby([up.index, across.index]).agg("mean" if shares else "median").unstack().to_numpy()
     low, high = (0.0, 1.0) if shares else (np.nanmin(cells), np.nanmax(cells))
     log = not shares and _spans_decades(cells)
@@ -435,12 +491,17 @@ def _heat_map(panel: Any, label: str, y: Array, ends: Ends, axes: list[SweptAxis
     bar.ax.tick_params(labelsize=TICK)
     across.label(panel, "x", np.arange(len(across.places)) + 0.5)
     up.label(panel, "y", np.arange(len(up.places)) + 0.5)
+    _write_in_cells(panel, cells, norm, "{:.0%}" if shares else "")
+
+
+def _write_in_cells(panel: Any, cells: Array, norm: Normalize, form: str) -> None:
+    """Write the values of a heat map into its cells in a form; an empty one stands for the shortest."""
+    place = {"ha": "center", "va": "center", "gid": "cell", "in_layout": False}
     for (i, j), value in np.ndenumerate(cells):
         if np.isfinite(value):
-            text = f"{100 * value:.0f}%" if shares else f"{value:.0f}" if 10.0 <= abs(value) < 1e5 else f"{value:.2g}"
+            shortest = "{:.0f}" if 10.0 <= abs(value) < 1e5 else "{:.2g}"
             colour = "white" if norm(value) < 0.6 else "black"
-            place = {"ha": "center", "va": "center", "gid": "cell", "in_layout": False}
-            panel.text(j + 0.5, i + 0.5, text, fontsize=SMALL, color=colour, **place)
+            panel.text(j + 0.5, i + 0.5, (form or shortest).format(value), fontsize=SMALL, color=colour, **place)
 
 
 def _distribution(panel: Any, label: str, y: Array, ends: Ends) -> None:

@@ -197,9 +197,8 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
         found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
     found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
-    if not job.trajectories:
-        return record, None, None
-    return record, _bytes_of(dataset), _page_of(scenario, dataset, found)
+    kept = (_bytes_of(dataset), _page_of(scenario, dataset, found)) if job.trajectories else (None, None)
+    return record, *kept
 
 
 def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | None:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping, require_type
 from mjsheaf.control.source import LawFile, find_law
-from mjsheaf.errors import InputError, ScenarioError, in_field, joined
+from mjsheaf.errors import InputError, ScenarioError, in_field, joined, raise_first
 from mjsheaf.io.files import confined, list_studies, naming
 from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
@@ -137,8 +137,7 @@ def load_plan(
     _require_paths("grid", "--grid", grid, "a mapping of field paths to lists of values")
     read = _read(source)
     law = _law(read, controller, source)
-    engine = engine or ("fused" if device == "gpu" or batch else None)
-    chosen = {"backend": backend, "engine": engine, "device": device, "measure": measure}
+    chosen = {"backend": backend, "engine": engine or _engine_for(device, batch), "device": device, "measure": measure}
     changes = {
         **_typed(source, read.study, grid or {}, overrides or {}),
         **{field: value for field, value in chosen.items() if value},
@@ -153,6 +152,11 @@ def load_plan(
     plan = replace(read, study=study, files=files, points=list(points_of(study)), law=law)
     scenario = _a_valid_point(plan)
     return replace(plan, seed_matters=scenario.uses_seed(study.backend) or "swarm" in read.scenario)
+
+
+def _engine_for(device: str | None, batch: bool) -> str | None:
+    """Return the engine that a device or a batch needs, if it is asked for."""
+    return "fused" if device == "gpu" or batch else None
 
 
 def _require_paths(name: str, option: str, fields: Any, expected: str) -> None:
@@ -189,13 +193,15 @@ def _read(source: str) -> Plan:
     """Return the plan of a study file, or of a scenario as a study of one run, without files and points."""
     studies, scenarios = list_studies(), list_scenarios()
     path = scenarios.get(source) or studies.get(source, Path(source))
-    if path.suffix not in SUFFIXES and not path.exists():
-        raise ScenarioError(
-            f"{source}: no such study or scenario; expected {', '.join([*studies, *scenarios])}, "
-            "or the path of a YAML file"
-        )
-    if path.is_dir():
-        raise ScenarioError(f"{source}: is a directory; expected a name or a YAML file")
+    known = ", ".join([*studies, *scenarios])
+    missing = path.suffix not in SUFFIXES and not path.exists()
+    raise_first(
+        ScenarioError,
+        {
+            f"{source}: no such study or scenario; expected {known}, or the path of a YAML file": missing,
+            f"{source}: is a directory; expected a name or a YAML file": path.is_dir(),
+        },
+    )
     directory = path.parent.resolve()
     raw = {} if source in scenarios else read_yaml(path)
     if "scenario" not in raw:
@@ -325,7 +331,7 @@ def _a_valid_point(plan: Plan) -> Scenario:
 
 def _tried(plan: Plan) -> list[Point]:
     """Return the first point and others spread over the study, varying parameters first and then seeds."""
-    seeds = plan.study.seeds.stop - plan.study.seeds.start if plan.study.seeds else 1
+    seeds = plan.study.seed_count
     places = len(plan.points) // seeds
     # Steps of the golden ratio spread evenly and are not commensurate with any period of the grid.
     steps = (int(places * (k * 0.6180339887498949 % 1.0)) for k in range(_TRIED_POINTS))

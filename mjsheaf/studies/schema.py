@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, JsonValue, model_validator
 
+from mjsheaf.errors import raise_first
 from mjsheaf.io.section import Number, Positive, Section, split_path
 from mjsheaf.simulation.session import BACKENDS, ENGINES, require_engine
 
@@ -177,14 +178,15 @@ class StudyFile(Section):
         together = "device gpu" if self.device == "gpu" else "batch" if self.batch else ""
         if not together:
             return self
-        if self.engine != "fused":
-            raise ValueError(f"{together}: requires the fused engine; expected engine fused")
-        if self.controller is not None:
-            raise ValueError(
-                f"controller: a law in Python runs alone, not on {together}; expected device cpu without batch"
-            )
-        if self.trajectories:
-            raise ValueError(f"trajectories: {together} does not keep them; expected device cpu without batch")
+        alone = "expected device cpu without batch"
+        raise_first(
+            ValueError,
+            {
+                f"{together}: requires the fused engine; expected engine fused": self.engine != "fused",
+                f"controller: a law in Python runs alone, not on {together}; {alone}": self.controller is not None,
+                f"trajectories: {together} does not keep them; {alone}": self.trajectories,
+            },
+        )
         return self
 
     @model_validator(mode="after")
@@ -200,10 +202,13 @@ class StudyFile(Section):
     def _no_field_is_given_twice(self) -> "StudyFile":
         swept = self.paths
         for k, path in enumerate(swept):
-            if path in self.set:
-                raise ValueError(f"{path}: is both set and swept; give it once")
-            if path in swept[:k]:
-                raise ValueError(f"{path}: is swept twice; give it once")
+            raise_first(
+                ValueError,
+                {
+                    f"{path}: is both set and swept; give it once": path in self.set,
+                    f"{path}: is swept twice; give it once": path in swept[:k],
+                },
+            )
             before = dict.fromkeys(swept[:k], "swept before it; give it first")
             for other, instead in (before | dict.fromkeys(self.set, f"set; give that in the values of {path}")).items():
                 if other.startswith(f"{path}."):
@@ -232,7 +237,12 @@ class StudyFile(Section):
         """Number of runs."""
         count = max(1, len(self.points)) * len(next(iter(self.paired.values()), [None]))
         count *= math.prod(map(len, self.grid.values())) * (self.draws.count if self.draws else 1)
-        return count * (self.seeds.stop - self.seeds.start if self.seeds else 1)
+        return count * self.seed_count
+
+    @property
+    def seed_count(self) -> int:
+        """Number of seeds of every point."""
+        return self.seeds.stop - self.seeds.start if self.seeds else 1
 
     def values(self) -> Iterator[tuple[str, JsonValue]]:
         """Yield every value that the file gives to a field of the scenario, with the field's path."""

@@ -20,7 +20,7 @@ from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import Progress, no_progress
-from mjsheaf.studies.directory import open_directory, page_of_run
+from mjsheaf.studies.directory import StudyDirectory, open_directory, page_of_run
 from mjsheaf.studies.job import STATUSES, ForeignWorkerError
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.schema import Point
@@ -96,21 +96,35 @@ def run_study(
         kept = {n for n, r in records.items() if not retry_failed or r["status"] == "finished"}
         missing = [point for point in plan.points if point.number not in kept]
         if missing:
-            try:
-                with workers() as runner:
-                    report("running", len(kept), len(plan.points))
-                    results = runner.run(plan.job(point) for point in missing)
-                    for done, result in enumerate(results, len(kept) + 1):
-                        place.save(result)
-                        records[result.record["run"]] = result.record
-                        report("running", done, len(plan.points))
-            except (SchedulerError, ForeignWorkerError):
-                place.leave()
-                raise
+            records |= _simulate(plan, missing, place, workers, report)
         ordered = [records[point.number] for point in plan.points]
         files = results_of(plan, ordered, figures)
         place.publish(files)
         return Study(directory, ordered, len(missing), list(files))
+
+
+def _simulate(
+    plan: Plan,
+    missing: list[Point],
+    place: StudyDirectory,
+    workers: Callable[[], AbstractContextManager[Runner]],
+    report: Progress,
+) -> dict[int, dict[str, Any]]:
+    """Simulate the missing runs of a study and save each one in its place; return their records by number."""
+    records = {}
+    count = len(plan.points)
+    try:
+        with workers() as runner:
+            report("running", count - len(missing), count)
+            results = runner.run(plan.job(point) for point in missing)
+            for done, result in enumerate(results, count - len(missing) + 1):
+                place.save(result)
+                records[result.record["run"]] = result.record
+                report("running", done, count)
+    except (SchedulerError, ForeignWorkerError):
+        place.leave()
+        raise
+    return records
 
 
 def results_of(plan: Plan, records: list[dict[str, Any]], figures: FigureOptions = AS_USUAL) -> dict[str, bytes]:
@@ -132,17 +146,21 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     measure is undefined, if the run ended before it, or if a listed point does not set the parameter. A parameter's
     column holds numbers if all its values are numbers, text if all are text, and JSON otherwise.
     """
-    rows = [
-        {**record, **(record["final"] or {}), **{f"late_{m}": x for m, x in (record["late"] or {}).items()}}
-        for record in records
-    ]
-    columns = {"run": _array([row["run"] for row in rows], "int64")}
-    for path in plan.study.paths:
-        if path != "seed":
-            columns[path] = _parameter([row["parameters"].get(path) for row in rows])
-    for name, kind in _COLUMNS.items():
-        columns[name] = _array([row.get(name) for row in rows], kind)
-    return pd.DataFrame(columns)
+    rows = [_flat(record) for record in records]
+    parameters = {path: [row["parameters"].get(path) for row in rows] for path in plan.study.paths if path != "seed"}
+    return pd.DataFrame(
+        {
+            "run": _array([row["run"] for row in rows], "int64"),
+            **{path: _parameter(values) for path, values in parameters.items()},
+            **{name: _array([row.get(name) for row in rows], kind) for name, kind in _COLUMNS.items()},
+        }
+    )
+
+
+def _flat(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a record with its errors among its fields, those over the second half under `late_`."""
+    late = {f"late_{measure}": error for measure, error in (record["late"] or {}).items()}
+    return {**record, **(record["final"] or {}), **late}
 
 
 def _array(values: list[Any], kind: str) -> pd.api.extensions.ExtensionArray:
@@ -171,10 +189,6 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
     environment.filters.update(shown=_shown)
     statuses = table["status"].tolist()
     example = statuses.index("finished") if "finished" in statuses else 0
-    rows = [
-        {name: _cell(value) for name, value in row.items() if pd.notna(value)}
-        for row in table.head(_MOST_ROWS).to_dict("records")
-    ]
     page = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
     finished = table[table["status"] == "finished"]
     best = best_point(plan, table)
@@ -194,9 +208,19 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         columns=[name for name in table if _is_shown(table, name)],
         numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
         measures=MEASURES,
-        rows=rows,
-        pages={point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {},
+        rows=[_cells(row) for row in table.head(_MOST_ROWS).to_dict("records")],
+        pages=_pages_of(plan),
     ).encode()
+
+
+def _pages_of(plan: Plan) -> dict[int, str]:
+    """Return the pages of the runs by number; none without trajectories."""
+    return {point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {}
+
+
+def _cells(row: dict[Any, Any]) -> dict[Any, str]:
+    """Return the values of a row that are known, as text."""
+    return {name: _cell(value) for name, value in row.items() if pd.notna(value)}
 
 
 def _is_shown(table: pd.DataFrame, name: str) -> bool:
@@ -207,9 +231,8 @@ def _is_shown(table: pd.DataFrame, name: str) -> bool:
 
 def not_converged(count: int, finished: int) -> str:
     """Report how many of the finished runs had not converged at the end; empty if all had."""
-    if not count:
-        return ""
-    return f"{count} of {finished} runs had not converged at the end; a later time.end shows where they settle"
+    told = f"{count} of {finished} runs had not converged at the end; a later time.end shows where they settle"
+    return told if count else ""
 
 
 @dataclass(frozen=True)
@@ -241,7 +264,7 @@ def best_point(plan: Plan, table: pd.DataFrame) -> Best | None:
     """
     measure = plan.study.measure or "tracking_error"
     column = f"late_{measure}" if plan.study.late else measure
-    seeds = plan.study.seeds.stop - plan.study.seeds.start if plan.study.seeds else 1
+    seeds = plan.study.seed_count
     if len(table) <= seeds:
         return None
     found: list[Best] = []
@@ -253,8 +276,7 @@ def best_point(plan: Plan, table: pd.DataFrame) -> Best | None:
         settled = [None if pd.isna(value) else bool(value) for value in rows["settled"]]
         converged = None if None in settled else all(settled)
         run = int(rows["run"].iloc[int(errors.to_numpy().argmin())])
-        parameters = plan.points[run].parameters
-        found.append(Best(run, parameters, column, float(errors.median()), len(rows), converged))
+        found.append(Best(run, plan.points[run].parameters, column, float(errors.median()), len(rows), converged))
     return min(found, key=lambda point: point.error, default=None)
 
 

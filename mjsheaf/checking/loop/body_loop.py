@@ -10,7 +10,7 @@ In large motions thrusters meet their limits. The loop leaves out how the flow c
 so feedforward and the drift's observer, which see no error, do not show in it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,13 +28,16 @@ from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
 from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
-from mjsheaf.errors import InputError, UndecidedError
+from mjsheaf.errors import InputError, UndecidedError, raise_first
 from mjsheaf.io.section import Record
 from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.authority import is_one_sided
+
+StationKey = tuple[int, bytes]
+"""Number of a vehicle; medium and heading in which it holds station."""
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
@@ -115,33 +118,23 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
 
     Unless `gain`, it does not look for the largest.
     """
-    period, steps = system.grid.period, 1
+    period = system.grid.period
     try:
-        ratio = whole_ratio(period, system.bodies.timestep)
-        timestep = period / ratio
-        period, steps = (timestep, 1) if system.grid.continuous else (period, ratio)
+        period, timestep, steps = sampling_of(system)
         require_model(system)
-        if system.team.directed:
-            raise UndecidedError("H is not symmetric, as communication edges are directed")
-        if system.gain <= 0.0:
-            raise UndecidedError("the gain is 0")
-        links = system.law.links.table
-        if links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
-            raise UndecidedError("measurements are delayed or lost")
-        if not spectrum.smallest.size:
-            raise UndecidedError("nothing is held")
-        if system.law.terms.rounds.imperfect:
-            raise UndecidedError(UNKNOWN_ROUNDS)
+        raise_first(UndecidedError, _obstacles(system, spectrum))
         loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
         stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
-        return BodyLoop(**unknown, period=period, reason="the vehicles cannot be linearised: " * stiff + str(error))
+        reason = f"the vehicles cannot be linearised: {error}" if stiff else str(error)
+        return BodyLoop(**unknown, period=period, reason=reason)
     none = NEUTRAL_RATE * period
     modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
     size = np.hypot(modes.factor.real, modes.factor.imag)
     taking_part = modes.moves | (size > np.exp(none))
-    modes, radius = _Modes(*(x[taking_part] for x in modes)), float(size[taking_part].max())
+    modes = _Modes(*(x[taking_part] for x in modes))
+    radius = float(size[taking_part].max())
     stable = bool(np.log(radius) < none)
     perhaps = isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none
     return BodyLoop(
@@ -150,8 +143,35 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
         period=period,
         largest_gain=loop.largest_gain(system.gain, none) if gain else None,
         least_damped=_least_damped(modes, loop.own, period, system),
-        reason="only eigenvalues between the smallest and the largest would be unstable, if H has them" * perhaps,
+        reason="only eigenvalues between the smallest and the largest would be unstable, if H has them"
+        if perhaps
+        else "",
     )
+
+
+def sampling_of(system: System) -> tuple[float, float, int]:
+    """Return the time between evaluations of the law, the physics timestep, both s, and the steps between evaluations.
+
+    Raises:
+        InputError: The timestep does not divide the period.
+    """
+    ratio = whole_ratio(system.grid.period, system.bodies.timestep)
+    timestep = system.grid.period / ratio
+    return (timestep, timestep, 1) if system.grid.continuous else (system.grid.period, timestep, ratio)
+
+
+def _obstacles(system: System, spectrum: Spectrum) -> dict[str, bool]:
+    """Return what may keep the loop from being closed, and whether it does."""
+    links = system.law.links.table
+    return {
+        "H is not symmetric, as communication edges are directed": system.team.directed,
+        "the gain is 0": system.gain <= 0.0,
+        "measurements are delayed or lost": bool(
+            links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any()
+        ),
+        "nothing is held": not spectrum.smallest.size,
+        UNKNOWN_ROUNDS: system.law.terms.rounds.imperfect,
+    }
 
 
 def loop_along(system: System, time: Array, q_star: Array, *, gain: bool = True) -> BodyLoop:
@@ -208,10 +228,7 @@ def linear_team(system: System, medium: Array) -> tuple[list[LinearVehicle], flo
         UndecidedError: One has none.
         InputError: The timestep does not divide the period.
     """
-    period = system.grid.period
-    ratio = whole_ratio(period, system.bodies.timestep)
-    steps = 1 if system.grid.continuous else ratio
-    timestep = period / ratio
+    _, timestep, steps = sampling_of(system)
     return _models(system, medium, timestep, steps), timestep * steps
 
 
@@ -233,43 +250,70 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     Raises:
         UndecidedError: one has none, or they do not.
     """
-    agents = system.team.agents
-    if not np.isfinite(medium).all():
-        raise UndecidedError("the mean flow along q* is not known")
-    stations, keys = dict[tuple[int, bytes], Station](), list[tuple[int, bytes]]()
-    for i, agent in enumerate(agents):
-        if (speed := float(np.linalg.norm(medium[i]))) > system.law.limit[i]:
-            raise UndecidedError(
-                f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
-            )
-        station = station_in(system, i, medium[i])
-        keys.append((id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()))
-        stations.setdefault(keys[-1], station)
-    chosen, many = list(stations), len(stations) > _MOST_STATIONS
-    if many:
-        if len({key[0] for key in keys}) > 1:
-            raise UndecidedError("too many unlike vehicles")
-        flows = np.array([station.medium for station in stations.values()])
-        extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
-        chosen = [chosen[k] for k in sorted(int(k) for k in extreme)]
-    models = {}
+    keys, stations = _stations(system, medium)
+    many = len(stations) > _MOST_STATIONS
+    chosen = _extreme_stations(stations) if many else list(stations)
     found = linearise([stations[key] for key in chosen], system.control, timestep, steps)
+    models = {}
     for key, model in zip(chosen, found, strict=True):
         if isinstance(model, str):
-            id_ = agents[keys.index(key)].id
-            speed = float(np.linalg.norm(stations[key].medium))
-            why = f"{model} (some push one way only)" if is_one_sided(stations[key].vehicle) else model
-            if speed < _STILL:
-                raise UndecidedError(f"{id_} has no linear model at rest: {why}")
-            raise UndecidedError(
-                f"{id_} cannot hold station in a mean flow of {speed:.3g} m/s relative to its q*: {why}"
-            )
+            raise UndecidedError(_why_no_model(system.team.agents[keys.index(key)].id, stations[key], model))
         models[key] = model
     if not many:
         return [models[key] for key in keys]
     if not _alike(list(models.values()), timestep * steps):
         raise UndecidedError("too many vehicles that behave differently in the flows that they meet")
     return [models[chosen[0]]] * len(keys)
+
+
+def _stations(system: System, medium: Array) -> tuple[list[StationKey], dict[StationKey, Station]]:
+    """Return the key of every agent's station, and the stations.
+
+    Raises:
+        UndecidedError: The medium is not known, or faster than an agent may be.
+    """
+    if not np.isfinite(medium).all():
+        raise UndecidedError("the mean flow along q* is not known")
+    keys = []
+    stations = dict[StationKey, Station]()
+    for i, agent in enumerate(system.team.agents):
+        speed = float(np.linalg.norm(medium[i]))
+        if speed > system.law.limit[i]:
+            raise UndecidedError(
+                f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
+            )
+        station = station_in(system, i, medium[i])
+        keys.append(key_of(station))
+        stations.setdefault(keys[-1], station)
+    return keys, stations
+
+
+def key_of(station: Station) -> StationKey:
+    """Return what is equal for stations that share a linear vehicle."""
+    return id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()
+
+
+def _extreme_stations(stations: Mapping[StationKey, Station]) -> list[StationKey]:
+    """Choose stations at the extremes of the flow, and some between.
+
+    Raises:
+        UndecidedError: They are not all of one vehicle.
+    """
+    if len({vehicle for vehicle, _ in stations}) > 1:
+        raise UndecidedError("too many unlike vehicles")
+    flows = np.array([station.medium for station in stations.values()])
+    extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
+    keys = list(stations)
+    return [keys[k] for k in sorted(int(k) for k in extreme)]
+
+
+def _why_no_model(id_: str, station: Station, failure: str) -> str:
+    """Return why an agent has no linear vehicle."""
+    speed = float(np.linalg.norm(station.medium))
+    why = f"{failure} (some push one way only)" if is_one_sided(station.vehicle) else failure
+    if speed < _STILL:
+        return f"{id_} has no linear model at rest: {why}"
+    return f"{id_} cannot hold station in a mean flow of {speed:.3g} m/s relative to its q*: {why}"
 
 
 def station_in(system: System, number: int, medium: Array) -> Station:
@@ -315,7 +359,7 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
         UndecidedError: it is too large.
     """
     law = model_of(system.law, system.grid.period)
-    kinds = list({id(model): model for model in models}.values())
+    kinds = _distinct(models)
     if len(kinds) > 1:
         try:
             return _Whole(system, spectrum, models, law)
@@ -324,6 +368,11 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
                 raise
     parts = _parts(system, spectrum, kinds[0], period)
     return _Split(law, parts) if parts else _Whole(system, spectrum, models, law)
+
+
+def _distinct(models: list[LinearVehicle]) -> list[LinearVehicle]:
+    """Return the models of which none is another one."""
+    return list({id(model): model for model in models}.values())
 
 
 class _Part(NamedTuple):
@@ -346,22 +395,29 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
     Axes that neither the vehicle nor H couples are apart. Within one part, H is the same along all axes and does not
     couple them; or the vehicle is and does not.
     """
-    H, n = sparse.csr_array(system.team.dirichlet.H), model.D.shape[0]
+    H = sparse.csr_array(system.team.dirichlet.H)
+    n = model.D.shape[0]
     response = _response(model, period)
     by_vehicle = np.abs(response).max(axis=0) > _CROSS_RESPONSE * np.abs(response).max()
-    blocks = [[H[a::n, b::n] for b in range(n)] for a in range(n)]
-    by_sheaf = np.array([[abs(block).max() > 0.0 for block in row] for row in blocks])
+    by_sheaf = np.zeros((n, n), dtype=bool)
+    rows, columns = H.nonzero()
+    by_sheaf[rows % n, columns % n] = True
+    blocks = [H[a::n, a::n] for a in range(n)]
     count, group = connected_components(by_vehicle | by_sheaf, directed=False)
     parts = []
     for g in range(count):
         axes = np.flatnonzero(group == g)
-        first, inside, off = axes[0], np.ix_(axes, axes), ~np.eye(len(axes), dtype=bool)
-        own = [response[:, a, a] for a in axes]
-        if not by_sheaf[inside][off].any() and all(abs(blocks[a][a] - blocks[first][first]).max() == 0.0 for a in axes):
-            part, agents = blocks[first][first], np.arange(H.shape[0] // n)
-        elif not by_vehicle[inside][off].any() and all(_difference(x, own[0]) <= _CROSS_RESPONSE for x in own):
-            rows = np.flatnonzero(np.isin(np.arange(H.shape[0]) % n, axes))
-            axes, part, agents = axes[:1], H[rows][:, rows], rows // n
+        first = axes[0]
+        if not _couples(by_sheaf, axes) and all(abs(blocks[a] - blocks[first]).max() == 0.0 for a in axes):
+            part = blocks[first]
+            agents = np.arange(H.shape[0] // n)
+        elif not _couples(by_vehicle, axes) and all(
+            _difference(response[:, a, a], response[:, first, first]) <= _CROSS_RESPONSE for a in axes
+        ):
+            held = np.flatnonzero(np.isin(np.arange(H.shape[0]) % n, axes))
+            part = H[held][:, held]
+            agents = held // n
+            axes = axes[:1]
         else:
             return []
         values, agent = _eigenvalues(part, agents, float(spectrum.smallest[0]))
@@ -369,6 +425,11 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
             plant = LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
             parts.append(_Part(plant, values, agent))
     return parts
+
+
+def _couples(coupling: BoolArray, axes: IntArray) -> bool:
+    """Return True if some of the axes are coupled to others of them."""
+    return bool(coupling[np.ix_(axes, axes)][~np.eye(len(axes), dtype=bool)].any())
 
 
 def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[Array, IntArray]:
@@ -483,10 +544,11 @@ class _Whole:
     """
 
     def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle], law: LawModel) -> None:
-        team, H = system.team, system.team.dirichlet.H
-        states = sum(len(model.A) for model in models)
-        if H.shape[0] + states > 10 * LARGEST_WHOLE:
-            raise UndecidedError(f"too many unlike vehicles: {H.shape[0] + states} states")
+        team = system.team
+        H = team.dirichlet.H
+        states = H.shape[0] + sum(len(model.A) for model in models)
+        if states > 10 * LARGEST_WHOLE:
+            raise UndecidedError(f"too many unlike vehicles: {states} states")
         self._law = law
         self._held = H.toarray()
         self.Q = np.eye(len(self._held))
@@ -494,16 +556,16 @@ class _Whole:
             values, self.Q = held_modes(system, spectrum)
             self._held = np.diag(values)
         Q = self.Q
-        A, B, C, D = (linalg.block_diag(*(model[k] for model in models)) for k in range(4))
+        A, B, C, D = (linalg.block_diag(*matrices) for matrices in zip(*models, strict=True))
         self.m = Q.shape[1]
         self._free = np.block([[np.eye(self.m), Q.T @ C], [np.zeros((len(A), self.m)), A]])
         self._push = np.vstack([Q.T @ D @ Q, B @ Q])  # what a command, in these coordinates, does to (p, x)
-        self.own = np.concatenate([np.linalg.eigvals(A) for A in {id(model): model.A for model in models}.values()])
+        self.own = np.concatenate([np.linalg.eigvals(model.A) for model in _distinct(models)])
         self.owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
         acts = self.matrix(1.0) != 0.0
         count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
         self.sets = [np.flatnonzero(which == k) for k in range(count)]
-        largest = max(len(s) for s in self.sets)
+        largest = max(map(len, self.sets))
         if largest > LARGEST_WHOLE:
             raise UndecidedError(f"too many unlike vehicles: {largest} states act on one another")
 

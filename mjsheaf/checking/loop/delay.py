@@ -11,8 +11,6 @@ theta >= pi / (2 d + 1), so the second gives sum w_e >= 2 sin(pi / (2 (2 d + 1))
 root crosses the circle as the gain rises from a small value, for which the loop is stable.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.polynomial.chebyshev import chebroots
 from pydantic import Field
@@ -131,15 +129,18 @@ def largest_delay(law: LinkedLaw) -> int | None:
     """
     if not is_stable(law.loop.radius):
         return None
-    alike, linked, n = alike_limit(law), np.array([edge.linked for edge in law.edges]), len(law.vectors)
-    if alike is not None and linked.all():
+    everywhere = law.linked.all()
+    alike = alike_limit(law)
+    if alike is not None and everywhere:
         return alike
-    known, work = alike if alike is not None and law.paper else 0, 0.0
+    n = len(law.vectors)
+    known = alike if alike is not None and law.paper else 0
+    work = 0.0
     for d in range(known + 1, _MOST_SCANNED):
-        work += n * (d + 3.0) ** 3 if linked.all() else (n * (d + 3.0)) ** 3
+        work += n * (d + 3.0) ** 3 if everywhere else (n * (d + 3.0)) ** 3
         if work > MOST_WORK:
             break
-        if not is_stable(spectral_radius(law, d * linked)):
+        if not is_stable(spectral_radius(law, d * law.linked)):
             return d - 1
         known = d
     raise UndecidedError(f"the loop is stable with any delay up to {known} periods; more are not looked at")
@@ -179,32 +180,42 @@ def papers_answer(gain: float, period: float, largest: float, delay: IntArray, l
     decided = enough or bool((delay == d).all())
     reason = "" if decided and linked.all() else "edges have unlike delays, anchors none, and H is large"
     margin = None if limit is None or not linked.all() else limit * period
-    stable = enough if decided else None
-    return DelayAnswer(delay=d * period, stable=stable, margin=margin, reason=reason)
+    return DelayAnswer(delay=d * period, stable=enough if decided else None, margin=margin, reason=reason)
 
 
 def delay_answer(law: LinkedLaw) -> DelayAnswer:
     """The loop with the delays of its links."""
-    delay, h = law.links.delay, law.loop.period
-    d = int(delay.max(initial=0))
-    found: dict[str, Any] = {}
-    reason, limit = "", None
+    delay = law.links.delay
+    limit = radius = None
+    reason = ""
     try:
         limit = largest_delay(law)
-        if limit is None:
-            reason = "the loop is unstable without delay"
-        else:
-            found["margin"] = limit * h
+        reason = "the loop is unstable without delay" if limit is None else ""
     except UndecidedError as error:
         reason = str(error)
     try:
-        found["spectral_radius"] = spectral_radius(law, delay)
-        found["stable"] = is_stable(found["spectral_radius"])
+        radius = spectral_radius(law, delay)
+        stable = is_stable(radius)
     except UndecidedError as error:
-        alike = bool((delay == d).all())
-        if limit is not None and d <= limit and (law.paper or alike):
-            found["stable"] = True
-        elif alike and (most := alike_limit(law)) is not None:
-            found["stable"] = d <= most
-        reason = reason or str(error) * ("stable" not in found)
-    return DelayAnswer(delay=d * h, reason=reason, **found)
+        stable = _is_within_limits(law, limit)
+        reason = reason or (str(error) if stable is None else "")
+    return DelayAnswer(
+        delay=int(delay.max(initial=0)) * law.loop.period,
+        stable=stable,
+        spectral_radius=radius,
+        margin=None if limit is None else limit * law.loop.period,
+        reason=reason,
+    )
+
+
+def _is_within_limits(law: LinkedLaw, limit: int | None) -> bool | None:
+    """Return True if the loop is stable by the largest delay of all links in periods, None where that decides nothing.
+
+    Of unlike delays, the limit decides only for the paper's law.
+    """
+    d = int(law.links.delay.max(initial=0))
+    alike = bool((law.links.delay == d).all())
+    if limit is not None and d <= limit and (law.paper or alike):
+        return True
+    most = alike_limit(law) if alike else None
+    return None if most is None else d <= most

@@ -39,8 +39,7 @@ def eigenvalues_of(team: Team) -> Complex:
     n_q, n_p = int(present.first_state[-1]), len(present.slots) - int(present.first_state[-1])
     if n_q > MAX_STATES:
         raise UndecidedError(f"H has {n_q} rows; all its eigenvalues are found up to {MAX_STATES}")
-    H = present.shapes.solver.H(np.zeros(n_q), np.zeros(n_p)).toarray()
-    values = np.linalg.eigvals(H).astype(np.complex128)
+    values = np.linalg.eigvals(present.shapes.solver.H(np.zeros(n_q), np.zeros(n_p)).toarray()).astype(np.complex128)
     return values[np.argsort(values.real, kind="stable")]
 
 
@@ -130,6 +129,5 @@ def continuous_delay_margin(values: Complex, gain: float) -> float | None:
 
     A root i w of s + k1 lambda exp(-s T) has w = k1 |lambda| and w T = pi / 2 - |arg lambda|.
     """
-    if not len(values) or not (values.real > 0.0).all():
-        return None
-    return float(((0.5 * np.pi - np.abs(np.angle(values))) / (gain * np.abs(values))).min())
+    stable = len(values) and (values.real > 0.0).all()
+    return float(((0.5 * np.pi - np.abs(np.angle(values))) / (gain * np.abs(values))).min()) if stable else None

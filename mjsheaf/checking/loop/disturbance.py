@@ -27,7 +27,7 @@ from mjsheaf.checking.loop.body_loop import linear_team, whole_loop
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.errors import InputError, UndecidedError
+from mjsheaf.errors import InputError, UndecidedError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.gusts import FrozenArrays, GustArrays
@@ -128,8 +128,7 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
         return DisturbanceRecord(rms=None, agents=unknown, bodies={}, **known, **reasons)
     try:
         tau = np.array([v.reduced_model().tau.max() for v in system.vehicles[len(ids) :]])
-        real = _rms(system, _body_loop(system, spectrum, medium), tau)
-        bodies = dict(zip(ids, real.tolist(), strict=True))
+        bodies = dict(zip(ids, _rms(system, _body_loop(system, spectrum, medium), tau).tolist(), strict=True))
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         bodies_reason = str(error)
     rms = float(np.sqrt(np.mean(ideal**2)))
@@ -174,17 +173,19 @@ def _moves(system: System) -> bool:
 def _require_known(system: System) -> None:
     """Raise an UndecidedError unless the law's loop is all that answers to the medium."""
     require_model(system)
-    terms, links = system.law.terms, system.law.links.table
-    if terms.drift or terms.feedforward:
-        raise UndecidedError("the law observes the medium's velocity or follows the targets'")
-    if terms.rounds.imperfect or links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
-        raise UndecidedError("measurements are delayed or lost")
-    if not system.team.dirichlet.unique:
-        raise UndecidedError("the harmonic extension is not unique")
-    if len(system.team.target_edges):
-        raise UndecidedError("targets follow one another")
-    if system.effectiveness.given.any():
-        raise UndecidedError("g is the scenario's own")
+    terms = system.law.terms
+    links = system.law.links.table
+    late = links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any()
+    raise_first(
+        UndecidedError,
+        {
+            "the law observes the medium's velocity or follows the targets'": terms.drift or terms.feedforward,
+            "measurements are delayed or lost": late or terms.rounds.imperfect,
+            "the harmonic extension is not unique": not system.team.dirichlet.unique,
+            "targets follow one another": len(system.team.target_edges),
+            "g is the scenario's own": system.effectiveness.given.any(),
+        },
+    )
 
 
 def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:

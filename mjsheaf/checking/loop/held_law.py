@@ -33,13 +33,12 @@ from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.checking.loop.modelled import require_model, terms_without_bound, unmodelled_parts
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
 from mjsheaf.checking.loop.targets_loop import targets_loop
-from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
+from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
 from mjsheaf.checking.theorem.constants import agent_drift, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.control.terms import traffic_of
-from mjsheaf.dynamics.effectiveness import without_full_row_rank
-from mjsheaf.errors import UndecidedError, listed
+from mjsheaf.errors import UndecidedError, listed, raise_first
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.disturbance import evaluate
@@ -137,14 +136,16 @@ def eigen_of(system: System) -> tuple[Array, Array]:
             or H is too large.
     """
     problem = system.team.dirichlet
-    if system.team.directed:
-        raise UndecidedError("H is not symmetric, as communication edges are directed")
-    if system.grid.continuous:
-        raise UndecidedError("the law is continuous: see Theorem 1")
-    if not (problem.unique or system.team.free):
-        raise UndecidedError("the harmonic extension is not unique")
-    if (n := problem.H.shape[0]) > DENSE_STATES:
-        raise UndecidedError(f"H has {n} rows; all its eigenvalues are found up to {DENSE_STATES}")
+    n = problem.H.shape[0]
+    raise_first(
+        UndecidedError,
+        {
+            "H is not symmetric, as communication edges are directed": system.team.directed,
+            "the law is continuous: see Theorem 1": system.grid.continuous,
+            "the harmonic extension is not unique": not (system.team.free or problem.unique),
+            f"H has {n} rows; all its eigenvalues are found up to {DENSE_STATES}": n > DENSE_STATES,
+        },
+    )
     values, vectors = problem.eigenvectors
     free = problem.sparse_null_basis.shape[1]
     if free == n or values[free] <= 0.0:
@@ -333,31 +334,38 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
     """
     if system.team.linearised_at is not None:
         raise UndecidedError("the team is linearised: what is said of it is local, and bounds no run")
-    loop, agents = loop_of(system), system.team.agents
-    if not np.isfinite(certificate.constants.initial_error):
-        raise UndecidedError("the error with which the phase begins is not known")
-    if len(system.law.links.table):
-        raise UndecidedError("links are not exact: no bound is known with noise, delay, loss or range")
-    if new := terms_without_bound(system.law):
-        raise UndecidedError(f"no bound along the targets' path is known with {listed(new)}")
-    for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
-        raise UndecidedError(f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity")
-    if not loop.radius < 1.0:
-        raise UndecidedError("the loop is unstable")
-    if not (targets := targets_loop(system)).stable:
-        raise UndecidedError(targets.failure)
+    loop = loop_of(system)
+    new = terms_without_bound(system.law)
+    deficient = obstacle_of_rank(system)
+    targets = targets_loop(system)
+    raise_first(
+        UndecidedError,
+        {
+            "the error with which the phase begins is not known": not np.isfinite(certificate.constants.initial_error),
+            "links are not exact: no bound is known with noise, delay, loss or range": len(system.law.links.table),
+            f"no bound along the targets' path is known with {listed(new)}": new,
+            deficient: deficient,
+            "the loop is unstable": not loop.radius < 1.0,
+            targets.failure: not targets.stable,
+        },
+    )
     found = _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
+    return replace(found, clipped=_why_clipped(system, found))
+
+
+def _why_clipped(system: System, found: Envelope) -> str:
+    """Return why a run may leave the linear law that an envelope bounds; empty if it does not."""
     if system.safety is not None:
-        return replace(found, clipped=FILTERED)
+        return FILTERED
+    agents = system.team.agents
     limit = system.law.limit[: len(agents)]
     over = (found.command > limit).any(axis=0)
     if over.any():
         i = int(over.argmax())
-        most, allowed = f"{found.command[:, i].max():.3g} m/s", f"speed limit of {limit[i]:.3g} m/s"
-        return replace(found, clipped=f"the law may command {most} for {agents[i].id}, above its {allowed}")
-    if found.integral > system.law.terms.largest:
-        return replace(found, clipped=f"the integral may reach its limit: it may need {found.integral:.3g} m/s")
-    return found
+        most = f"{found.command[:, i].max():.3g} m/s"
+        return f"the law may command {most} for {agents[i].id}, above its speed limit of {limit[i]:.3g} m/s"
+    integral = f"the integral may reach its limit: it may need {found.integral:.3g} m/s"
+    return integral if found.integral > system.law.terms.largest else ""
 
 
 def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive) -> Envelope:

@@ -112,8 +112,7 @@ class LinearLaw:
         """Basis of what a position excites and a command shows in any of the eigenvectors, shape (n, r)."""
         excited = _invariant_basis(self.A, self.B[:, :, 0], np.abs(self.B[:, :, 0]))
         inner = excited.T @ self.A @ excited
-        size = np.abs(excited)
-        seen = _invariant_basis(inner.swapaxes(1, 2), self.C @ excited, np.abs(self.C) @ size)
+        seen = _invariant_basis(inner.swapaxes(1, 2), self.C @ excited, np.abs(self.C) @ np.abs(excited))
         return np.asarray(excited @ seen)
 
     def feedback(self, basis: Array) -> Feedback:

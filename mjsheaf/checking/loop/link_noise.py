@@ -123,30 +123,24 @@ def noise_covariances(law: LinkedLaw) -> Array:
     Raises:
         UndecidedError: they are not known, and why.
     """
-    links, terms, n, Q = law.links, law.terms, law.vectors.shape[1], law.vectors
-    unlike = bool((links.delay != links.delay[:1]).any())
-    if links.lossy.any() or unlike:
-        if terms.feedforward or terms.drift > 0.0:
-            what = "measurements are lost" if links.lossy.any() else "delays are unlike"
+    links = law.links
+    lossy = links.lossy.any()
+    if lossy or (links.delay != links.delay[:1]).any():
+        if law.terms.feedforward or law.terms.drift > 0.0:
+            what = "measurements are lost" if lossy else "delays are unlike"
             raise UndecidedError(f"{what}, and the law has feedforward or drift")
         return SecondMoments(law).covariances()
     delayed = DelayedLoop(law.loop, int(links.delay.max(initial=0)))
     M, G, command = delayed.matrices
+    n = len(M)
     states, inputs = G.shape[1:]
     if n * n * states**3 > MOST_WORK:
         raise UndecidedError(f"{n} modes of {states} states each have too many covariances")
     if not delayed.radius < 1.0:
         raise UndecidedError("the loop is unstable")
-    pulled = [edge.pull @ noise @ edge.pull.T for edge, noise in zip(law.edges, links.noise, strict=True)]
-    sensing = [edge.sensing for edge in law.edges]
-    eta, rate = (Q.T @ law.spread(parts) @ Q for parts in (pulled, list(map(np.multiply, sensing, pulled))))
-    S = Q.T @ law.spread([edge.sensing * edge.H for edge in law.edges]) @ Q
-    U = np.zeros((n, n, inputs, inputs))
-    U[..., 0, 0], U[..., 1, 1] = eta, rate
-    U[..., 0, 1] = U[..., 1, 0] = -rate  # a sensing agent is the tail: -F^T K in eta, F^T K in B p'
-    U[..., 2, 2], U[..., 3, 3] = terms.noise**2 * S @ S, terms.noise**2 * np.eye(n)
-    U[..., 2, 3] = U[..., 3, 2] = terms.noise**2 * S
-    of_state, of_input = command[:, :states], command[:, states:]
+    U = _input_covariances(law, inputs)
+    of_state = command[:, :states]
+    of_input = command[:, states:]
     moments = np.zeros((2, n, n))
     step = max(1, _CHUNK // (n * states * states))
     for begin in range(0, n, step):
@@ -155,4 +149,22 @@ def noise_covariances(law: LinkedLaw) -> Array:
         moments[0, rows] = P[..., 0, 0]
         moments[1, rows] = np.einsum("ai,abij,bj->ab", of_state[rows], P, of_state, optimize=True)
         moments[1, rows] += np.einsum("ai,abij,bj->ab", of_input[rows], U[rows], of_input, optimize=True)
-    return np.asarray(Q @ moments @ Q.T)
+    return np.asarray(law.vectors @ moments @ law.vectors.T)
+
+
+def _input_covariances(law: LinkedLaw, inputs: int) -> Array:
+    """Covariances of the noise that enters the loops of two of n modes, shape (n, n, inputs, inputs)."""
+    Q = law.vectors
+    n = Q.shape[1]
+    variance = law.terms.noise**2
+    pulled = [edge.pull @ noise @ edge.pull.T for edge, noise in zip(law.edges, law.links.noise, strict=True)]
+    rate = Q.T @ law.spread([edge.sensing * part for edge, part in zip(law.edges, pulled, strict=True)]) @ Q
+    S = Q.T @ law.spread([edge.sensing * edge.H for edge in law.edges]) @ Q
+    U = np.zeros((n, n, inputs, inputs))
+    U[..., 0, 0] = Q.T @ law.spread(pulled) @ Q
+    U[..., 1, 1] = rate
+    U[..., 0, 1] = U[..., 1, 0] = -rate  # a sensing agent is the tail: -F^T K in eta, F^T K in B p'
+    U[..., 2, 2] = variance * S @ S
+    U[..., 3, 3] = variance * np.eye(n)
+    U[..., 2, 3] = U[..., 3, 2] = variance * S
+    return U

@@ -174,6 +174,11 @@ class LinkedLaw:
         """Return True if the loop itself, apart from additive terms, is that of the paper's law."""
         return not (self.terms.newton or self.terms.integral)
 
+    @property
+    def linked(self) -> BoolArray:
+        """True for each edge that has a link, shape (E,)."""
+        return np.array([edge.linked for edge in self.edges])
+
     def spread(self, parts: Sequence[Array]) -> Array:
         """The sum of matrices on each edge's slots, shape (n, n)."""
         return spread(self.edges, parts, len(self.vectors))
@@ -195,52 +200,84 @@ def links_of(system: System, path: TargetPath) -> LinkParameters:
     Raises:
         UndecidedError: bodies are beyond a link's range at the start, or at q* at times.
     """
-    team, table, of, law = system.team, system.law.links.table, system.law.links.of, system.law.edges
+    team = system.team
+    table = system.law.links.table
+    of = system.law.links.of
     edges = measured_edges(team)
-    links, N = perfect_links(edges), len(team.agents)
+    links = perfect_links(edges)
     if not len(table):
         return links
-    noise, bias, spatial = list(links.noise), list(links.bias), list[SpatialBearing]()
+    noise = list(links.noise)
+    bias = list(links.bias)
+    spatial = list[SpatialBearing]()
     x = path.positions.copy()
-    x[:, :N] = team.unpack(path.q_star)
+    x[:, : len(team.agents)] = team.unpack(path.q_star)
     everywhere = np.concatenate([system.initial[None], x]) + system.law.links.lift[None, :, None] * [0.0, 0.0, 1.0]
-    stride = max(1, len(x) // _MOST_INSTANTS)
-    x, time = x[::stride], path.time[::stride]
-    for e in np.flatnonzero([edge.linked for edge in edges]):
-        if of[e] < 0:
-            continue
-        link, m = table[of[e]], len(edges[e].D)
-        tail, head = law.tail[e], law.head[e]
-        apart = np.linalg.norm(everywhere[:, head] - everywhere[:, tail], axis=1)
-        if apart.max() > link["range"]:
-            when = "at the start" if apart[0] > link["range"] else "at q* at times"
-            raise UndecidedError(f"{team.members[tail].id} and {team.members[head].id} are beyond range {when}")
+    few = slice(None, None, max(1, len(x) // _MOST_INSTANTS))
+    for e in [e for e, edge in enumerate(edges) if edge.linked and of[e] >= 0]:
+        link = table[of[e]]
+        _require_in_range(system, e, everywhere, link["range"])
         links.delay[e] = link["delay"]
         links.held[e] = link["hold"] > 0
         if link["lossy"]:
-            links.loss[e] = [link[name] for name in ("to_bad", "to_good", "loss_good", "loss_bad")]
+            links.loss[e] = link[["to_bad", "to_good", "loss_good", "loss_bad"]].tolist()
+        m = len(edges[e].D)
         bias[e] = np.full(m, link["bias"])
         noise[e] = link["noise"] ** 2 * np.eye(m)
-        if link["bearing"]:
-            rows = slice(law.first[e], law.first[e + 1])
-            y = x[:, head] @ law.F_head[rows].T - x[:, tail] @ law.F_tail[rows].T
-            far, angle = float(link["range_noise"]), float(link["bearing_noise"])
-            if m == 2:
-                noise[e] = np.mean(range_bearing_covariances(y, far, angle), axis=0)
-                continue
-            slots = team.first_state[tail] + np.arange(3)
-            motion = np.gradient(x[:, tail], time, axis=0) * system.grid.period if len(time) > 1 else 0.0 * y
-            heading = float(system.bodies.heading[tail])
-            spatial.append(SpatialBearing(int(e), slots, y, motion, law.F_tail[rows], heading, far, angle))
+        if link["bearing"] and m == 2:
+            y = _relative_positions(system, e, x[few])
+            deviations = (float(link["range_noise"]), float(link["bearing_noise"]))
+            noise[e] = np.mean(range_bearing_covariances(y, *deviations), axis=0)
+        elif link["bearing"]:
+            spatial.append(_spatial_bearing(system, e, x[few], path.time[few]))
             noise[e] = spatial[-1].covariance(np.zeros((3, 3)))
-    ranged = bool(np.isfinite(table["range"]).any())
     return replace(
         links,
         noise=tuple(noise),
         bias=tuple(bias),
         linearised=bool(table["bearing"].any()),
         spatial=tuple(spatial),
-        ranged=ranged,
+        ranged=bool(np.isfinite(table["range"]).any()),
+    )
+
+
+def _require_in_range(system: System, e: int, x: Array, reach: float) -> None:
+    """Refuse an edge whose ends are beyond the reach of its link, m, at the first or at later positions (T, V, 3), m.
+
+    Raises:
+        UndecidedError: They are.
+    """
+    tail = system.law.edges.tail[e]
+    head = system.law.edges.head[e]
+    apart = np.linalg.norm(x[:, head] - x[:, tail], axis=1)
+    if apart.max() > reach:
+        when = "at the start" if apart[0] > reach else "at q* at times"
+        ends = f"{system.team.members[tail].id} and {system.team.members[head].id}"
+        raise UndecidedError(f"{ends} are beyond range {when}")
+
+
+def _relative_positions(system: System, e: int, x: Array) -> Array:
+    """Return what an edge compares at positions (T, V, 3), m: the head less the tail, shape (T, m), m."""
+    edges = system.law.edges
+    rows = slice(edges.first[e], edges.first[e + 1])
+    return x[:, edges.head[e]] @ edges.F_head[rows].T - x[:, edges.tail[e]] @ edges.F_tail[rows].T
+
+
+def _spatial_bearing(system: System, e: int, x: Array, time: Array) -> "SpatialBearing":
+    """Return an edge with range and bearing in space, along positions (T, V, 3), m, at times (T,), s."""
+    link = system.law.links.table[system.law.links.of[e]]
+    edges = system.law.edges
+    tail = edges.tail[e]
+    y = _relative_positions(system, e, x)
+    return SpatialBearing(
+        edge=e,
+        slots=system.team.first_state[tail] + np.arange(3),
+        y=y,
+        motion=np.gradient(x[:, tail], time, axis=0) * system.grid.period if len(time) > 1 else 0.0 * y,
+        F=edges.F_tail[edges.first[e] : edges.first[e + 1]],
+        heading=float(system.bodies.heading[tail]),
+        range_noise=float(link["range_noise"]),
+        bearing_noise=float(link["bearing_noise"]),
     )
 
 
@@ -321,8 +358,7 @@ class SpatialBearing:
         still = np.linalg.norm(d, axis=1) <= _STILL
         yaw[still] = self.heading
         pitch[still] = 0.0
-        turns = Rotation.from_euler("ZY", np.column_stack([yaw, pitch]))
-        return np.asarray(turns.inv().as_matrix())
+        return np.asarray(Rotation.from_euler("ZY", np.column_stack([yaw, pitch])).inv().as_matrix())
 
 
 @cache

@@ -97,25 +97,29 @@ def _of_directed_team(system: System) -> LinkRecord:
     """
     table = system.law.links.table
     why = "of teams with directed edges only a delay of all measurements alike is decided"
-    age = int(table["delay"].max(initial=0))
-    if system.grid.continuous:
-        margin = continuous_delay_margin(held_eigenvalues(system.team), system.gain)
-        delay = DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
-    else:
-        loop = directed_loop(system)
-        limit = loop.largest_delay
-        linked = len(table) == len(system.team.communication) + len(system.team.sensing)
-        alike = age == 0 or (linked and not system.team.anchors and bool((table["delay"] == age).all()))
-        delay = DelayAnswer(
-            delay=age * system.grid.period,
-            stable=limit is not None and age <= limit if alike else None,
-            spectral_radius=loop.radius_at(age) if alike else None,
-            margin=None if limit is None else limit * system.grid.period,
-            reason="" if alike else why,
-        )
     noisy = bool(table["noise"].any()) or _strays(system.law.terms)
     noise = NoiseAnswer(agents=[], linearised=False, reason=why) if noisy else None
-    return _record(delay, noise, LossAnswer(reason=why) if table["lossy"].any() else None, {}, "")
+    loss = LossAnswer(reason=why) if table["lossy"].any() else None
+    return _record(_delay_of_directed_team(system, why), noise, loss, {}, "")
+
+
+def _delay_of_directed_team(system: System, why: str) -> DelayAnswer:
+    """Answer for the delay that all measurements share; `why` is the reason where they do not."""
+    table = system.law.links.table
+    if system.grid.continuous:
+        margin = continuous_delay_margin(held_eigenvalues(system.team), system.gain)
+        return DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
+    period = system.grid.period
+    loop = directed_loop(system)
+    limit = loop.largest_delay
+    margin = None if limit is None else limit * period
+    age = int(table["delay"].max(initial=0))
+    linked = len(table) == len(system.team.communication) + len(system.team.sensing)
+    alike = age == 0 or (linked and not system.team.anchors and bool((table["delay"] == age).all()))
+    if not alike:
+        return DelayAnswer(delay=age * period, margin=margin, reason=why)
+    stable = limit is not None and age <= limit
+    return DelayAnswer(delay=age * period, stable=stable, spectral_radius=loop.radius_at(age), margin=margin, reason="")
 
 
 def _of_large_team(system: System, path: TargetPath) -> LinkRecord:

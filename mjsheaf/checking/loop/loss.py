@@ -17,7 +17,7 @@ Both hold of any right side that is positive definite, and so of the computed on
 Feedforward and drift do not depend on e, whichever samples they miss.
 """
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gm
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.delay import MOST_STATES, team_loop
 from mjsheaf.checking.loop.linked_law import LinkedLaw
-from mjsheaf.errors import UndecidedError
+from mjsheaf.errors import UndecidedError, raise_first
 from mjsheaf.io.section import Finite, Record
 
 _MOST_MOMENTS = 60_000  # numbers in the second moments with bursts, delay, newton or integral
@@ -72,8 +72,7 @@ def loss_answer(law: LinkedLaw) -> LossAnswer:
         found["rate"] = -np.log(factor) / (2.0 * law.loop.period) if factor > 0.0 else None
     except UndecidedError as error:
         return LossAnswer(reason=str(error), **found)
-    undecided = "the factor is too close to 1" if found["stable"] is None else ""
-    return LossAnswer(reason=undecided, **found)
+    return LossAnswer(reason="the factor is too close to 1" if found["stable"] is None else "", **found)
 
 
 def _chances(loss: Array) -> tuple[Array, list[int]]:
@@ -89,6 +88,26 @@ def _chances(loss: Array) -> tuple[Array, list[int]]:
         else:
             bursts.append(e)
     return chance, bursts
+
+
+def _channels(loss: Array, chance: Array, bursts: list[int]) -> tuple[Array, Array, Array]:
+    """Return each edge's probability of loss in each of S states of the channels, and how these change.
+
+    Returns:
+        Probabilities, shape (S, E); the root of the transitions, shape (S, S); and the share of each state, shape (S,).
+    """
+    states = np.arange(2 ** len(bursts))
+    p = np.tile(chance, (len(states), 1))
+    root = np.ones((1, 1))
+    share = np.ones(1)
+    for place, e in enumerate(bursts):
+        to_bad, to_good, good, bad = loss[e]
+        p[:, e] = np.where(states >> (len(bursts) - 1 - place) & 1, bad, good)
+        across = np.sqrt(to_bad * to_good)
+        values, vectors = np.linalg.eigh([[1.0 - to_bad, across], [across, 1.0 - to_good]])
+        root = np.kron(root, vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+        share = np.kron(share, np.array([to_good, to_bad]) / (to_good + to_bad))
+    return p, root, share
 
 
 class SecondMoments:
@@ -109,29 +128,27 @@ class SecondMoments:
             UndecidedError: lost samples are held, it is too large, or channels change too often.
         """
         links = law.links
-        loss, (chance, bursts) = links.loss, _chances(links.loss)
-        if (links.held & links.lossy).any():
-            raise UndecidedError("lost samples are held")
-        if (loss[bursts, 0] + loss[bursts, 1] > 1.0).any():
-            raise UndecidedError("a channel changes its state more often than not")
-        self._symmetric = law.paper and not links.delay.any()
+        loss = links.loss
+        chance, bursts = _chances(loss)
         most = int((_MOST_MOMENTS / 2.0 ** len(bursts)) ** 0.5)
-        if len(bursts) > _MOST_BURSTS or (bursts and len(law.vectors) > most):
-            raise UndecidedError(f"{len(bursts)} channels with bursts have too many second moments")
+        raise_first(
+            UndecidedError,
+            {
+                "lost samples are held": (links.held & links.lossy).any(),
+                "a channel changes its state more often than not": (loss[bursts, 0] + loss[bursts, 1] > 1.0).any(),
+                f"{len(bursts)} channels with bursts have too many second moments": len(bursts) > _MOST_BURSTS
+                or (bursts and len(law.vectors) > most),
+            },
+        )
+        self._symmetric = law.paper and not links.delay.any()
         M, L, C = team_loop(law, links.delay, MOST_STATES if self._symmetric and not bursts else most)
-        states = np.arange(2 ** len(bursts))
-        p, self._root, self._share = np.tile(chance, (len(states), 1)), np.ones((1, 1)), np.ones(1)
-        for place, e in enumerate(bursts):
-            to_bad, to_good, good, bad = loss[e]
-            p[:, e] = np.where(states >> (len(bursts) - 1 - place) & 1, bad, good)
-            across = np.sqrt(to_bad * to_good)
-            values, vectors = np.linalg.eigh([[1.0 - to_bad, across], [across, 1.0 - to_good]])
-            self._root = np.kron(self._root, vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
-            self._share = np.kron(self._share, np.array([to_good, to_bad]) / (to_good + to_bad))
+        p, self._root, self._share = _channels(loss, chance, bursts)
         sizes = np.array([len(edge.D) for edge in law.edges])
         self._arrives = np.repeat(1.0 - p, sizes, axis=1)
         self._mean = M + L * self._arrives[:, None, :] @ C
-        self._shape, self._law, self._L = (len(states), *M.shape), law, L
+        self._shape = (len(p), *M.shape)
+        self._law = law
+        self._L = L
         self._lost: list[tuple[Array, Array, Array]] = []  # alike in size: C, L^T (E, m, n), weight (S, E, 1, 1)
         for m in set(sizes.tolist()):
             chosen = np.flatnonzero((sizes == m) & (p * (1.0 - p)).any(axis=0))
@@ -221,9 +238,8 @@ class SecondMoments:
         X = self._solve(np.tile(np.eye(self._shape[1]), (self._shape[0], 1, 1)))
         smallest, size = float(np.linalg.eigvalsh(X).min()), float(np.abs(X).max())
         drop = X - self._apply(X)
-        if not np.linalg.eigvalsh(drop).min() > 0.5 or abs(smallest) < _ROUNDING * size:
-            return None
-        return smallest > 0.0
+        known = np.linalg.eigvalsh(drop).min() > 0.5 and abs(smallest) >= _ROUNDING * size
+        return smallest > 0.0 if known else None
 
     def _settled(self, added: Array) -> Array:
         """Return the stationary moments (S, n, n) where each period adds so much."""
@@ -234,10 +250,8 @@ class SecondMoments:
     def _solve(self, added: Array) -> Array:
         """Solve X - T(X) = added for symmetric matrices, shape (S, n, n)."""
         less, right = self._operator(less=True), added.ravel()
-        if self._symmetric:
-            found, failed = cg(less, right, rtol=_TOLERANCE, maxiter=2000)
-        else:
-            found, failed = gmres(less, right, rtol=_TOLERANCE, restart=100, maxiter=20)
+        solve = partial(cg, maxiter=2000) if self._symmetric else partial(gmres, restart=100, maxiter=20)
+        found, failed = solve(less, right, rtol=_TOLERANCE)
         if failed:
             raise UndecidedError("the covariance under loss did not converge")
         X = found.reshape(self._shape)

@@ -16,7 +16,7 @@ from mjsheaf.control.law import LawArrays
 from mjsheaf.control.links import no_links
 from mjsheaf.control.rounds import no_rounds
 from mjsheaf.control.terms import no_terms
-from mjsheaf.errors import UndecidedError, listed
+from mjsheaf.errors import UndecidedError, listed, select_true
 from mjsheaf.system import System
 
 _LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links", "custom", "safety"))
@@ -40,7 +40,7 @@ def unmodelled_parts(system: System) -> list[str]:
 
     A field that is not known counts unless it is switched off: zero, or as in the paper's law over exact links.
     """
-    law, N = system.law, len(system.team.agents)
+    law = system.law
     structures: list[tuple[str, Any, frozenset[str], Any]] = [
         ("field of the rounds", law.terms.rounds, _ROUNDS, no_rounds()),
         ("field of the links", law.links, _LINKS, no_links()),
@@ -51,15 +51,13 @@ def unmodelled_parts(system: System) -> list[str]:
     table = law.links.table
     columns = [name for name in table.dtype.names or () if name not in _LINK and _is_on(table[name], None)]
     parts += [f"field of a link {name}" for name in columns]
-    if not np.isin(table["bearing"], _SENSORS).all():
-        parts.append("sensor of a link")
-    if law.edges.kinds:
-        parts.append("range and bearing edges, unless linearised")
-    if law.supplied:
-        parts.append("law in Python")
-    if (law.gain[:N] != system.gain).any():
-        parts.append("gains that differ between agents")
-    return parts + _terms_without_model(system)
+    others = {
+        "sensor of a link": not np.isin(table["bearing"], _SENSORS).all(),
+        "range and bearing edges, unless linearised": law.edges.kinds,
+        "law in Python": law.supplied,
+        "gains that differ between agents": (law.gain[: len(system.team.agents)] != system.gain).any(),
+    }
+    return parts + select_true(others) + _terms_without_model(system)
 
 
 def _terms_without_model(system: System) -> list[str]:

@@ -56,9 +56,8 @@ class Loop:
 
     def matrices(self, gain: float | None = None) -> Array:
         """Return M at a gain, shape (L, 1 + r, 1 + r), on (e, x)."""
-        if gain is None:
-            return self.feedback.closed(self.period)
-        return self.model.feedback(gain, self.values).closed(self.period)
+        feedback = self.feedback if gain is None else self.model.feedback(gain, self.values)
+        return feedback.closed(self.period)
 
     @cached_property
     def radius(self) -> float:

@@ -25,7 +25,7 @@ from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.control import LawArrays
-from mjsheaf.errors import UndecidedError
+from mjsheaf.errors import UndecidedError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.disturbance import evaluate
@@ -109,38 +109,42 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
         UndecidedError: The path is not known, the harmonic extension is not unique, or the run is too long.
     """
     path = certificate.constants.path
-    period = system.grid.period
-    if system.safety is not None:
-        raise UndecidedError(FILTERED)
-    if system.grid.continuous:
-        raise UndecidedError("the law is continuous")
-    if certificate.spectrum.nullity:
-        raise UndecidedError("the harmonic extension is not unique")
-    if path.cells is None:
-        raise UndecidedError(f"the targets' path is not known: {path.warning}")
-    if len(path.samples) < 2:
-        raise UndecidedError("there are no targets to follow")
-    if path.stride > 1:
-        raise UndecidedError("the run has too many samples")
+    raise_first(
+        UndecidedError,
+        {
+            FILTERED: system.safety is not None,
+            "the law is continuous": system.grid.continuous,
+            "the harmonic extension is not unique": certificate.spectrum.nullity,
+            f"the targets' path is not known: {path.warning}": path.cells is None,
+            "there are no targets to follow": len(path.samples) < 2,
+            "the run has too many samples": path.stride > 1,
+        },
+    )
     last = len(path.samples) - 1
     counted = max(1, last - last // 2)
-    settling = int(_SETTLING / (rate * period)) + 1 if rate and rate > 0.0 else last
+    settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and rate > 0.0 else last
     first = max(0, last - counted - settling)
     q_star = Carrier(system, certificate.spectrum).extend(path.samples[first:])
     if q_star.size > _MAX_NUMBERS:
         raise UndecidedError("the run is too long")
-    N = len(system.team.agents)
+    flow = _mean_flow(system, q_star, first, last)
+    if not np.isfinite(flow).all():
+        raise UndecidedError("q* leaves the file of the flow")
+    return _Path(q_star, flow, min(counted, last - first))
+
+
+def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
+    """Return the mean velocity of the medium at q* over each period between two samples of a run, (K, n_q), m/s."""
+    period = system.grid.period
     times = system.grid.span(first, last) + 0.5 * period
-    harmonics = system.harmonics[:N].copy()
+    harmonics = system.harmonics[: len(system.team.agents)].copy()
     harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * period / (2.0 * np.pi))  # the mean of a sine over a period
     shaken = evaluate(harmonics, times).reshape(last - first, -1)
     middle = 0.5 * (q_star[1:] + q_star[:-1])
     flow = agent_drift(system, middle) + shaken[:, system.team.slots[: q_star.shape[1]]]
     for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
         flow += 0.5 * agent_motion(system, instant, middle)
-    if not np.isfinite(flow).all():
-        raise UndecidedError("q* leaves the file of the flow")
-    return _Path(q_star, flow, min(counted, last - first))
+    return flow
 
 
 def _ideal_vehicles(system: System) -> list[LinearVehicle]:

@@ -8,31 +8,26 @@ import numpy as np
 from scipy import linalg
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import LARGEST_WHOLE, MODE_AT_REST, NEUTRAL_RATE, station_in
+from mjsheaf.checking.loop.body_loop import LARGEST_WHOLE, MODE_AT_REST, NEUTRAL_RATE, key_of, sampling_of, station_in
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.simulation.linear import LinearVehicle, linearise
-from mjsheaf.system import System, whole_ratio
+from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 
 
 def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
     """Return the loop with what the targets' vehicles make of it, along a path."""
-    if loop.rate <= 0.0 or not system.team.targets:
-        return loop
-    return loop.model_copy(update={"bodies": _on_bodies(system, path)})
+    moves = loop.rate > 0.0 and system.team.targets
+    return loop.model_copy(update={"bodies": _on_bodies(system, path)}) if moves else loop
 
 
 @one_thread
 def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
     """Close the targets' law through their vehicles, in the mean flow along their path."""
     try:
-        period = system.grid.period
-        ratio = whole_ratio(period, system.bodies.timestep)
-        timestep, steps = period / ratio, ratio
-        if system.grid.continuous:
-            period, steps = timestep, 1
+        period, timestep, steps = sampling_of(system)
         matrix, n = _matrix(system, _models(system, path, timestep, steps))
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
@@ -52,24 +47,26 @@ def _models(system: System, path: TargetPath, timestep: float, steps: int) -> li
     Raises:
         UndecidedError: one has none.
     """
-    N, span = len(system.team.agents), float(path.time[-1] - path.time[0])
+    N = len(system.team.agents)
+    span = float(path.time[-1] - path.time[0])
     bounded = path.cells is not None and targets_loop(system).stable
     positions = path.positions[:, N:] if bounded else system.initial[None, N:]
-    change = (positions[-1] - positions[0]) / span
-    mean = np.zeros_like(change)
-    for k in range(len(mean)):
-        flow = system.flows[int(system.field[N + k])]
-        mean[k] = np.mean(flow.velocity(positions[:, k]), axis=0)
-    stations = [station_in(system, N + k, mean[k] - change[k]) for k in range(len(mean))]
-    keys = [(id(s.vehicle), np.round([*s.medium, s.heading], 4).tobytes()) for s in stations]
+    medium = -(positions[-1] - positions[0]) / span
+    for k in range(len(medium)):
+        medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
+    stations = [station_in(system, N + k, medium[k]) for k in range(len(medium))]
+    keys = list(map(key_of, stations))
     unlike = dict(zip(keys, stations, strict=True))
     if len(unlike) > LARGEST_WHOLE:
         raise UndecidedError("too many unlike targets")
-    models = dict(zip(unlike, linearise(list(unlike.values()), system.control, timestep, steps), strict=True))
+    found = dict(zip(unlike, linearise(list(unlike.values()), system.control, timestep, steps), strict=True))
+    models = []
     for id_, key in zip(system.team.target_ids, keys, strict=True):
-        if isinstance(why := models[key], str):
-            raise UndecidedError(f"the vehicle of {id_} cannot hold station on its path: {why}")
-    return [model for key in keys if not isinstance(model := models[key], str)]
+        model = found[key]
+        if isinstance(model, str):
+            raise UndecidedError(f"the vehicle of {id_} cannot hold station on its path: {model}")
+        models.append(model)
+    return models
 
 
 def _matrix(system: System, models: list[LinearVehicle]) -> tuple[Array, int]:

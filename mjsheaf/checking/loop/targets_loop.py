@@ -148,5 +148,4 @@ def _involved(system: System, vector: Array) -> list[str]:
     """The targets that move most in a mode."""
     ends = np.cumsum([target.dimension for target in system.team.targets])
     moved = np.array([np.linalg.norm(part) for part in np.split(vector, ends[:-1])])
-    chosen = np.flatnonzero(moved >= _INVOLVED * moved.max())
-    return [system.team.target_ids[k] for k in chosen]
+    return [system.team.target_ids[k] for k in np.flatnonzero(moved >= _INVOLVED * moved.max())]

@@ -30,8 +30,6 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.targets_loop import targets_loop
@@ -48,8 +46,10 @@ from mjsheaf.checking.theorem.constants import (
 )
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
+from mjsheaf.checking.topology.connecting import label_parts, unsensed_targets
 from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, theorem_1
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
+from mjsheaf.errors import first_true, select_true
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.bounds import singular_points
 from mjsheaf.system import System
@@ -173,32 +173,28 @@ def certify(
 
 def certificate_of(search: "Search") -> Certificate:
     """Find the region of a search, and decide what the theory says there."""
-    system, constants, spectrum, region = search.system, search.constants, search.spectrum, search.region()
+    system = search.system
+    region = search.region()
     theorem = search.theorem(search.rho or region.rho.upper, search.rate)
     weaker = search.weaker(region.tube.speed.upper)
-    cohomology = explain(system.team, spectrum)
+    cohomology = explain(system.team, search.spectrum)
     obstacle = (
         obstacle_of_team(system.team)
         or obstacle_of_law(system)
-        or obstacle_of_gain(system, constants, spectrum, theorem if theorem.applies else weaker)
+        or obstacle_of_gain(system, search.constants, search.spectrum, theorem if theorem.applies else weaker)
     )
-    reason = (
-        obstacle_of_team(system.team)
-        or obstacle_of_targets(system)
-        or _gain_condition(constants, spectrum, theorem, search.rate, region)
-    )
-    reason = reason or ("" if region.verified else region.source)
-    assumptions = _decide(system, region, region.verified and not obstacle, constants, cohomology)
+    assumptions = _decide(system, region, region.verified and not obstacle, search.constants, cohomology)
+    failed = next((a.failure for a in assumptions if a.failure), "")
     return Certificate(
-        spectrum=spectrum,
+        spectrum=search.spectrum,
         cohomology=cohomology,
-        constants=constants,
+        constants=search.constants,
         region=region,
         assumptions=assumptions,
         theorem=theorem,
         weaker=weaker,
         approximate=not system.grid.continuous,
-        reason=reason or obstacle or next((a.failure for a in assumptions if a.failure), ""),
+        reason=_why_no_bound(search, theorem, region) or obstacle or failed,
         obstacle=obstacle,
     )
 
@@ -276,8 +272,7 @@ class Search:
         """Evaluate Theorem 1 with a rho of the steady flow, or with the user's own rho for all of it."""
         c, gain = self.constants, self.system.gain
         whole = rho if isinstance(rho, Rho) else rho + c.moving.slope
-        lambda_min = self.spectrum.lambda_min
-        return theorem_1(gain, lambda_min, c.f_bar, c.moving.omega_bar, whole, rate, c.initial_error)
+        return theorem_1(gain, self.spectrum.lambda_min, c.f_bar, c.moving.omega_bar, whole, rate, c.initial_error)
 
     def own_tube(self, rate: float | None) -> Region | None:
         """The tube of Theorem 1's own bound, with a rho that holds over it; None where none is found."""
@@ -320,29 +315,40 @@ class Search:
         return Region(tube, f"a guess from initial positions and q*: {why}", False, tube.slope)
 
 
-def _gain_condition(
-    constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None, region: Region
-) -> str:
+def _why_no_bound(search: Search, theorem: Theorem, region: Region) -> str:
     """Why there is no bound by Theorem 1, or an empty string where there is."""
-    if not np.isfinite(constants.initial_error):
-        return "the error with which the phase begins is not known"
-    if constants.path.warning:
-        return f"the targets' path is not known: {constants.path.warning}"
-    if spectrum.lambda_min <= 0.0:
-        return "lambda_min(H) is 0: the harmonic extension is not unique"
-    if not np.isfinite(constants.difference.bound):
-        return "the targets' drift or the flow at q* is unbounded along the targets' path"
-    rho, start = theorem.rho(constants.initial_error), f"the initial error of {constants.initial_error:.4g} m"
+    constants = search.constants
+    unknown = {
+        "the error with which the phase begins is not known": not np.isfinite(constants.initial_error),
+        f"the targets' path is not known: {constants.path.warning}": constants.path.warning,
+        "lambda_min(H) is 0: the harmonic extension is not unique": search.spectrum.lambda_min <= 0.0,
+        "the targets' drift or the flow at q* is unbounded along the targets' path": not np.isfinite(
+            constants.difference.bound
+        ),
+    }
+    return (
+        obstacle_of_team(search.system.team)
+        or obstacle_of_targets(search.system)
+        or first_true(unknown)
+        or _gain_condition(theorem, constants.initial_error, search.rate, region)
+        or ("" if region.verified else region.source)
+    )
+
+
+def _gain_condition(theorem: Theorem, initial_error: float, rate: float | None, region: Region) -> str:
+    """Why the gain condition fails or the error begins outside S, or an empty string if neither is so."""
+    rho = theorem.rho(initial_error)
+    start = f"the initial error of {initial_error:.4g} m"
+    constant = isinstance(theorem.rho, ConstantRho)
     if not np.isfinite(rho):
-        constant = isinstance(theorem.rho, ConstantRho)
         return "a field is singular inside the region" if constant else f"rho is infinite at {start}"
-    if theorem.contains(constants.initial_error):
+    if theorem.contains(initial_error):
         return ""
     if theorem.applies:
         return f"{start} is outside S, whose radius is {theorem.radius_S:.4g} m"
     if rate is not None and theorem.k_min > rho:
         return f"lambda_V = {rate:.4g} 1/s is too fast: it must be below k_min - rho = {theorem.k_min - rho:.4g} 1/s"
-    where = f"the steepest slope over {region.source}" if isinstance(theorem.rho, ConstantRho) else f"at {start}"
+    where = f"the steepest slope over {region.source}" if constant else f"at {start}"
     return f"k_min = {theorem.k_min:.4g} 1/s does not exceed rho = {rho:.4g} 1/s, {where}"
 
 
@@ -359,12 +365,17 @@ def obstacle_of_team(team: Team) -> str:
 
 def obstacle_of_law(system: System) -> str:
     """Why no bound of the continuous, unlimited law holds at any gain: links, rank of g, the targets' law; or empty."""
-    agents = system.team.agents
     if len(system.law.links.table):
         return "links are not exact: the theorem's agents measure everything at once, without error"
+    return obstacle_of_rank(system) or obstacle_of_targets(system)
+
+
+def obstacle_of_rank(system: System) -> str:
+    """Which agent's g is not of full row rank; or empty."""
+    agents = system.team.agents
     for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
         return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
-    return obstacle_of_targets(system)
+    return ""
 
 
 def obstacle_of_targets(system: System) -> str:
@@ -384,9 +395,8 @@ def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, b
         return FILTERED
     limit = float(system.law.limit[: len(system.team.agents)].min())
     asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
-    if np.isfinite(limit) and asked > limit:
-        return f"the law may command {asked:.3g} m/s, above a speed limit of {limit:.3g} m/s"
-    return ""
+    beyond = f"the law may command {asked:.3g} m/s, above a speed limit of {limit:.3g} m/s"
+    return beyond if np.isfinite(limit) and asked > limit else ""
 
 
 # -- the paper's assumptions -----------------------------------------------------------------------------------
@@ -492,23 +502,19 @@ def _rank_and_inverse(system: System) -> tuple[Finding, Finding]:
 
 
 def _topology(team: Team) -> Finding:
-    N = len(team.agents)
-    ends = [(team.index[e.tail], team.index[e.head]) for e in team.communication if _couples(e)]
-    tails, heads = np.array(ends, dtype=np.int64).reshape(-1, 2).T
-    graph = sparse.coo_array((np.ones(len(ends)), (tails, heads)), shape=(N, N))
-    count, number = connected_components(graph, directed=False)
-    parts = sorted(np.flatnonzero(number == k).tolist() for k in range(count))
-    sensed = {e.head for e in team.sensing if _couples(e)}
-    unseen = [t for t in team.target_ids if t not in sensed]
-    warnings = []
-    if len(parts) > 1:
-        listed = ["{" + _first([team.agents[i].id for i in part], 6) + "}" for part in parts]
-        warnings.append(f"the agents fall into {len(parts)} parts: {_first(listed, 4, '; ')}")
-    if unseen:
-        warnings.append(f"no agent senses {_first(unseen, 8)}")
-    witness = "; ".join(warnings) or f"{len(ends)} links connect {len(team.agents)} agents; every target is sensed"
-    unit = "part" if len(parts) == 1 else "parts"
-    return "fails" if warnings else "holds", float(len(parts)), unit, witness
+    links = list(filter(_couples, team.communication))
+    label = label_parts(team, links)
+    parts = sorted(np.flatnonzero(label == k).tolist() for k in range(label.max() + 1))
+    unseen = unsensed_targets(team, filter(_couples, team.sensing))
+    groups = ["{" + _first([team.agents[i].id for i in part], 6) + "}" for part in parts]
+    failures = {
+        f"the agents fall into {len(parts)} parts: {_first(groups, 4, '; ')}": len(parts) > 1,
+        f"no agent senses {_first(unseen, 8)}": unseen,
+    }
+    warnings = "; ".join(select_true(failures))
+    connected = f"{len(links)} links connect {len(team.agents)} agents; every target is sensed"
+    verdict: Verdict = "fails" if warnings else "holds"
+    return verdict, float(len(parts)), "part" if len(parts) == 1 else "parts", warnings or connected
 
 
 def _first(words: list[str], most: int, separator: str = ", ") -> str:

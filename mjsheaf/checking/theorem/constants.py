@@ -88,9 +88,11 @@ def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Diff
 def _shaking(system: System, path: TargetPath) -> Array:
     """Return what moves the targets in addition to f_p at the path's own instants, shape (T, M, 3), m/s."""
     N = len(system.team.agents)
-    if system.moving:
-        return moving_along(system.medium, path.time, path.positions)[:, N:]
-    return evaluate(system.harmonics[N:], path.time)
+    return (
+        moving_along(system.medium, path.time, path.positions)[:, N:]
+        if system.moving
+        else evaluate(system.harmonics[N:], path.time)
+    )
 
 
 def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, float]:

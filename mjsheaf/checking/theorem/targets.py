@@ -94,8 +94,7 @@ class Carrier:
         """Bound the motion of each agent's q*_i, shape (..., N), if targets move by at most `radii`, shape (..., M)."""
         if self._K is not None:
             return np.asarray(radii @ self._blocks.T)
-        whole = self._norm * np.linalg.norm(radii, axis=-1, keepdims=True)
-        return np.repeat(whole, len(self._team.agents), axis=-1)
+        return np.repeat(self._norm * np.linalg.norm(radii, axis=-1, keepdims=True), len(self._team.agents), axis=-1)
 
     def spread(self, radii: Array, slopes: Array, moves: Array) -> Array:
         """A bound on |K s + F r|: s within `radii` (..., M), r within `moves` and F within `slopes` (..., N), (...)."""
@@ -480,8 +479,7 @@ def _integrate(system: System, share: float, tolerance: float, margin: float) ->
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
     bound = _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
-    memory = new_memory(control.law, M)
-    run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, memory)
+    run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, new_memory(control.law, M))
     setting = _Setting(control, *_rates(system, control), share, margin, times, stride)
     follow = control if grid.continuous else None
     n = max(1, int(MOST_STEPS / (share * M)))  # memory is taken as it is written to
@@ -566,8 +564,5 @@ def own_rate(system: System) -> float:
     It is a sum over rows (Gershgorin) where there are many targets.
     """
     L, N = system.team.target_sheaf.laplacian(), len(system.team.agents)
-    if L.shape[0] <= 600:
-        fastest = float(np.linalg.eigvalsh(L.toarray())[-1])
-    else:
-        fastest = float(abs(L).sum(axis=1).max())
-    return float(system.law.gain[N:].max()) * max(fastest, 0.0) + float(system.motion.pull[N:].max())
+    fastest = np.linalg.eigvalsh(L.toarray())[-1] if L.shape[0] <= 600 else abs(L).sum(axis=1).max()
+    return float(system.law.gain[N:].max()) * max(float(fastest), 0.0) + float(system.motion.pull[N:].max())

@@ -60,11 +60,12 @@ def gain_for_wanted_radius(search: Search, certificate: Certificate, radius: flo
         certificate: Certificate at the system's gain.
         radius: Desired radius, m.
     """
-    failed = next((a.failure for a in certificate.assumptions if a.failure and a.number > 1), "")
-    constants, lambda_min = certificate.constants, certificate.spectrum.lambda_min
-    if reason := obstacle_of_law(search.system) or failed:
+    obstacles = [obstacle_of_law(search.system), *(a.failure for a in certificate.assumptions[1:])]
+    reason = next(filter(None, obstacles), "")
+    if reason:
         return WantedGain(None, reason)
-    if not (lambda_min > 0.0 and np.isfinite(constants.difference.bound) and np.isfinite(constants.initial_error)):
+    finite = np.isfinite([certificate.constants.difference.bound, certificate.constants.initial_error])
+    if certificate.spectrum.lambda_min <= 0.0 or not finite.all():
         return WantedGain(None, certificate.reason)
     gain = _Trials(search, certificate, radius).smallest()
     if gain is None:
@@ -100,17 +101,21 @@ class _Trials:
         asked = self._try(self.below)
         if self.does <= self.below:
             return self.does
+        self._find_any(asked)
+        while self._left > 0 and self.below * _ACCURACY < self.does < np.inf:
+            asked = self._try(float(np.sqrt(self.below * self.does)))
+            if self.below < asked < self.does:
+                self._try(asked * _ABOVE)
+        return self.does if np.isfinite(self.does) else None
+
+    def _find_any(self, asked: float) -> None:
+        """Look for a gain that gives the radius, first near one that the slope of a region requires."""
         if np.isfinite(asked):
             self._reach(asked)
         if not np.isfinite(self.does):
             for gain in sorted(self._sure()):
                 if self._left > 0 and not np.isfinite(self.does):
                     self._reach(gain)
-        while self._left > 0 and self.below * _ACCURACY < self.does < np.inf:
-            asked = self._try(float(np.sqrt(self.below * self.does)))
-            if self.below < asked < self.does:
-                self._try(asked * _ABOVE)
-        return self.does if np.isfinite(self.does) else None
 
     def _reach(self, gain: float) -> None:
         """Try a gain that should give the radius, and slightly larger ones if it does not."""

@@ -69,9 +69,10 @@ class Bracing(Record):
         sentence = "; ".join(self.flexes[:_SHOWN])
         if len(self.flexes) > _SHOWN:
             sentence += f"; and {len(self.flexes) - _SHOWN} more"
-        if not self.edges:
-            return f"{sentence}; no edges of these kinds hold that to first order at this shape"
-        return f"{sentence}; add communication {', '.join(edge.describe() for edge in self.edges)}"
+        added = f"add communication {', '.join(edge.describe() for edge in self.edges)}"
+        return (
+            f"{sentence}; {added if self.edges else 'no edges of these kinds hold that to first order at this shape'}"
+        )
 
 
 class _Candidates(NamedTuple):
@@ -123,8 +124,7 @@ def _flexes(D: Array, motions: Array) -> Array:
     _, singular, directions = np.linalg.svd(D)
     rank = int(np.count_nonzero(singular > RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)))
     free = directions[rank:].T
-    across = np.linalg.svd(free.T @ motions)[0][:, motions.shape[1] :]
-    return np.asarray(free @ across)
+    return np.asarray(free @ np.linalg.svd(free.T @ motions)[0][:, motions.shape[1] :])
 
 
 def _describe_flexes(team: Team, flexes: Array, motions: Array) -> list[str]:

@@ -12,7 +12,7 @@ after the loss.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 from weakref import WeakKeyDictionary
@@ -22,6 +22,7 @@ from pydantic import Field
 from scipy import linalg, sparse
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.errors import select_true
 from mjsheaf.io.section import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.blocks import (
@@ -253,6 +254,14 @@ class Loss(Record):
     lambda_min: float | None = Field(description="smallest eigenvalue of H after it; null where not computed")
 
 
+Single = tuple[Loss, list[int], int | None]
+"""What a loss breaks of CONNECTED and SENSED, which takes no linear algebra and is exact at any size; the edges that
+are lost, by their places in the sheaf's order; and the number of the agent that is."""
+
+KindOfEdge = tuple[Kind | None, Edge]
+Ends = Collection[tuple[str, ...]]
+
+
 class Fragility(Record):
     """Single losses that break an assumption."""
 
@@ -293,14 +302,21 @@ def single_losses(team: Team) -> tuple[list[Loss], bool]:
     Returns:
         The losses, those that break something first, then by lambda_min; and whether each was tried out on H.
     """
-    singles, states = list(_singles(team)), team.dirichlet.H.shape[0]
-    if states > EXACT_STATES or len(singles) > EXACT_LOSSES:
+    singles = list(_singles(team))
+    if team.dirichlet.H.shape[0] > EXACT_STATES or len(singles) > EXACT_LOSSES:
         return [loss for loss, _, _ in singles if loss.breaks], False
+    losses = list(_try_out(team, singles))
+    losses.sort(key=lambda loss: (not loss.breaks, round(loss.lambda_min or 0.0, 12)))  # rounding does not choose
+    return losses, True
 
-    (delta, D), free = agent_coboundary(team), team.dirichlet.sparse_null_basis.shape[1]
+
+def _try_out(team: Team, singles: Iterable[Single]) -> Iterator[Loss]:
+    """Yield each loss with lambda_min of H after it; it breaks TRIVIAL too if an agent is then free to drift."""
+    delta, D = agent_coboundary(team)
+    free = team.dirichlet.sparse_null_basis.shape[1]
     sizes = [len(edge.b) for _, edge in _edges(team)]
-    edge_of_row, agent_of_state = np.repeat(np.arange(len(sizes)), sizes), team.slots[:states] // 3
-    losses = []
+    edge_of_row = np.repeat(np.arange(len(sizes)), sizes)
+    agent_of_state = team.slots[: D.shape[1]] // 3
     for loss, edges, agent in singles:
         lost = agent_of_state == agent
         # What the lost agent alone was free to do is lost with it.
@@ -308,12 +324,11 @@ def single_losses(team: Team) -> tuple[list[Loss], bool]:
         left = [x[~np.isin(edge_of_row, edges)][:, ~lost] for x in (delta, D)]
         lambda_min = smallest_eigenvalue(*left)
         frees = lambda_min == 0.0 and sparse_null_space(left[0]).shape[1] > free - gone
-        losses.append(Loss(**dict(loss) | {"breaks": loss.breaks + (TRIVIAL,) * frees, "lambda_min": lambda_min}))
-    losses.sort(key=lambda loss: (not loss.breaks, round(loss.lambda_min or 0.0, 12)))  # rounding does not choose
-    return losses, True
+        breaks = (*loss.breaks, TRIVIAL) if frees else loss.breaks
+        yield loss.model_copy(update={"breaks": breaks, "lambda_min": lambda_min})
 
 
-def _edges(team: Team) -> list[tuple[Kind | None, Edge]]:
+def _edges(team: Team) -> list[KindOfEdge]:
     """The edges in the order of the sheaf, with the kind of those that can be lost."""
     kinds: list[tuple[Kind | None, tuple[Edge, ...]]] = [
         ("communication", team.communication),
@@ -324,50 +339,65 @@ def _edges(team: Team) -> list[tuple[Kind | None, Edge]]:
     return [(kind, edge) for kind, edges in kinds for edge in edges]
 
 
-def _singles(team: Team) -> Iterator[tuple[Loss, list[int], int | None]]:
-    """Everything that can be lost alone, edges first in the order of the sheaf.
-
-    Yields:
-        What its loss breaks of CONNECTED and SENSED, which takes no linear algebra and is exact at any size; the edges
-        that are lost, by their places in the sheaf's order; and the number of the agent that is.
-    """
+def _singles(team: Team) -> Iterator[Single]:
+    """Everything that can be lost alone, edges first in the order of the sheaf."""
     import networkx as nx
 
-    edges, links, seen = _edges(team), Counter(map(_ends, team.communication)), Counter[tuple[str, ...]]()
-    alike, incident = Counter(_ends(edge) for _, edge in edges), defaultdict[str, list[int]](list)
-    graph = nx.Graph(list(links))
+    edges = _edges(team)
+    graph = nx.Graph(list(map(_ends, team.communication)))
     graph.add_nodes_from(team.agent_ids)
-    bridges, cuts = {(min(pair), max(pair)) for pair in nx.bridges(graph)}, set(nx.articulation_points(graph))
+    bridges = {(min(pair), max(pair)) for pair in nx.bridges(graph)}
+    cuts = set(nx.articulation_points(graph))
     sensors = defaultdict[str, list[str]](list)
     for edge in team.sensing:
         sensors[edge.head].append(edge.tail)
-    once = {target for target, by in sensors.items() if len(by) == 1}
     only = {target: by[0] for target, by in sensors.items() if len(set(by)) == 1}
     alone = set(only.values())
+    incident = defaultdict[str, list[int]](list)
+    for e, (kind, edge) in enumerate(edges):
+        if kind is not None:
+            incident[edge.tail].append(e)
+            incident[edge.head].append(e)
+    yield from _single_edges(edges, bridges)
+    yield from _parallel_edges(edges, bridges, only)
+    for target in sensors:
+        yield _loss("target", target, disconnects=False, blinds=True), incident[target], None
+    if len(team.agents) > 1:
+        for i, agent in enumerate(team.agent_ids):
+            yield _loss("agent", agent, disconnects=agent in cuts, blinds=agent in alone), incident[agent], i
 
-    def loss(kind: Kind, name: str, disconnects: bool, blinds: bool) -> Loss:
-        return Loss(kind=kind, name=name, breaks=(CONNECTED,) * disconnects + (SENSED,) * blinds, lambda_min=None)
 
-    together = defaultdict[tuple[str, ...], list[int]](list)
+def _loss(kind: Kind, name: str, *, disconnects: bool, blinds: bool) -> Loss:
+    breaks = select_true({CONNECTED: disconnects, SENSED: blinds})
+    return Loss(kind=kind, name=name, breaks=tuple(breaks), lambda_min=None)
+
+
+def _single_edges(edges: Sequence[KindOfEdge], bridges: Ends) -> Iterator[Single]:
+    """Yield the loss of each edge, one of parallel ones at a time."""
+    links = Counter(_ends(edge) for kind, edge in edges if kind == "communication")
+    sensors = Counter(edge.head for kind, edge in edges if kind == "sensing")
+    alike = Counter(_ends(edge) for _, edge in edges)
+    seen = Counter[tuple[str, ...]]()
     for e, (kind, edge) in enumerate(edges):
         if kind is not None:
             ends = _ends(edge)
-            together[ends] += [e] * (kind != "anchor")
             seen[ends] += 1
-            incident[edge.tail].append(e)
-            incident[edge.head].append(e)
             which = f" ({seen[ends]} of {alike[ends]})" if alike[ends] > 1 else ""
-            yield loss(kind, _name(edge) + which, links[ends] == 1 and ends in bridges, edge.head in once), [e], None
+            bridge = links[ends] == 1 and ends in bridges
+            yield _loss(kind, _name(edge) + which, disconnects=bridge, blinds=sensors[edge.head] == 1), [e], None
+
+
+def _parallel_edges(edges: Sequence[KindOfEdge], bridges: Ends, only: Mapping[str, str]) -> Iterator[Single]:
+    """Yield the loss of all edges between two ends; `only` is the agent that alone senses a target."""
+    together = defaultdict[tuple[str, ...], list[int]](list)
+    for e, (kind, edge) in enumerate(edges):
+        if kind not in (None, "anchor"):
+            together[_ends(edge)].append(e)
     for ends, several in together.items():
         if len(several) > 1:
             tail, head = edges[several[0]][1].between
             name = f"{tail} - {head} (all {len(several)})"
-            yield loss("link", name, ends in bridges, only.get(head) == tail), several, None
-    for target in sensors:
-        yield loss("target", target, False, True), incident[target], None
-    if len(team.agents) > 1:
-        for i, agent in enumerate(team.agent_ids):
-            yield loss("agent", agent, agent in cuts, agent in alone), incident[agent], i
+            yield _loss("link", name, disconnects=ends in bridges, blinds=only.get(head) == tail), several, None
 
 
 def _ends(edge: Edge) -> tuple[str, ...]:

@@ -1,12 +1,14 @@
 """The smallest set of edges that connects the agents and lets every target be sensed (Assumption 5)."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from mjsheaf.arrays import Array
-from mjsheaf.team import Team
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.team import Edge, Team
 
 _MAX_AGENTS = 1500  # largest team whose pairwise distances are computed
 _MAX_LISTED = 3
@@ -25,21 +27,32 @@ def suggest_edges(team: Team, positions: Array) -> str:
     places = np.nan_to_num(positions)
     distances = cdist(places, places)
     edges = _between_parts(team, distances[:N, :N])
-    sensed = {e.head for e in team.sensing}
-    unseen = [t for t in team.target_ids if t not in sensed]
+    unseen = unsensed_targets(team, team.sensing)
     agents = np.flatnonzero(team.present)
     senses = [f"[{team.agents[agents[distances[team.index[t], agents].argmin()]].id}, {t}]" for t in unseen]
     parts = [f"add communication {_listed(edges)}" if edges else "", f"add sensing {_listed(senses)}" if senses else ""]
     return " and ".join(part for part in parts if part)
 
 
-def _between_parts(team: Team, distances: Array) -> list[str]:
-    """Return the shortest edges that connect the parts of the agents' graph: one fewer than there are parts."""
-    N = len(distances)
-    ends = [(team.index[e.tail], team.index[e.head]) for e in team.communication]
+def unsensed_targets(team: Team, sensing: Iterable[Edge]) -> list[str]:
+    """Return the targets that none of some sensing edges measures."""
+    sensed = {e.head for e in sensing}
+    return [t for t in team.target_ids if t not in sensed]
+
+
+def label_parts(team: Team, edges: Iterable[Edge]) -> IntArray:
+    """Number the connected parts of the agents' graph with some edges from 0 on, shape (N,)."""
+    N = len(team.agents)
+    ends = [(team.index[e.tail], team.index[e.head]) for e in edges]
     tails, heads = np.array(ends, dtype=np.int64).reshape(-1, 2).T
     graph = sparse.coo_array((np.ones(len(ends)), (tails, heads)), shape=(N, N))
-    count, part = connected_components(graph, directed=False)
+    return connected_components(graph, directed=False)[1]
+
+
+def _between_parts(team: Team, distances: Array) -> list[str]:
+    """Return the shortest edges that connect the parts of the agents' graph: one fewer than there are parts."""
+    part = label_parts(team, team.communication)
+    count = part.max() + 1
     present = team.present
     apart = (part[:, None] != part) & present[:, None] & present
     nearest: dict[tuple[int, int], tuple[float, int, int]] = {}

@@ -270,7 +270,7 @@ def _list_choices(team: Team, free: sparse.csc_array, owner: IntArray) -> tuple[
     parts = [free] if joint else _parts(free, owner)
     certain = len(parts) == 1
     count = 0
-    choices: list[Choice] = []
+    choices: list[Choice] = [()]
     for part in parts:
         classes = alike(team, part)
         groups = group_candidates(team, classes, still, links=len(classes) <= JOINT_CLASSES)
@@ -280,7 +280,7 @@ def _list_choices(team: Team, free: sparse.csc_array, owner: IntArray) -> tuple[
         if len(parts) == 1 and free.shape[0] <= RANKED_STATES:
             return _ranked(team, free, groups, combinations), count, certain
         first = tuple(groups[k].members(1)[0] for k in combinations[0])
-        choices = [choices[0] + first if choices else first]
+        choices = [choices[0] + first]
     return choices, count, certain
 
 
@@ -365,7 +365,7 @@ def _ranked(
     if len(combinations) > _COMBINATIONS_KEPT:
         first = {tuple(groups[k].members(1)[0] for k in combination): combination for combination in combinations}
         combinations = [first[choice] for choice in best(list(first))[:_COMBINATIONS_KEPT]]
-    used = {k for combination in combinations for k in combination}
+    used = set(itertools.chain.from_iterable(combinations))
     most = max(_MOST_CANDIDATES // len(used), 8)
     members = {
         k: sorted(groups[k].members(most), key=lambda candidate: -round(float(np.trace(held((candidate,)))), 9))

@@ -68,10 +68,7 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
 
 def _coboundary(team: Team, n: int) -> Array:
     """Return the coboundary of the communication edges, rows scaled to length 1, shape (m, n)."""
-    rows = [np.zeros((0, n))]
-    for edge in team.communication:
-        rows.append(_rows(team, edge, n))
-    D = np.concatenate(rows)
+    D = np.concatenate([np.zeros((0, n)), *(_rows(team, edge, n) for edge in team.communication)])
     length = np.linalg.norm(D, axis=1, keepdims=True)
     return np.asarray(D / np.where(length > 0.0, length, 1.0))
 
