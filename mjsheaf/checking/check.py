@@ -565,9 +565,9 @@ def _slope(search: Search, certificate: Certificate) -> dict[str, Any]:
         return {"rho": value, "rho_seen": slope.seen, "rho_source": source}
     moving = certificate.constants.moving.slope
     source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
-    source += f"; {moving:.3g} 1/s of it is the slope of what moves in the medium" if moving else ""
-    source += "" if slope.exact else " (an upper bound, not tight)"
-    return {"rho": slope.upper + moving, "rho_seen": slope.seen, "rho_source": source}
+    part = f"; {moving:.3g} 1/s of it is the slope of what moves in the medium" if moving else ""
+    loose = "" if slope.exact else " (an upper bound, not tight)"
+    return {"rho": slope.upper + moving, "rho_seen": slope.seen, "rho_source": source + part + loose}
 
 
 def _weaker(certificate: Certificate, agents: int) -> WeakerBound:

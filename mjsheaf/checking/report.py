@@ -150,9 +150,8 @@ def _restriction(record: CheckRecord) -> str:
 
 def _sets(t: TheoremSummary) -> list[Row]:
     """Return the radii of the sets of Theorem 1, and where the error begins."""
-    sizes = (f"{_number(t.chi, 'm')}, {_number(t.radius_D, 'm')}, {_number(t.radius_S, 'm')}", "")
-    if t.chi_infinite:
-        sizes = ("infinite", "within the region, as rho is constant there")
+    finite = (f"{_number(t.chi, 'm')}, {_number(t.radius_D, 'm')}, {_number(t.radius_S, 'm')}", "")
+    sizes = ("infinite", "within the region, as rho is constant there") if t.chi_infinite else finite
     inside = _rms_of(t.initial_error, _INSIDE[t.initial_error_inside_S])
     return [
         ("chi, radii of D and S", *sizes),
@@ -240,9 +239,11 @@ def _separation(found: SafetyRecord | None) -> list[Table]:
     """Return what is certain of the distances that vehicles keep; nothing without the filter."""
     if found is None:
         return []
-    rows: list[Row] = [("guaranteed", "yes" if found.guaranteed else "no", "on ideal kinematics, while feasible")]
-    rows += [("", "", f"because {reason}") for reason in found.reasons]
-    rows += [("sensor range", _number(found.range, "m"), f"with gamma = {found.rate:.4g} 1/s")]
+    rows: list[Row] = [
+        ("guaranteed", "yes" if found.guaranteed else "no", "on ideal kinematics, while feasible"),
+        *(("", "", f"because {reason}") for reason in found.reasons),
+        ("sensor range", _number(found.range, "m"), f"with gamma = {found.rate:.4g} 1/s"),
+    ]
     if found.parting:
         rows.append(
             ("flow", _number(found.parting, "m/s"), "largest relative speed of the media around two vehicles; included")
@@ -259,14 +260,13 @@ def _separation(found: SafetyRecord | None) -> list[Table]:
 
 def _cost_rows(law: LawLoop) -> list[Row]:
     """Return what a law sends, and what noise it hands on."""
-    rows = list[Row]()
-    if law.exchanges:
-        sent = f"an agent sends {law.numbers:.4g} numbers per second on average"
-        rows.append(("messages", _number(law.exchanges, "1/s"), f"rounds of exchange; {sent}"))
-    if law.noise:
-        remark = "upper bound on command noise, m/s RMS per m of odometry noise"
-        rows.append(("noise", _number(law.noise, "1/s"), remark))
-    return rows
+    sent = f"rounds of exchange; an agent sends {law.numbers:.4g} numbers per second on average"
+    remark = "upper bound on command noise, m/s RMS per m of odometry noise"
+    rows: dict[Row, object] = {
+        ("messages", _number(law.exchanges, "1/s"), sent): law.exchanges,
+        ("noise", _number(law.noise, "1/s"), remark): law.noise,
+    }
+    return [row for row, told in rows.items() if told]
 
 
 def _links(links: LinkRecord | None) -> list[Table]:

@@ -105,11 +105,12 @@ def _failures(record: CheckRecord) -> Iterator[list[str]]:
     for a in record.assumptions:
         if a.verdict not in ("fails", "undecided"):
             continue
-        lines = _wrapped(f"Assumption {a.number} {a.verdict}: {a.name}.", "  ")
-        lines += _wrapped(f"Why: {a.witness}.", "    ", "  ")
-        if fix := _fix(record, a.number):
-            lines += _wrapped(f"Fix: {fix}.", "    ", "  ")
-        yield lines
+        fix = _fix(record, a.number)
+        yield [
+            *_wrapped(f"Assumption {a.number} {a.verdict}: {a.name}.", "  "),
+            *_wrapped(f"Why: {a.witness}.", "    ", "  "),
+            *(_wrapped(f"Fix: {fix}.", "    ", "  ") if fix else ()),
+        ]
     for problem, fix in _unstable(record):
         yield [*_wrapped(problem[0].upper() + problem[1:] + ".", "  "), *_wrapped(f"Fix: {fix}.", "    ", "  ")]
 

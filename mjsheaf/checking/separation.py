@@ -100,8 +100,10 @@ def _too_close(safety: SafetyArrays, names: list[str], times: Array, places: Arr
     for k, at in enumerate(places):
         pairs = cKDTree(at).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
         gaps = np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1) - safety.radius[pairs].sum(axis=1)
-        found = [(int(i), int(j), gap) for (i, j), gap in zip(pairs, gaps.tolist(), strict=True) if min(i, j) < N]
-        found += [(int(i), V + int(j), float(clear[k, i, j])) for i, j in np.argwhere(clear[k] < 0.0)]
+        found = [
+            *((int(i), int(j), gap) for (i, j), gap in zip(pairs, gaps.tolist(), strict=True) if min(i, j) < N),
+            *((int(i), V + int(j), float(clear[k, i, j])) for i, j in np.argwhere(clear[k] < 0.0)),
+        ]
         for i, j, gap in found:
             if gap < min(worst.get((i, j), (0.0, 0.0))[0], -_ROUNDING):
                 worst[i, j] = gap, float(times[k])

@@ -107,8 +107,10 @@ def _average(dataset: "xr.Dataset", agents: int) -> _Blocks:
     count = min(len(time) - 1, max(1, int(span / _BLOCK)), _MAX_BLOCKS)
     edges = np.linspace(time[0], time[-1], count + 1)
     number, done = np.zeros(count), 0
-    sums = {name: np.zeros((count, agents, 3)) for name in ("asked", "made")}
-    sums |= {name: np.zeros((count, agents)) for name in ("spread", "speed", "flow", "saturation", "error")}
+    sums = {
+        **{name: np.zeros((count, agents, 3)) for name in ("asked", "made")},
+        **{name: np.zeros((count, agents)) for name in ("spread", "speed", "flow", "saturation", "error")},
+    }
     names = ["velocity_command", "agent_velocity", "agent_flow", "agent_saturation", "tracking_error"]
     for piece in pieces_of(dataset, names):
         command, velocity, flow, saturation, error = (np.nan_to_num(piece[name].values) for name in names)

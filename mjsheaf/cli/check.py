@@ -168,9 +168,11 @@ def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
         for a in part.assumptions
         if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6))
     ]
-    if part.theorem.holds is None:
-        failures += _failures_of_shape(part)
-    failures += [*_failures_of_law(part.law), *_failures_of_links(part.links)]
+    failures += [
+        *(_failures_of_shape(part) if part.theorem.holds is None else ()),
+        *_failures_of_law(part.law),
+        *_failures_of_links(part.links),
+    ]
     if part.targets.unstable:
         failures = [why for why in failures if part.targets.failure not in why or not part.targets.failure]
         failures.append(part.targets.verdict())

@@ -75,8 +75,8 @@ def view(
 
         def record(scenario: "Scenario") -> None:
             directory = _write(scenario, out or _new_directory(f"{loaded.name}-{backend}-live"))
-            again = f"mjsheaf run {directory / 'scenario.yaml'} --backend {backend}"
-            again += "" if engine is Engine.MUJOCO else f" --engine {engine}"
+            other = "" if engine is Engine.MUJOCO else f" --engine {engine}"
+            again = f"mjsheaf run {directory / 'scenario.yaml'} --backend {backend}{other}"
             number = len(scenario.events) - len(loaded.events)
             kept[0] = f"{number} event{'' if number == 1 else 's'} recorded; the session again: {again}"
 

@@ -241,9 +241,8 @@ def _ringing(record: CompareRecord) -> Group | Text:
         found = "no oscillation" if m.damping_ratio is None else f"{m.damping_ratio:.3f}"
         found = found if m.status == "finished" else "BLOWS UP"
         table.add_row(f"bodies {m.bodies}", found, _number(m.frequency_rad_s), f"{m.overshoot:.1%}")
-    note = "the prediction includes M / (M k_v + D) only: no lag of thrusters and no turning"
-    if r.overdamped:
-        note += "; no mode is predicted to oscillate"
+    overdamped = "; no mode is predicted to oscillate" if r.overdamped else ""
+    note = f"the prediction includes M / (M k_v + D) only: no lag of thrusters and no turning{overdamped}"
     when = "" if record.ringing_phase is None else f", phase {record.ringing_phase}"
     title = f"ringing: the least damped mode (about {r.agent}{when}), released from rest with everything else at rest"
     return _under(title, table, note)

@@ -326,9 +326,8 @@ def _require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) -
     """
     backend = dataset.attrs.get("backend")
     drawn = {"time", "agent", "target", "agent_position", "target_position", "harmonic_extension", "disagreement"}
-    if backend == "physics":
-        drawn |= {"agent_orientation", "target_orientation", "agent_height", "target_height"}
-    missing = sorted(drawn - set(dataset.variables))
+    of_bodies = {"agent_orientation", "target_orientation", "agent_height", "target_height"}
+    missing = sorted((drawn | of_bodies if backend == "physics" else drawn) - set(dataset.variables))
     known = isinstance(dataset.attrs.get("status"), str) and dataset.sizes.get("time", 0) > 0
     if missing or backend not in ("physics", "ideal") or not known:
         what = missing[0] if missing else "backend, status or sample"

@@ -31,7 +31,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.finished import HeldBound, RunBound
 from mjsheaf.checking.stuck import Stuck, find_stuck
 from mjsheaf.control.terms import TermArrays
-from mjsheaf.errors import joined
+from mjsheaf.errors import joined, select_true
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.reflections import describe_reflections
@@ -157,15 +157,17 @@ def notes_of_run(
         terms: Behaviour of its terms, or None.
         slips: Sentences of `slips_of` about its files.
     """
-    found = [Note("slip", sentence) for sentence in slips]
-    found += [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
-    found += [Note("terms", sentence) for sentence in (terms.warnings if terms else ())]
-    found += [Note("shape", sentence) for sentence in describe_reflections(phases[-1].system.team, dataset)]
-    found += _about_the_end(dataset, ending)
     stuck = find_stuck(phases, dataset)
-    found += _about_stuck(phases[0].system, stuck)
-    found += _about_limits(phases, dataset, [one.agent for one in stuck])
-    found += _about_the_surface(phases, dataset)
+    found = [
+        *(Note("slip", sentence) for sentence in slips),
+        *(Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()),
+        *(Note("terms", sentence) for sentence in (terms.warnings if terms else ())),
+        *(Note("shape", sentence) for sentence in describe_reflections(phases[-1].system.team, dataset)),
+        *_about_the_end(dataset, ending),
+        *_about_stuck(phases[0].system, stuck),
+        *_about_limits(phases, dataset, [one.agent for one in stuck]),
+        *_about_the_surface(phases, dataset),
+    ]
     if dataset.attrs["backend"] == "physics" and not phases[0].system.bodies.contacts:
         found += _about_distances(phases[0].system, dataset)
     kinds = get_args(Kind)
@@ -197,12 +199,14 @@ def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
     """Report agents that do not move although they are commanded to."""
     if not stuck:
         return []
-    first, names = stuck[0], _and_others(system.team.agents[stuck[0].agent].id, len(stuck) - 1)
+    first = stuck[0]
+    name = system.team.agents[first.agent].id
     verb = "is" if len(stuck) == 1 else "are"
-    text = f"{names} {verb} stuck: commanded to move at {first.asked:.3g} m/s from t = {first.start:.6g} s"
-    text += f" to {first.end:.6g} s, {system.team.agents[first.agent].id} does not move ({first.error:.3g} m off)"
-    text += f": {first.reason}"
-    return [Note("stuck", text, system.team.agents[first.agent].id, first.start, first.error)]
+    text = (
+        f"{_and_others(name, len(stuck) - 1)} {verb} stuck: commanded to move at {first.asked:.3g} m/s from "
+        f"t = {first.start:.6g} s to {first.end:.6g} s, {name} does not move ({first.error:.3g} m off): {first.reason}"
+    )
+    return [Note("stuck", text, name, first.start, first.error)]
 
 
 @dataclass(frozen=True)
@@ -280,8 +284,10 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset", stuck: Sequenc
         speed = float(limits.medium[v])
         time = float(limits.time[v])
         what = "its vehicle reaches" if limits.possible[v] == own_speed[v] else "its velocity limit allows"
-        text = f"the medium is faster than {names} can move: {speed:.3g} m/s around {ids[v]} at t = {time:.6g} s"
-        text += f", where {what} {limits.possible[v]:.3g} m/s in its slowest direction"
+        text = (
+            f"the medium is faster than {names} can move: {speed:.3g} m/s around {ids[v]} at t = {time:.6g} s, "
+            f"where {what} {limits.possible[v]:.3g} m/s in its slowest direction"
+        )
         notes.append(Note("medium", text, ids[v], time, speed))
     return notes
 
@@ -338,7 +344,7 @@ def _chance(phases: Sequence[Phase]) -> list[str]:
         "loss of messages": lossy,
         "noise of odometry": any(law.terms.noisy for law in laws),
     }
-    return [name for name, there in found.items() if there]
+    return select_true(found)
 
 
 def _own_speed(system: System, bodies: bool) -> Array:
@@ -398,8 +404,10 @@ def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[N
     where = "under water" if system.bodies.surface == "water" else "in the ground"
     what = "an aircraft" if v < N else "a target in space"
     verb = "goes" if under == 1 else "go"
-    text = f"{_and_others(name, under - 1)} {verb} {where}: {name}, {what}, is below the surface from "
-    text += f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop vehicles in space"
+    text = (
+        f"{_and_others(name, under - 1)} {verb} {where}: {name}, {what}, is below the surface from "
+        f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop vehicles in space"
+    )
     return [Note("submerged", text, name, float(first[v]), float(depth[v]))]
 
 
@@ -541,36 +549,38 @@ def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:
             f"commands jump by {found.jump:.3g} m/s RMS from sample to sample "
             f"({100 * found.jump / found.commanded:.0f}% of the commanded speed)"
         )
-        if found.at_limit >= MIN_REPORTED_SHARE:
-            jumping += f"; {limited}"
-        if (found.saturated or 0.0) >= MIN_REPORTED_SHARE:
-            jumping += f"; {saturated}"
-        return [f"{jumping}: {_cause(system, terms, found.on)}"]
-    on, sentences = joined(found.on), []
-    if found.at_limit > MAX_SHARE:
-        sentences.append(f"{limited}, so {on} cannot act: raise velocity_limit, or slow the targets")
-    if (found.saturated or 0.0) > MAX_SHARE:
-        sentences.append(f"{saturated}, with {on}: lower controller.gain or velocity_limit, or slow the targets")
-    return sentences
+        limits = {
+            limited: found.at_limit >= MIN_REPORTED_SHARE,
+            saturated: (found.saturated or 0.0) >= MIN_REPORTED_SHARE,
+        }
+        return [f"{'; '.join([jumping, *select_true(limits)])}: {_cause(system, terms, found.on)}"]
+    on = joined(found.on)
+    cannot = f"{limited}, so {on} cannot act: raise velocity_limit, or slow the targets"
+    too_much = f"{saturated}, with {on}: lower controller.gain or velocity_limit, or slow the targets"
+    return select_true({cannot: found.at_limit > MAX_SHARE, too_much: (found.saturated or 0.0) > MAX_SHARE})
 
 
 def _cause(system: System, terms: TermArrays, on: tuple[str, ...]) -> str:
     """Name the terms that make commands jump, and a fix."""
     noise = _noise(terms)
-    largest = max(noise.values(), default=0.0)
-    if largest > 0.0:
-        blamed = [term for term, own in noise.items() if own >= NOISE_RATIO * largest]
-        filters = " and ".join(f"controller.{term}.filter" for term in blamed)
-        leads = "feedforward" in blamed and terms.lead.any()
-        calm = ", or set controller.feedforward.extrapolate to false, which multiplies it" * bool(leads)
-        return f"{joined(blamed)} pass{'es' * (len(blamed) == 1)} the noise of odometry on; raise {filters}{calm}"
+    if noise:
+        blamed = [term for term, own in noise.items() if own >= NOISE_RATIO * max(noise.values())]
+        return _cause_in_noise(blamed, terms)
+    rounds = ", or raise controller.newton.rounds" if terms.newton else ""
+    mend = f"controller.gain ({system.gain:g} 1/s){rounds}"
     if terms.integral >= largest_integral(system):  # less gain would make it worse
         mend = f"controller.integral.gain ({terms.integral:g} 1/s^2)"
-    else:
-        mend = f"controller.gain ({system.gain:g} 1/s)"
-        mend += ", or raise controller.newton.rounds" * bool(terms.newton)
     feedback = [term for term in on if term in ("newton", "integral")]  # the others do not depend on the error
     return f"with {joined(feedback or ['this gain'])} the loop rings; lower {mend}; see mjsheaf check"
+
+
+def _cause_in_noise(blamed: list[str], terms: TermArrays) -> str:
+    """Name the terms that pass the noise of odometry on, and a fix."""
+    filters = " and ".join(f"controller.{term}.filter" for term in blamed)
+    leads = "feedforward" in blamed and terms.lead.any()
+    calm = ", or set controller.feedforward.extrapolate to false, which multiplies it" if leads else ""
+    passes = "passes" if len(blamed) == 1 else "pass"
+    return f"{joined(blamed)} {passes} the noise of odometry on; raise {filters}{calm}"
 
 
 def _noise(terms: TermArrays) -> dict[str, float]:

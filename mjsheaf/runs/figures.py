@@ -214,8 +214,7 @@ def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
     low, high = np.maximum(k - half, 0), np.minimum(k + half + 1, len(share))
     axis.plot(time, (total[high] - total[low]) / (high - low), color="black", linewidth=1.0)
     label_axes(axis, "measurements that arrive", "time (s)", "fraction of edges")
-    axis.set_xlim(*_span(time))
-    axis.set_ylim(-0.03, 1.03)
+    axis.set(xlim=_span(time), ylim=(-0.03, 1.03))
     mark_events(axis, dataset)
 
 
@@ -303,8 +302,10 @@ def mark_times(axis: Any, times: list[float]) -> None:
 def _events_in_words(dataset: xr.Dataset) -> str:
     """List the events of a run by number, in lines that fit below a figure; empty if there are none."""
     found = [phase for phase in phases_in(dataset) if phase["events"]]
-    told = [f"{k}: {', '.join(p['events'])} ({p['time']:.6g} s)" for k, p in enumerate(found[:_MOST_EVENTS], 1)]
-    told += [f"and {len(found) - _MOST_EVENTS} more"] * (len(found) > _MOST_EVENTS)
+    told = [
+        *(f"{k}: {', '.join(p['events'])} ({p['time']:.6g} s)" for k, p in enumerate(found[:_MOST_EVENTS], 1)),
+        *([f"and {len(found) - _MOST_EVENTS} more"] if len(found) > _MOST_EVENTS else []),
+    ]
     return "\n".join(wrap("   ".join(told), 105, max_lines=5, placeholder=" …"))
 
 

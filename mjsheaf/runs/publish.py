@@ -65,8 +65,10 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
         OSError: The directory cannot be written.
     """
     raw = _resolved(scenario)
-    places = [(holder, "vehicle") for holder in [*raw["agents"], *raw["targets"]]]
-    places += [(raw.get("vehicles", {}), key) for key in ("agents", "targets")]
+    places = [
+        *((holder, "vehicle") for holder in [*raw["agents"], *raw["targets"]]),
+        *((raw.get("vehicles", {}), key) for key in ("agents", "targets")),
+    ]
     copies: dict[str, str] = {}
     for holder, key in places:
         name = holder.get(key)

@@ -137,7 +137,7 @@ def load_plan(
     _require_paths("grid", "--grid", grid, "a mapping of field paths to lists of values")
     read = _read(source)
     law = _law(read, controller, source)
-    chosen = {"backend": backend, "engine": engine or _engine_for(device, batch), "device": device, "measure": measure}
+    chosen = {"backend": backend, "engine": _engine_for(engine, device, batch), "device": device, "measure": measure}
     changes = {
         **_typed(source, read.study, grid or {}, overrides or {}),
         **{field: value for field, value in chosen.items() if value},
@@ -154,9 +154,9 @@ def load_plan(
     return replace(plan, seed_matters=scenario.uses_seed(study.backend) or "swarm" in read.scenario)
 
 
-def _engine_for(device: str | None, batch: bool) -> str | None:
-    """Return the engine that a device or a batch needs, if it is asked for."""
-    return "fused" if device == "gpu" or batch else None
+def _engine_for(engine: str | None, device: str | None, batch: bool) -> str | None:
+    """Return the engine that is asked for; a GPU and a batch need the fused one."""
+    return engine or ("fused" if device == "gpu" or batch else None)
 
 
 def _require_paths(name: str, option: str, fields: Any, expected: str) -> None:

@@ -283,9 +283,11 @@ def best_point(plan: Plan, table: pd.DataFrame) -> Best | None:
 def command_of(plan: Plan, point: Point) -> str:
     """Return the shell command that repeats one run of a study, in the study's directory."""
     # If vehicles have their own files, the directory has no scenario file, because it could not refer to them.
-    parts = ["mjsheaf", "run", "SCENARIO" if plan.files else "scenario.yaml", "--backend", plan.study.backend]
-    parts += ["--engine", plan.study.engine] if plan.study.engine != "mujoco" else []
-    parts += ["--controller", plan.law.label] if plan.law else []
+    parts = [
+        *("mjsheaf", "run", "SCENARIO" if plan.files else "scenario.yaml", "--backend", plan.study.backend),
+        *(("--engine", plan.study.engine) if plan.study.engine != "mujoco" else ()),
+        *(("--controller", plan.law.label) if plan.law else ()),
+    ]
     changes = plan.job(point).changes.items()
     return shlex.join(parts + [part for path, value in changes for part in ("--set", f"{path}={_as_yaml(value)}")])
 

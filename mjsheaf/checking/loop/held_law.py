@@ -490,9 +490,15 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
 def directed_law_loop(system: System) -> LawLoop:
     """Return the loop of a team with directed edges, without a bound along the targets' path."""
     found: dict[str, Any] = dict.fromkeys(LawLoop.model_fields)
-    found |= {"terms": list(system.law.term_names), "unmodelled": unmodelled_parts(system), "norm": TEAM_NORM}
-    found |= {"exchanges": 0.0, "numbers": 0.0, "left": []}
-    found["reason"] = "H is not symmetric: no bound along the targets' path is known"
+    found |= {
+        "terms": list(system.law.term_names),
+        "unmodelled": unmodelled_parts(system),
+        "norm": TEAM_NORM,
+        "exchanges": 0.0,
+        "numbers": 0.0,
+        "left": [],
+        "reason": "H is not symmetric: no bound along the targets' path is known",
+    }
     try:
         loop = directed_loop(system)
         found["stable"] = loop.radius < 1.0

@@ -175,9 +175,11 @@ def group_candidates(
     groups: dict[bytes, Group] = {}
     blocks: list[tuple[Array, Kind, Sequence[int], Sequence[int]]] = []
     for own, motion in classes:
-        blocks += [(motion[axis : axis + 1], "anchor", own, [axis]) for axis in range(len(motion))]
-        blocks += [(motion[:n], "communication", own, numbers) for n, numbers in still.items()]
-        blocks += [(motion[:n], "sensing", own, numbers) for n, numbers in targets.items()]
+        blocks += [
+            *((motion[axis : axis + 1], "anchor", own, [axis]) for axis in range(len(motion))),
+            *((motion[:n], "communication", own, numbers) for n, numbers in still.items()),
+            *((motion[:n], "sensing", own, numbers) for n, numbers in targets.items()),
+        ]
     for (some, one), (others, other) in itertools.combinations(classes, 2) if links else ():
         m = min(len(one), len(other))
         blocks.append((one[:m] - other[:m], "communication", some, others))
