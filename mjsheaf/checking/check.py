@@ -573,5 +573,8 @@ def _slope(search: Search, certificate: Certificate) -> dict[str, Any]:
 def _weaker(certificate: Certificate, agents: int) -> WeakerBound:
     proven = certificate.region.verified
     radius = certificate.weaker.radius if proven and not certificate.obstacle else None
-    f_bar = certificate.weaker.f_bar if proven else None
-    return WeakerBound(f_bar=f_bar, radius=radius, radius_per_agent=per_agent(radius, agents))
+    return WeakerBound(
+        f_bar=certificate.weaker.f_bar if proven else None,
+        radius=radius,
+        radius_per_agent=per_agent(radius, agents),
+    )

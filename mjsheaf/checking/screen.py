@@ -8,6 +8,7 @@ from mjsheaf.checking.loop.steady import SteadyError
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
+from mjsheaf.errors import select_true
 
 MAX_LINES = 45
 """Largest number of lines of the answer."""
@@ -147,14 +148,12 @@ def _error(steady: SteadyError, as_if: str) -> str:
     if steady.ideal is None:
         return f"not known: {steady.reason}"
     on_bodies = "not known" if steady.bodies is None else f"{steady.bodies:.3g} m"
-    error = (
-        f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles (RMS over agents, second half{as_if})"
-    )
-    if steady.bodies is None:
-        error += f"; vehicles: {steady.reason_on_bodies}"
-    if steady.limited:
-        error += f"; {_listed(steady.limited)} would exceed the speed limit, so expect more"
-    return error
+    remarks = {
+        f"vehicles: {steady.reason_on_bodies}": steady.bodies is None,
+        f"{_listed(steady.limited)} would exceed the speed limit, so expect more": steady.limited,
+    }
+    error = f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles"
+    return "; ".join([f"{error} (RMS over agents, second half{as_if})", *select_true(remarks)])
 
 
 def _fragile(fragility: Fragility) -> str:

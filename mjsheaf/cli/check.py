@@ -164,11 +164,7 @@ def _require_ok(scenario: str, record: "CheckRecord") -> None:
 def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     """Return why a check, or that of a phase, is not ok, in sentences."""
     failures = [
-        f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
-        for a in part.assumptions
-        if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6))
-    ]
-    failures += [
+        *_failures_of_assumptions(part),
         *(_failures_of_shape(part) if part.theorem.holds is None else ()),
         *_failures_of_law(part.law),
         *_failures_of_links(part.links),
@@ -179,6 +175,13 @@ def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     if part.margins.bodies.stable is False:
         failures.append(part.margins.bodies.verdict())
     return failures
+
+
+def _failures_of_assumptions(part: "CheckRecord | PhaseRecord") -> "Iterator[str]":
+    """Yield which assumptions do not hold, of a team outside the scope of Theorem 1 those on topology."""
+    for a in part.assumptions:
+        if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6)):
+            yield f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
 
 
 def _failures_of_shape(part: "CheckRecord | PhaseRecord") -> "Iterator[str]":

@@ -431,8 +431,7 @@ def _tracking(record: CompareRecord) -> list[str]:
 def _lag_of_law(record: CompareRecord, ideal: float) -> str:
     """Attribute the tracking error of the ideal run, m, to the velocity limit and the law."""
     limit = record.limit_costs(TEAM, TRACKING, "ideal") or 0.0
-    notable = limit >= _LEAST_CAUSE_SHARE * ideal
-    of_limit = f"{limit:.2g} m from the velocity limit, the rest from " if notable else ""
+    of_limit = f"{limit:.2g} m from the velocity limit, the rest from " if limit >= _LEAST_CAUSE_SHARE * ideal else ""
     return f"{of_limit}the law's lag; {_law(record, 'slower targets')}"
 
 

@@ -250,8 +250,8 @@ def _facts(
     attrs, backend = dataset.attrs, dataset.attrs["backend"]
     controller = f" --controller {attrs['controller']}" if attrs.get("controller") else ""
     final = summary.get("final") or {}
-    rows = [["team", *(final.get(m) for m in MEASURES)]]
-    rows += [[name, *(own.get(m) for m in MEASURES)] for name, own in (final.get("groups") or {}).items()]
+    scopes = [("team", final), *(final.get("groups") or {}).items()]
+    rows = [[name, *(errors.get(m) for m in MEASURES)] for name, errors in scopes]
     engine = f" --engine {attrs['engine']}" if "engine" in attrs else ""
     command = f"mjsheaf run scenario.yaml --backend {backend}{engine}{controller}"
     command, where = again or (command, " in this directory")

@@ -429,16 +429,21 @@ def _add_edges(
         if here.any() and labelled:
             residual[np.ix_(here, columns)] = _residuals([edge for _, edge in labelled], index, positions[here])
     if "heard" in own:
-        heard = {name: k for k, name in enumerate(own["measuring_edge"].values.tolist())}
-        for key, e in number.items():
-            if " ".join(key) in heard:
-                silent = own["heard"].values[:, heard[" ".join(key)]] == 0
-                residual[:, e] = np.where(silent, -np.abs(residual[:, e]), residual[:, e])
+        _mark_silence(residual, number, own)
     packer.add_float("residual", residual)
     return [
         {"tail": index[edge.tail], "head": index[edge.head], "kind": kind, "name": name, "numbers": len(edge.b)}
         for (kind, name), edge in found.items()
     ]
+
+
+def _mark_silence(residual: Array, number: dict[tuple[str, str], int], own: xr.Dataset) -> None:
+    """Make the residuals (K, E) of edges negative while they receive nothing."""
+    heard = {name: k for k, name in enumerate(own["measuring_edge"].values.tolist())}
+    for key, e in number.items():
+        if " ".join(key) in heard:
+            silent = own["heard"].values[:, heard[" ".join(key)]] == 0
+            residual[silent, e] = -np.abs(residual[silent, e])
 
 
 def _residuals(edges: list[Edge], index: dict[str, int], positions: Array) -> Array:

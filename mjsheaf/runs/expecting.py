@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mjsheaf.control.source import LawFile, find_law
-from mjsheaf.errors import NotUniqueError, RankError
+from mjsheaf.errors import NotUniqueError, RankError, select_true
 from mjsheaf.io.files import replace_file
 from mjsheaf.io.yaml import with_field
 from mjsheaf.results.metrics import MEASURES, check_expectation, safety_of, summarize, summarize_phases
@@ -172,12 +172,16 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
     """
     refusals = [trial.message for trial in trials if trial.status == "refused"]
     if refusals:
-        text = old.get("refused")
-        return {"refused": text if text is not None and all(text in why for why in refusals) else refusals[0]}
-    found = {trial.backend: bounds_from(trial, margin) for trial in trials}
-    kept = {name: old[name] for name in BACKEND_ORDER if old.get(name)}
+        return {"refused": _refusal(refusals, old.get("refused"))}
     law = {"controller": old["controller"]} if old.get("controller") else {}
-    return law | {name: {**kept, **found}[name] for name in BACKEND_ORDER if name in found or name in kept}
+    kept = {name: old.get(name) or None for name in BACKEND_ORDER}
+    bounds = kept | {trial.backend: bounds_from(trial, margin) for trial in trials}
+    return law | {name: bound for name, bound in bounds.items() if bound is not None}
+
+
+def _refusal(refusals: list[str], text: str | None) -> str:
+    """Return the text that refusals are expected to contain: the old one if they do."""
+    return text if text is not None and all(text in why for why in refusals) else refusals[0]
 
 
 def replace_expectation(path: Path, data: bytes, source: str, block: dict[str, Any], margin: float) -> None:
@@ -227,35 +231,47 @@ def describe(trial: Trial, name: str, watch: str) -> str:
     verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]
     law = f" --controller {trial.law.here}" if trial.law else ""
     under = f" under {trial.law.label}" if trial.law else ""
-    lines = [f"{name} on {trial.backend}{under}: {trial.status}, {verdict}"]
-    if trial.message:
-        lines.append(f"  {trial.message}")
     bounds = {check["measure"]: check for check in trial.checks}
-    refusal = bounds.pop("refused", None)
-    if refusal is not None:
-        lines.append(f"  expected a refusal that says {refusal['bound']!r}")
+    refusal = bounds.pop("refused", {}).get("bound")
+    told = {
+        f"  {trial.message}": trial.message,
+        f"  expected a refusal that says {refusal!r}": refusal is not None,
+    }
+    return "\n".join(
+        [
+            f"{name} on {trial.backend}{under}: {trial.status}, {verdict}",
+            *select_true(told),
+            *_table(trial, bounds),
+            f"  watch it: mjsheaf run {watch} --backend {trial.backend}{law}",
+        ]
+    )
+
+
+def _table(trial: Trial, bounds: dict[str, dict[str, Any]]) -> list[str]:
+    """Return lines with the expected and the measured value of each measure that has one."""
     names = dict.fromkeys([*MEASURES, *trial.final, *bounds])
     shown = (*MEASURES, _AT_LEAST)
     measures = [m for m in names if m in bounds or (m in shown and trial.final.get(m) is not None)]
-    if measures:
-        width = max(18, *(len(m) + 1 for m in measures))
-        lines.append(f"  {'measure (m)':<{width}}{'expected':>12}{'found':>12}")
-    lines += [_line(m, width, bounds.get(m), trial.final.get(m), trial.status) for m in measures]
-    lines.append(f"  watch it: mjsheaf run {watch} --backend {trial.backend}{law}")
-    return "\n".join(lines)
+    width = max(18, *(len(m) + 1 for m in measures), 0)
+    heading = f"  {'measure (m)':<{width}}{'expected':>12}{'found':>12}"
+    rows = [_line(m, width, bounds.get(m), trial.final.get(m), trial.status) for m in measures]
+    return [heading, *rows] if rows else []
 
 
 def _line(measure: str, width: int, check: dict[str, Any] | None, found: float | None, status: str) -> str:
-    least = measure == _AT_LEAST
-    expected = "-" if check is None else f"{'>=' if least else '<='} {check['bound']:g}"
-    line = f"  {measure:<{width}}{expected:>12}{'-' if found is None else f'{found:.4g}':>12}"
-    if check is None or check["met"]:
-        return line
+    side = ">=" if measure == _AT_LEAST else "<="
+    expected = "-" if check is None else f"{side} {check['bound']:g}"
+    why = "" if check is None or check["met"] else f"  {_why_missed(measure, check['bound'], found, status)}"
+    return f"  {measure:<{width}}{expected:>12}{'-' if found is None else f'{found:.4g}':>12}{why}"
+
+
+def _why_missed(measure: str, bound: float, found: float | None, status: str) -> str:
+    """Return how far a measured value is from its bound, or why it does not count."""
     if found is None:
-        return f"{line}  has no value"
-    if found >= check["bound"] if least else found <= check["bound"]:
-        return f"{line}  but the run is {status}"
-    if least:
-        return f"{line}  {check['bound'] - found:.3g} m below"
-    more = f"{100.0 * (found / check['bound'] - 1.0):.3g} % above" if check["bound"] > 0.0 else "above"
-    return f"{line}  {more}"
+        return "has no value"
+    at_least = measure == _AT_LEAST
+    if found >= bound if at_least else found <= bound:
+        return f"but the run is {status}"
+    if at_least:
+        return f"{bound - found:.3g} m below"
+    return f"{100.0 * (found / bound - 1.0):.3g} % above" if bound > 0.0 else "above"

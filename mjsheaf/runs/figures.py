@@ -181,19 +181,32 @@ def draw_errors(
     curves_axis.set_xlabel("time (s)", fontsize=NORMAL)
     for axis in axes[:-1]:
         mark_events(axis, curves)
-    shown_groups = [*members][:_MOST_KEYS] if len(members) > 1 else []
-    keys_of_groups = [key(names[k], **styles[k], marker=marker_of(k, names), markersize=4.5) for k in shown_groups]
-    bound_keys = [] if bound is None else [key(f"{bound[0]} / √N", **_BOUND)]
     events = _events_in_words(dataset)
-    event_keys = [key("events", **_EVENT)] if events else []
-    legend = [*keys_of_groups, key("whole team", **_EVERYONE), *bound_keys, *keys, *event_keys]
+    legend = [
+        *_keys_of_groups(names, styles),
+        key("whole team", **_EVERYONE),
+        *([] if bound is None else [key(f"{bound[0]} / √N", **_BOUND)]),
+        *keys,
+        *([key("events", **_EVENT)] if events else []),
+    ]
     legend_below(figure, legend, 6, title=events)
     settle(figure)
     spread_ends(curves_axis)
     if len(order) > _MOST_RANKED:
-        places = np.column_stack([np.arange(1, len(order) + 1), late[order]])
-        place_names(ranking_axis, [team.agents[i].id for i in order[:_WORST]], places[:_WORST], places)
+        _name_worst(ranking_axis, team, late, order)
     return figure
+
+
+def _keys_of_groups(names: list[str], styles: dict[int, dict[str, Any]]) -> list[Line2D]:
+    """Return rows of a legend for the curves of groups, if there are several."""
+    shown = [*styles][:_MOST_KEYS] if len(styles) > 1 else []
+    return [key(names[k], **styles[k], marker=marker_of(k, names), markersize=4.5) for k in shown]
+
+
+def _name_worst(axis: Any, team: Team, late: Array, order: IntArray) -> None:
+    """Label the worst agents in the ranking of a large team."""
+    places = np.column_stack([np.arange(1, len(order) + 1), late[order]])
+    place_names(axis, [team.agents[i].id for i in order[:_WORST]], places[:_WORST], places)
 
 
 def _last_half(time: Array) -> BoolArray:
@@ -353,9 +366,8 @@ def draw_trajectories(
     keys = [*group_keys(groups, names, colours), *_keys_of_marks(bool(absent[:, -1].any()), obstacles)]
     legend_below(figure, keys, 6)
     if spatial:
-        above.set_title("from above", fontsize=HEADING)
-        front.set_title("from the front", fontsize=HEADING)
-        side.set_title("from the side", fontsize=HEADING)
+        for axis, name in ((above, "above"), (front, "the front"), (side, "the side")):
+            axis.set_title(f"from {name}", fontsize=HEADING)
         seen = _draw_in_space(corner, team, tracks, absent, inside, view)
         draw_obstacles(corner, obstacles, dataset["time"].values, seen)
     lay_out(figure)  # the sizes of the panels determine the region that each shows
@@ -391,7 +403,7 @@ def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -
     above = next(iter(views))
     metre = min(extents[above].width / size[0], extents[above].height / size[1])  # pixels
     pixels = [extents[above].width, extents[above].height]
-    heights = [extents[a].width if plane[0] == 2 else extents[a].height for a, plane in views.items() if 2 in plane]
+    heights = [extents[axis].size[plane.index(2)] for axis, plane in views.items() if 2 in plane]
     stretch = 1.0
     if heights:
         pixels.append(min(heights))
@@ -399,9 +411,9 @@ def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -
         metre *= stretch if 0.75 < stretch < 1.0 else 1.0
         stretch = 1.0 if 0.75 < stretch < 1.5 else stretch
     reach = [0.5 * p / (metre * k) for p, k in zip(pixels, (1.0, 1.0, stretch), strict=False)]
-    for axis, plane in views.items():
-        for set_limits, k in zip((axis.set_xlim, axis.set_ylim), plane, strict=True):
-            set_limits(middle[k] - reach[k], middle[k] + reach[k])
+    for axis, (x, y) in views.items():
+        axis.set_xlim(middle[x] - reach[x], middle[x] + reach[x])
+        axis.set_ylim(middle[y] - reach[y], middle[y] + reach[y])
     return "" if stretch == 1.0 else f", heights ×{stretch:.2g}"
 
 
@@ -416,11 +428,8 @@ def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside
     seen = np.where(there, 0, np.where(inside, 1, 2))  # 2: not drawn
     width, faint = (0.8, 0.8) if few else (0.3, 0.5)
     for own, dashes in ((slice(0, N), "-"), (slice(N, None), (0, (4, 1.5)))):
-        for kind, colour in ((0, [(*colours[k], faint) for k in groups[own]]), (1, LOST)):
-            lines = [np.where(w == kind, xy, np.nan).T for xy, w in zip(tracks[own], seen[own], strict=True)]
-            if kind == 0 or (seen[own] == 1).any():
-                drawn = LineCollection(lines, colors=colour, linewidths=width, linestyles=[dashes], zorder=2)
-                axis.add_collection(drawn)
+        style = {"linewidths": width, "linestyles": [dashes], "zorder": 2}
+        _draw_paths(axis, tracks[own], seen[own], [(*colours[k], faint) for k in groups[own]], style)
     first = tracks[np.arange(len(tracks)), :, there.argmax(axis=1)]
     lost = ~there[:, -1]
     for k in sorted(set(groups.tolist())):
@@ -435,6 +444,14 @@ def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside
     gone = np.flatnonzero(lost & there.any(axis=1))
     when = tracks.shape[2] - 1 - there[gone, ::-1].argmax(axis=1)
     axis.plot(*tracks[gone, :, when].T, linestyle="", marker="X", color="black", markersize=5, zorder=4)
+
+
+def _draw_paths(axis: Any, tracks: Array, seen: IntArray, colours: list[Any], style: dict[str, Any]) -> None:
+    """Draw trajectories (V, 2, T), where `seen` (V, T) is 0 in their colours, and where it is 1 in that of the lost."""
+    for kind, colour in ((0, colours), (1, LOST)):
+        if kind == 0 or (seen == 1).any():
+            lines = [np.where(w == kind, xy, np.nan).T for xy, w in zip(tracks, seen, strict=True)]
+            axis.add_collection(LineCollection(lines, colors=colour, **style))
 
 
 def _draw_in_space(

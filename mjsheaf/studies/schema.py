@@ -191,11 +191,16 @@ class StudyFile(Section):
 
     @model_validator(mode="after")
     def _lengths_fit(self) -> "StudyFile":
-        if len({len(values) for values in self.paired.values()}) > 1:
-            lengths = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
-            raise ValueError(f"paired: lists must have one length, but {lengths}")
-        if self.names and (len(self.names) != len(self.points) or len(set(self.names)) < len(self.names)):
-            raise ValueError(f"names: {len(self.names)}; expected {len(self.points)} different names, one per point")
+        lengths = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
+        expected = f"expected {len(self.points)} different names, one per point"
+        unfit = len(self.names) != len(self.points) or len(set(self.names)) < len(self.names)
+        raise_first(
+            ValueError,
+            {
+                f"paired: lists must have one length, but {lengths}": len(set(map(len, self.paired.values()))) > 1,
+                f"names: {len(self.names)}; {expected}": self.names and unfit,
+            },
+        )
         return self
 
     @model_validator(mode="after")

@@ -118,8 +118,13 @@ def _delay_of_directed_team(system: System, why: str) -> DelayAnswer:
     alike = age == 0 or (linked and not system.team.anchors and bool((table["delay"] == age).all()))
     if not alike:
         return DelayAnswer(delay=age * period, margin=margin, reason=why)
-    stable = limit is not None and age <= limit
-    return DelayAnswer(delay=age * period, stable=stable, spectral_radius=loop.radius_at(age), margin=margin, reason="")
+    return DelayAnswer(
+        delay=age * period,
+        stable=limit is not None and age <= limit,
+        spectral_radius=loop.radius_at(age),
+        margin=margin,
+        reason="",
+    )
 
 
 def _of_large_team(system: System, path: TargetPath) -> LinkRecord:
