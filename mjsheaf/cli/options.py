@@ -83,7 +83,7 @@ FormatOption = Annotated[
     str, typer.Option("--format", metavar="F1[,F2,...]", help="Formats of the plots: png, svg, pdf, or several.")
 ]
 McapOption = Annotated[
-    bool, typer.Option("--mcap", help="Write run.mcap, a log for Foxglove, Rerun or PlotJuggler. Needs the extra mcap.")
+    bool, typer.Option("--mcap", help="Write run.mcap, a log for Foxglove or PlotJuggler. Needs the extra mcap.")
 ]
 Ros2Option = Annotated[
     bool, typer.Option("--ros2", help="Write run_ros2/, a bag for ROS 2 tools such as RViz. Needs the extra mcap.")
