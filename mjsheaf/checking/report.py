@@ -1,6 +1,5 @@
 """The report of `mjsheaf check`: a record as a page for a terminal."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -227,10 +226,9 @@ def _rms_on_bodies(found: DisturbanceRecord) -> list[Row]:
     Returns:
         A row, or none where the error is not known on ideal kinematics either.
     """
-    on_bodies = [rms for rms in found.bodies.values() if rms is not None]
-    if on_bodies:
+    total = found.rms_on_bodies
+    if total is not None:
         who = max(found.bodies, key=lambda id: found.bodies[id] or 0.0)
-        total = math.sqrt(sum(rms**2 for rms in on_bodies) / len(on_bodies))
         return [("on bodies", _number(total, "m"), f"largest {_number(found.bodies[who], 'm')}, of {who}")]
     return [("on bodies", "undecided", found.bodies_reason)] if found.bodies_reason else []
 

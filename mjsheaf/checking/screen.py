@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from textwrap import wrap
 
 from mjsheaf.checking.check import CheckRecord, PhaseRecord
+from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.steady import SteadyError
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
@@ -132,6 +133,8 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
     """Yield the five numbers and the fragility."""
     as_if = "" if record.steady.exact_links else ", as if links were exact"
     yield from _row("tracking error", _error(record.steady, as_if))
+    if record.disturbance.rms != 0.0:
+        yield from _row("gusts and waves", _moved(record.disturbance))
     largest = {"ideal kinematics": record.law.largest_gain, "the vehicles": record.margins.bodies.largest_gain}
     known = ", ".join(f"{gain:.4g} 1/s on {where}" for where, gain in largest.items() if gain is not None)
     yield from _row("largest gain", f"{known or 'not known'}; the gain is {record.theorem.gain:.4g} 1/s")
@@ -154,6 +157,20 @@ def _error(steady: SteadyError, as_if: str) -> str:
     }
     error = f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles"
     return "; ".join([f"{error} (RMS over agents, second half{as_if})", *select_true(remarks)])
+
+
+def _moved(found: DisturbanceRecord) -> str:
+    """Return the error that gusts and waves leave, and which agents cannot hold station."""
+    bodies = "not known" if found.rms_on_bodies is None else f"{found.rms_on_bodies:.3g} m"
+    if found.rms is None:
+        text = f"not known: {found.reason}"
+    else:
+        text = f"{found.rms:.3g} m on ideal kinematics, {bodies} on the vehicles (RMS over agents and time)"
+    if found.carried_off:
+        excess = max(found.carried_off.values())
+        who = _listed(list(found.carried_off))
+        text += f"; {who} cannot hold station at times: the medium is up to {excess:.3g} m/s too fast"
+    return text
 
 
 def _fragile(fragility: Fragility) -> str:
@@ -213,7 +230,8 @@ def _phases(later: list[PhaseRecord], count: int) -> Iterator[str]:
 
 def _listed(ids: list[str]) -> str:
     shown = ", ".join(ids[:3])
-    return shown if len(ids) <= 3 else f"{shown} and {len(ids) - 3} others"
+    more = "1 other" if len(ids) == 4 else f"{len(ids) - 3} others"
+    return shown if len(ids) <= 3 else f"{shown} and {more}"
 
 
 def _row(label: str, text: str) -> list[str]:

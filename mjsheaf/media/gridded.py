@@ -119,7 +119,7 @@ def read_grid(path: str, latitude: float, longitude: float, start: str | None, d
         axes = {name: _axis(parts[0], name) for name in _AXES}
         time = _seconds(axes["time"], start, path)
         found = [_values(part, axes, depth) for part in parts if part is not None]
-        x = math.radians(1.0) * EARTH * math.cos(math.radians(latitude)) * _turned(axes["x"].values - longitude)
+        x = math.radians(1.0) * EARTH * math.cos(math.radians(latitude)) * _turned(axes["x"].values, longitude)
         y = math.radians(1.0) * EARTH * (axes["y"].values.astype(np.float64) - latitude)
     velocity = np.zeros((*found[0].shape, 3))
     for k, part in enumerate(found):
@@ -258,17 +258,19 @@ def _seconds(axis: Any, start: str | None, path: str) -> Array:
     return np.asarray(times, dtype=np.float64)
 
 
-def _turned(degrees: Array) -> Array:
+def _turned(degrees: Array, origin: float) -> Array:
     """Return longitudes relative to the origin, within half a turn of it, deg."""
-    return np.asarray((degrees.astype(np.float64) + 180.0) % 360.0 - 180.0)
+    return np.asarray((degrees.astype(np.float64) - origin + 180.0) % 360.0 - 180.0)
 
 
 def _values(part: "xr.DataArray", axes: dict[str, Any], depth: float) -> Array:
     """Return a component at a depth, shape (T, Y, X).
 
     Raises:
-        InputError: The depth is not within the file's.
+        InputError: The depth is not within the file's, or is given and the file has none.
     """
+    if axes["depth"] is None and depth > 0.0:
+        raise InputError(f"depth: the file has no axis of depth or height; expected none, not {depth:g} m")
     if axes["depth"] is not None:
         name = axes["depth"].dims[0]
         levels = np.abs(axes["depth"].values.astype(np.float64))

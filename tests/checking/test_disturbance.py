@@ -11,6 +11,7 @@ from rich.console import Console
 import mjsheaf
 from mjsheaf.checking import examine_scenario
 from mjsheaf.checking.report import report
+from mjsheaf.checking.screen import screen
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
 from tests.builders import mixed_scenario
@@ -174,6 +175,18 @@ def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
     line = next(line for line in terminal.export_text().splitlines() if "those at 304.8 m" in line)
     assert "H400" in line
     assert mjsheaf.check(team())["disturbance"]["clipped"] == {}
+
+
+def test_the_screen_has_the_error_of_waves_and_who_cannot_hold_station() -> None:
+    """Twice the RMS of the velocity of the surface, 2 (1.98166 / 16)^(1/2) = 0.704 m/s, exceeds a limit of 0.5."""
+    law = {"gain": 0.5, "control_period": 0.1, "velocity_limit": 0.5}
+    record = examine_scenario(lone(0.5, 0.1, PM, controller=law)).record
+    (row,) = [k for k, line in enumerate(screen(record, "lone")) if line.startswith("gusts and waves")]
+    text = " ".join(line.strip() for line in screen(record, "lone")[row : row + 3])
+    assert f"{record.disturbance.rms:.3g} m on ideal kinematics" in text
+    assert "A cannot hold station at times: the medium is up to 0.204 m/s too fast" in text
+    still = screen(examine_scenario(mixed_scenario()).record, "still")
+    assert not any(line.startswith("gusts and waves") for line in still)
 
 
 def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:

@@ -162,6 +162,8 @@ def test_a_depth_is_interpolated_between_the_levels_of_a_file(file: Path, tmp_pa
         assert found == pytest.approx(factor * surface, abs=1e-12)
     with pytest.raises(InputError, match=r"depth: 11 m is beyond the file's; expected up to 10\.5 m"):
         in_flow(tmp_path / "deep.nc", water={"depth": 11.0})
+    with pytest.raises(InputError, match=r"depth: the file has no axis of depth or height; expected none, not 3 m"):
+        in_flow(file, water={"depth": 3.0})
 
 
 def test_check_bounds_a_gridded_flow(file: Path) -> None:

@@ -67,6 +67,12 @@ class DisturbanceRecord(Record):
     reason: str = Field("", description="why it is not known, or empty")
     bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
 
+    @property
+    def rms_on_bodies(self) -> float | None:
+        """RMS over agents on their vehicles, m; None if it is not known."""
+        known = [rms for rms in self.bodies.values() if rms is not None]
+        return float(np.sqrt(np.mean(np.square(known)))) if known else None
+
 
 class _Loop(NamedTuple):
     """A loop and how the medium enters it.
