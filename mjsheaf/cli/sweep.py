@@ -194,11 +194,18 @@ def _print_study(study: "Study", out: Path) -> None:
     headline = f"{len(records)} runs: {', '.join(f'{count} {status}' for status, count in counts.items())}"
     print_lines(f"{headline} ({before} had ended before)" if before > 0 else headline)
     failed = [record for record in records if record["status"] != "finished"]
-    for record in failed[:1]:
-        message = record["message"].removeprefix(f"{record['status']}: ")
-        print_lines(f"  run {record['run']}: {record['status']}: {message}")
-    if len(failed) > 1:
-        print_lines(f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}")
+    if failed:
+        print_lines(*_first_failure(failed, out))
     unsettled = sum(record["status"] == "finished" and record["settled"] is False for record in records)
-    print_lines(*filter(None, [not_converged(unsettled, counts["finished"])]))
-    print_lines(*(f"  {out / name}" for name in study.files))
+    print_lines(
+        *filter(None, [not_converged(unsettled, counts["finished"])]),
+        *(f"  {out / name}" for name in study.files),
+    )
+
+
+def _first_failure(failed: list[dict[str, Any]], out: Path) -> list[str]:
+    """Return lines on the first of the runs that did not finish, and on the number of the others."""
+    status = failed[0]["status"]
+    first = f"  run {failed[0]['run']}: {status}: {failed[0]['message'].removeprefix(f'{status}: ')}"
+    others = f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}"
+    return [first, others] if len(failed) > 1 else [first]

@@ -165,7 +165,7 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
 
 
 def _choose_alone(record: CompareRecord, most: int) -> tuple[list[RungRecord], list[str]]:
-    """Choose at most so many variants with one effect; describe the others."""
+    """Choose variants with one effect, at most `most` of them; describe the others."""
     alone = [rung for rung in record.ladder if rung.kind == "alone"]
     base = _line_of(record.rung("base"))
     same = [rung for rung in alone if _line_of(rung) == base]

@@ -183,15 +183,15 @@ def _about_the_end(dataset: "xr.Dataset", ending: str | None) -> list[Note]:
     squares = dataset["tracking_error"][-2 * quarter :].values ** 2
     before, last = (np.sqrt(np.nanmean(part)) for part in (squares[:-quarter], squares[-quarter:]))
     size = f"tracking error (RMS over agents) {last:.3g} m in the last quarter, {before:.3g} m in the one before"
+    kind: Kind = "approaching" if last < before else "changing"
+    what = "is still approaching" if last < before else "has not converged"
     never = "the team does not converge"
-    kind: Kind
-    if ending == "moving":
-        kind, what = ("approaching", "is still approaching") if last < before else ("changing", "has not converged")
-        text = f"the team {what} at the end of the run: {size}; a later time.end shows its final error"
-    elif ending == "growing":
-        kind, text = "growing", f"{never}: its error diverges ({size}); see mjsheaf check"
-    else:
-        kind, text = "circling", f"{never}: it is in a limit cycle ({size}); see mjsheaf check"
+    told: dict[str, tuple[Kind, str]] = {
+        "moving": (kind, f"the team {what} at the end of the run: {size}; a later time.end shows its final error"),
+        "growing": ("growing", f"{never}: its error diverges ({size}); see mjsheaf check"),
+        "circling": ("circling", f"{never}: it is in a limit cycle ({size}); see mjsheaf check"),
+    }
+    kind, text = told[ending]
     return [Note(kind, text, None, float(time[-1]), float(last))]
 
 
@@ -377,25 +377,12 @@ def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[N
     system = phases[0].system
     members = system.team.members
     N = len(system.team.agents)
-    height = system.bodies.surface_height
     flying = np.array([member.dimension == 3 for member in members])
-    flying[N:] &= system.initial[N:, 2] >= height
+    flying[N:] &= system.initial[N:, 2] >= system.bodies.surface_height
     flying &= np.array([name != _DIVING for name in system.bodies.vehicle])
     if system.bodies.surface == "none" or not flying.any():
         return []
-    bodies = dataset.attrs["backend"] == "physics"
-    names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
-    first = np.full(len(members), np.inf)
-    depth = np.zeros(len(members))
-    done = 0
-    for chunk in pieces_of(dataset, names):
-        z = np.concatenate([chunk[name].values if bodies else chunk[name].values[..., 2] for name in names], axis=1)
-        lost = _by_phase([_stopped(phase.system) for phase in phases], phases, done, len(z))
-        done += len(z)
-        below = np.where(flying & ~lost & (z < height), height - z, 0.0)
-        time = np.where(below > 0.0, chunk["time"].values[:, None], np.inf)
-        first = np.minimum(first, time.min(axis=0))
-        depth = np.maximum(depth, below.max(axis=0))
+    first, depth = _submersion(phases, dataset, flying)
     under = int(np.isfinite(first).sum())
     if not under:
         return []
@@ -409,6 +396,25 @@ def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[N
         f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop vehicles in space"
     )
     return [Note("submerged", text, name, float(first[v]), float(depth[v]))]
+
+
+def _submersion(phases: Sequence[Phase], dataset: "xr.Dataset", flying: BoolArray) -> tuple[Array, Array]:
+    """Return when flying vehicles are first below the surface, s, infinite if never, and how deep, m; shapes (V,)."""
+    bodies = dataset.attrs["backend"] == "physics"
+    names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
+    height = phases[0].system.bodies.surface_height
+    first = np.full(len(flying), np.inf)
+    depth = np.zeros(len(flying))
+    done = 0
+    for chunk in pieces_of(dataset, names):
+        z = np.concatenate([chunk[name].values if bodies else chunk[name].values[..., 2] for name in names], axis=1)
+        lost = _by_phase([_stopped(phase.system) for phase in phases], phases, done, len(z))
+        done += len(z)
+        below = np.where(flying & ~lost & (z < height), height - z, 0.0)
+        time = np.where(below > 0.0, chunk["time"].values[:, None], np.inf)
+        first = np.minimum(first, time.min(axis=0))
+        depth = np.maximum(depth, below.max(axis=0))
+    return first, depth
 
 
 def _stopped(system: System) -> BoolArray:
@@ -446,10 +452,11 @@ def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
     through = _overlap([system.vehicles[v] for v in (i, j)], *placed)
     size = 0.5 * (sizes[i] + sizes[j])
     what = "go through each other" if through else f"come closer to each other than their size, {size:.3g} m"
-    text = f"{pair} {what}: their origins are {distance:.3g} m apart at t = {time:.6g} s"
-    if len(together) > 2:
-        text += f"; {len(together)} vehicles come closer to another one than their size"
-    text += ". Contacts are off (physics.contacts: false), so vehicles do not collide"
+    others = f"; {len(together)} vehicles come closer to another one than their size" if len(together) > 2 else ""
+    text = (
+        f"{pair} {what}: their origins are {distance:.3g} m apart at t = {time:.6g} s{others}. "
+        "Contacts are off (physics.contacts: false), so vehicles do not collide"
+    )
     return [Note("close", text, members[i].id, time, distance)]
 
 

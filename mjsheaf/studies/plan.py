@@ -155,7 +155,7 @@ def load_plan(
 
 
 def _engine_for(engine: str | None, device: str | None, batch: bool) -> str | None:
-    """Return the engine that is asked for; a GPU and a batch need the fused one."""
+    """Return the engine that is given, or else the fused one for a GPU or a batch; None if neither decides."""
     return engine or ("fused" if device == "gpu" or batch else None)
 
 

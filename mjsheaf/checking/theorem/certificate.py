@@ -371,7 +371,7 @@ def obstacle_of_law(system: System) -> str:
 
 
 def obstacle_of_rank(system: System) -> str:
-    """Which agent's g is not of full row rank; or empty."""
+    """Name the first agent whose g is not of full row rank; empty if there is none."""
     agents = system.team.agents
     for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
         return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
