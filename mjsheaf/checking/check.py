@@ -374,7 +374,7 @@ def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
     if rest == 0 and row < len(path.samples):
         return path.samples[row]
     M = path.samples.shape[1]
-    known = path.positions[:, -M:].reshape(len(path.time), -1)
+    known = path.positions[:, path.positions.shape[1] - M :].reshape(len(path.time), 3 * M)
     return np.array([np.interp(time, path.time, values) for values in known.T]).reshape(M, 3)
 
 

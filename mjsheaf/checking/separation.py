@@ -165,8 +165,24 @@ def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], names: l
             f"{ids[too_fast[0]]} may come at {relative[too_fast[0]]:.3g} m/s relative to the medium about "
             f"{names[slowest]}, which commands at most {limit[slowest]:.3g} m/s"
         )
+    yield from _of_flows(safety, own, limit, names)
     fastest = float(limit[own].max())
     closing = fastest + max(fastest, *speeds, 0.0) + 2.0 * float(about.max())
     D = max(2.0 * float(safety.radius.max()), float(safety.clearance.max()))
     if safety.reach < D + closing * period:
         yield f"safety.range is {safety.reach:.3g} m; expected at least {D + closing * period:.3g} m, a period ahead"
+
+
+def _of_flows(safety: SafetyArrays, agents: list[int], limit: Array, ids: list[str]) -> Iterator[str]:
+    """Yield why an agent may be too slow to stay away from another one that a different flow carries."""
+    carried, unsteady, share = safety.carried[agents], safety.unsteady[agents], safety.share[agents]
+    kinds = np.unique(carried, axis=0)
+    apart = np.linalg.norm(carried[:, None] - kinds, axis=2).max(axis=1)
+    speed = (apart + unsteady + unsteady.max()) * share / (share + share.min())
+    slow = np.flatnonzero(speed >= limit[agents])
+    if len(slow) and len(agents) > 1:
+        v = agents[slow[0]]
+        yield (
+            f"the flow may carry another agent towards {ids[v]}, which then has to command up to {speed[slow[0]]:.3g} "
+            f"m/s against its limit of {limit[v]:.3g} m/s"
+        )

@@ -166,7 +166,10 @@ def _safety(safety: dict[str, Any] | None) -> list[str]:
     ]
     if safety["deadlocked"]:
         names = shortened(", ".join(safety["deadlocked"]))
-        lines.append(f"DEADLOCKED: {names} block one another; safety.tie_break: right_hand makes them turn right")
+        lines.append(
+            f"DEADLOCKED: the filter keeps {names} from their places, stopped or circling; safety.tie_break: "
+            "right_hand makes those that stop turn right, a larger safety.rate lets those that circle pass"
+        )
     if safety["infeasible"]:
         names = shortened(", ".join(safety["infeasible"]))
         lines.append(f"INFEASIBLE: at some time no command kept all distances of {names}; no guarantee from then on")

@@ -6,7 +6,8 @@ of vehicles. There are at most two cells a vehicle: the work is proportional to 
 
 A sort serves while no vehicle is farther than half of a slack from where it was sorted (L. Verlet, Phys. Rev. 159,
 1967): two that are within `reach` then were within reach + slack at the sort. Hence cells are as wide as that, and a
-vehicle is looked for where it was sorted. One that had no other within reach + slack has none within `reach`.
+vehicle is looked for where it was sorted. If few were within reach + slack, they are listed at the sort, and the list
+takes the place of the cells.
 """
 
 from typing import NamedTuple
@@ -22,6 +23,7 @@ _USUAL = 4.0  # mean distances from the middle, within which cells end
 _ROUNDING = 1e-12  # by which cells are wider: a product may round up
 _GROWTH = 1.25  # of the cells' width until there are few enough
 _SLACK = 0.125  # of the reach
+_LISTED = 16  # maximum number of neighbours that are listed for a vehicle
 
 
 class Cells(NamedTuple):
@@ -32,7 +34,8 @@ class Cells(NamedTuple):
     Attributes:
         places: Positions of all vehicles in one space, shape (V, 3), m.
         sorted: Positions when they were sorted, shape (V, 3), m.
-        alone: 1.0 for a vehicle without another within `reach` + slack when they were sorted, else 0.0, shape (V,).
+        near: Vehicles within `reach` + slack of each vehicle when they were sorted, shape (V, 16).
+        listed: Number of vehicles in each row of `near`; -1.0 if there was no room for all, shape (V,).
         corner: Smallest coordinates, shape (3,), m.
         shape: Number of cells along each axis, how many there are in a metre, and the reach, shape (5,).
         start: Where the vehicles of each cell begin in `order`, shape (2 V + 3,).
@@ -42,7 +45,8 @@ class Cells(NamedTuple):
 
     places: Array
     sorted: Array
-    alone: Array
+    near: Array
+    listed: Array
     corner: Array
     shape: Array
     start: Array
@@ -54,7 +58,8 @@ def new_cells(V: int) -> Cells:
     """Return room for a list of cells of V vehicles; none at all for none."""
     some = V > 0
     corner, shape, start = np.zeros(3 * some), np.zeros(5 * some), np.zeros((2 * V + 3) * some)
-    return Cells(np.zeros((V, 3)), np.zeros((V, 3)), np.zeros(V), corner, shape, start, np.zeros(V), np.zeros(V))
+    near, listed = np.zeros((V, _LISTED)), np.zeros(V)
+    return Cells(np.zeros((V, 3)), np.zeros((V, 3)), near, listed, corner, shape, start, np.zeros(V), np.zeros(V))
 
 
 @inline_jit
@@ -148,7 +153,7 @@ def sort_into_cells(cells, reach):
         return False
     _fill(cells)
     for v in range(V):
-        cells.alone[v] = _is_alone(cells, v, (1.0 + _SLACK) * reach)
+        cells.listed[v] = _list_near(cells, v, (1.0 + _SLACK) * reach)
     cells.shape[4] = reach
     return True
 
@@ -161,16 +166,20 @@ def _square_between(a, b):
 
 
 @inline_jit
-def _is_alone(cells, v, reach):
-    """Return 1.0 if no other vehicle is within `reach` of vehicle v, else 0.0."""
-    cell = cell_of(cells, v)
+def _list_near(cells, v, reach):
+    """List the vehicles within `reach` of vehicle v, and return their number; -1.0 if there is no room for all."""
+    cell, count = cell_of(cells, v), 0
     for row in range(9):
         first, end = row_around(cells, cell, row)
         for k in range(first, end):
             j = int(cells.order[k])
-            if j != v and _square_between(cells.places[v], cells.places[j]) <= reach * reach * (1.0 + _ROUNDING):
-                return 0.0
-    return 1.0
+            if j == v or _square_between(cells.places[v], cells.places[j]) > reach * reach * (1.0 + _ROUNDING):
+                continue
+            if count == _LISTED:
+                return -1.0
+            cells.near[v, count] = j
+            count += 1
+    return float(count)
 
 
 @inline_jit

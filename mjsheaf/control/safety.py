@@ -15,8 +15,10 @@ h_(k+1) >= (1 - gamma h_c) h_k. Proof: z(t) = z_k + t (u_i - u_j) + a(t), |a(t)|
 constraints add up to 2 z . (u_i - u_j) >= -gamma h + 2 |z| d. The first step drops a square, so sampling needs no extra
 margin. An obstacle is convex: its distance is at least that to the plane through its nearest point, for which the same
 holds. Hence h >= 0 from the first sample at which it holds, if no problem is infeasible and no pair crosses from beyond
-the range to within D in one period. The speed limit scales commands, which keeps constraints whose bound is not
-positive. For the others it is part of the problem: see `mjsheaf.control.halfspaces`.
+the range to within D in one period. A pair closer than D / 2 gets a weaker constraint than this one, which grows with
+1 / |z|: if the two part at q, |z| grows by h_c q, and (|z| + h_c q)^2 = |z|^2 - gamma h_c h gives q. The speed limit
+scales commands, which keeps constraints whose bound is not positive. For the others it is part of the problem: see
+`mjsheaf.control.halfspaces`.
 
 If the law's command satisfies all constraints, it does not change by a bit. Which vehicles are within range follows
 from positions, for any edges and links of the team: every agent has a separate sensor of this range.
@@ -35,7 +37,7 @@ from mjsheaf.jit import inline_jit, jit
 CORRECTION, WANTED, CAUSE, VIOLATION = 0, 1, 2, 3
 """Columns of `SafetyMemory.found`."""
 _SMALLEST = 1e-6  # share of a direction in an agent's own space, below which the agent cannot act along it
-_INSIDE = 0.5  # of the distance to keep: nearer than that, the bound of an obstacle is linear in the distance
+_INSIDE = 0.5  # of the distance to keep: closer than that, bounds stay finite
 
 
 class SafetyArrays(NamedTuple):
@@ -47,6 +49,7 @@ class SafetyArrays(NamedTuple):
         clearance: Distance that each vehicle keeps to obstacles, shape (V,), m.
         reach: Range of the agents' sensors, m.
         rate: gamma, 1/s.
+        period: Time for which commands are held, s; 1 / gamma if the law is continuous.
         share: Weight of each agent in w_i = share_i / (share_i + share_j), shape (V,).
         yields: True for vehicles that run the filter, shape (V,): present agents.
         speed: Bound on the speed relative to the medium of a vehicle that does not yield, shape (V,), m/s.
@@ -63,6 +66,7 @@ class SafetyArrays(NamedTuple):
     clearance: Array
     reach: float
     rate: float
+    period: float
     share: Array
     yields: BoolArray
     speed: Array
@@ -138,11 +142,11 @@ def _constrain(safety, t, v, work):
     """Write the constraints of agent v, in the order of what causes them, and return how many there are."""
     cells, count = work.cells, 0
     x, y, z = cells.places[v, 0], cells.places[v, 1], cells.places[v, 2]
-    cell = cell_of(cells, v)
-    for row in range(0 if cells.alone[v] > 0.0 else 9):
-        first, end = row_around(cells, cell, row)
+    cell, listed = cell_of(cells, v), int(cells.listed[v])
+    for row in range(9 if listed < 0 else 1):
+        first, end = row_around(cells, cell, row) if listed < 0 else (0, listed)
         for k in range(first, end):
-            j = int(cells.order[k])
+            j = int(cells.order[k] if listed < 0 else cells.near[v, k])
             if j != v:
                 count = _add_vehicle(safety, v, j, x, y, z, work, count)
     for k in range(safety.obstacles.kind.shape[0]):
@@ -170,6 +174,9 @@ def _add_vehicle(safety, v, j, x, y, z, work, count):
         square += apart * apart
     parting = np.sqrt(square) + safety.unsteady[v] + safety.unsteady[j]
     fall = safety.rate * (away * away - D * D) / (2.0 * away)
+    if away < _INSIDE * D:
+        grown = away * away + safety.period * safety.rate * (D * D - away * away)
+        fall = (away - np.sqrt(grown)) / safety.period
     if safety.yields[j]:
         w = safety.share[v] / (safety.share[v] + safety.share[j])
         bound = w * (parting - fall)

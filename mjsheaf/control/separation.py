@@ -243,6 +243,7 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
         clearance=(own if by_size else 2.0 * own) + crew.margin,
         reach=0.0,
         rate=safety.rate,
+        period=crew.period or 1.0 / safety.rate,
         share=_shares(safety, crew),
         yields=crew.yields,
         speed=crew.speed,

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 
 _FEW = 100  # maximum number of vehicles for which all pairs are compared
-_STUCK = 1.0 / 20.0  # fraction of the law's commanded speed below which an agent is deadlocked
+_HELD_BACK = 0.5  # fraction of an agent's speed; where the filter changes more, it keeps the agent from its place
+_ARRIVING = 0.1  # factor by which the error of an agent that arrives falls over the last tenth of a run, at least
 _ROUNDING = 1e-12  # fraction of the largest displacement below which a mean displacement counts as zero
 
 
@@ -164,8 +165,9 @@ def clearances(safety: SafetyArrays, times: Array, places: Array) -> Array:
 def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     """Return the field `safety` of summary.json from the data of a whole run; None without a filter.
 
-    An agent is deadlocked if, over the last tenth of the run, the filter changes its command at every sample and
-    reduces its speed below a twentieth of the law's.
+    An agent is deadlocked if the filter still keeps it from its place: over the last tenth of the run, the filter acts
+    at most samples, its mean correction exceeds half of the mean speed that remains, and the tracking error does not
+    fall to a tenth. So agents that stop are deadlocked, and agents that circle without arriving.
     """
     if "separation" not in dataset:
         return None
@@ -173,7 +175,10 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     agents = [str(name) for name in dataset["agent"].values]
     end = slice(-max(2, len(correction) // 10), None)
     speed = np.sqrt(np.nansum(command[end] ** 2, axis=2))
-    stuck = (correction[end] > 0.0).all(axis=0) & (speed.mean(axis=0) < _STUCK * correction[end].mean(axis=0))
+    stuck = (correction[end] > 0.0).mean(axis=0) > 0.5
+    stuck &= correction[end].mean(axis=0) > _HELD_BACK * speed.mean(axis=0)
+    error = dataset["tracking_error"].values[end]
+    stuck &= ~(error[-1] < _ARRIVING * error[0])
     infeasible = (dataset["safety_violation"].values > 0.0).mean(axis=0)
     return {
         "smallest_separation": finite(dataset["separation"].values.min()),

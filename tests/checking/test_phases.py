@@ -65,6 +65,15 @@ def measured(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return data["time"].values, np.sqrt(np.nansum(data["tracking_error"].values ** 2, axis=1))
 
 
+def test_a_team_held_by_anchors_alone_has_phases() -> None:
+    agents = [{"id": id, "position": [x, 0.0]} for id, x in (("A", 0.0), ("B", 4.0))]
+    anchors = [{"agent": one["id"], "axes": ["x", "y"], "value": one["position"]} for one in agents]
+    controller = {"gain": 1.0, "control_period": 0.02}
+    raw = {"name": "anchored", "time": {"end": END}, "controller": controller, "agents": agents, "anchors": anchors}
+    raw |= {"communication": [["A", "B"]], "events": [{"time": 3.0, "lose": "A"}]}
+    assert [phase["start"] for phase in check(load_scenario(raw))["phases"]] == [0.0, 3.0]
+
+
 @pytest.mark.slow
 def test_a_phase_begins_with_what_the_one_before_may_leave() -> None:
     """Its initial error bounds the run's, and so does its bound, at every sample of the phase."""

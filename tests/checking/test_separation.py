@@ -64,6 +64,10 @@ def test_pairs_that_begin_too_close_are_named() -> None:
         ({"safety.range": 2.05}, "safety.range"),
         ({"controller.velocity_limit": 1.0}, "T may come at"),
         (
+            {"flow.water": {"dimension": 2, "core": 1, "vortices": [{"centre": [9, 9], "gamma": 20}]}},
+            "towards B1",
+        ),
+        (
             {"flow.water": {"dimension": 2, "gusts": None, "core": 0, "vortices": [{"centre": [9, 9], "gamma": 1}]}},
             "core",
         ),

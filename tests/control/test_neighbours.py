@@ -9,8 +9,8 @@ from mjsheaf.control.neighbours import Cells, cell_of, new_cells, row_around, so
 
 def candidates(cells: Cells, v: int) -> list[int]:
     """Vehicles in the cells around that of vehicle v, as the filter visits them."""
-    found: list[int] = []
-    for row in range(0 if cells.alone[v] else 9):
+    found = [int(j) for j in cells.near[v, : max(int(cells.listed[v]), 0)]]
+    for row in range(9 if cells.listed[v] < 0 else 0):
         first, end = row_around(cells, cell_of(cells, v), row)
         found += [int(j) for j in cells.order[first:end]]
     return found

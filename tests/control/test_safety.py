@@ -167,6 +167,20 @@ def test_where_it_never_acts_the_run_is_the_same_to_the_bit(backend: str) -> Non
         np.testing.assert_array_equal(one[name].values, other[name].values)
 
 
+@pytest.mark.parametrize("away", [0.0, 1e-9, 0.1])
+def test_those_that_begin_on_top_of_one_another_part_as_the_theorem_says(away: float) -> None:
+    """Also without a velocity limit: what they command is finite."""
+    raw = swap(2)
+    del raw["controller"]["velocity_limit"]
+    raw["safety"]["range"] = 60.0
+    raw["agents"][1]["position"] = [10.0, away, 5.0]
+    raw["agents"][0]["position"] = raw["anchors"][0]["value"] = raw["anchors"][1]["value"] = [10.0, 0.0, 5.0]
+    run = simulate(load_scenario(raw), backend="ideal")
+    h = pairs_of(positions_of(run)) ** 2 - 4.0
+    assert (h[1:] - 0.95 * h[:-1]).min() >= -1e-9
+    assert np.abs(positions_of(run)).max() < 15.0
+
+
 def test_order_of_agents_and_links_do_not_matter() -> None:
     raw = random_swap(1)
     raw["safety"]["obstacles"] = []
@@ -293,6 +307,11 @@ def test_results_say_what_the_filter_did() -> None:
     assert list(told["filtered"].values()) == shares.tolist()
     assert not told["infeasible"]
     assert set(np.unique(run["safety_cause"])) <= set(range(10))
+    raw = random_swap(1301) | {"time": {"end": 90.0}}
+    circling = simulate(load_scenario(raw), backend="ideal")
+    away = circling["agent"].values[circling["tracking_error"].values[-1] > 1.0]
+    assert 0 < len(away) < len(raw["agents"])
+    assert safety_of(circling)["deadlocked"] == list(away)  # type: ignore[index]
     free = simulate(load_scenario(swap(tie_break="right_hand")), backend="ideal")
     assert safety_of(free)["deadlocked"] == []  # type: ignore[index]
     assert safety_of(simulate(load_scenario("midpoint", {"time.end": 1}), backend="ideal")) is None
