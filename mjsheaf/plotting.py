@@ -218,6 +218,12 @@ def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
         side.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
 
 
+_OUTLINE = {"markeredgecolor": "white", "markeredgewidth": 0.5}
+_TARGET_STYLE = {"markersize": 11.0, "zorder": 4, **_OUTLINE}
+_FEW_STYLE = {"markersize": 6.0, "zorder": 3, **_OUTLINE}
+_MANY_STYLE = {"markersize": 2.5, "zorder": 3, "markeredgewidth": 0.0}
+
+
 def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
     """Draw a team from above: edges, agents in the colours of their groups, targets as stars; `place` (V, 2) in m.
 
@@ -231,19 +237,15 @@ def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
         width = 0.9 if len(edges) <= 2 * MOST_NAMED else 0.4
         axis.add_collection(LineCollection(lines, linewidths=width, zorder=1, **_EDGES[kind]))
     groups, names, colours = groups_of(team)
-    few = len(place) <= MOST_NAMED
     there = np.array([member.id not in team.absent for member in team.members])
     away = np.abs(place - place[there].mean(axis=0)).max(axis=1)
     shown = away <= away[there].max()
     for k in sorted(set(groups.tolist())):
-        target = names[k] == "targets"
-        size = 11.0 if target else 6.0 if few else 2.5
-        outline = {"markeredgecolor": "white", "markeredgewidth": 0.5} if few or target else {"markeredgewidth": 0.0}
+        style = _TARGET_STYLE if names[k] == "targets" else _FEW_STYLE if len(place) <= MOST_NAMED else _MANY_STYLE
         for own, colour in ((there, colours[k]), (~there, LOST)):
             chosen = (groups == k) & own & shown
             if chosen.any():
-                style = {"marker": marker_of(k, names), "markersize": size, "color": colour, **outline}
-                axis.plot(*place[chosen].T, linestyle="", zorder=4 if target else 3, **style)
+                axis.plot(*place[chosen].T, linestyle="", marker=marker_of(k, names), color=colour, **style)
     return np.flatnonzero(shown)
 
 

@@ -10,7 +10,7 @@ and nothing of mjsheaf but this module is imported. A block with a field `contro
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
+    from mjsheaf.runs.expecting import Trial
     from mjsheaf.scenario import Scenario
 
 _SUFFIXES = (".yaml", ".yml")
@@ -172,31 +173,42 @@ def _skip(reason: str, item: Expectation) -> None:
 def _compare(backends: list[str], item: Expectation) -> None:
     """Pass where the scenario runs as it expects on these backends; properties of the report take what was found."""
     from mjsheaf.control.source import find_law
-    from mjsheaf.errors import MjsheafError
-    from mjsheaf.runs.expecting import describe, expected_law, loose, miss, missed, try_scenario
+    from mjsheaf.runs.expecting import expected_law, try_scenario
 
     scenario = item.parent.load()
     start = item.config.invocation_params.dir
     place = str(item.path.relative_to(start) if item.path.is_relative_to(start) else item.path)  # as a command takes it
-    tight = item.config.getini("mjsheaf_tight")
     named = item.config.getoption("mjsheaf_controller")
-    try:
+    with _missing(place):
         law = expected_law(scenario, item.path.parent) if named is None else find_law(named)
+    for backend in backends:
+        with _missing(f"{place} on {backend}: cannot be simulated"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a run says what matters of them
+            trial = try_scenario(scenario, backend, law=law)
+        item.user_properties += [(name, value) for name, value in trial.final.items() if value is not None]
+        _require_met(trial, place, item.config.getini("mjsheaf_tight"))
+
+
+@contextmanager
+def _missing(place: str) -> Iterator[None]:
+    """Report an error of mjsheaf as a failure without a traceback, which begins with the place."""
+    from mjsheaf.errors import MjsheafError
+
+    try:
+        yield
     except MjsheafError as error:
         raise _MissedError(f"{place}: {error}") from None
-    for backend in backends:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # a run says what matters of them
-                trial = try_scenario(scenario, backend, law=law)
-        except MjsheafError as error:
-            raise _MissedError(f"{place} on {backend}: cannot be simulated: {error}") from None
-        item.user_properties += [(name, value) for name, value in trial.final.items() if value is not None]
-        table = describe(trial, place, place)
-        if not trial.met:
-            raise _MissedError(f"{', '.join(map(miss, missed(trial)))}\n{table}")
-        slack = loose(trial, float(tight)) if tight else []
-        if slack:
-            names = ", ".join(check["measure"] for check in slack)
-            update = f"  tighten them: mjsheaf expect {place} --update"
-            raise _MissedError(f"loose bounds, of more than {tight} times what is found: {names}\n{table}\n{update}")
+
+
+def _require_met(trial: "Trial", place: str, tight: str) -> None:
+    """Fail where a trial misses a bound or, unless `tight` is empty, meets one that is wider than that many times."""
+    from mjsheaf.runs.expecting import describe, loose, miss, missed
+
+    table = describe(trial, place, place)
+    if not trial.met:
+        raise _MissedError(f"{', '.join(map(miss, missed(trial)))}\n{table}")
+    slack = loose(trial, float(tight)) if tight else []
+    if slack:
+        names = ", ".join(check["measure"] for check in slack)
+        update = f"  tighten them: mjsheaf expect {place} --update"
+        raise _MissedError(f"loose bounds, of more than {tight} times what is found: {names}\n{table}\n{update}")

@@ -411,31 +411,17 @@ class System:
     @cached_property
     def remaining(self) -> "System":
         """The system of the present agents and all targets alone; itself where no agent is absent."""
-        team, law, g, plan = self.team, self.law, self.effectiveness, self.bodies
+        team, g, plan = self.team, self.effectiveness, self.bodies
         if not team.absent:
             return self
         agents = np.flatnonzero(team.present)
         rows = np.concatenate([agents, np.arange(len(team.agents), len(team.members))])
-        number = np.zeros(len(team.members), dtype=np.int64)
-        number[rows] = np.arange(len(rows))
-        edges = law.edges._replace(tail=number[law.edges.tail], head=number[law.edges.head])
-        terms = law.terms
-        if terms.agents:
-            rows_of_agents = {name: getattr(terms, name)[agents] for name in ("dimension", "lead", "streams")}
-            terms = terms._replace(agents=len(agents), **rows_of_agents)
-        custom = tuple(term._replace(agents=len(agents)) for term in law.custom)
-        links = law.links
-        if len(links.table):
-            facing = links.facing[rows] if len(links.facing) else links.facing
-            links = links._replace(lift=links.lift[rows], facing=facing)
         by_vehicle = ("pull", "origin", "amplitude", "rate", "phase", "path", "period")
         return replace(
             self,
             team=team.remaining,
             initial=self.initial[rows],
-            law=law._replace(
-                edges=edges, gain=law.gain[rows], limit=law.limit[rows], terms=terms, links=links, custom=custom
-            ),
+            law=self.law.selected(rows, len(agents)),
             motion=self.motion._replace(**{name: getattr(self.motion, name)[rows] for name in by_vehicle}),
             harmonics=self.harmonics[rows],
             effectiveness=g._replace(**{name: getattr(g, name)[agents] for name in g._fields}),
@@ -526,21 +512,30 @@ def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
             the message names that.
     """
     phases = (Phase(0, run),) if isinstance(run, System) else tuple(run)
-    starts = [phase.start for phase in phases]
-    if not phases or starts[0] != 0 or starts != sorted(set(starts)) or starts[-1] > phases[0].system.grid.steps:
-        raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
-    first = phases[0].system
+    _require_in_order(phases)
     for phase in phases[1:]:
-        for (name, own), (_, wanted) in zip(_fixed(phase.system), _fixed(first), strict=True):
-            if not _same(own, wanted):
-                raise InputError(
-                    f"the phase from sample {phase.start} has other {name} than the first; expected the same in all "
-                    "phases, which may differ in law, edges, links, motions, medium and effectiveness"
-                )
+        _require_same_run(phase, phases[0].system)
     systems = list({id(phase.system): phase.system for phase in phases}.values())
     covering = zip(systems, cover([system.law.terms for system in systems]), strict=True)
     known = {id(system): _with_terms(system, terms) for system, terms in covering}
     return tuple(replace(phase, system=known[id(phase.system)]) for phase in phases)
+
+
+def _require_in_order(phases: Sequence[Phase]) -> None:
+    """Refuse phases that do not begin at sample 0, or do not follow one another within the run."""
+    starts = [phase.start for phase in phases]
+    if not phases or starts[0] != 0 or starts != sorted(set(starts)) or starts[-1] > phases[0].system.grid.steps:
+        raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
+
+
+def _require_same_run(phase: Phase, first: System) -> None:
+    """Refuse a phase that differs from the first in what no phase can change."""
+    for (name, own), (_, wanted) in zip(_fixed(phase.system), _fixed(first), strict=True):
+        if not np.array_equal(own, wanted) if isinstance(own, np.ndarray) else own != wanted:
+            raise InputError(
+                f"the phase from sample {phase.start} has other {name} than the first; expected the same in all "
+                "phases, which may differ in law, edges, links, motions, medium and effectiveness"
+            )
 
 
 def _fixed(system: System) -> Iterator[tuple[str, Any]]:
@@ -553,11 +548,6 @@ def _fixed(system: System) -> Iterator[tuple[str, Any]]:
     yield "headings (bodies.heading)", plan.heading
     names = ("time_constant", "effects", "timestep", "contacts", "surface", "surface_height", "engine", "threads")
     yield from ((f"bodies.{name}", getattr(plan, name)) for name in names)
-
-
-def _same(one: Any, other: Any) -> bool:
-    """Return True if two values are alike."""
-    return np.array_equal(one, other) if isinstance(one, np.ndarray) else bool(one == other)
 
 
 def _with_terms(system: System, terms: TermArrays) -> System:

@@ -192,10 +192,10 @@ def _choose(topics: Sequence[str] | None) -> list[str]:
         InputError: A topic is unknown, or not installed.
     """
     available = [topic for topic, module in TOPICS.items() if _is_available(module)]
-    unknown = next((topic for topic in topics or () if topic not in available), None)
-    if unknown is not None:
-        fault = f"topic {unknown!r} needs mjsheaf's source tree" if unknown in TOPICS else f"unknown topic {unknown!r}"
-        raise InputError(f"{fault}; expected {', '.join(available)}")
+    for topic in topics or ():
+        if topic not in available:
+            fault = f"topic {topic!r} needs mjsheaf's source tree" if topic in TOPICS else f"unknown topic {topic!r}"
+            raise InputError(f"{fault}; expected {', '.join(available)}")
     return [topic for topic in available if topic in (topics or available)]
 
 

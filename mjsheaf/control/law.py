@@ -50,8 +50,7 @@ from mjsheaf.control.terms import (
     navigate,
     no_terms,
     remember,
-    require_linear,
-    require_symmetric,
+    require_solvable,
     size_of_memory,
     split_memory,
 )
@@ -112,6 +111,19 @@ class LawArrays(NamedTuple):
     def term_names(self) -> tuple[str, ...]:
         """Names of the terms beyond -k1 eta."""
         return self.terms.names + names_of(self.custom)
+
+    def selected(self, rows: IntArray, agents: int) -> "LawArrays":
+        """The law of some vehicles, of which the first `agents` are agents; all edges are between them."""
+        number = np.zeros(len(self.gain), dtype=np.int64)
+        number[rows] = np.arange(len(rows))
+        return self._replace(
+            edges=self.edges._replace(tail=number[self.edges.tail], head=number[self.edges.head]),
+            gain=self.gain[rows],
+            limit=self.limit[rows],
+            terms=self.terms.selected(rows[:agents]),
+            links=self.links.selected(rows),
+            custom=tuple(term._replace(agents=agents) for term in self.custom),
+        )
 
     @property
     def without_terms(self) -> "LawArrays":
@@ -471,12 +483,9 @@ def pack_law(
         custom: registered terms.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])
-    if team.directed:
-        require_symmetric(terms)
-    if not team.linear:
-        require_linear(terms)
-    edges = edges_of(team)
-    return LawArrays(edges, gains, limits.astype(float), 0, terms or no_terms(), links or no_links(), custom)
+    terms = terms or no_terms()
+    require_solvable(terms, team)
+    return LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or no_links(), custom)
 
 
 def edges_of(team: Team) -> EdgeArrays:
@@ -492,22 +501,32 @@ def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], 
         members: the vehicles.
         kinds: edges, and whether their heads listen too.
     """
-    number = {member.id: v for v, member in enumerate(members)}
-    edges = [(e, both) for kind, both in kinds for e in kind]
-    first = np.cumsum([0, *(len(e.b) for e, _ in edges)])
+    edges = [e for kind, _ in kinds for e in kind]
+    listens = np.array([(True, both and not e.directed) for kind, both in kinds for e in kind], dtype=np.bool_)
+    first = np.cumsum([0, *(len(e.b) for e in edges)])
     maps = np.zeros((4, first[-1], 3))
-    for (e, _), begin, end in zip(edges, first, first[1:], strict=False):
+    for e, begin, end in zip(edges, first, first[1:], strict=False):
         for padded, F in zip(maps, (e.F_tail, e.F_head, e.weight @ e.F_tail, e.weight @ e.F_head), strict=True):
             padded[begin:end, : F.shape[1]] = F
+    tail, head = _number_ends(members, edges)
     return EdgeArrays(
-        np.array([number[e.tail] for e, _ in edges], dtype=np.int64),
-        np.array([number.get(e.head, number[e.tail]) for e, _ in edges], dtype=np.int64),
-        np.array([(True, both and not e.directed) for e, both in edges], dtype=np.bool_).reshape(-1, 2),
+        tail,
+        head,
+        listens.reshape(-1, 2),
         first.astype(np.int64),
         maps[0],
         maps[1],
         maps[2],
         maps[3],
-        np.concatenate([np.zeros(0), *(e.b for e, _ in edges)]),
-        pack_kinds([e for e, _ in edges]),
+        np.concatenate([np.zeros(0), *(e.b for e in edges)]),
+        pack_kinds(edges),
+    )
+
+
+def _number_ends(members: Sequence[Member], edges: Sequence[Edge]) -> tuple[IntArray, IntArray]:
+    """Return the numbers of tails and of heads, shape (E,); an anchor's head is its tail."""
+    number = {member.id: v for v, member in enumerate(members)}
+    return (
+        np.array([number[e.tail] for e in edges], dtype=np.int64),
+        np.array([number.get(e.head, number[e.tail]) for e in edges], dtype=np.int64),
     )

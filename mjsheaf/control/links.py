@@ -80,6 +80,11 @@ class LinkArrays(NamedTuple):
     seed: Own[int]
     record: bool
 
+    def selected(self, rows: IntArray) -> "LinkArrays":
+        """The links among some of the vehicles, by number."""
+        facing = self.facing[rows] if len(self.facing) else self.facing
+        return self._replace(lift=self.lift[rows], facing=facing) if len(self.table) else self
+
 
 class LinkMemory(NamedTuple):
     """State of the links between samples: views of the law's memory, of size 0 without links.

@@ -23,7 +23,7 @@ from mjsheaf.errors import in_field
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import uniforms
 from mjsheaf.team import Team
-from mjsheaf.team.links import Links, chain_of, whole_periods
+from mjsheaf.team.links import Links, RoundLink, chain_of, whole_periods
 
 NEWTON, FEEDFORWARD = 0, 1
 """Whose rounds they are."""
@@ -143,34 +143,39 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
     Raises:
         InputError: the delay is no whole number of periods, or too long; the message begins with the field.
     """
-    wanted, delay = links.rounds, 0
-    if wanted and wanted.delay and period > 0.0:
-        with in_field("links.rounds.delay"):
-            delay = whole_periods(wanted.delay, period)
-    loss = chain_of(wanted.loss if wanted else None)
+    wanted = links.rounds or RoundLink()
+    with in_field("links.rounds.delay"):
+        delay = whole_periods(wanted.delay, period) if period > 0.0 else 0
+    loss = chain_of(wanted.loss)
     edges = linked_edges(team, links)[: len(team.communication)]
     far = np.array([one.link.range for one in edges])
     if not (delay or loss.lossy or np.isfinite(far).any()):
         return no_rounds()
     with in_field("links.rounds"):
         require_held(4 * (delay + 1) * sum(1 + len(edge.F_tail) for edge in team.communication))
-    own = np.zeros((len(team.agents), 3, 3))
-    for edge in team.measuring_edges:
-        for end, F in ((edge.tail, edge.F_tail), (edge.head, edge.F_head)):
-            if team.index.get(end, len(own)) < len(own):
-                n = F.shape[1]
-                own[team.index[end], :n, :n] += F.T @ edge.weight @ F
+    own = _diagonal_blocks(team)
     return RoundArrays(
         imperfect=True,
         delay=delay,
         loss=np.array([loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad]),
         streams=np.array([one.stream for one in edges], dtype=np.int64).reshape(-1, 2),
         range=far,
-        lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
+        lift=np.where([member.dimension == 2 for member in team.members], height, 0.0),
         own=own,
         inverse=np.asarray(np.linalg.pinv(own, hermitian=True), dtype=np.float64),
         stiffest=float(np.linalg.eigvalsh(own)[:, -1].max()),
     )
+
+
+def _diagonal_blocks(team: Team) -> Array:
+    """Compute D_i of each agent, shape (N, 3, 3)."""
+    blocks = np.zeros((len(team.agents), 3, 3))
+    for edge in team.measuring_edges:
+        for end, F in ((edge.tail, edge.F_tail), (edge.head, edge.F_head)):
+            if team.index.get(end, len(blocks)) < len(blocks):
+                n = F.shape[1]
+                blocks[team.index[end], :n, :n] += F.T @ edge.weight @ F
+    return blocks
 
 
 @jit

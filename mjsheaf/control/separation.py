@@ -1,9 +1,10 @@
 """The section `safety` of a scenario, and its arrays for compiled code: see `mjsheaf.control.safety`."""
 
+from abc import ABC, abstractmethod
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.obstacles import KINDS, ObstacleArrays
@@ -11,21 +12,21 @@ from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.dynamics.motion import Motion
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.io.section import Id, Number, Point, Positive, Section, tagged
+from mjsheaf.io.section import Id, Number, Point, Positive, Section, Tagged
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 
 
-class Obstacle(Section):
-    """Base of all obstacles; subclasses must implement `place`, `axis` and `size`."""
+class Obstacle(Tagged, ABC):
+    """Base of all obstacles; subclasses must implement `place`, and `axis` and `size` if they have them."""
 
     id: Id | None = Field(None, description="name that results and pictures show; kind and number unless given")
     motion: Motion | None = Field(None, description="motion of the centre, without turning; at rest unless given")
 
     @property
+    @abstractmethod
     def place(self) -> list[float]:
         """Initial position of the centre, 2 or 3 coordinates, m."""
-        raise NotImplementedError
 
     @property
     def axis(self) -> Array:
@@ -34,14 +35,12 @@ class Obstacle(Section):
 
     @property
     def size(self) -> list[float]:
-        """Sizes as `mjsheaf.control.obstacles` has them, m."""
-        raise NotImplementedError
+        """Sizes as `mjsheaf.control.obstacles` has them, m; none unless overridden."""
+        return []
 
 
 class Sphere(Obstacle):
     """A ball."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["sphere"] = Field("sphere", description="always sphere")
     centre: Point = Field(description="its centre; of two numbers the third is scene.height [m]")
@@ -60,8 +59,6 @@ class Sphere(Obstacle):
 
 class Capsule(Obstacle):
     """All points within a radius of a segment."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["capsule"] = Field("capsule", description="always capsule")
     ends: Annotated[list[Point], Field(min_length=2, max_length=2)] = Field(
@@ -98,8 +95,6 @@ class Capsule(Obstacle):
 class Box(Obstacle):
     """A box that stands upright."""
 
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
-
     kind: Literal["box"] = Field("box", description="always box")
     centre: Point = Field(description="its centre; of two numbers the third is scene.height [m]")
     sides: Annotated[list[Positive], Field(min_length=3, max_length=3)] = Field(
@@ -127,8 +122,6 @@ class Box(Obstacle):
 class HalfSpace(Obstacle):
     """All that lies behind a plane, such as a wall or the ground."""
 
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
-
     kind: Literal["half_space"] = Field("half_space", description="always half_space")
     point: Point = Field(description="a point of the plane; of two numbers the third is scene.height [m]")
     normal: Point = Field(description="direction out of the obstacle, of any length [-]")
@@ -149,11 +142,6 @@ class HalfSpace(Obstacle):
         """The normal."""
         normal = np.array([*self.normal, 0.0][:3])
         return np.asarray(normal / np.linalg.norm(normal, axis=0))
-
-    @property
-    def size(self) -> list[float]:
-        """None."""
-        return []
 
 
 AnyObstacle = Annotated[Sphere | Capsule | Box | HalfSpace, Field(discriminator="kind")]

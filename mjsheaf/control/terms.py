@@ -140,6 +140,11 @@ class TermArrays(NamedTuple):
     streams: IntArray
     rounds: RoundArrays
 
+    def selected(self, agents: IntArray) -> "TermArrays":
+        """The terms of some of the agents, by number."""
+        by_agent = {name: getattr(self, name)[agents] for name in ("dimension", "lead", "streams")}
+        return self._replace(agents=len(agents), **by_agent) if self.agents else self
+
     @property
     def noisy(self) -> bool:
         """Return True if odometry has noise."""
@@ -258,28 +263,19 @@ def no_terms() -> TermArrays:
     )
 
 
-def require_symmetric(terms: TermArrays | None) -> None:
-    """Refuse terms whose rounds solve with H in a team whose directed edges make it asymmetric.
+def require_solvable(terms: TermArrays, team: Team) -> None:
+    """Refuse terms whose rounds solve with H where it is not symmetric, or changes with the positions.
 
     Raises:
         InputError: there is one; the message begins with the field.
     """
     for name in ("feedforward", "newton"):
-        if terms is not None and getattr(terms, name):
+        if getattr(terms, name) and team.directed:
             raise InputError(
                 f"controller.{name}: its rounds assume a symmetric H, which a team with directed communication edges "
                 f"does not have; expected no {name}, or undirected edges"
             )
-
-
-def require_linear(terms: TermArrays | None) -> None:
-    """Refuse terms whose rounds know bounds on the eigenvalues of H in a team where H changes with the positions.
-
-    Raises:
-        InputError: there is one; the message begins with the field.
-    """
-    for name in ("feedforward", "newton"):
-        if terms is not None and getattr(terms, name):
+        if getattr(terms, name) and not team.linear:
             raise InputError(
                 f"controller.{name}: its rounds need eigenvalues of H that are fixed before the run, and range and "
                 f"bearing edges make H depend on the positions; expected no {name}, or edges that measure position"
@@ -296,37 +292,41 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: Round
         seed: Seed of the run.
         rounds: links over which they go; perfect ones unless given.
     """
-    forward = terms.feedforward
-    newton = terms.newton
-    drift = terms.drift
-    integral = terms.integral
-    odometry = terms.odometry
+    without = no_terms()._replace(noise=terms.odometry.noise, bias=terms.odometry.bias)
     if not terms.any:
-        return no_terms()._replace(noise=odometry.noise, bias=odometry.bias)
-    N, first = len(team.agents), len(team.communication)
-    packed = TermArrays(
-        agents=N,
+        return without
+    first = len(team.communication)
+    packed = without._replace(
+        agents=len(team.agents),
         dimension=np.array([a.dimension for a in team.agents], dtype=np.int64),
         period=period,
         sensing=np.array([first, first + len(team.sensing)], dtype=np.int64),
-        eigenvalues=np.ones(2),
-        feedforward=forward.rounds if forward else 0,
-        newton=newton.rounds if newton else 0,
-        measured=_share(period, forward.filter) if forward else 1.0,
-        drift=_share(period, drift.filter) if drift else 0.0,
-        lead=np.full(N, float(forward is not None and forward.extrapolate)),
-        settled=0,
-        integral=integral.gain if integral else 0.0,
-        largest=integral.limit if integral else np.inf,
-        noise=odometry.noise,
-        bias=odometry.bias,
+        lead=np.zeros(len(team.agents)),
         seed=seed,
-        streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(N, 2),
-        rounds=rounds if rounds and (forward or newton) else no_rounds(),
+        streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(-1, 2),
     )
-    if not (forward or newton) or team.directed or not team.linear:
+    packed = _with_amounts(packed, terms)
+    if not (packed.feedforward or packed.newton):
         return packed
-    return with_eigenvalues(packed, *team.dirichlet.eigenvalues)
+    packed = packed._replace(rounds=rounds or no_rounds())
+    return packed if team.directed or not team.linear else with_eigenvalues(packed, *team.dirichlet.eigenvalues)
+
+
+def _with_amounts(packed: TermArrays, terms: Terms) -> TermArrays:
+    """The terms with those that are on; without is how `packed` has them."""
+    if terms.feedforward:
+        packed = packed._replace(
+            feedforward=terms.feedforward.rounds,
+            measured=_share(packed.period, terms.feedforward.filter),
+            lead=np.full(packed.agents, float(terms.feedforward.extrapolate)),
+        )
+    if terms.newton:
+        packed = packed._replace(newton=terms.newton.rounds)
+    if terms.drift:
+        packed = packed._replace(drift=_share(packed.period, terms.drift.filter))
+    if terms.integral:
+        packed = packed._replace(integral=terms.integral.gain, largest=terms.integral.limit)
+    return packed
 
 
 def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:

@@ -57,17 +57,26 @@ class Rho:
             return None
         if self(math.inf) <= level:
             return math.inf
-        low, high = (1.0, 2.0) if self(1.0) <= level else (0.5, 1.0)
-        while high < math.inf and self(high) <= level:
-            low, high = high, 2.0 * high
+        low = 1.0
         while low > 0.0 and not self(low) <= level:
-            low, high = 0.5 * low, low
-        for _ in range(_BISECTIONS if high < math.inf else 0):
-            middle = 0.5 * (low + high)
-            if not low < middle < high:
-                break
-            low, high = (middle, high) if self(middle) <= level else (low, middle)
-        return low
+            low *= 0.5
+        while 0.0 < 2.0 * low < math.inf and self(2.0 * low) <= level:
+            low *= 2.0
+        return _bisect_down(lambda radius: self(radius) <= level, low, 2.0 * low)
+
+
+def _bisect_down(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the largest number between two finite ones at which a condition holds that does at the lower one.
+
+    If the condition does not hold below all numbers at which it holds, the result is one of them, perhaps not the
+    largest. An infinite upper one is left alone.
+    """
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if not low < middle < high < math.inf:
+            break
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
 
 
 class ConstantRho(Rho):
@@ -271,19 +280,16 @@ def theorem_1(
     k_min = 0.5 * gain * lambda_min
     mu = (f_bar + omega_bar) ** 2 / (2.0 * gain * lambda_min) if k_min > 0.0 else math.inf
 
-    def allowed(rate: float, start: float | None) -> float:
+    def allowed(rate: float, start: float) -> float:
         """The rates up to this one satisfy k_min - rate > rho(s), s the largest radius that matters at `rate`."""
         ultimate = math.sqrt(mu / rate) * _OUTWARD
         # Slopes over 2 r: the gain condition. Over |e_0| + r: chi reaches that far, which puts e_0 into S.
-        return (k_min - rho(max(2.0 * ultimate, (start or 0.0) * _OUTWARD + ultimate))) * _BELOW_SUPREMUM
+        return (k_min - rho(max(2.0 * ultimate, start * _OUTWARD + ultimate))) * _BELOW_SUPREMUM
 
-    chosen = rate
+    chosen = rate or 0.0
     if rate is None and mu < math.inf:
-        chosen = _largest_fixed_point(lambda x: allowed(x, initial_error), k_min)
-        if chosen is None:  # the gain condition may hold all the same
-            chosen = _largest_fixed_point(lambda x: allowed(x, None), k_min)
-    applies = chosen is not None and chosen > 0.0 and mu < math.inf and chosen <= allowed(chosen, None)
-    if not applies or chosen is None:
+        chosen = _best_rate(allowed, k_min, initial_error)
+    if not (chosen > 0.0 and mu < math.inf and chosen <= allowed(chosen, 0.0)):
         return Theorem(
             gain, lambda_min, f_bar, omega_bar, rho, k_min, rate or 0.0, False, mu, math.inf, chi=0.0, radius_S=0.0
         )
@@ -293,29 +299,31 @@ def theorem_1(
     return Theorem(gain, lambda_min, f_bar, omega_bar, rho, k_min, chosen, True, mu, radius, chi, radius_S)
 
 
-def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> float | None:
+def _best_rate(allowed: Callable[[float, float], float], k_min: float, initial_error: float | None) -> float:
+    """The largest rate that satisfies the gain condition and, where one does, has e_0 in S; 0 where none does."""
+    return _largest_fixed_point(lambda rate: allowed(rate, initial_error or 0.0), k_min) or _largest_fixed_point(
+        lambda rate: allowed(rate, 0.0), k_min
+    )
+
+
+def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> float:
     """The largest x in (0, most] with x <= allowed(x), for an `allowed` that does not decrease and is at most `most`.
 
-    x, allowed(x), ... descends from above to the largest fixed point and never passes a solution (Tarski, Pacific J.
-    Math. 5, 1955). Where it is slow, the rest is bisected down to a solution, perhaps not the largest.
+    0 where there is none. x, allowed(x), ... descends from above to the largest fixed point and never passes a solution
+    (Tarski, Pacific J. Math. 5, 1955). Where it is slow, the rest is bisected down to a solution, perhaps not the
+    largest.
     """
     x = most
     for _ in range(_MOST_DESCENTS):
-        following = allowed(x) if x > 0.0 else 0.0
+        following = allowed(x)
         if following >= x:
-            break
+            return x
+        if not following > 0.0:
+            return 0.0
         x = following
-    if not x > 0.0:
-        return None
-    if allowed(x) >= x:
-        return x
-    low = next((y for k in range(48, 0, -1) if (y := x * (1.0 - 2.0**-k)) <= allowed(y)), None)
-    if low is None:
-        return None
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + x)
-        low, x = (middle, x) if middle <= allowed(middle) else (low, middle)
-    return low
+    below = (x * (1.0 - 2.0**-k) for k in range(48, 0, -1))
+    low = next((y for y in (x, *below) if y <= allowed(y)), 0.0)
+    return _bisect_down(lambda y: y <= allowed(y), low, x) if low else 0.0
 
 
 def gain_for_radius(
@@ -353,14 +361,22 @@ def gain_for_radius(
         t = theorem_1(gain, lambda_min, f_bar, omega_bar, rho, initial_error=initial_error)
         return t.contains(initial_error) and t.radius <= radius
 
-    known = rho.reach(1e300)  # how far rho is finite
-    r = 0.0 if known is None else min(radius, 0.5 * known / _OUTWARD**2, known / _OUTWARD**2 - initial_error)
+    known = rho.reach(1e300) or 0.0  # how far rho is finite
+    r = min(radius, 0.5 * known / _OUTWARD**2, known / _OUTWARD**2 - initial_error)
     if r <= 0.0:
         return math.inf
     low = enough(rho(initial_error), radius)
     high = enough(rho(max(2.0 * r, initial_error + r) * _OUTWARD**2), r) * (1.0 + 1e-8)
+    return _smallest_gain(achieves, low, high) if high else 0.0
+
+
+def _smallest_gain(achieves: Callable[[float], bool], low: float, high: float) -> float:
+    """The smallest gain that achieves something, from some 1e-10 of itself above; infinite where none does.
+
+    `high` is a guess that is doubled until it achieves it; the gain `low` does not, or is the smallest.
+    """
     for _ in range(_BISECTIONS):
-        if high == 0.0 or achieves(high):
+        if achieves(high):
             break
         low, high = high, 2.0 * high
     else:

@@ -8,12 +8,12 @@ from math import factorial
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.dynamics.recordings import read_positions
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section, tagged
+from mjsheaf.io.section import NonNegative, Number, Point, Positive, Tagged
 from mjsheaf.jit import inline_jit
 
 if TYPE_CHECKING:
@@ -105,10 +105,8 @@ def _swing(motion, v, i, t):
     return position
 
 
-class Lissajous(Section):
+class Lissajous(Tagged):
     """v_i(t) = amplitude_i rate_i cos(rate_i t + phase_i)."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["lissajous"] = Field("lissajous", description="always lissajous")
     amplitude: Point = Field(description="of each coordinate [m]")
@@ -130,10 +128,8 @@ class Lissajous(Section):
         arrays.origin[v] -= arrays.amplitude[v] * np.sin(arrays.rate[v] * start + arrays.phase[v])
 
 
-class Waypoints(Section):
+class Waypoints(Tagged):
     """A smooth path through points, starting at the target's initial position."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["waypoints"] = Field("waypoints", description="always waypoints")
     points: Annotated[list[Point], Field(min_length=1)] = Field(
@@ -166,14 +162,12 @@ class Waypoints(Section):
         return PPoly(np.array(taylor), knots)
 
 
-class Recorded(Section):
+class Recorded(Tagged):
     """A path through recorded positions: a cubic spline (not-a-knot) through the samples.
 
     Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away. A
     loaded scenario has the samples of a file in place of its path.
     """
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["recorded"] = Field("recorded", description="always recorded")
     samples: Annotated[list[Annotated[list[Number], Field(min_length=3, max_length=4)]], Field(min_length=2)] | None = (
@@ -236,10 +230,8 @@ class Recorded(Section):
         return PPoly(np.concatenate([higher, taylor]), knots)
 
 
-class File(Section):
+class File(Tagged):
     """A path through positions recorded in a CSV file; a loaded scenario has `recorded` with the samples instead."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["file"] = Field("file", description="always file")
     path: str = Field(
@@ -256,10 +248,8 @@ class File(Section):
         return Recorded(samples=read_positions(self.path), pull=self.pull)
 
 
-class Static(Section):
+class Static(Tagged):
     """No motion of its own; flow and disturbance still move it, unless it is pulled back."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["static"] = Field("static", description="always static")
     pull: NonNegative = Field(0.0, description="return to the initial position [1/s]")

@@ -1,5 +1,6 @@
 """A scenario as a parallel environment of PettingZoo."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -56,18 +57,23 @@ class TeamParallelEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo's type va
         """Take one control period; see `parallel_env`."""
         if not self.agents:
             return {}, {}, {}, {}, {}
-        episode, live = self.episode, self.agents
+        episode = self.episode
+        live = self.agents
         episode.act_flat({name: actions[name] for name in live if name in actions})
         episode.step_period()
-        broken, over = bool(episode.message), episode.finished
-        observations, rewards, gone = episode.flat(), episode.rewards.tolist(), episode.gone | broken
-        number = {name: episode.agents.index(name) for name in live}
-        terminated = {name: bool(gone[i]) for name, i in number.items()}
-        truncated = {name: over and not ended for name, ended in terminated.items()}
-        self.agents = [name for name in live if not (over or terminated[name])]
-        paid = {name: rewards[i] for name, i in number.items()}
-        info: dict[str, dict[str, Any]] = {name: {"message": episode.message} if broken else {} for name in live}
-        return {name: observations[name] for name in live}, paid, terminated, truncated, info
+        rows = [episode.agents.index(name) for name in live]
+        terminated = episode.gone[rows] | bool(episode.message)
+        truncated = ~terminated & episode.finished
+        self.agents = list(itertools.compress(live, ~(terminated | truncated)))
+        observations = episode.flat()
+        reason = {"message": episode.message} if episode.message else {}
+        return (
+            {name: observations[name] for name in live},
+            dict(zip(live, episode.rewards[rows].tolist(), strict=True)),
+            dict(zip(live, terminated.tolist(), strict=True)),
+            dict(zip(live, truncated.tolist(), strict=True)),
+            {name: dict(reason) for name in live},
+        )
 
     def state(self) -> Array:
         """Return all that determines the rest of the episode."""

@@ -5,7 +5,7 @@ builds its part of a system.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -101,14 +101,18 @@ class Section(BaseModel):
         return type(self) is type(other) and self._fields() == other._fields()
 
 
-def tagged(name: str) -> Callable[[dict[str, Any]], None]:
-    """Return a `json_schema_extra` that requires a section's kind in files, although it has a default in Python."""
+def _require_tag(schema: dict[str, Any]) -> None:
+    """Require the field that says which kind of section this is, although it has a default in Python."""
+    fields = schema["properties"]
+    tag = next(name for name in ("kind", "shape") if name in fields)
+    del fields[tag]["default"]
+    schema["required"] = [name for name in fields if name in (tag, *schema.get("required", ()))]
 
-    def require(schema: dict[str, Any]) -> None:
-        del schema["properties"][name]["default"]
-        schema["required"] = [field for field in schema["properties"] if field in (name, *schema.get("required", ()))]
 
-    return require
+class Tagged(Section):
+    """Base of sections of several kinds; a file must name the kind in a field `kind` or `shape`, Python need not."""
+
+    model_config = ConfigDict(json_schema_extra=_require_tag)
 
 
 def validation_problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
@@ -168,34 +172,42 @@ class _Problem(NamedTuple):
     @classmethod
     def of(cls, detail: dict[str, Any], schema: dict[str, Any]) -> "_Problem":
         """Read an error; the JSON Schema distinguishes fields from pydantic's names for the branches of a union."""
-        kind, location, context = detail["type"], detail["loc"], detail.get("ctx", {})
-        text = " ".join(str(detail["msg"]).removeprefix("Value error, ").split())
-        unknown = location[-1:] if kind == "extra_forbidden" else ()
-        path, value, nodes = _follow(schema, location[: len(location) - len(unknown)])
-        path += unknown
-        shown = shortened(repr(detail["input"]))
-        if unknown:
-            known = sorted({name for node in _variants(nodes, schema) for name in node.get("properties", {})})
+        kind = detail["type"]
+        if kind == "extra_forbidden":
+            *above, name = detail["loc"]
+            place = _follow(schema, above)
+            path = (*place.path, name)
+            known = sorted({field for fields in place.fields(schema) for field in fields})
             return cls(
                 kind,
                 path,
-                path if value is None else value,
+                place.value_at(path),
                 "unknown field",
                 ", ".join(known) or "none",
-                suggestion(str(unknown[0]), known),
+                suggestion(str(name), known),
             )
-        if kind in ("union_tag_invalid", "union_tag_not_found"):
-            path += (context["discriminator"].strip("'"),)
-            missing = kind == "union_tag_not_found"
-            given = "missing" if missing else f"unknown {shortened(repr(context['tag']))}"
-            branches = [node.get("properties", {}).get(path[-1], {}) for node in _variants(nodes, schema)]
-            tags = sorted({tag for node in branches for tag in _tags({"properties": {"": node}})})
-            text = f"{given}; expected {', '.join(tags)}"
-        elif kind == "missing":
-            text = "missing; expected a value"
-        elif kind != "value_error":
-            text = f"{_expectation(kind, context, text)}, not {shown}"
-        return cls(kind, path, path if value is None else value, text[:1].lower() + text[1:])
+        place = _follow(schema, detail["loc"])
+        tag = detail.get("ctx", {}).get("discriminator", "").strip("'")
+        tags = {value for fields in place.fields(schema) for value in _constants(fields.get(tag, {}))}
+        path = (*place.path, tag) if tag else place.path
+        text = _describe(detail, ", ".join(sorted(tags)))
+        return cls(kind, path, place.value_at(path), text[:1].lower() + text[1:])
+
+
+def _describe(detail: dict[str, Any], tags: str) -> str:
+    """Describe an error about a known field, with the expectation; `tags` are the kinds of a tagged union."""
+    kind = detail["type"]
+    context = detail.get("ctx", {})
+    text = " ".join(str(detail["msg"]).removeprefix("Value error, ").split())
+    complete = {
+        "value_error": text,
+        "missing": "missing; expected a value",
+        "union_tag_not_found": f"missing; expected {tags}",
+        "union_tag_invalid": f"unknown {shortened(repr(context.get('tag')))}; expected {tags}",
+    }
+    if kind in _EXPECTATIONS:
+        text = f"expected {_EXPECTATIONS[kind].format(**context)}"
+    return complete.get(kind) or f"{text}, not {shortened(repr(detail['input']))}"
 
 
 _EXPECTATIONS = {
@@ -223,33 +235,55 @@ _EXPECTATIONS = {
 """Expectations by pydantic's name of an error, with its numbers."""
 
 
-def _expectation(kind: str, context: dict[str, Any], text: str) -> str:
-    """Describe the expected value; pydantic's own text if there is no other."""
-    return f"expected {_EXPECTATIONS[kind].format(**context)}" if kind in _EXPECTATIONS else text
+class _Place(NamedTuple):
+    """A place in a file, as pydantic locates it.
+
+    Attributes:
+        path: Fields and items that lead to it.
+        union: The same down to the first plain union on the way; None without one.
+        nodes: Nodes of the JSON Schema there.
+    """
+
+    path: tuple[int | str, ...]
+    union: tuple[int | str, ...] | None
+    nodes: list[dict[str, Any]]
+
+    def fields(self, schema: dict[str, Any]) -> list[dict[str, Any]]:
+        """List the fields that each kind of value may have here."""
+        return [node.get("properties", {}) for node in _variants(self.nodes, schema)]
+
+    def value_at(self, path: tuple[int | str, ...]) -> tuple[int | str, ...]:
+        """Return the path of the value with several possible kinds, or the given path."""
+        return path if self.union is None else self.union
 
 
-def _follow(
-    schema: dict[str, Any], location: tuple[int | str, ...]
-) -> tuple[tuple[int | str, ...], tuple[int | str, ...] | None, list[dict[str, Any]]]:
-    """Return the fields of a location, those above its first plain union, and the schema's nodes at its end."""
+def _follow(schema: dict[str, Any], location: Iterable[int | str]) -> _Place:
+    """Follow a location of pydantic's, which also names the branches of unions."""
     path: tuple[int | str, ...] = ()
     union: tuple[int | str, ...] | None = None
     nodes = [schema]
     for part in location:
         variants = list(_variants(nodes, schema))
-        if isinstance(part, int):
-            below = [node["items"] for node in variants if "items" in node]
-        else:
-            below = [node["properties"][part] for node in variants if part in node.get("properties", {})]
-        of_any_key = [node.get("additionalProperties") for node in variants]
-        below = below or [node for node in of_any_key if isinstance(node, dict)]
+        below = _below(variants, part)
         if below:
-            path, nodes = (*path, part), below
+            path = (*path, part)
+            nodes = below
             continue
-        if not any(part in _tags(node) for node in variants) and union is None:
+        tagged = [node for node in variants if part in _tags(node)]
+        titled = [node for node in variants if part == node.get("title")]
+        if union is None and not tagged:
             union = path
-        nodes = [node for node in variants if part in _tags(node) or part == node.get("title")] or nodes
-    return path, union, nodes
+        nodes = tagged + titled or nodes
+    return _Place(path, union, nodes)
+
+
+def _below(nodes: list[dict[str, Any]], part: int | str) -> list[dict[str, Any]]:
+    """Return the nodes of an item or a field; if no node has the field, those of mappings with any keys."""
+    name = "items" if isinstance(part, int) else part
+    tables = nodes if isinstance(part, int) else [node.get("properties", {}) for node in nodes]
+    below = [table[name] for table in tables if name in table]
+    of_any_key = [node.get("additionalProperties") for node in nodes]
+    return below or [node for node in of_any_key if isinstance(node, dict)]
 
 
 def _variants(nodes: Iterable[dict[str, Any]], schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -265,8 +299,12 @@ def _variants(nodes: Iterable[dict[str, Any]], schema: dict[str, Any]) -> Iterat
 
 def _tags(node: dict[str, Any]) -> set[str]:
     """Return the values of the field that select this branch of a tagged union."""
-    fields = node.get("properties", {}).values()
-    return {str(v) for field in fields for v in field.get("enum", [field["const"]] if "const" in field else [])}
+    return {value for field in node.get("properties", {}).values() for value in _constants(field)}
+
+
+def _constants(field: dict[str, Any]) -> set[str]:
+    """Return the values of a field that may only have certain ones."""
+    return {str(value) for value in field.get("enum", [field["const"]] if "const" in field else [])}
 
 
 class Record(BaseModel):

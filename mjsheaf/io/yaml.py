@@ -158,16 +158,9 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
     newline = "\r\n" if "\r\n" in text else "\n"
     nodes = {name.value: node for name, node in root.value}
     if key in nodes:
-        node = nodes[key]
-        begin = node.start_mark.index
-        end = begin + len(text[begin : _end(node)].rstrip())
-        braces = root.flow_style or not isinstance(node, yaml.MappingNode) or node.flow_style
-        new = _braces(value, root) if braces else _lines(value, node.start_mark.column, newline)
-        gap = " " if begin == end else ""  # the value was empty
-        edited = text[:begin] + gap + new + text[end:]
+        edited = _with_value(text, root, nodes[key], value, newline)
     elif root.flow_style:
-        at = _end(root.value[-1][1]) if root.value else root.start_mark.index + 1
-        edited = f"{text[:at]}{', ' * bool(root.value)}{json.dumps(key)}: {_braces(value, root)}{text[at:]}"
+        edited = _with_field_in_braces(text, root, key, value)
     else:
         column = root.start_mark.column
         head = " " * column + key + ":" + (f"  # {comment}" if comment else "")
@@ -178,6 +171,23 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
         if parse_yaml(edited, source) == {**old, key: value}:
             return edited
     raise ScenarioError(f"{source}: {key}: cannot be written in its place; write {key}: {_braces(value, root)}")
+
+
+def _with_value(text: str, root: yaml.MappingNode, node: yaml.Node, value: dict[str, Any], newline: str) -> str:
+    """Replace the value of a field, which stands at `node`, in the text of a mapping."""
+    begin = node.start_mark.index
+    end = begin + len(text[begin : _end(node)].rstrip())
+    braces = root.flow_style or not isinstance(node, yaml.MappingNode) or node.flow_style
+    new = _braces(value, root) if braces else _lines(value, node.start_mark.column, newline)
+    gap = " " if begin == end else ""  # the value was empty
+    return text[:begin] + gap + new + text[end:]
+
+
+def _with_field_in_braces(text: str, root: yaml.MappingNode, key: str, value: dict[str, Any]) -> str:
+    """Add a field to the text of a mapping in braces."""
+    at = _end(root.value[-1][1]) if root.value else root.start_mark.index + 1
+    comma = ", " if root.value else ""
+    return f"{text[:at]}{comma}{json.dumps(key)}: {_braces(value, root)}{text[at:]}"
 
 
 def _end(node: yaml.Node) -> int:

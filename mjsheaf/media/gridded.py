@@ -181,8 +181,7 @@ def propose(path: str) -> Proposal:
         longitudes, latitudes = (np.sort(axis.values.astype(np.float64)) for axis in (x, y))
         start = None if time is None else str(np.datetime_as_string(time.values[0].astype("datetime64[s]")))
         is_wind = "wind" in part.attrs.get("standard_name", "") or str(part.name).lower().startswith("u10")
-    middle = float(np.mean(latitudes)), float(np.mean(longitudes))
-    grid = read_grid(path, *middle, None, 0.0)
+    grid = read_grid(path, float(np.mean(latitudes)), float(np.mean(longitudes)), None, 0.0)
     known = np.isfinite(grid.velocity).all(axis=(0, 3))
     away = distance_transform_edt(np.pad(known, 1), _spacing(grid))[1:-1, 1:-1]
     row, column = np.unravel_index(int(np.argmax(away)), away.shape)

@@ -40,7 +40,6 @@ _FEW = 20  # waves, which are predicted one by one
 _END = 7.0  # of s: exp(-1.25 * 49) is 2e-27
 _GAUSS = np.polynomial.legendre.leggauss(8)
 _HALF_PI = 0.5 * np.pi
-_DEEP = 30.0  # k h beyond which tanh(k h) is 1
 
 
 class Waves(Section):

@@ -194,26 +194,14 @@ class Change(Event):
             with in_field("set"):
                 split_path(path)
             with in_field(f"set.{path}"):
-                if path in _FIXED or not _CHANGING.fullmatch(path):
-                    raise InputError(
-                        "cannot change during a run; expected a field of controller but for its periods, a field of "
-                        "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
-                        "links.all, links.communication or links.sensing, or one of safety"
-                    )
-                if path.startswith("safety.") and "safety" not in state.sections:
-                    raise InputError("the scenario has no section safety; expected one from the start of the run")
-        before = set(_files_in(state.sections["controller"]))
-        data = set(_data_in(state.sections["flow"]))
-        for name, section in state.sections.items():
+                _require_changing(path, state.sections)
+        before = dict(state.sections)
+        for name, section in before.items():
             state.sections[name] = _changed(section, name, self.values())
-        if new := sorted(set(_files_in(state.sections["controller"])) - before):
-            raise InputError(
-                f"set.controller.custom: an event cannot name a file, {new[0]}; expected it in controller.custom"
-            )
-        if new := sorted(set(_data_in(state.sections["flow"])) - data):
-            raise InputError(
-                f"set.flow: an event cannot name a file, {new[0]}; expected one that `flow` has at the start"
-            )
+        for field_, name, files_in, place in _FILES:
+            new = sorted(set(files_in(state.sections[name])) - set(files_in(before[name])))
+            if new:
+                raise InputError(f"set.{field_}: an event cannot name a file, {new[0]}; expected {place}")
 
     def touches(self, part: str) -> bool:
         """Return True if the event changes that part of the controller, or fields in it."""
@@ -233,6 +221,18 @@ class Change(Event):
         return ", ".join(f"{path.partition('.')[2]} = {_in_words(value)}" for path, value in self.values())
 
 
+def _require_changing(path: str, sections: Mapping[str, Section]) -> None:
+    """Refuse a field that no event can change, or whose section is missing."""
+    if path in _FIXED or not _CHANGING.fullmatch(path):
+        raise InputError(
+            "cannot change during a run; expected a field of controller but for its periods, a field of "
+            "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
+            "links.all, links.communication or links.sensing, or one of safety"
+        )
+    if path.startswith("safety.") and "safety" not in sections:
+        raise InputError("the scenario has no section safety; expected one from the start of the run")
+
+
 def _files_in(controller: Any) -> Iterator[str]:
     """Yield the files of the registered terms in a section `controller`."""
     return (term.file for term in controller.custom.values() if term.file is not None)
@@ -242,6 +242,13 @@ def _data_in(flow: Any) -> Iterator[str]:
     """Yield the files of gridded flow in a section `flow`."""
     parts = (getattr(flow, name) for name in type(flow).model_fields)
     return (part.path for part in parts if hasattr(part, "path"))
+
+
+_FILES: tuple[tuple[str, str, Callable[[Any], Iterator[str]], str], ...] = (
+    ("controller.custom", "controller", _files_in, "it in controller.custom"),
+    ("flow", "flow", _data_in, "one that `flow` has at the start"),
+)
+"""Fields that no event can give a new file: field, section, its files, and where files stand instead."""
 
 
 def _in_words(value: Any) -> str:
@@ -321,30 +328,32 @@ def phases_of_events(
         InputError: an event cannot happen, or an agent that is to drift does not join later; the message begins with
             the field.
     """
-    samples = []
+    numbers: dict[int, list[int]] = {0: []}  # of the events at each sample
     for k, event in enumerate(events):
         with in_field(f"events.{k}.time"):
-            samples.append(_sample_of(event.time, whole.grid))
-    order = sorted(range(len(events)), key=samples.__getitem__)
-    state = State(whole.team, dict(sections), waiting=find_waiting([events[k] for k in order], whole.team))
+            numbers.setdefault(_sample_of(event.time, whole.grid), []).append(k)
+    begins = sorted(numbers.items())
+    state = State(whole.team, dict(sections))
+    state.waiting = find_waiting([events[k] for _, own in begins for k in own], whole.team)
     state.drifting = _require_waiting(drifting, state.waiting)
-    if not events:
-        return (Phase(0, whole),)
-    phases: list[Phase] = []
-    for start in sorted({0, *samples}):
-        last, own = 0, [k for k in order if samples[k] == start]
+    phases = []
+    for start, own in begins:
         for k in own:
-            last, event = k, events[k]
             with in_field(f"events.{k}"):
-                if start == 0 and isinstance(event, Join):
-                    raise InputError("join: at the start of the run; expected a later time, or no event")
-                event.apply(state)
-        with in_field(f"events.{last}"):
+                _happen(events[k], state, start)
+        with in_field(f"events.{own[-1] if own else 0}"):
             team = state.present_team()
             unchanged = team is whole.team and state.sections == sections
             system = whole if unchanged else adapt(team, state.sections)
         phases.append(Phase(start, _stopped(system, state), tuple(events[k].words for k in own)))
     return tuple(phases)
+
+
+def _happen(event: Event, state: State, start: int) -> None:
+    """Change the state by an event at the sample `start`."""
+    if start == 0 and isinstance(event, Join):
+        raise InputError("join: at the start of the run; expected a later time, or no event")
+    event.apply(state)
 
 
 def find_waiting(events: Sequence[Event], team: Team) -> set[str]:

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -131,23 +131,24 @@ def _shortened(node: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, 
     own = any(path.split(".")[0] == "events" for path in overrides)
     if own or not isinstance(events, list) or not isinstance(end, int | float):
         return node
-
-    def later(event: Any) -> bool:
-        time = event.get("time") if isinstance(event, dict) else None
-        return isinstance(time, int | float) and time > end
-
-    remaining = [event for event in events if not later(event)]
-    joining = [event.get("join") for event in remaining if isinstance(event, dict)]
+    remaining = [event for event in events if not _is_after(event, end)]
     if isinstance(node.get("agents"), list):
-        node = {**node, "agents": [_without_drift(agent, joining) for agent in node["agents"]]}
+        node = {**node, "agents": [_without_drift(agent, remaining) for agent in node["agents"]]}
     return {**node, "events": remaining}
 
 
-def _without_drift(agent: Any, joining: Collection[Any]) -> Any:
-    """An agent of a scenario as a mapping, which drifts only if it is one of those that join."""
-    if not (isinstance(agent, dict) and agent.get("drift") is True and agent.get("id") not in joining):
+def _is_after(event: Any, end: float) -> bool:
+    """Return True if an event, as a file has it, comes after a time in s."""
+    time = event.get("time") if isinstance(event, dict) else None
+    return isinstance(time, int | float) and time > end
+
+
+def _without_drift(agent: Any, events: list[Any]) -> Any:
+    """An agent of a scenario as a mapping, which drifts only if it joins in one of the events."""
+    if not (isinstance(agent, dict) and agent.get("drift") is True):
         return agent
-    return {name: value for name, value in agent.items() if name != "drift"}
+    joins = any(isinstance(event, dict) and event.get("join") == agent.get("id") for event in events)
+    return agent if joins else {name: value for name, value in agent.items() if name != "drift"}
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -173,19 +174,22 @@ def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] 
     Raises:
         InputError: `change` did; the message begins with the field.
     """
-    if not isinstance(node, str | dict | list):
-        return node
-    places = [place for place in _VEHICLE_PLACES if all(a in ("*", b) for a, b in zip(place, path, strict=False))]
-    if not places:
+    places = _places_below(path)
+    if not places or not isinstance(node, str | dict | list):
         return node
     if isinstance(node, dict):
         return {key: map_vehicles(item, change, (*path, key)) for key, item in node.items()}
     if isinstance(node, list):
         return [map_vehicles(item, change, (*path, str(k))) for k, item in enumerate(node)]
-    if not node.endswith((*_SUFFIXES, ".py", ".nc")) or all(len(place) != len(path) for place in places):
+    if len(path) not in map(len, places) or not node.endswith((*_SUFFIXES, ".py", ".nc")):
         return node
     with in_field(".".join(path)):
         return change(node)
+
+
+def _places_below(path: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """List the fields that name a file and are the field of a path, above it or below it."""
+    return [place for place in _VEHICLE_PLACES if all(a in ("*", b) for a, b in zip(place, path, strict=False))]
 
 
 def find_scenario(source: str | Path) -> Path:
@@ -224,22 +228,32 @@ def name_from(path: Path) -> str:
 
 
 def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:
-    """A copy of nested mappings and lists with one value replaced."""
-    key, rest = keys[0], keys[1:]
+    """A copy of nested mappings and lists with one value replaced; None is an empty mapping."""
+    if not keys:
+        return value
+    key, *rest = keys
     if isinstance(node, list):
-        names = [item.get("id", item.get("name")) if isinstance(item, dict) else None for item in node]
-        places = {str(k): k for k in range(len(node))}
-        places |= {name: k for k, name in reversed([*enumerate(names)]) if isinstance(name, str)}
-        if key not in places:
-            known = [str(name) for name in names if name] or [f"0 to {len(node) - 1}"]
-            raise ScenarioError(f"--set {path}: no item {key!r}; {expected(key, known)}")
-        k = places[key]
-        return [*node[:k], _with(node[k], rest, value, path) if rest else value, *node[k + 1 :]]
-    if node is None:
-        node = {}
-    if not isinstance(node, dict):
+        k = _find_item(node, key, path)
+        return [*node[:k], _with(node[k], rest, value, path), *node[k + 1 :]]
+    if not isinstance(node, dict | None):
         raise ScenarioError(f"--set {path}: {key!r} lies inside {node!r}, which has no fields")
-    below = node.get(key)
+    fields = node or {}
+    below = fields.get(key)
     if key in EDGE_FIELDS and isinstance(below, list):
         below = [edge_from_pair(edge) for edge in below]
-    return {**node, key: _with(below, rest, value, path) if rest else value}
+    return {**fields, key: _with(below, rest, value, path)}
+
+
+def _find_item(items: list[Any], key: str, path: str) -> int:
+    """Return the number of an item that is given by its number, id or name; of several of one name, the first.
+
+    Raises:
+        ScenarioError: there is none; the message begins with the path of an override.
+    """
+    names = [item.get("id", item.get("name")) if isinstance(item, dict) else None for item in items]
+    places = {str(k): k for k in range(len(items))}
+    places |= {name: k for k, name in reversed([*enumerate(names)]) if isinstance(name, str)}
+    if key not in places:
+        known = [str(name) for name in names if name] or [f"0 to {len(items) - 1}"]
+        raise ScenarioError(f"--set {path}: no item {key!r}; {expected(key, known)}")
+    return places[key]

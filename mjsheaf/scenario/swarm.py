@@ -105,17 +105,17 @@ def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]
     rng = np.random.default_rng([seed, _SCATTER])
     places = _sunflower(swarm.size, swarm.spacing)
     edges = _GRAPHS[swarm.graph](places, swarm, np.random.default_rng([seed, _SCATTER, 1]))
-    offset = np.column_stack([places, np.zeros(swarm.size)])[:, : 2 if swarm.altitude is None else 3]
+    axes = 2 if swarm.altitude is None else 3
+    altitude = swarm.altitude or 0.0
+    offset = np.column_stack([places, np.zeros(swarm.size)])[:, :axes]
     start = offset + rng.uniform(-swarm.scatter, swarm.scatter, offset.shape)
-    start[:, :2] += np.asarray(centre[:2], dtype=np.float64)
-    if swarm.altitude is not None:
-        start[:, 2] += swarm.altitude
+    start += [*centre[:2], altitude][:axes]
     ids = [f"S{k + 1}" for k in range(swarm.size)]
     vehicle = {} if swarm.vehicle is None else {"vehicle": swarm.vehicle}
     heading = np.rad2deg(np.arctan2(places[:, 1], places[:, 0]))
     sensors = np.unique(np.linspace(0, swarm.size - 1, max(1, round(swarm.sensing * swarm.size))).astype(int))
-    height = 0.0 if swarm.altitude is None or len(centre) < 3 else swarm.altitude - float(centre[2])
-    displacements = offset + ([0.0, 0.0, height][: offset.shape[1]] if height else 0.0)
+    height = altitude - centre[2] if len(centre) == 3 else 0.0
+    displacements = offset + [0.0, 0.0, height][:axes]
     return {
         "agents": [
             {"id": name, "position": p, "heading": h, **vehicle}

@@ -17,6 +17,15 @@ from mjsheaf.sheaf.edges import finite, ranges, require_positive_definite
 Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
+def _require_dimensions(stalks: Mapping[Any, int]) -> None:
+    """Refuse a stalk whose dimension is not a whole number >= 0; types are compared once, as stalks may be many."""
+    kinds = set(map(type, stalks.values()))
+    odd = {kind for kind in kinds if kind is bool or not issubclass(kind, int | np.integer)}
+    if odd or min(stalks.values()) < 0:
+        vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
+        raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r}; expected a whole number >= 0")
+
+
 class Cochains:
     """The stalks R^{n_v} of the vertices of a sheaf, with inner products M_v; n = sum n_v."""
 
@@ -24,11 +33,7 @@ class Cochains:
         """Make the stalks; see `Sheaf`."""
         if not stalks:
             raise SheafError("a sheaf needs at least one vertex")
-        kinds = set(map(type, stalks.values()))
-        odd = {kind for kind in kinds if kind is bool or not issubclass(kind, int | np.integer)}
-        if odd or min(stalks.values()) < 0:
-            vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
-            raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r}; expected a whole number >= 0")
+        _require_dimensions(stalks)
         self._dimension = np.fromiter(stalks.values(), np.int64, len(stalks))
         self._number = {vertex: i for i, vertex in enumerate(stalks)}
         self._column = np.concatenate([[0], np.cumsum(self._dimension)])

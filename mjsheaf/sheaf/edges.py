@@ -183,9 +183,13 @@ class Ends(NamedTuple):
         """An edge, for messages."""
         return f"edge ({self.tails[e]!r}, {self.heads[e]!r})"
 
+    def selected(self, edges: list[int]) -> "Ends":
+        """The ends of some of the edges."""
+        return Ends([self.tails[e] for e in edges], [self.heads[e] for e in edges], self.tail[edges], self.head[edges])
+
 
 def checked_bundle(
-    ends: Ends, dimension: IntArray, F_tails: Any, F_heads: Any, offset: Any, weight: Any, number: IntArray
+    ends: Ends, dimension: IntArray, number: IntArray, F_tail: Any, F_head: Any, b: Any = None, K: Any = None
 ) -> EdgeBundle:
     """Make a bundle of k edges of equal stalk dimensions; maps, offset, weight and errors as in `Sheaf.add_edges`.
 
@@ -193,39 +197,60 @@ def checked_bundle(
         ends: Ends of the edges.
         dimension: Dimension of each vertex stalk, shape (V,).
         number: Number of each edge, shape (k,).
+        F_tail, F_head, b, K: Maps, offset and weight; of the last two, None for zero and the identity.
     """
     k = len(ends.tail)
     loops = np.flatnonzero(ends.tail == ends.head)
     if loops.size:
         raise SheafError(f"{ends.name(loops[0])} is a loop; its ends must differ")
-    F_tail, F_head = finite(F_tails, "F_tail", ends), finite(F_heads, "F_head", ends)
-    for name, F, vertices, at in (("tail", F_tail, ends.tails, ends.tail), ("head", F_head, ends.heads, ends.head)):
-        if F.ndim != 3 or F.shape[0] != k:
-            raise SheafError(f"maps of the {name}s have shape {F.shape}; expected ({k}, m, n)")
-        wrong = np.flatnonzero(dimension[at] != F.shape[2])
-        if wrong.size:
-            e = wrong[0]
-            raise SheafError(
-                f"{ends.name(e)}: the map of {name} {vertices[e]!r} has shape {F.shape[1:]}, "
-                f"but the stalk has dimension {dimension[at[e]]}; expected (m, {dimension[at[e]]})"
-            )
+    F_tail = finite(F_tail, "F_tail", ends)
+    F_head = finite(F_head, "F_head", ends)
+    _require_fitting_maps(F_tail, "tail", ends, ends.tails, dimension[ends.tail])
+    _require_fitting_maps(F_head, "head", ends, ends.heads, dimension[ends.head])
     m = F_tail.shape[1]
     if F_head.shape[1] != m:
         raise SheafError(
             f"{ends.name(0)}: the maps have {m} and {F_head.shape[1]} rows; both must map to the same edge stalk"
         )
     # No memory for zeros: a million edges have enough to store.
-    b = np.broadcast_to(0.0, (k, m)) if offset is None else np.array(finite(offset, "offset", ends))
-    if b.shape != (k, m):
-        raise SheafError(f"offset has shape {b.shape}; expected ({k}, {m})")
-    K = None if weight is None else np.array(finite(weight, "weight", ends))
-    if K is not None:
-        K = K[:, None, None] * np.eye(m) if K.shape == (k,) else K
-        if K.shape != (k, m, m):
-            raise SheafError(f"weight has shape {K.shape}; expected ({k}, {m}, {m}) or ({k},)")
-        require_positive_definite(K, lambda e: f"{ends.name(e)}: the weight")
-    shape = m, F_tail.shape[2], F_head.shape[2]
-    return EdgeBundle(ends.tail, ends.head, packed([F_tail], [F_head]), shape, b, K, number)
+    offset = np.broadcast_to(0.0, (k, m)) if b is None else np.array(finite(b, "offset", ends))
+    if offset.shape != (k, m):
+        raise SheafError(f"offset has shape {offset.shape}; expected ({k}, {m})")
+    weight = None if K is None else _checked_weights(K, ends, m)
+    return EdgeBundle(
+        ends.tail,
+        ends.head,
+        packed([F_tail], [F_head]),
+        (m, F_tail.shape[2], F_head.shape[2]),
+        offset,
+        weight,
+        number,
+    )
+
+
+def _require_fitting_maps(F: Array, name: str, ends: Ends, vertices: Sequence[Any], dimension: IntArray) -> None:
+    """Refuse maps unless there is one for each edge, from the stalk of its tail or head, which has a dimension (k,)."""
+    if F.ndim != 3 or F.shape[0] != len(dimension):
+        raise SheafError(f"maps of the {name}s have shape {F.shape}; expected ({len(dimension)}, m, n)")
+    wrong = np.flatnonzero(dimension != F.shape[2])
+    if wrong.size:
+        e = wrong[0]
+        raise SheafError(
+            f"{ends.name(e)}: the map of {name} {vertices[e]!r} has shape {F.shape[1:]}, "
+            f"but the stalk has dimension {dimension[e]}; expected (m, {dimension[e]})"
+        )
+
+
+def _checked_weights(K: Any, ends: Ends, m: int) -> Array:
+    """Return inner products (k, m, m), given as such or as positive numbers (k,)."""
+    k = len(ends.tail)
+    weight = np.array(finite(K, "weight", ends))
+    if weight.shape == (k,):
+        weight = weight[:, None, None] * np.eye(m)
+    if weight.shape != (k, m, m):
+        raise SheafError(f"weight has shape {weight.shape}; expected ({k}, {m}, {m}) or ({k},)")
+    require_positive_definite(weight, lambda e: f"{ends.name(e)}: the weight")
+    return weight
 
 
 def require_positive_definite(K: Array, name: Callable[[int], str]) -> None:

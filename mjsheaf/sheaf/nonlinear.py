@@ -145,6 +145,15 @@ class NonlinearExtension:
     residual: float
 
 
+def _weight_matrix(weight: ArrayLike, measures: Measure, m: int, where: str) -> Array:
+    """Return K of an edge, shape (m, m), given by a positive number or, for positions, as it is."""
+    K = np.asarray(weight, dtype=np.float64)
+    fits = K.shape == () or (K.shape == (m, m) and measures == "position")
+    if not (fits and (np.diag(np.atleast_2d(K)) > 0.0).all()):
+        raise SheafError(f"{where}: weight has shape {K.shape}; expected a positive number")
+    return K if K.ndim else K * np.eye(m)
+
+
 class NonlinearSheaf:
     """A sheaf whose edges compare positions, ranges or bearings of vectors in the stalks of their ends."""
 
@@ -189,11 +198,6 @@ class NonlinearSheaf:
             raise SheafError(f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}")
         if desired is None and measures != "position":
             raise SheafError(f"{where}: no desired {measures}; expected one")
-        K = np.asarray(weight, dtype=np.float64)
-        fits = K.shape == () or (K.shape == (m, m) and measures == "position")
-        if not (fits and (np.diag(np.atleast_2d(K)) > 0.0).all()):
-            raise SheafError(f"{where}: weight has shape {K.shape}; expected a positive number")
-        value = np.zeros(m) if desired is None else desired
         self.edges.append(
             NonlinearEdge(
                 tail,
@@ -201,8 +205,8 @@ class NonlinearSheaf:
                 maps[0],
                 maps[1],
                 measures,
-                desired_value(measures, value, m),
-                K if K.ndim else K * np.eye(m),
+                desired_value(measures, np.zeros(m) if desired is None else desired, m),
+                _weight_matrix(weight, measures, m, where),
                 np.zeros(m) if lift is None else np.asarray(lift, dtype=np.float64).reshape(m),
                 directed,
             )
@@ -381,14 +385,11 @@ def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     m = int(first[-1])
     rows = [np.arange(begin, end) for begin, end in itertools.pairwise(first)]
-    columns = _columns(stalks, edges)
-    tails = [(r[:, None], columns[e.tail][None], -e.F_tail) for r, e in zip(rows, edges, strict=True)]
-    heads = [(r[:, None], columns[e.head][None], e.F_head) for r, e in zip(rows, edges, strict=True)]
-    pulled = [block for block, e in zip(heads, edges, strict=True) if not e.directed]
     code = np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64)
+    D, pulled = _coboundaries(stalks, edges, rows, (m, n))
     return _Arrays(
-        D=assembled(tails + heads, (m, n)).tocsr(),
-        pulled=assembled(tails + pulled, (m, n)).tocsr(),
+        D=D,
+        pulled=pulled,
         lift=_joined([e.lift for e in edges]),
         first=first,
         code=code,
@@ -404,10 +405,16 @@ def _joined(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.zeros(0), *parts])
 
 
-def _columns(stalks: Cochains, edges: Sequence[NonlinearEdge]) -> dict[Hashable, IntArray]:
-    """Return the columns of every vertex that has an edge."""
+def _coboundaries(
+    stalks: Cochains, edges: Sequence[NonlinearEdge], rows: Sequence[IntArray], shape: tuple[int, int]
+) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """Return the coboundary of z, and the same without heads that are not pulled."""
     ends = dict.fromkeys(end for e in edges for end in (e.tail, e.head))
-    return {end: stalks.columns_of(stalks.numbers([end])) for end in ends}
+    columns = {end: stalks.columns_of(stalks.numbers([end])) for end in ends}
+    tails = [(r[:, None], columns[e.tail][None], -e.F_tail) for r, e in zip(rows, edges, strict=True)]
+    heads = [(r[:, None], columns[e.head][None], e.F_head) for r, e in zip(rows, edges, strict=True)]
+    pulled = [block for block, e in zip(heads, edges, strict=True) if not e.directed]
+    return assembled(tails + heads, shape).tocsr(), assembled(tails + pulled, shape).tocsr()
 
 
 def _position_weights(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray], m: int) -> sparse.csr_array:
@@ -420,9 +427,10 @@ def _pairs(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray]) -> tuple[In
     """Return rows and columns of the blocks of range and bearing edges."""
     none = np.zeros(0, dtype=np.int64)
     curved = [r for r, e in zip(rows, edges, strict=True) if e.measures != "position"]
-    across = [np.repeat(r, len(r)) for r in curved]
-    down = [np.tile(r, len(r)) for r in curved]
-    return np.concatenate([none, *across]), np.concatenate([none, *down])
+    return (
+        np.concatenate([none, *(np.repeat(r, len(r)) for r in curved)]),
+        np.concatenate([none, *(np.tile(r, len(r)) for r in curved)]),
+    )
 
 
 class Settled(NamedTuple):
@@ -485,12 +493,12 @@ class StationarySolver:
         base = self._held @ boundary + arrays.lift
         z = self._moved @ x + base
         gradient = self._pulled @ arrays.pull(z)
-        stiffest = float(np.abs(arrays.weight).max(initial=0.0) + np.abs(arrays.K.data).max(initial=0.0))
-        extent = float(np.abs(z).max(initial=0.0) + np.abs(arrays.desired).max(initial=0.0))
+        stiffest = _largest(arrays.weight) + _largest(arrays.K.data)
+        extent = _largest(z) + _largest(arrays.desired)
         damping = _DAMPING
         self._factor = None if free else self._factor
         for _ in range(_MAX_STEPS):
-            size = float(np.abs(gradient).max(initial=0.0))
+            size = _largest(gradient)
             if size <= _CONVERGED * stiffest * extent or damping > _MAX_DAMPING:
                 break
             stale = self._factor is not None
@@ -500,7 +508,7 @@ class StationarySolver:
             moved = self._moved @ (x + step) + base
             after = self._pulled @ arrays.pull(moved)
             worse = self._is_worse(z, moved, gradient, after, stiffest * extent)
-            if worse or free or float(np.abs(after).max(initial=0.0)) > _STALE_ABOVE * size:
+            if worse or free or _largest(after) > _STALE_ABOVE * size:
                 self._factor = None
             if worse:
                 damping = damping if stale else max(10.0 * damping, _FIRST_DAMPING)
@@ -509,9 +517,9 @@ class StationarySolver:
             z = moved
             gradient = after
             damping = max(0.1 * damping, _DAMPING)
-            if float(np.abs(step).max(initial=0.0)) <= _SMALLEST_STEP * extent:
+            if _largest(step) <= _SMALLEST_STEP * extent:
                 break
-        size = float(np.abs(gradient).max(initial=0.0))
+        size = _largest(gradient)
         return Settled(x, size <= _STATIONARY * stiffest * extent, arrays.residual(z))
 
     def _factored(self, z: Array, damping: float, stiffest: float) -> SuperLU:
@@ -529,7 +537,12 @@ class StationarySolver:
         return float(np.linalg.norm(after)) > 2.0 * float(np.linalg.norm(before)) + _ROUNDING * scale
 
 
+def _largest(x: Array) -> float:
+    """Return the largest size of an entry; 0 without entries."""
+    return float(np.abs(x).max(initial=0.0))
+
+
 def _limited(step: Array, longest: float) -> Array:
     """Return a step, shortened until no coordinate changes by more than the longest."""
-    size = float(np.abs(step).max(initial=0.0))
+    size = _largest(step)
     return step if size <= longest else step * (longest / size)

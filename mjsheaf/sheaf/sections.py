@@ -373,22 +373,34 @@ def certified_sections(t: EdgeTable, free: BoolArray, rtol: float) -> tuple[list
     of_row = np.empty(t.rows, dtype=np.int64)
     of_row[ranges(t.row, t.size)] = np.repeat(np.where(chosen[end], forest.component[end], -1), t.size)
     for c, place, image_rows in zip(wanted, places, _grouped(of_row, wanted), strict=True):
-        Q, W = P[place, : open_[c]], image[image_rows, : open_[c]]
+        Q = P[place, : open_[c]]
+        W = image[image_rows, : open_[c]]
         if np.linalg.norm(W) > rtol * forest.norm_low:  # else all of Q is null
-            square = np.vstack([W, np.zeros((max(W.shape[1] - len(W), 0), W.shape[1]))])
-            _, s, V = np.linalg.svd(np.linalg.qr(square, mode="r"))
-            null = s <= rtol * forest.norm_low
-            above = float(s[~null].min(initial=np.inf))
-            # Of x = P r + G y orthogonal to the null part, what of P r is not null is at most
-            # (1 + |delta| |G|) |y| / above, and the rest at most 2 |G| |y|.
-            inverse = float((1.0 + forest.norm_high * G[c]) / above + 2.0 * G[c])
-            weak = inverse * enough > 1.0 or (null.any() and inverse * _SECTION_ACCURACY * forest.norm_high > 1.0)
-            if weak or (null.any() and len(place) <= DENSE_COLUMNS):  # there the general method keeps the axes apart
+            null = _certified_null_space(W, forest, float(G[c]), rtol)
+            # In small components the general method keeps the axes apart.
+            if null is None or (len(null) and len(place) <= DENSE_COLUMNS):
                 undecided[c] = True
                 continue
-            Q = Q @ V[null].T
+            Q = Q @ null.T
         found.append((place, Q))
     return found, free & undecided[forest.component]
+
+
+def _certified_null_space(W: Array, forest: Forest, G: float, rtol: float) -> Array | None:
+    """Return an orthonormal basis, as rows, of all r that are null in W = delta P; None if singular values are unclear.
+
+    G bounds the forest's G in the component; see `certified_sections`.
+    """
+    square = np.vstack([W, np.zeros((max(W.shape[1] - len(W), 0), W.shape[1]))])
+    _, s, V = np.linalg.svd(np.linalg.qr(square, mode="r"))
+    null = s <= rtol * forest.norm_low
+    above = float(s[~null].min(initial=np.inf))
+    # Of x = P r + G y orthogonal to the null part, what of P r is not null is at most
+    # (1 + |delta| |G|) |y| / above, and the rest at most 2 |G| |y|.
+    inverse = float((1.0 + forest.norm_high * G) / above + 2.0 * G)
+    enough = _BOUND_MARGIN * rtol * forest.norm_high
+    weak = inverse * enough > 1.0 or (null.any() and inverse * _SECTION_ACCURACY * forest.norm_high > 1.0)
+    return None if weak else V[null]
 
 
 def _slots(t: EdgeTable, forest: Forest, chosen: BoolArray) -> IntArray:

@@ -125,7 +125,7 @@ class Sheaf(Cochains):
             raise SheafError(f"{len(tails)} tails but {len(heads)} heads: each edge needs one of both")
         ends = Ends(tails, heads, self.numbers(tails), self.numbers(heads))
         number = self._edges + np.arange(len(tails))
-        return self._append([checked_bundle(ends, self._dimension, F_tails, F_heads, offset, weight, number)])
+        return self._append([checked_bundle(ends, self._dimension, number, F_tails, F_heads, offset, weight)])
 
     def add_mixed_edges(
         self,
@@ -141,19 +141,19 @@ class Sheaf(Cochains):
 
         As `add_edges`, with a sequence of k arrays in place of each array.
         """
-        given = [x for x in (F_tails, F_heads, offset, weight) if x is not None]
-        if any(len(x) != len(tails) for x in (heads, *given)):
+        arrays = {"F_tail": F_tails, "F_head": F_heads, "b": offset, "K": weight}
+        given = {name: x for name, x in arrays.items() if x is not None}
+        if any(len(x) != len(tails) for x in (heads, *given.values())):
             raise SheafError(f"{len(tails)} tails: each edge needs a head and two maps, and, where any has it, b and K")
-        i, j = self.numbers(tails), self.numbers(heads)
+        ends = Ends(tails, heads, self.numbers(tails), self.numbers(heads))
         alike: dict[Any, list[int]] = defaultdict(list)
-        for e, shapes in enumerate(zip(*(map(np.shape, x) for x in given), strict=True)):
+        for e, shapes in enumerate(zip(*(map(np.shape, x) for x in given.values()), strict=True)):
             alike[shapes].append(e)
         bundles = []
         for edges in alike.values():
-            tail, head, F_tail, F_head = ([x[e] for e in edges] for x in (tails, heads, F_tails, F_heads))
-            b, K = (None if x is None else [x[e] for e in edges] for x in (offset, weight))
-            ends, number = Ends(tail, head, i[edges], j[edges]), self._edges + np.array(edges)
-            bundles.append(checked_bundle(ends, self._dimension, F_tail, F_head, b, K, number))
+            own = {name: [x[e] for e in edges] for name, x in given.items()}
+            number = self._edges + np.array(edges)
+            bundles.append(checked_bundle(ends.selected(edges), self._dimension, number, **own))
         return self._append(bundles)
 
     def _append(self, bundles: list[EdgeBundle]) -> range:

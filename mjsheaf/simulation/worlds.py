@@ -131,8 +131,7 @@ class Worlds:
         Raises:
             InputError: It has another team now.
         """
-        run = self._runs[w]
-        self.rows.put(w, run)
+        self.rows.put(w, self._runs[w])
         self._starts[w] = self.rows.values[w]
         self._adopt(w)
 

@@ -4,17 +4,15 @@ from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import Id, Number, Point, Positive, Section, tagged
+from mjsheaf.io.section import Id, Number, Point, Positive, Tagged
 
 
-class Formation(Section):
+class Formation(Tagged):
     """Base of a group of members with a place for each; a shape says where, in `corners`."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("shape"))
 
     name: Id = Field(description="unique name, which results and plots show")
     members: Annotated[list[Id], Field(min_length=1)] = Field(description="ids, in the order of the shape's places")

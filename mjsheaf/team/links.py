@@ -7,11 +7,11 @@ are set for all edges, for those of a kind, or on an edge itself: the finest tha
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import NonNegative, Number, Positive, Section, tagged
+from mjsheaf.io.section import NonNegative, Number, Positive, Section, Tagged
 
 KINDS = ("communication", "sensing")
 """The kinds of edges that have links."""
@@ -19,22 +19,18 @@ KINDS = ("communication", "sensing")
 Probability = Annotated[float, Field(ge=0, le=1)]
 
 
-class Exact(Section):
+class Exact(Tagged):
     """The relative state itself, with white noise and bias where the link has them."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["exact"] = Field("exact", description="always exact")
 
 
-class RangeBearing(Section):
+class RangeBearing(Tagged):
     """Range and bearing in the body frame of the tail, which knows its own attitude.
 
     On an edge with two rows the bearing is an angle in their plane, on one with three azimuth and elevation in the body
     frame as it turns: along the motion on ideal kinematics, the true attitude on bodies.
     """
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["range_bearing"] = Field("range_bearing", description="always range_bearing")
     range_noise: NonNegative = Field(0.0, description="standard deviation of the range [m]")
@@ -43,10 +39,8 @@ class RangeBearing(Section):
     )
 
 
-class GilbertElliott(Section):
+class GilbertElliott(Tagged):
     """Losses in bursts: a Markov chain of a good and a bad state, which changes before each sample."""
-
-    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
     kind: Literal["gilbert_elliott"] = Field("gilbert_elliott", description="always gilbert_elliott")
     to_bad: Probability = Field(description="probability of a change from good to bad, at each sample [-]")

@@ -174,12 +174,7 @@ def describe(team: Team, mode: NullMode, free: str = "free") -> str:
     _, first, kind = np.unique(np.round(mode.steps / _STEP_TOLERANCE), axis=0, return_index=True, return_inverse=True)
     names = [team.agents[a].id for a in mode.agents]
     if len(first) == 1:
-        along = _direction(mode.steps[0], team, mode.agents)
-        if len(names) == 1:
-            return f"{names[0]} is {free} along {along}"
-        if along[-1] in _AXES:
-            return f"{_listed(names)} are {free} along {along} together"
-        return f"{_listed(names, ' and ')} {'can' if free == 'free' else f'are {free} to'} drift together along {along}"
+        return _describe_one_direction(names, _direction(mode.steps[0], team, mode.agents), free)
     furthest = float(np.linalg.norm(mode.steps, axis=1).max())
     clauses = []
     for k in np.argsort(first, kind="stable")[:_MOST_NAMED].tolist():
@@ -191,6 +186,15 @@ def describe(team: Team, mode: NullMode, free: str = "free") -> str:
         clauses.append(f"{who} along {_direction(step, team, mode.agents[group])}{share}")
     more = ", ..." if len(first) > _MOST_NAMED else ""
     return f"{', '.join(clauses)}{more}, {'' if free == 'free' else f'{free}, '}moving together"
+
+
+def _describe_one_direction(names: Sequence[str], along: str, free: str) -> str:
+    """Who is free along a direction that is the same for all."""
+    if len(names) == 1:
+        return f"{names[0]} is {free} along {along}"
+    if along[-1] in _AXES:
+        return f"{_listed(names)} are {free} along {along} together"
+    return f"{_listed(names, ' and ')} {'can' if free == 'free' else f'are {free} to'} drift together along {along}"
 
 
 def _listed(names: Sequence[str], last: str = ", ") -> str:

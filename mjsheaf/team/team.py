@@ -56,20 +56,22 @@ class Team:
                 and does not say that it is parallel, a member in two formations, or a map or offset of the wrong shape
                 (SheafError); the message begins with the field.
         """
-        self.agents, self.targets = tuple(agents), tuple(targets)
+        self.agents = tuple(agents)
+        self.targets = tuple(targets)
         self.members = self.agents + self.targets
-        self.agent_ids, self.target_ids = [a.id for a in self.agents], [t.id for t in self.targets]
-        self.index = {m.id: v for v, m in enumerate(self.members)}
-        self.formations, self.target_formation = tuple(formations), target_formation
+        self.agent_ids = [a.id for a in self.agents]
+        self.target_ids = [t.id for t in self.targets]
+        self.index: dict[str, int] = {}
+        self.formations = tuple(formations)
+        self.target_formation = target_formation
         self.absent = frozenset(absent)
         self.linearised_at: Array | None = None
         if not self.agents:
             raise InputError("agents: a team needs at least one agent")
-        self._roles: dict[str, str] = {}
         for v, member in enumerate(self.members):
-            if member.id in self._roles:
+            if self.index.setdefault(member.id, v) != v:
                 raise InputError(f"agents, targets: id {member.id!r} is used twice; each needs its own")
-            self._roles[member.id] = "agent" if v < len(self.agents) else "target"
+        self._roles = dict.fromkeys(self.agent_ids, "agent") | dict.fromkeys(self.target_ids, "target")
         self._ends = {m.id: m for m in (*self.members, _GROUND)}
         self.displacement = {id: np.zeros(m.dimension) for id, m in self._ends.items()}
         own = dict(self.displacement)  # of targets among themselves; the agents' formation is about where they are

@@ -71,19 +71,18 @@ class Authority(NamedTuple):
 def authority_of(vehicle: Vehicle) -> Authority:
     """Find the directions in which a vehicle can push."""
     rows = vehicle.controlled_rows
-    reach, under_way = np.zeros((len(rows), 2)), np.zeros((len(rows), 2))
-    for k, row in enumerate(rows):
-        free = [other for other in rows if other < 3 and vehicle.dimension == 2 and row == _YAW]
-        for way, sign in enumerate((1.0, -1.0)):
-            reach[k, way] = _largest(vehicle, row, sign, [])
-            under_way[k, way] = _largest(vehicle, row, sign, free) if free else reach[k, way]
-    lacking = [
-        _WAYS[row][way]
-        for k, row in enumerate(rows)
-        for way in (0, 1)
-        if reach[k, way] < WEAK_SIDE * under_way[k].max() or reach[k, way] <= 0.0
-    ]
+    reach = np.array([_largest_both_ways(vehicle, row, []) for row in rows]).reshape(-1, 2)
+    under_way = reach.copy()
+    if vehicle.dimension == 2 and _YAW in rows:
+        under_way[rows.index(_YAW)] = _largest_both_ways(vehicle, _YAW, [row for row in rows if row < 3])
+    weak = (reach < WEAK_SIDE * under_way.max(axis=1, keepdims=True, initial=0.0)) | (reach <= 0.0)
+    lacking = [_WAYS[rows[k]][way] for k, way in np.argwhere(weak).tolist()]
     return Authority(rows, reach, under_way, tuple(lacking))
+
+
+def _largest_both_ways(vehicle: Vehicle, row: int, free: list[int]) -> list[float]:
+    """Find the largest force or moment along a row, and against it; see `_largest`."""
+    return [_largest(vehicle, row, sign, free) for sign in (1.0, -1.0)]
 
 
 def may_lack(vehicle: Vehicle) -> bool:

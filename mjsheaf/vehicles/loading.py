@@ -243,7 +243,8 @@ def _compile(path: Path) -> mujoco.MjModel:
     return model
 
 
-def _from_model(name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel) -> Vehicle:
+def _require_supported(model: mujoco.MjModel, path: Path) -> None:
+    """Refuse a model with joints, without mass, or with actuators that mjsheaf does not know."""
     for holds, wanted in (
         (not model.nq, "must have no joints; mjsheaf gives the vehicle its free joint"),
         ((model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE).all(), "every actuator must act on a site"),
@@ -260,6 +261,10 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     ):
         if not holds:
             raise InputError(f"{path}: {wanted}")
+
+
+def _from_model(name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel) -> Vehicle:
+    _require_supported(model, path)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     mass, centre, inertia = mass_properties(model, data, slice(None))

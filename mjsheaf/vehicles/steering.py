@@ -112,8 +112,7 @@ class Full(Steering):
 
     def g_inverse(self, body: Body, R: Array) -> Array:
         """Compute W^+ D R^T on the force rows."""
-        whole = self.allocation(body)[:, :3] @ (body.drag[:, None] * R.T)
-        return np.asarray(whole[:, : body.dimension])
+        return np.asarray((self.allocation(body)[:, :3] @ (body.drag[:, None] * R.T))[:, : body.dimension])
 
 
 class HandPoint(Steering):

@@ -178,13 +178,27 @@ class Film:
         Raises:
             InputError: naming the array that does not fit, and the shape expected.
         """
-        time, vehicles, groups = self.run.time, self.vehicles, len(self.group_names)
-        if vehicles == 0:
+        time = self.run.time
+        groups = len(self.group_names)
+        if self.vehicles == 0:
             raise InputError("video has no vehicles; expected at least one agent or target")
         if not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
             raise InputError("film.run.time: expected at least one time; all finite and increasing")
-        run = self.run if isinstance(self.run, Samples) else self.run.at(time[:1])
-        samples = len(run.time)
+        self._require_shapes(self.run if isinstance(self.run, Samples) else self.run.at(time[:1]))
+        if np.any((self.group < 0) | (self.group >= groups)):
+            raise InputError(f"film.group: expected indices into group_names, 0 to {groups - 1}")
+        for edges in (self.edges, *(stage.edges for stage in self.stages)):
+            self._require_edges(edges)
+
+    def _require_edges(self, edges: Sequence[Edge]) -> None:
+        """Refuse edges between other than two vehicles, or of an unknown kind."""
+        for i, j, kind in edges:
+            if not 0 <= min(i, j) <= max(i, j) < self.vehicles or kind not in ("communication", "sensing"):
+                raise InputError(f"film.edges has ({i}, {j}, {kind!r}); expected two vehicles and a kind of edge")
+
+    def _require_shapes(self, run: Samples) -> None:
+        """Refuse arrays whose shapes do not fit the vehicles, the groups or the samples."""
+        samples, vehicles = len(run.time), self.vehicles
         for name, value, shape in (
             ("run.positions", run.positions, (samples, vehicles, 3)),
             ("run.quaternions", run.quaternions, (samples, vehicles, 4)),
@@ -193,15 +207,10 @@ class Film:
             ("qpos_address", self.qpos_address, (vehicles,)),
             ("body_id", self.body_id, (vehicles,)),
             ("group", self.group, (vehicles,)),
-            ("colours", self.colours, (groups, 3)),
+            ("colours", self.colours, (len(self.group_names), 3)),
         ):
             if np.shape(value) != shape:
                 raise InputError(f"film.{name} has shape {np.shape(value)}; expected {shape}")
-        if np.any((self.group < 0) | (self.group >= groups)):
-            raise InputError(f"film.group: expected indices into group_names, 0 to {groups - 1}")
-        for i, j, kind in (*self.edges, *(edge for stage in self.stages for edge in stage.edges)):
-            if not (0 <= i < vehicles and 0 <= j < vehicles) or kind not in ("communication", "sensing"):
-                raise InputError(f"film.edges has ({i}, {j}, {kind!r}); expected two vehicles and a kind of edge")
 
     @property
     def agents(self) -> int:

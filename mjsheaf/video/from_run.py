@@ -120,21 +120,17 @@ def film_of(
     team = system.team
     group, names, colours = groups_of(team)
     arena = arena_of(system, colours[group])
-    backend = "MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics"
-    surface, grid = scenario.scene.surface, None
+    surface = scenario.scene.surface
+    grid = None
     seas = seas_of(phases) if surface == "water" else []
     if surface != "none" and not seas:
         # texrepeat counts the repetitions of a uniform texture in two metres. The ground's texture has four squares.
         grid = 2.0 / float(arena.model.mat(surface).texrepeat[0]) / (2 if surface == "ground" else 1)
     run = RecordedRun(dataset, scenario.scene.height)
     places = places_of(run, phases)
-    law = law_in_words(dataset)
-    if not dataset.attrs.get("controller"):
-        law = ", ".join([law, *system.law.term_names])
-    unstable = "" if dataset.attrs["status"] == "finished" else ", blew up"
     film = Film(
         name=scenario.name,
-        subtitle=f"{backend}, {law}{unstable}",
+        subtitle=_subtitle(dataset, system.law.term_names),
         run=run,
         agent_ids=team.agent_ids,
         target_ids=team.target_ids,
@@ -155,6 +151,16 @@ def film_of(
         seas=seas,
     )
     return film, arena.model
+
+
+def _subtitle(dataset: xr.Dataset, term_names: Sequence[str]) -> str:
+    """Describe how a run was simulated: backend, law, and whether it blew up."""
+    words = ["MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics", law_in_words(dataset)]
+    if not dataset.attrs.get("controller"):
+        words += term_names
+    if dataset.attrs["status"] != "finished":
+        words.append("blew up")
+    return ", ".join(words)
 
 
 def seas_of(phases: "Sequence[Phase]") -> list[Sea]:

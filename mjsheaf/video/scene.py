@@ -70,8 +70,7 @@ class Lines:
     def of(cls, starts: npt.ArrayLike, ends: npt.ArrayLike, rgba: npt.ArrayLike, width: float) -> "Lines":
         """Join starts and ends, each of shape (n, 3); one colour (4,) is for all."""
         both = np.stack([np.asarray(starts), np.asarray(ends)], axis=1, dtype=np.float32, casting="same_kind")
-        colours = np.broadcast_to(np.asarray(rgba, np.float32), (len(both), 4))
-        return cls(both, colours, width)
+        return cls(both, np.broadcast_to(np.asarray(rgba, np.float32), (len(both), 4)), width)
 
 
 class Decorator:

@@ -91,8 +91,7 @@ def mesh(sea: Sea, view: View, time: float) -> tuple[FloatArray, FloatArray]:
     points = np.stack([*np.meshgrid(x, y, indexing="ij"), sea.level + height], axis=-1)
     normal = np.stack([-slope_x, -slope_y, np.ones_like(height)], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    eye = view.lookat - view.distance * axes(view.azimuth, view.elevation)[2]
-    to_eye = eye - points
+    to_eye = view.lookat - view.distance * axes(view.azimuth, view.elevation)[2] - points
     away = np.linalg.norm(to_eye, axis=-1, keepdims=True)
     to_eye /= away
     rgb = _lit(normal, to_eye, height / max(4.0 * np.sqrt(np.sum(sea.waves.amplitude**2) / 2.0), 1e-9))

@@ -4,6 +4,7 @@ A drone of half a metre is a speck next to a boat of six. Each kind is enlarged 
 team's size. It stays smaller than the usual gap between neighbours, so that vehicles do not cover each other.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -121,13 +122,11 @@ def list_scales(kinds: Sequence[str], ids: Sequence[str], scales: Array) -> list
     Vehicles are named by kind, by id where a kind has several scales, and by "every vehicle" where all have one.
     """
     if len(set(scales.tolist())) == 1:
-        return [(float(scales[0]), ["every vehicle"])] if scales[0] != 1.0 else []
-    groups: dict[float, list[str]] = {}
+        kinds = ["every vehicle"] * len(kinds)
+    groups: dict[float, list[str]] = defaultdict(list)
     for kind in dict.fromkeys(kinds):
         own = [v for v, each in enumerate(kinds) if each == kind]
-        if len({float(scales[v]) for v in own}) == 1:
-            groups.setdefault(float(scales[own[0]]), []).append(kind)
-            continue
-        for v in own:
-            groups.setdefault(float(scales[v]), []).append(ids[v])
+        alike = len(set(scales[own].tolist())) == 1
+        for v in own[:1] if alike else own:
+            groups[float(scales[v])].append(kind if alike else ids[v])
     return [(scale, groups[scale]) for scale in sorted(groups, reverse=True) if scale != 1.0]
