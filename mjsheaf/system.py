@@ -17,7 +17,7 @@ from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
-from mjsheaf.errors import InputError, in_field
+from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.media import FlowField, disturbance
 from mjsheaf.media.bounded import Bounds
 from mjsheaf.media.gusts import Exposure
@@ -188,13 +188,16 @@ class System:
         Raises:
             InputError: it is one.
         """
-        if v < len(self.team.agents):
-            raise InputError(f"{name!r} has no thrusters and cannot be an agent; expected it on a target")
-        if self.motion.path[v, 1] > 0 or self.motion.amplitude[v].any():
-            raise InputError(
-                f"{name!r} has no thrusters and cannot follow a path; expected a target with motion static, or with "
-                "none, which drifts"
-            )
+        raise_first(
+            InputError,
+            {
+                f"{name!r} has no thrusters and cannot be an agent; expected it on a target": v < len(self.team.agents),
+                (
+                    f"{name!r} has no thrusters and cannot follow a path; expected a target with motion static, or "
+                    "with none, which drifts"
+                ): self.motion.path[v, 1] > 0 or self.motion.amplitude[v].any(),
+            },
+        )
 
     @cached_property
     def steps_per_sample(self) -> int:

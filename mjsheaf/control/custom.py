@@ -31,7 +31,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError, expected, in_field
+from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.io.section import Section
 from mjsheaf.io.user_code import describe, execute_file
 from mjsheaf.jit import INTERPRETED, NumbaError, overload, types, user_jit
@@ -98,10 +98,17 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
             compile, writes to residual or parameters, or uses indices out of range.
     """
     names = tuple(parameters)
-    if isinstance(parameters, str) or len(set(names)) != len(names) or not all(map(_is_name, names)):
-        raise InputError(f"register: parameters are {parameters!r}; expected a list of different names")
-    if not (isinstance(memory, int) and 0 <= memory <= _MOST_NUMBERS):
-        raise InputError(f"register: memory is {memory!r}; expected a whole number from 0 to {_MOST_NUMBERS}")
+    raise_first(
+        InputError,
+        {
+            f"register: parameters are {parameters!r}; expected a list of different names": (
+                isinstance(parameters, str) or len(set(names)) != len(names) or not all(map(_is_name, names))
+            ),
+            f"register: memory is {memory!r}; expected a whole number from 0 to {_MOST_NUMBERS}": not (
+                isinstance(memory, int) and 0 <= memory <= _MOST_NUMBERS
+            ),
+        },
+    )
 
     def decorate(function: Term) -> Term:
         name = function.__name__

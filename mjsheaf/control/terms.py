@@ -34,7 +34,7 @@ from mjsheaf.control.rounds import (
     relax,
     size_of_round_memory,
 )
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import normals, stream_of
@@ -142,8 +142,10 @@ class TermArrays(NamedTuple):
 
     def selected(self, agents: IntArray) -> "TermArrays":
         """The terms of some of the agents, by number."""
+        if not self.agents:
+            return self
         by_agent = {name: getattr(self, name)[agents] for name in ("dimension", "lead", "streams")}
-        return self._replace(agents=len(agents), **by_agent) if self.agents else self
+        return self._replace(agents=len(agents), **by_agent)
 
     @property
     def noisy(self) -> bool:
@@ -270,16 +272,19 @@ def require_solvable(terms: TermArrays, team: Team) -> None:
         InputError: there is one; the message begins with the field.
     """
     for name in ("feedforward", "newton"):
-        if getattr(terms, name) and team.directed:
-            raise InputError(
-                f"controller.{name}: its rounds assume a symmetric H, which a team with directed communication edges "
-                f"does not have; expected no {name}, or undirected edges"
-            )
-        if getattr(terms, name) and not team.linear:
-            raise InputError(
-                f"controller.{name}: its rounds need eigenvalues of H that are fixed before the run, and range and "
-                f"bearing edges make H depend on the positions; expected no {name}, or edges that measure position"
-            )
+        raise_first(
+            InputError,
+            {
+                (
+                    f"controller.{name}: its rounds assume a symmetric H, which a team with directed communication "
+                    f"edges does not have; expected no {name}, or undirected edges"
+                ): getattr(terms, name) and team.directed,
+                (
+                    f"controller.{name}: its rounds need eigenvalues of H that are fixed before the run, and range and "
+                    f"bearing edges make H depend on the positions; expected no {name}, or edges that measure position"
+                ): getattr(terms, name) and not team.linear,
+            },
+        )
 
 
 def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: RoundArrays | None = None) -> TermArrays:

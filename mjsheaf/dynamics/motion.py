@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.dynamics.recordings import read_positions
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Tagged
 from mjsheaf.jit import inline_jit
 
@@ -188,10 +188,15 @@ class Recorded(Tagged):
 
     @model_validator(mode="after")
     def _one_source(self) -> "Recorded":
-        if (self.samples is None) == (self.path is None):
-            raise ValueError("expected either samples or path")
-        if self.path is None and (self.topic is not None or self.frame is not None):
-            raise ValueError("topic and frame select from the file of `path`; expected them only with it")
+        raise_first(
+            ValueError,
+            {
+                "expected either samples or path": (self.samples is None) == (self.path is None),
+                "topic and frame select from the file of `path`; expected them only with it": (
+                    self.path is None and (self.topic is not None or self.frame is not None)
+                ),
+            },
+        )
         return self
 
     def read(self) -> "Recorded":

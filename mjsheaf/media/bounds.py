@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, raise_first
 from mjsheaf.media.flow import CHANNEL, SOURCE, VORTEX, FlowField
 
 _BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
@@ -104,10 +104,15 @@ def supremum(
     if corners[0].shape != corners[1].shape or corners[0].ndim != 2 or not n <= corners[0].shape[1] <= 3:
         expected = "two of (2,) or (3,)" if n == 2 else "two of (3,) for vehicles in space"
         raise InputError(f"a box has corners of shapes {given[0].shape} and {given[1].shape}; expected {expected}")
-    if not (np.isfinite(corners).all() and np.all(corners[0] <= corners[1])):
-        raise InputError(f"a box needs finite corners with low <= high, not {given[0]} and {given[1]}")
-    if not tolerance >= 0.0:
-        raise InputError(f"tolerance is {tolerance}; expected zero or more")
+    raise_first(
+        InputError,
+        {
+            f"a box needs finite corners with low <= high, not {given[0]} and {given[1]}": not (
+                np.isfinite(corners).all() and np.all(corners[0] <= corners[1])
+            ),
+            f"tolerance is {tolerance}; expected zero or more": not tolerance >= 0.0,
+        },
+    )
     table = _Bytes(flow.table, flow.dimension)
     return _supremum(table, _Bytes(corners[0]), _Bytes(corners[1]), n, planar, slope, drift, tolerance, most_cells)
 

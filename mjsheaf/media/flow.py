@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.gusts import Gusts
@@ -232,12 +232,20 @@ class FlowField(Section):
 
     @model_validator(mode="after")
     def _poles_are_complete(self) -> "FlowField":
-        if any((vortex.axis is not None) != (self.dimension == 3) for vortex in self.vortices):
-            raise ValueError("vortices: in space each needs an axis; in the plane the axis is z, leave it out")
-        if (self.sources or self.vortices) and self.core is None:
-            raise ValueError("sources and vortices are singular at their centre: give a 'core' radius (0 leaves it so)")
-        if any(vortex.velocity is not None for vortex in self.vortices) and not self.core:
-            raise ValueError("vortices: one that moves needs a 'core' radius above 0")
+        raise_first(
+            ValueError,
+            {
+                "vortices: in space each needs an axis; in the plane the axis is z, leave it out": any(
+                    (vortex.axis is not None) != (self.dimension == 3) for vortex in self.vortices
+                ),
+                "sources and vortices are singular at their centre: give a 'core' radius (0 leaves it so)": (
+                    self.core is None and (self.sources or self.vortices)
+                ),
+                "vortices: one that moves needs a 'core' radius above 0": (
+                    not self.core and any(vortex.velocity is not None for vortex in self.vortices)
+                ),
+            },
+        )
         return self
 
     @model_validator(mode="after")

@@ -26,7 +26,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import SheafError
+from mjsheaf.errors import SheafError, raise_first
 from mjsheaf.sheaf.blocks import RANK_TOLERANCE, assembled
 from mjsheaf.sheaf.cochains import Cochains
 from mjsheaf.sheaf.sheaf import Sheaf
@@ -194,10 +194,13 @@ class NonlinearSheaf:
         m = self._require_fitting(tail, head, [np.shape(F_tail), np.shape(F_head)])
         maps = [np.asarray(F, dtype=np.float64) for F in (F_tail, F_head)]
         where = f"edge ({tail!r}, {head!r})"
-        if measures not in MEASURES:
-            raise SheafError(f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}")
-        if desired is None and measures != "position":
-            raise SheafError(f"{where}: no desired {measures}; expected one")
+        raise_first(
+            SheafError,
+            {
+                f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}": measures not in MEASURES,
+                f"{where}: no desired {measures}; expected one": desired is None and measures != "position",
+            },
+        )
         self.edges.append(
             NonlinearEdge(
                 tail,

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import Section
 from mjsheaf.vehicles.actuators import AnyActuator
 from mjsheaf.vehicles.body import AttitudeHold, Body
@@ -106,12 +106,20 @@ class VehicleDescription(Section):
 
     @model_validator(mode="after")
     def _fits_together(self) -> "VehicleDescription":
-        if (self.domain == "surface") != (self.hydrostatics is not None):
-            raise ValueError("a surface vehicle needs hydrostatics, and other vehicles must not have them")
-        if isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint):
-            raise ValueError("steering needs a hand_point on the surface, and a largest_tilt in a volume")
-        if self.drifts and (self.domain != "surface" or self.steering or self.autopilot or self.actuators):
-            raise ValueError("a drifting vehicle must be on the surface, without steering, autopilot and actuators")
+        raise_first(
+            ValueError,
+            {
+                "a surface vehicle needs hydrostatics, and other vehicles must not have them": (
+                    (self.domain == "surface") != (self.hydrostatics is not None)
+                ),
+                "steering needs a hand_point on the surface, and a largest_tilt in a volume": (
+                    isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint)
+                ),
+                "a drifting vehicle must be on the surface, without steering, autopilot and actuators": (
+                    self.drifts and (self.domain != "surface" or self.steering or self.autopilot or self.actuators)
+                ),
+            },
+        )
         return self
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from mjsheaf.control.obstacles import ObstacleArrays
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, raise_first
 from mjsheaf.scenario.scenario import Scale, Video, scales_of
 
 if TYPE_CHECKING:
@@ -180,10 +180,15 @@ class Film:
         """
         time = self.run.time
         groups = len(self.group_names)
-        if self.vehicles == 0:
-            raise InputError("video has no vehicles; expected at least one agent or target")
-        if not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
-            raise InputError("film.run.time: expected at least one time; all finite and increasing")
+        raise_first(
+            InputError,
+            {
+                "video has no vehicles; expected at least one agent or target": self.vehicles == 0,
+                "film.run.time: expected at least one time; all finite and increasing": (
+                    not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0).all()
+                ),
+            },
+        )
         self._require_shapes(self.run if isinstance(self.run, Samples) else self.run.at(time[:1]))
         if np.any((self.group < 0) | (self.group >= groups)):
             raise InputError(f"film.group: expected indices into group_names, 0 to {groups - 1}")
