@@ -32,6 +32,7 @@ try:
     from numba import config, njit
     from numba import types as types
     from numba.core import cgutils, event
+    from numba.core.codegen import get_host_cpu_features
     from numba.core.dispatcher import Dispatcher as Dispatcher
     from numba.core.errors import NumbaError as NumbaError
     from numba.extending import intrinsic
@@ -43,6 +44,12 @@ except ValueError:  # numba reads its environment variables as it is imported
     raise InputError(
         f"NUMBA_NUM_THREADS: {os.environ.get('NUMBA_NUM_THREADS', '')[:40]!r}; expected a whole number from 1 on"
     ) from None
+
+# Vectors of 256 bits, as LLVM itself prefers on most processors with AVX-512: a loop over 4 lanes has no remainder, and
+# code that reads several numbers right after it wrote them one by one does not wait for them.
+features = get_host_cpu_features()
+if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]
+    config.CPU_FEATURES = f"{features},+prefer-256-bit"  # type: ignore[attr-defined]
 
 _logger = logging.getLogger("mjsheaf")
 _PACKAGE = Path(__file__).resolve().parent
@@ -194,8 +201,8 @@ def external(library: Path, name: str, result: str, *arguments: str) -> Any:
     return types.ExternalFunction(name, signature)
 
 
-LANES = 8
-"""Numbers in a row of `lane_array`: two registers of AVX2, or one of AVX-512."""
+LANES = 16
+"""Numbers in a row of `lane_array`: four registers of AVX2, so that a processor always has independent work."""
 
 
 @intrinsic(prefer_literal=True)
@@ -230,23 +237,25 @@ the function, nor be handed to one that is not inlined. The number of rows is a 
 
 
 @intrinsic
-def _lanes_by_asm(_: Any) -> Any:
-    def generate(context: Any, builder: Any, *_: Any) -> Any:
+def _lanes_by_asm(_: Any, count: Any) -> Any:
+    def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
         number = ir.IntType(64)
-        one = builder.asm(ir.FunctionType(number, [number]), "", "=r,0", [ir.Constant(number, 1)], False)
-        return builder.mul(one, ir.Constant(number, LANES))
+        registers = builder.sdiv(builder.add(arguments[0], ir.Constant(number, 3)), ir.Constant(number, 4))
+        hidden = builder.asm(ir.FunctionType(number, [number]), "", "=r,0", [registers], False)
+        return builder.mul(hidden, ir.Constant(number, 4))
 
-    return types.int64(), generate
-
-
-def _lanes() -> int:
-    return LANES
+    return types.int64(types.int64), generate
 
 
-all_lanes: Any = _lanes if INTERPRETED else _lanes_by_asm
-"""Return LANES, as a multiple of LANES that LLVM does not know.
+def _lanes(count: int) -> int:
+    return (count + 3) // 4 * 4
 
-It unrolls a short loop over a number that it knows before it tries to make vector instructions of it.
+
+lanes_for: Any = _lanes if INTERPRETED else _lanes_by_asm
+"""Return the number of lanes that `count` vehicles need, a multiple of 4, of which LLVM knows nothing else.
+
+It makes vector instructions of a loop over so many lanes, with no remainder. It would unroll a short loop over a number
+that it knows before it tries.
 """
 
 _C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}

@@ -37,7 +37,7 @@ from mjsheaf.simulation.scores import (
     score,
     square_error,
 )
-from mjsheaf.simulation.threaded import AT_ONCE, BLOCK, NEVER
+from mjsheaf.simulation.threaded import AT_ONCE, NEVER
 from mjsheaf.simulation.trajectory import new_log
 
 
@@ -48,7 +48,7 @@ def meet(gate, meetings, members):
 
 
 @jit
-def run_world(loop, motion, goal, scores, nothing, w, there, begin, end, block, member, members, gate):
+def run_world(loop, motion, goal, scores, nothing, w, there, begin, end, member, members, gate):
     """Do one member's share of world w from sample `begin` up to `end`, each with the steps after it.
 
     A world is simulated by one or more threads, its members. Member 0 evaluates the law and writes the scores. Agents,
@@ -63,12 +63,11 @@ def run_world(loop, motion, goal, scores, nothing, w, there, begin, end, block, 
         w: Number of the world.
         there: True if the world exists.
         begin, end: Range of samples; after the goal's last sample no step is taken.
-        block: Number of vehicles that are moved together: several on a processor, one in a thread of a GPU.
         member, members: Number of this member, and number of members.
         gate: Barrier of the members, in its initial state.
     """
     params = loop.params
-    V, N, meetings = params.fleet.bodies.shape[0], goal.first.shape[0] - 1, 0
+    N, meetings = goal.first.shape[0] - 1, 0
     for n in range(begin, end):
         last = n + 1 == goal.samples
         for part in range(1 if last else params.per_sample // params.per_law):
@@ -82,9 +81,7 @@ def run_world(loop, motion, goal, scores, nothing, w, there, begin, end, block, 
                 for i in range(member, N, members):
                     scores.squares[w, i] = square_error(goal, loop.state.x, i)
             if alive and not last:
-                for first in range(member * block, V, members * block):
-                    after = min(first + block, V)
-                    advance_block(loop, motion, first, after, k, params.per_law, nothing, -1, scores.bad[w])
+                advance_share(loop, motion, k, nothing, scores.bad[w], member, members)
             if not meet(gate, meetings + 2, members):
                 return
             if alive and member == 0:
@@ -92,6 +89,14 @@ def run_world(loop, motion, goal, scores, nothing, w, there, begin, end, block, 
                     score(goal, scores, w, n, loop)
                 keep_first(scores.bad[w], scores.ended[w])
             meetings += 2
+
+
+@inline_jit
+def advance_share(loop, motion, k, nothing, bad, member, members):
+    """Move a member's share of the vehicles of a world, in blocks, up to the next evaluation of the law."""
+    blocks = loop.params.fleet.blocks
+    for b in range(member, blocks.shape[0] - 1, members):
+        advance_block(loop, motion, blocks[b], blocks[b + 1], k, loop.params.per_law, nothing, -1, bad)
 
 
 @inline_jit
@@ -237,7 +242,7 @@ class Batch:
 
         def part(loop: Loop, w: int, begin: int, end: int, member: int, gate: IntArray) -> None:
             goal, scores, nothing = self.goal, self.scores, self.nothing
-            run_world(loop, rows.motion, goal, scores, nothing, w, True, begin, end, BLOCK, member, members, gate)
+            run_world(loop, rows.motion, goal, scores, nothing, w, True, begin, end, member, members, gate)
 
         part(rows.loop_of(0), 0, 0, 0, 0, Crew.gate())  # compiles, lest a member does while others wait
         with ThreadPoolExecutor(threads) as pool:

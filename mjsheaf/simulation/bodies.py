@@ -42,6 +42,7 @@ with omega = 50 rad/s on ground, where it sinks in by 4 mm, and 10 rad/s on wate
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -118,6 +119,12 @@ BODY = np.dtype(
 )
 
 
+BLOCK = 16
+"""Largest number of vehicles that move together, so that their numbers stay in the cache for several steps."""
+
+MIN_ALIKE = 3
+"""Number of neighbours of one kind from which they form a block of their own, as they may move faster in lanes."""
+
 _REST = {"none": 0.0, "ground": 50.0, "water": 10.0}  # rad/s
 _REST_IN_A_STEP = 0.25  # rad: a faster surface would not be stable as an applied force
 _AIRCRAFT = 0.5  # share of its weight that an aircraft must carry itself; water carries that of a submersible
@@ -131,11 +138,13 @@ class Fleet(NamedTuple):
         kinds: a KIND for each kind.
         bodies: a BODY for each vehicle, shape (V,).
         thrusters: CHANNELs of each kind in turn.
+        blocks: First vehicle of each block of vehicles that move together, and V, shape (B + 1,).
     """
 
     kinds: NDArray[np.void]
     bodies: NDArray[np.void]
     thrusters: NDArray[np.void]
+    blocks: IntArray
 
     @property
     def channels(self) -> NDArray[np.void]:
@@ -201,7 +210,29 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
     for name, each in (("actuator", kinds["count"][number]), ("state", states[number])):
         bodies[name] = np.cumsum(each) - each
     bodies["heading"] = quaternions_of(heading)[:, [0, 3]]
-    return Fleet(as_records(kinds), as_records(bodies), as_records(thrusters))
+    return Fleet(as_records(kinds), as_records(bodies), as_records(thrusters), split_into_blocks(number))
+
+
+def split_into_blocks(kind: IntArray) -> IntArray:
+    """Split vehicles into blocks of neighbours, of one kind where as many as MIN_ALIKE lie side by side.
+
+    Args:
+        kind: Number of the kind of each vehicle, shape (V,).
+
+    Returns:
+        First vehicle of each block, and V, shape (B + 1,). A block has at most BLOCK vehicles.
+    """
+    changes = np.flatnonzero(np.diff(kind, prepend=-1))
+    blocks = [0]
+    alike = True  # the last block is of one kind and takes no others
+    for first, last in pairwise([*changes, len(kind)]):
+        for begin in range(first, last, BLOCK):
+            end = min(begin + BLOCK, last)
+            several = end - begin >= MIN_ALIKE
+            if several or alike or end - blocks[-1] > BLOCK:
+                blocks.append(begin)
+            alike = several
+    return np.array([*blocks[1:], len(kind)], dtype=np.int64)
 
 
 def _pack(vehicle: Vehicle, kind: np.void) -> None:
@@ -255,16 +286,31 @@ def medium_wrench(kind, height, normal, R, s, omega):
     """
     force, moment = drag_wrench(kind, s, omega)
     if kind.buoyancy > 0.0:
-        # A moment K (b_z x n) rights the hull; its height and its tilt to the surface's normal n are small.
-        force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * height))
-        moment = add(moment, cross(triple(kind.centre), upward(R, kind.buoyancy)))
-        moment = moment[0] - kind.restoring[1] * normal[1], moment[1] + kind.restoring[2] * normal[0], moment[2]
+        force, moment = add_buoyancy(kind, height, normal, R, force, moment)
     if kind.ballast > 0.0:
-        weight = upward(R, -kind.ballast)
-        force, moment = add(force, weight), add(moment, cross(triple(kind.ballast_point), weight))
+        force, moment = add_ballast(kind, R, force, moment)
     if kind.added:
-        force, moment = _share_with_medium(kind, R, s, omega, force, moment)
+        force, moment = share_with_medium(kind, R, s, omega, force, moment)
     return force, moment
+
+
+@inline_jit
+def add_buoyancy(kind, height, normal, R, force, moment):
+    """Add buoyancy and restoring moment of a hull; arguments as `medium_wrench`.
+
+    A moment K (b_z x n) rights the hull; its height and its tilt to the surface's normal n are small.
+    """
+    force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * height))
+    moment = add(moment, cross(triple(kind.centre), upward(R, kind.buoyancy)))
+    moment = moment[0] - kind.restoring[1] * normal[1], moment[1] + kind.restoring[2] * normal[0], moment[2]
+    return force, moment
+
+
+@inline_jit
+def add_ballast(kind, R, force, moment):
+    """Add the weight of ballast; arguments as `medium_wrench`."""
+    weight = upward(R, -kind.ballast)
+    return add(force, weight), add(moment, cross(triple(kind.ballast_point), weight))
 
 
 @inline_jit
@@ -306,7 +352,7 @@ def apply_wrench(kind, qvel, R, force, moment, applied):
 
 
 @inline_jit
-def _share_with_medium(kind, R, s, omega, force, moment):
+def share_with_medium(kind, R, s, omega, force, moment):
     """Return the wrench that moves MuJoCo's body as the given wrench moves a body with added mass, body axes.
 
     MuJoCo solves M_RB a + h = Q + G, where h is the rigid body's centrifugal wrench and G its weight. The desired
@@ -354,11 +400,8 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
     weight = upward(R, kind.supported_weight)
     K = kind.gain
     force = drag_force(kind, wanted)
-    if kind.planar and R[8] > _TIPPED:
-        # A hull that is not quite level also drags along its own z axis, where it has no thrusters: that part of the
-        # force is replaced, by water that carries the hull and by thrust, with the same horizontal force.
-        upwards = force[2] / R[8]
-        force = (force[0] - upwards * R[6], force[1] - upwards * R[7], force[2])
+    if kind.planar:
+        force = carried_by_water(R, force)
     force = (
         force[0] + K[0] * (wanted[0] - s[0]),
         force[1] + K[1] * (wanted[1] - s[1]),
@@ -368,6 +411,20 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
     _allocate(kind, thrusters, R[8], weight, turn, force, moment, ctrl)
     if kind.turning:
         aim(thrusters, s, sensed.rates, act, ctrl)
+
+
+@inline_jit
+def carried_by_water(R, force):
+    """Return a force on a hull without its vertical part, unless the hull has tipped over; body axes, (3,).
+
+    A hull that is not quite level also drags along its own z axis, where it has no thrusters. Water that carries the
+    hull, and thrust, replace that part with the same horizontal force.
+    """
+    upwards = force[2] / R[8]
+    level = R[8] > _TIPPED
+    x = force[0] - upwards * R[6]
+    y = force[1] - upwards * R[7]
+    return x if level else force[0], y if level else force[1], force[2]
 
 
 @inline_jit
@@ -413,11 +470,7 @@ def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment
         yaw = carry[2] + (turn[2] + moment[2])
         allocate_nearest(thrusters, triple(kind.row_norm), add(weight, force), yaw, effort)
         return
-    if upright < _TIPPED and kind.supported_weight > 0.0:
-        # If thrusters had to carry more weight than they can, they would saturate, and no thrust would remain to turn.
-        force, moment = add(force, weight), add(moment, carry)
-        weight, carry = (0.0, 0.0, _TIPPED * kind.supported_weight), (0.0, 0.0, 0.0)
-        force = subtract(force, weight)
+    weight, carry, force, moment = within_thrust(kind, upright, weight, carry, force, moment)
     for k in range(effort.shape[0]):
         effort[k] = row_product(thrusters[k].row, weight, carry)
     none = (0.0, 0.0, 0.0)
@@ -427,6 +480,28 @@ def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment
     for k in range(effort.shape[0]):
         if thrusters[k].code == FIXED:
             effort[k] = at_most(effort[k], thrusters[k].low, thrusters[k].high)
+
+
+@inline_jit
+def within_thrust(kind, upright, weight, carry, force, moment):
+    """Move the part of an aircraft's weight that it cannot carry while tipped over to the force of translation.
+
+    If thrusters had to carry more weight than they can, they would saturate, and no thrust would remain to turn.
+    """
+    tipped = (upright < _TIPPED) & (kind.supported_weight > 0.0)
+    carried = (0.0, 0.0, _TIPPED * kind.supported_weight)
+    none = (0.0, 0.0, 0.0)
+    return (
+        _choose(tipped, carried, weight),
+        _choose(tipped, none, carry),
+        _choose(tipped, subtract(add(force, weight), carried), force),
+        _choose(tipped, add(moment, carry), moment),
+    )
+
+
+@inline_jit
+def _choose(condition, a, b):
+    return a[0] if condition else b[0], a[1] if condition else b[1], a[2] if condition else b[2]
 
 
 @jit

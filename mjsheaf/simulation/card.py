@@ -21,6 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
+from mjsheaf.jit import inline_jit
 from mjsheaf.simulation.batch import Batch, run_world
 from mjsheaf.simulation.fused import advance_each
 from mjsheaf.simulation.rows import Leaf, Taker, mapped
@@ -74,12 +75,19 @@ def _add_functions() -> None:
             known[function] = {f"{kind * count}->{kind}": calling(name) for kind in "fd"}
 
 
+@inline_jit
+def advance_one_by_one(loop, motion, k, nothing, bad, member, members):
+    """Move a member's share of the vehicles of a world; as `batch.advance_share`."""
+    for v in range(member, loop.params.fleet.bodies.shape[0], members):
+        advance_each(loop, motion, v, v + 1, k, loop.params.per_law, nothing, -1, bad)
+
+
 @functools.cache
 def kernel_function(take_world: Taker) -> Callable[..., None]:
     """Return the kernel as a function that numba-cuda compiles: of `arguments`, and samples from `begin` to `end`.
 
     It is `run_world` with the GPU's barrier in the place of the gate: no thread leaves before the last meeting. Each
-    thread moves one vehicle: the GPU's own threads are its lanes.
+    thread moves one vehicle at a time: the GPU's own threads are its lanes.
     """
     cuda = import_module("numba.cuda")
     _add_functions()
@@ -90,7 +98,7 @@ def kernel_function(take_world: Taker) -> Callable[..., None]:
         return True
 
     on_processor = run_world.py_func
-    names = {**on_processor.__globals__, "meet": meet, "advance_block": advance_each}
+    names = {**on_processor.__globals__, "meet": meet, "advance_share": advance_one_by_one}
     advance = njit(error_model="numpy")(FunctionType(on_processor.__code__, names, on_processor.__name__))
     take = cuda.jit(device=True)(take_world)
 
@@ -98,7 +106,7 @@ def kernel_function(take_world: Taker) -> Callable[..., None]:
         w, W = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x, scores.bound.shape[0]
         there, w = w < W, min(w, W - 1)
         member, members = cuda.threadIdx.y, cuda.blockDim.y
-        advance(take(loop, w), motion, goal, scores, nothing, w, there, begin, end, 1, member, members, None)
+        advance(take(loop, w), motion, goal, scores, nothing, w, there, begin, end, member, members, None)
 
     return run_worlds
 

@@ -30,7 +30,7 @@ from mjsheaf.simulation.gate import fail, take
 from mjsheaf.simulation.lanes import advance_lanes, end_of_kind, fits_lanes
 from mjsheaf.simulation.loop import HUGE, Loop, record, sense_and_command
 from mjsheaf.simulation.motion import move, pack_motion
-from mjsheaf.simulation.threaded import BLOCK, ThreadedLoop, begin_span, end_span, next_row
+from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
 from mjsheaf.vehicles.vectors import add
 
@@ -110,16 +110,17 @@ def apply_actuators(loop, body, force, moment):
 @jit
 def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate):
     """See `ThreadedLoop._work`; motion has a MOTION for each kind."""
-    k, end, meetings, V = step, step + count, 0, loop.params.fleet.bodies.shape[0]
-    share = max(1, V // (BLOCK * threads * _TURNS))  # blocks that lie side by side, which caches like
+    k, end, meetings, blocks = step, step + count, 0, loop.params.fleet.blocks
+    B = blocks.shape[0] - 1
+    share = max(1, B // (threads * _TURNS))  # blocks that lie side by side, which caches like
     while k < end:
         span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
         block = take(gate, share, threads)
-        while block * BLOCK < V:
-            for first in range(block * BLOCK, min((block + share) * BLOCK, V), BLOCK):
-                last = min(first + BLOCK, V)
+        while block < B:
+            for b in range(block, min(block + share, B)):
+                first, last = blocks[b], blocks[b + 1]
                 if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
                     fail(gate)
             block = take(gate, share, threads)

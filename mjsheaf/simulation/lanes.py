@@ -1,29 +1,47 @@
 """Vehicles of one kind side by side: the fused engine's step, several vehicles an instruction.
 
-A block's numbers lie in rows of LANES, one lane a vehicle. Every loop over lanes is straight arithmetic, which LLVM
-turns into vector instructions: it calls nothing and takes no branch. Arithmetic is that of `fused.advance_each`, in its
-order, and lanes do not mix, so that a vehicle's bits are the same in a lane and alone. What happens rarely is done lane
-by lane afterwards: efforts beyond their limits, large turns in a step.
+A block's numbers lie in rows of LANES, one lane a vehicle; as many lanes are computed as the vehicles need. Every loop
+over lanes is straight arithmetic, which LLVM turns into vector instructions: it calls nothing and takes no branch.
+Arithmetic is that of `fused.advance_each`, in its order, and lanes do not mix, so that a vehicle's bits are the same in
+a lane and alone. What happens rarely is done afterwards: efforts beyond their limits in lanes too, large turns in a
+step and one-sided thrusters lane by lane.
 
-Lanes take multirotors and other vehicles that fly, with thrusters fixed on the body. What floats, has added mass, turns
-its thrusters, is lost, or is commanded from outside is moved by `advance_each`.
+Lanes take drones and boats with thrusters fixed on the body. `advance_each` moves vehicles that turn their thrusters,
+have rudders, cannot back, are lost, or are commanded from outside. Waves, gusts and gridded flows are evaluated lane by
+lane.
 """
 
 import numpy as np
 
-from mjsheaf.jit import LANES, all_lanes, inline_jit, jit, lane_array
+from mjsheaf.jit import LANES, inline_jit, jit, lane_array, lanes_for
 from mjsheaf.media.disturbance import sine
 from mjsheaf.media.flow import SOURCE, VORTEX, channel_velocity, offset_from, source_velocity, vortex_velocity
 from mjsheaf.media.medium import advance as advance_medium
-from mjsheaf.media.medium import medium_velocity
-from mjsheaf.simulation.bodies import allocate_within_limits, drag_wrench
+from mjsheaf.media.medium import medium_velocity, surface_about
+from mjsheaf.media.moving import upright_in
+from mjsheaf.simulation.bodies import (
+    MIN_ALIKE,
+    add_ballast,
+    add_buoyancy,
+    allocate_within_limits,
+    carried_by_water,
+    drag_wrench,
+    share_with_medium,
+    within_thrust,
+)
 from mjsheaf.simulation.loop import AUTOPILOT, HUGE, record
 from mjsheaf.simulation.motion import NEARLY_UNIT, SMALL, accelerations, series, turned
-from mjsheaf.vehicles.actuators import actuator_force
-from mjsheaf.vehicles.steering import FULL, THRUST_VECTOR, drag_force, point_thrust, turn_to
+from mjsheaf.vehicles.actuators import actuator_force, at_most, room_of_fixed
+from mjsheaf.vehicles.steering import (
+    HAND_POINT,
+    THRUST_VECTOR,
+    drag_force,
+    hand_point_moment,
+    point_thrust,
+    turn_to,
+)
 from mjsheaf.vehicles.vectors import add, cross, rotation, row_product, subtract, to_body, triple, upward
 
-_FEWEST = 4  # vehicles that move faster in lanes than one after the other
 _CHANNELS = 8  # largest number of actuators of a vehicle
 _HARMONICS = 8  # largest number of harmonics of a disturbance
 
@@ -39,7 +57,12 @@ _PARTS = 47  # of the unit quaternion of a turn: cosine, sine over the angle
 _SIZE = 49  # what makes the quaternion one
 _LARGE = 50  # 1 where the turn is large, or the quaternion far from one
 _SHAKE = 51  # velocity of the disturbance
-_ROWS = 54
+_HEIGHT = 54  # above the surface
+_NORMAL = 55  # of the surface, along the body's x and y axes
+_WITHIN = 57  # 1 where all efforts are within their limits
+_ROWS = 58
+
+_WRENCH_ROWS = 24  # four wrenches, which actuators make one after the other as far as limits allow
 
 # Rows of the disturbances, one for each harmonic.
 _RATE, _PHASE, _AMPLITUDE = 0, _HARMONICS, 2 * _HARMONICS
@@ -61,18 +84,12 @@ def fits_lanes(loop, first, last):
     """Return True if the vehicles from first up to last, of one kind, can be moved in lanes."""
     params, fleet = loop.params, loop.params.fleet
     kind = fleet.kinds[fleet.bodies[first].kind]
-    fits = (last - first >= _FEWEST) & (last - first <= LANES)
-    fits &= _flies_on_fixed_thrusters(kind) & (loop.state.qpos.itemsize == 8)
+    fits = (last - first >= MIN_ALIKE) & (last - first <= LANES)
+    fits &= (kind.turning == 0) & (kind.in_flow == 0) & (kind.forward_only == 0) & (kind.count <= _CHANNELS)
+    fits &= loop.state.qpos.itemsize == 8
     for v in range(first, last):
         fits &= params.helm[v] == AUTOPILOT
     return fits
-
-
-@inline_jit
-def _flies_on_fixed_thrusters(kind):
-    fits = (kind.steering == FULL) | (kind.steering == THRUST_VECTOR)
-    fits &= (kind.planar == 0) & (kind.turning == 0) & (kind.in_flow == 0) & (kind.added == 0)
-    return fits & (kind.buoyancy == 0.0) & (kind.ballast == 0.0) & (kind.count <= _CHANNELS)
 
 
 @inline_jit
@@ -100,11 +117,11 @@ def _attitude(block, lane):
 
 
 @inline_jit
-def _gather(loop, first, last, block, activation):
+def _gather(loop, first, last, lanes, block, activation):
     """Read the state of the vehicles; lanes beyond the last repeat the first."""
     fleet, state = loop.params.fleet, loop.state
     kind = fleet.kinds[fleet.bodies[first].kind]
-    for lane in range(LANES):
+    for lane in range(lanes):
         v = first + lane if first + lane < last else first
         body = fleet.bodies[v]
         for i in range(7):
@@ -142,20 +159,86 @@ def _scatter(loop, first, last, block, activation, effort):
 
 
 @inline_jit
-def _steer(kind, block):
+def _through_medium(block, lane, R):
+    return to_body(R, subtract(_three(block, _VELOCITY, lane), _three(block, _MEDIUM, lane)))
+
+
+@inline_jit
+def _wrench(block, lane):
+    return _three(block, _FORCE, lane), _three(block, _MOMENT, lane)
+
+
+@inline_jit
+def _put_wrench(block, lane, force, moment):
+    _put(block, _FORCE, lane, force)
+    _put(block, _MOMENT, lane, moment)
+
+
+@inline_jit
+def _add_medium(kind, lanes, block):
+    """Add what the medium does besides drag; see `bodies.medium_wrench`."""
+    if kind.buoyancy > 0.0:
+        for lane in range(lanes):
+            R, (force, moment) = _attitude(block, lane), _wrench(block, lane)
+            normal = block[_NORMAL, lane], block[_NORMAL + 1, lane]
+            force, moment = add_buoyancy(kind, block[_HEIGHT, lane], normal, R, force, moment)
+            _put_wrench(block, lane, force, moment)
+    if kind.ballast > 0.0:
+        for lane in range(lanes):
+            force, moment = _wrench(block, lane)
+            force, moment = add_ballast(kind, _attitude(block, lane), force, moment)
+            _put_wrench(block, lane, force, moment)
+    if kind.added:
+        for lane in range(lanes):
+            R, (force, moment) = _attitude(block, lane), _wrench(block, lane)
+            s = _through_medium(block, lane, R)
+            force, moment = share_with_medium(kind, R, s, _three(block, _RATES, lane), force, moment)
+            _put_wrench(block, lane, force, moment)
+
+
+@inline_jit
+def _steer_hand_point(kind, lanes, block):
+    """Write the wrench of drag and the wrenches that actuators are to make; see `bodies.thruster_commands`."""
+    K, com, none = kind.gain, triple(kind.com), (0.0, 0.0, 0.0)
+    for lane in range(lanes):
+        R, omega = _attitude(block, lane), _three(block, _RATES, lane)
+        s = _through_medium(block, lane, R)
+        drag, moment = drag_wrench(kind, s, omega)
+        _put_wrench(block, lane, drag, moment)
+        wanted = to_body(R, _three(block, _COMMAND, lane))
+        force = carried_by_water(R, drag_force(kind, wanted))
+        force = (force[0] + K[0] * (wanted[0] - s[0]), 0.0, 0.0)
+        weight = upward(R, kind.supported_weight)
+        couple = (0.0, 0.0, hand_point_moment(kind, s, omega, wanted[1]))
+        _put_wrenches(block, lane, com, weight, none, force, couple)
+
+
+@inline_jit
+def _put_wrenches(block, lane, com, weight, turn, force, couple):
+    _put(block, _WEIGHT, lane, weight)
+    _put(block, _TURN, lane, turn)
+    _put(block, _PUSH, lane, force)
+    _put(block, _COUPLE, lane, couple)
+    _put(block, _TOTAL, lane, add(weight, force))
+    _put(block, _TOTAL + 3, lane, add(cross(com, weight), add(turn, couple)))
+
+
+@inline_jit
+def _steer(kind, lanes, block):
     """Write the wrench of drag and the wrenches that actuators are to make; see `bodies.thruster_commands`."""
     K, com, share = kind.gain, triple(kind.com), triple(kind.rigid_mass_fraction)
-    for lane in range(LANES):
+    for lane in range(lanes):
         quaternion = _quaternion(block, lane)
         R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-        s = to_body(R, subtract(_three(block, _VELOCITY, lane), _three(block, _MEDIUM, lane)))
+        s = _through_medium(block, lane, R)
         omega = _three(block, _RATES, lane)
         drag, moment = drag_wrench(kind, s, omega)
-        _put(block, _FORCE, lane, drag)
-        _put(block, _MOMENT, lane, moment)
+        _put_wrench(block, lane, drag, moment)
         wanted = to_body(R, _three(block, _COMMAND, lane))
         weight = upward(R, kind.supported_weight)
         force = drag_force(kind, wanted)
+        if kind.planar:
+            force = carried_by_water(R, force)
         force = (
             force[0] + K[0] * (wanted[0] - s[0]),
             force[1] + K[1] * (wanted[1] - s[1]),
@@ -168,40 +251,46 @@ def _steer(kind, block):
         turn = turn_to(kind, attitude, quaternion, omega)
         net = subtract(force, drag_force(kind, s))
         couple = cross(com, (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
-        carry = cross(com, weight)
-        _put(block, _WEIGHT, lane, weight)
-        _put(block, _TURN, lane, turn)
-        _put(block, _PUSH, lane, force)
-        _put(block, _COUPLE, lane, couple)
-        _put(block, _TOTAL, lane, add(weight, force))
-        _put(block, _TOTAL + 3, lane, add(carry, add(turn, couple)))
+        _put_wrenches(block, lane, com, weight, turn, force, couple)
 
 
 @inline_jit
-def _allocate(loop, first, last, block, effort):
-    """Write the efforts; see `bodies.thruster_commands`."""
+def _allocate(loop, first, last, lanes, block, effort):
+    """Write the efforts; see `bodies.thruster_commands`.
+
+    Args:
+        loop: Loop of the world.
+        first, last: Range of vehicles.
+        lanes: Number of lanes in use.
+        block, effort: Rows of the vehicles, and of their efforts.
+    """
     fleet = loop.params.fleet
     kind = fleet.kinds[fleet.bodies[first].kind]
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     beyond = 0
+    for lane in range(lanes):
+        block[_WITHIN, lane] = 1.0
     for j in range(kind.count):
         channel = thrusters[j]
-        for lane in range(all_lanes()):
+        for lane in range(lanes):
             u = row_product(channel.row, _three(block, _TOTAL, lane), _three(block, _TOTAL + 3, lane))
             effort[j, lane] = u
-            beyond += 0 if (channel.low <= u) & (u <= channel.high) else 1
+            within = (channel.low <= u) & (u <= channel.high)
+            block[_WITHIN, lane] = block[_WITHIN, lane] if within else 0.0
+            beyond += 0 if within else 1
     if beyond > 0:
-        _allocate_within_limits(loop, kind, thrusters, first, last, block, effort)
+        if kind.one_sided:
+            _allocate_nearest(loop, kind, thrusters, first, last, block, effort)
+        else:
+            _allocate_within_limits(kind, thrusters, lanes, block, effort)
 
 
 @inline_jit
-def _allocate_within_limits(loop, kind, thrusters, first, last, block, effort):
-    """Replace the efforts of vehicles of which one is beyond its limits."""
+def _allocate_nearest(loop, kind, thrusters, first, last, block, effort):
+    """Replace the efforts of vehicles of which one is beyond its limits, one vehicle after the other."""
     for v in range(first, last):
-        lane, within = v - first, True
-        for j in range(kind.count):
-            within &= (thrusters[j].low <= effort[j, lane]) & (effort[j, lane] <= thrusters[j].high)
-        if not within:
+        lane = v - first
+        if not block[_WITHIN, lane] > 0.0:
             actuator = loop.params.fleet.bodies[v].actuator
             ctrl = loop.state.ctrl[actuator : actuator + kind.count]
             weight, turn = _three(block, _WEIGHT, lane), _three(block, _TURN, lane)
@@ -213,28 +302,72 @@ def _allocate_within_limits(loop, kind, thrusters, first, last, block, effort):
 
 
 @inline_jit
-def _act(kind, thrusters, block, activation, effort):
+def _allocate_within_limits(kind, thrusters, lanes, block, effort):
+    """Replace the efforts of vehicles of which one is beyond its limits; see `bodies.allocate_within_limits`."""
+    limited = lane_array(_CHANNELS)
+    added = lane_array(_CHANNELS)
+    fraction = lane_array(1)
+    wrenches = lane_array(_WRENCH_ROWS)
+    com = triple(kind.com)
+    for lane in range(lanes):
+        weight, turn = _three(block, _WEIGHT, lane), _three(block, _TURN, lane)
+        push, couple = _three(block, _PUSH, lane), _three(block, _COUPLE, lane)
+        upright = _attitude(block, lane)[8]
+        weight, carry, push, couple = within_thrust(kind, upright, weight, cross(com, weight), push, couple)
+        _put(wrenches, 0, lane, weight)
+        _put(wrenches, 3, lane, carry)
+        _put(wrenches, 6, lane, (0.0, 0.0, 0.0))
+        _put(wrenches, 9, lane, (turn[0], turn[1], 0.0))
+        _put(wrenches, 12, lane, (0.0, 0.0, 0.0))
+        _put(wrenches, 15, lane, (0.0, 0.0, turn[2]))
+        _put(wrenches, 18, lane, push)
+        _put(wrenches, 21, lane, couple)
+    for j in range(kind.count):
+        for lane in range(lanes):
+            limited[j, lane] = row_product(thrusters[j].row, _three(wrenches, 0, lane), _three(wrenches, 3, lane))
+    for first in range(6, _WRENCH_ROWS, 6):
+        for lane in range(lanes):
+            fraction[0, lane] = 1.0
+        for j in range(kind.count):
+            channel = thrusters[j]
+            for lane in range(lanes):
+                du = row_product(channel.row, _three(wrenches, first, lane), _three(wrenches, first + 3, lane))
+                added[j, lane] = du
+                room = room_of_fixed(channel.low, channel.high, limited[j, lane], du)
+                fraction[0, lane] = min(fraction[0, lane], room)
+        for j in range(kind.count):
+            for lane in range(lanes):
+                limited[j, lane] += fraction[0, lane] * added[j, lane]
+    for j in range(kind.count):
+        channel = thrusters[j]
+        for lane in range(lanes):
+            u = at_most(limited[j, lane], channel.low, channel.high)
+            effort[j, lane] = effort[j, lane] if block[_WITHIN, lane] > 0.0 else u
+
+
+@inline_jit
+def _act(kind, thrusters, lanes, block, activation, effort):
     """Add the wrenches of the actuators, update their activations, and mark bad efforts."""
-    for lane in range(LANES):
+    for lane in range(lanes):
         block[_GOOD, lane] = 1.0
     for j in range(kind.count):
         channel = thrusters[j]
         along, about = triple(channel.direction), triple(channel.moment)
-        for lane in range(LANES):
+        for lane in range(lanes):
             u = effort[j, lane]
             f, after = actuator_force(channel, u, activation[j, lane])
             activation[j, lane] = after
-            force = add(_three(block, _FORCE, lane), (f * along[0], f * along[1], f * along[2]))
-            moment = add(_three(block, _MOMENT, lane), (f * about[0], f * about[1], f * about[2]))
-            _put(block, _FORCE, lane, force)
-            _put(block, _MOMENT, lane, moment)
+            force, moment = _wrench(block, lane)
+            force = add(force, (f * along[0], f * along[1], f * along[2]))
+            moment = add(moment, (f * about[0], f * about[1], f * about[2]))
+            _put_wrench(block, lane, force, moment)
             block[_GOOD, lane] = block[_GOOD, lane] if abs(u) < HUGE else 0.0
 
 
 @inline_jit
-def _move(one, h, block):
+def _move(one, h, lanes, block):
     """Take MuJoCo's step of h, s; see `motion.move`."""
-    for lane in range(LANES):
+    for lane in range(lanes):
         R, omega = _attitude(block, lane), _three(block, _RATES, lane)
         along, about = accelerations(one, R, omega, _three(block, _FORCE, lane), _three(block, _MOMENT, lane))
         sound = (abs(along[0]) < HUGE) & (abs(along[1]) < HUGE) & (abs(along[2]) < HUGE)
@@ -254,10 +387,10 @@ def _move(one, h, block):
 
 
 @inline_jit
-def _turn(h, block):
+def _turn(h, lanes, block):
     """Turn the quaternions; see `motion.turn`."""
     large = 0.0
-    for lane in range(LANES):
+    for lane in range(lanes):
         omega, q = _three(block, _RATES, lane), _quaternion(block, lane)
         x, y, z = 0.5 * h * omega[0], 0.5 * h * omega[1], 0.5 * h * omega[2]
         square = x * x + y * y + z * z
@@ -265,11 +398,11 @@ def _turn(h, block):
         norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
         block[_SIZE, lane] = 1.5 - 0.5 * norm
         block[_LARGE, lane] = 0.0 if (square < SMALL) & (abs(norm - 1.0) < NEARLY_UNIT) else 1.0
-    for lane in range(LANES):
+    for lane in range(lanes):
         large += block[_LARGE, lane]
     if large > 0.0:
-        _turn_far(h, block)
-    for lane in range(LANES):
+        _turn_far(h, lanes, block)
+    for lane in range(lanes):
         omega, s = _three(block, _RATES, lane), block[_PARTS + 1, lane]
         x, y, z = s * (0.5 * h * omega[0]), s * (0.5 * h * omega[1]), s * (0.5 * h * omega[2])
         q = turned(_quaternion(block, lane), block[_SIZE, lane], block[_PARTS, lane], (x, y, z))
@@ -278,9 +411,9 @@ def _turn(h, block):
 
 
 @inline_jit
-def _turn_far(h, block):
+def _turn_far(h, lanes, block):
     """Replace the series where a turn is large, and the size where a quaternion is far from one."""
-    for lane in range(LANES):
+    for lane in range(lanes):
         omega, q = _three(block, _RATES, lane), _quaternion(block, lane)
         x, y, z = 0.5 * h * omega[0], 0.5 * h * omega[1], 0.5 * h * omega[2]
         square = x * x + y * y + z * z
@@ -325,15 +458,15 @@ def _is_steady(medium, first, last):
     """Return True if one steady flow and harmonics of few frequencies are all that moves the vehicles."""
     steady = (len(medium.parts) == 0) & (medium.harmonics.amplitude.shape[1] <= _HARMONICS)
     for v in range(first, last):
-        steady &= (medium.rows[v, 0] == medium.rows[first, 0]) & (not medium.planar[v])
+        steady &= medium.rows[v, 0] == medium.rows[first, 0]
     return steady
 
 
 @inline_jit
-def _gather_waves(harmonics, first, last, waves):
+def _gather_waves(harmonics, first, last, lanes, waves):
     """Read the harmonics of the vehicles' disturbances, as `_gather` reads their state."""
     K = harmonics.amplitude.shape[1]
-    for lane in range(LANES):
+    for lane in range(lanes):
         v = first + lane if first + lane < last else first
         for k in range(K):
             waves[_RATE + k, lane] = harmonics.rate[v * K + k]
@@ -342,7 +475,13 @@ def _gather_waves(harmonics, first, last, waves):
 
 
 @inline_jit
-def _meet_steady(medium, first, t, waves, block):
+def _place(block, lane, planar):
+    """Return the point of the medium that a vehicle meets: in the plane, a boat's is at a height of 0."""
+    return block[_POSITION, lane], block[_POSITION + 1, lane], 0.0 if planar else block[_POSITION + 2, lane]
+
+
+@inline_jit
+def _meet_steady(medium, first, t, lanes, waves, block):
     """Write the velocity of a steady medium with disturbances at each vehicle; see `medium.medium_velocity`.
 
     Args:
@@ -353,38 +492,56 @@ def _meet_steady(medium, first, t, waves, block):
         block: Rows of the vehicles.
     """
     table = medium.kernels[medium.rows[first, 0] : medium.rows[first, 1]]
-    for lane in range(LANES):
+    planar = medium.planar[first]
+    for lane in range(lanes):
         _put(block, _MEDIUM, lane, triple(table[0, 2:]))
         _put(block, _SHAKE, lane, (0.0, 0.0, 0.0))
     for k in range(1, table.shape[0]):
         c = table[k]
         if c[0] == SOURCE:
-            for lane in range(all_lanes()):
-                w = source_velocity(c, offset_from(c, _three(block, _POSITION, lane)))
+            for lane in range(lanes):
+                w = source_velocity(c, offset_from(c, _place(block, lane, planar)))
                 _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), w))
         elif c[0] == VORTEX:
-            for lane in range(all_lanes()):
-                w = vortex_velocity(c, offset_from(c, _three(block, _POSITION, lane)))
+            for lane in range(lanes):
+                w = vortex_velocity(c, offset_from(c, _place(block, lane, planar)))
                 _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), w))
         else:
-            for lane in range(LANES):
-                w = channel_velocity(c, offset_from(c, _three(block, _POSITION, lane)))
+            for lane in range(lanes):
+                w = channel_velocity(c, offset_from(c, _place(block, lane, planar)))
                 _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), w))
     for k in range(medium.harmonics.amplitude.shape[1]):
-        for lane in range(LANES):
+        for lane in range(lanes):
             s = sine(waves[_RATE + k, lane] * t + waves[_PHASE + k, lane])
             a = _three(waves, _AMPLITUDE + 3 * k, lane)
             _put(block, _SHAKE, lane, add(_three(block, _SHAKE, lane), (a[0] * s, a[1] * s, a[2] * s)))
-    for lane in range(LANES):
+    for lane in range(lanes):
         _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), _three(block, _SHAKE, lane)))
+    if planar:
+        for lane in range(lanes):
+            R = _attitude(block, lane)
+            block[_MEDIUM + 2, lane] = 0.0
+            block[_HEIGHT, lane] = block[_POSITION + 2, lane] - medium.level
+            block[_NORMAL, lane] = R[6]
+            block[_NORMAL + 1, lane] = R[7]
 
 
 @inline_jit
 def _meet_medium(medium, state, first, last, block):
-    """Write the velocity of the medium at each vehicle."""
+    """Write the velocity of the medium at each vehicle, and the surface at each boat; see `loop.sense_and_command`."""
+    planar = medium.planar[first]
     for v in range(first, last):
-        x, y, z = _three(block, _POSITION, v - first)
-        _put(block, _MEDIUM, v - first, medium_velocity(medium, state, v, x, y, z))
+        lane = v - first
+        x, y, z = _place(block, lane, planar)
+        w = medium_velocity(medium, state, v, x, y, z)
+        if planar:
+            surface = surface_about(medium, state, v, x, y)
+            w = w[0], w[1], w[2] + surface[3]
+            block[_HEIGHT, lane] = block[_POSITION + 2, lane] - surface[0]
+            normal = upright_in(medium.parts, surface, _attitude(block, lane))
+            block[_NORMAL, lane] = normal[0]
+            block[_NORMAL + 1, lane] = normal[1]
+        _put(block, _MEDIUM, lane, w)
 
 
 @inline_jit
@@ -406,11 +563,12 @@ def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
     kind, one = fleet.kinds[number], motion[number]
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     block, activation, effort = lane_array(_ROWS), lane_array(_CHANNELS), lane_array(_CHANNELS)
+    lanes = lanes_for(last - first)
     waves, steady = lane_array(_WAVE_ROWS), _is_steady(params.medium, first, last)
-    _gather(loop, first, last, block, activation)
+    _gather(loop, first, last, lanes, block, activation)
     if steady:
-        _gather_waves(params.medium.harmonics, first, last, waves)
-    for lane in range(LANES):
+        _gather_waves(params.medium.harmonics, first, last, lanes, waves)
+    for lane in range(lanes):
         block[_GOOD, lane] = 1.0
     all_good = True
     for k in range(step, step + count):
@@ -418,18 +576,22 @@ def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
         if recorded or not steady:
             advance_medium(params.medium, t, first, last, state.medium)
         if steady:
-            _meet_steady(params.medium, first, t, waves, block)
+            _meet_steady(params.medium, first, t, lanes, waves, block)
         else:
             _meet_medium(params.medium, state.medium, first, last, block)
-        _steer(kind, block)
-        _allocate(loop, first, last, block, effort)
+        if kind.steering == HAND_POINT:
+            _steer_hand_point(kind, lanes, block)
+        else:
+            _steer(kind, lanes, block)
+        _add_medium(kind, lanes, block)
+        _allocate(loop, first, last, lanes, block, effort)
         if recorded:
             _write_commands(loop, first, last, effort)
             record(loop, log, row, first, last)
-        _act(kind, thrusters, block, activation, effort)
+        _act(kind, thrusters, lanes, block, activation, effort)
         all_good &= _mark_commands(loop, first, last, k, block, bad)
-        _move(one, h, block)
-        _turn(h, block)
+        _move(one, h, lanes, block)
+        _turn(h, lanes, block)
         all_good &= _mark_states(first, last, k, block, bad)
         if not all_good:
             break

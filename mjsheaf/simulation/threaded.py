@@ -16,8 +16,7 @@ from mjsheaf.simulation.gate import Crew, failed, refill, wait
 from mjsheaf.simulation.loop import ClosedLoop, EngineArrays, Loop, place_targets, run_law
 from mjsheaf.system import PhysicsOptions
 
-BLOCK = 8
-"""Vehicles that a thread takes at a time; fewer are not worth one."""
+_MIN_VEHICLES = 8  # that are worth a thread
 
 AT_ONCE = 2_000_000
 """Steps times vehicles in one compiled call; Ctrl-C takes effect between calls. A call is long enough for each thread
@@ -34,7 +33,7 @@ def crew_size(plan: PhysicsOptions, controlled: bool) -> int:
     """
     if controlled or INTERPRETED:
         return 1
-    return max(1, min(plan.threads, len(plan.vehicle) // BLOCK))
+    return max(1, min(plan.threads, len(plan.vehicle) // _MIN_VEHICLES))
 
 
 @inline_jit

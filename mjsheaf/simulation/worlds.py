@@ -16,7 +16,7 @@ from mjsheaf.simulation.fused import Fused, advance_block
 from mjsheaf.simulation.loop import Loop, blow_up_of, run_law
 from mjsheaf.simulation.rows import Rows, is_seed, leaves_of
 from mjsheaf.simulation.scores import goal_of, square_error
-from mjsheaf.simulation.threaded import BLOCK, NEVER
+from mjsheaf.simulation.threaded import NEVER
 from mjsheaf.simulation.trajectory import new_log
 
 
@@ -62,11 +62,11 @@ def take_period(loop, motion, nothing, k, bad):
         False if a vehicle diverged.
     """
     params = loop.params
-    V, good = params.fleet.bodies.shape[0], True
+    blocks, good = params.fleet.blocks, True
     for _ in range(params.per_sample // params.per_law):
         run_law(loop, params.start + k * params.timestep)
-        for first in range(0, V, BLOCK):
-            good &= advance_block(loop, motion, first, min(first + BLOCK, V), k, params.per_law, nothing, -1, bad)
+        for b in range(blocks.shape[0] - 1):
+            good &= advance_block(loop, motion, blocks[b], blocks[b + 1], k, params.per_law, nothing, -1, bad)
         if not good:
             return False
         k += params.per_law

@@ -227,8 +227,7 @@ def steer(kind, heading, sensed, wanted, force, weight):
         aside = wanted[1]
         if kind.forward_only and wanted[0] < 0.0:  # turn as for a command abeam
             aside = np.copysign(np.sqrt(wanted[0] * wanted[0] + aside * aside), aside)
-        rate = (aside - s[1]) / kind.hand
-        yaw = (kind.drag[5] + kind.quadratic[5] * abs(rate)) * rate + kind.gain[5] * (rate - omega[2])
+        yaw = hand_point_moment(kind, s, omega, aside)
         if kind.forward_only:
             yaw = _turn_under_way(kind, s, wanted, force[0], yaw)
         force, moment, turn = (force[0], 0.0, 0.0), (0.0, 0.0, yaw), (0.0, 0.0, 0.0)
@@ -243,6 +242,13 @@ def steer(kind, heading, sensed, wanted, force, weight):
         net, share = subtract(force, drag_force(kind, s)), kind.rigid_mass_fraction
         moment = cross(triple(kind.com), (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
     return weight, turn, force, moment
+
+
+@inline_jit
+def hand_point_moment(kind, s, omega, aside):
+    """Return the yaw moment that moves a hand point to port at a speed `aside`, N m; s and omega as `Sensed`."""
+    rate = (aside - s[1]) / kind.hand
+    return (kind.drag[5] + kind.quadratic[5] * abs(rate)) * rate + kind.gain[5] * (rate - omega[2])
 
 
 @jit

@@ -16,7 +16,6 @@ from mjsheaf.results.metrics import late_errors, summarize
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.batch import Batch
 from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.threaded import BLOCK
 from tests.builders import mixed_scenario, refused
 
 WILD = 1e5  # 1/s: a gain that blows up at once
@@ -56,11 +55,10 @@ def require_as_alone(batch: Batch, scenarios: list[Scenario], alone: list[xr.Dat
 
 @pytest.mark.parametrize(("threads", "members"), [(1, 1), (2, 3)])
 def test_worlds_of_several_blocks_end_as_they_do_alone(threads: int, members: int) -> None:
-    """Seventeen vehicles: two whole blocks and one that is not."""
     changes = {"time.end": 0.1, "disturbance.agents.bound": 0.2}
     scenarios = [load_scenario("paper", changes).with_seed(seed) for seed in range(3)]
-    assert len(scenarios[0].system.team.members) > 2 * BLOCK
     batch = batch_of(scenarios)
+    assert list(batch.rows.loop.params.fleet.blocks) == [0, 13, 17]  # boats, and what they follow
     batch.run(threads, members)
     require_as_alone(batch, scenarios, [simulate(scenario, engine="fused", threads=1) for scenario in scenarios])
 
@@ -114,8 +112,8 @@ def test_the_ratio_is_the_largest_of_error_and_bound_after_the_start() -> None:
 @pytest.mark.parametrize("members", [1, 3])
 def test_the_layout_of_a_card_gives_the_same_bits(members: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The layout of a GPU: each number of all worlds is contiguous, and members of a world have one vehicle each."""
-    monkeypatch.setattr("mjsheaf.simulation.batch.BLOCK", 1)
     scenarios = [linked(0, 1.0), linked(1, 2.0), linked(2, WILD)]
+    monkeypatch.setattr("mjsheaf.simulation.bodies.split_into_blocks", lambda kind: np.arange(len(kind) + 1))
     plain, columns = batch_of(scenarios), batch_of(scenarios, order="F")
     plain.run()
     columns.run(members=members)

@@ -113,7 +113,7 @@ class Card:
                 own = self.take(loop, w)
 
                 def work(member: int, gate: Any, w: int = w, own: Any = own) -> None:
-                    run_world(own, motion, goal, scores, nothing, w, True, begin, end, 1, member, members, gate)
+                    run_world(own, motion, goal, scores, nothing, w, True, begin, end, member, members, gate)
 
                 crew.run(work)
             crew.close()

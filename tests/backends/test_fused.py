@@ -175,6 +175,10 @@ def of_lanes(folder: Path) -> list[str]:
         *[odd] * 4,
         "hexarotor",
         "hexarotor",
+        *["hull"] * 5,
+        *["wamv"] * 4,
+        *["otter"] * 3,
+        *["submersible"] * 4,
     ]
 
 
