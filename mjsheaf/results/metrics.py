@@ -120,7 +120,7 @@ def separations(positions: Array) -> Array:
     known = np.flatnonzero(np.isfinite(positions).all(axis=(1, 2))) if V > 1 else np.empty(0, dtype=np.int64)
     if V > _FEW:
         for k in known:
-            found[k] = cKDTree(positions[k]).query(positions[k], 2)[0][:, 1]
+            found[k] = cKDTree(positions[k], balanced_tree=False, compact_nodes=False).query(positions[k], 2)[0][:, 1]
         return found
     x, y, z = np.ascontiguousarray(positions.T)  # (V, T) each
     nearest = np.full((V, T), np.inf)

@@ -149,8 +149,10 @@ class Fleet(NamedTuple):
     @property
     def channels(self) -> NDArray[np.void]:
         """CHANNELs of all vehicles in turn, shape (A,)."""
-        own = [self.thrusters[kind["thruster"] : kind["thruster"] + kind["count"]] for kind in self.kinds]
-        return np.concatenate([own[k] for k in self.bodies["kind"]])
+        kinds = self.kinds[self.bodies["kind"]]
+        count = kinds["count"]
+        before = np.cumsum(count) - count  # channels of the vehicles before each one
+        return self.thrusters[np.arange(count.sum()) - np.repeat(before - kinds["thruster"], count)]
 
 
 class Sensed(NamedTuple):
