@@ -9,6 +9,7 @@ disk is used at once.
 
 import contextlib
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from time import thread_time
@@ -132,12 +133,13 @@ def _in_python(compiled: Any, made: dict[int, Callable[..., Any]]) -> Callable[.
 
 
 def _file_of_times(compiled: Any) -> Path:
-    """Return a file next to the machine code of a function, with the times that Python took for it, s."""
+    """Return a file next to the machine code of a function, with the times that Python took for it, s.
+
+    Where no machine code can be kept, times cannot either: the file is the one that stays empty.
+    """
     function = compiled.py_func
-    return (
-        Path(compiled.stats.cache_path or "")
-        / f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}.used"
-    )
+    name = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}.used"
+    return Path(compiled.stats.cache_path, name) if compiled.stats.cache_path else Path(os.devnull)
 
 
 def _total_time(file: Path) -> float:

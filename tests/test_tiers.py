@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 
@@ -93,6 +94,20 @@ def test_times_of_processes_add_up(tmp_path: Path, text: str | None, total: floa
     if text is not None:
         file.write_text(text)
     assert tiers._total_time(file) == total
+
+
+def test_without_a_cache_no_times_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    @numba.njit
+    def count(x):
+        for i in range(x.shape[0]):
+            x[i] += 1.0
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tiers, "_NOTICEABLE", 0.0)
+    function = tiers.Tiered(count)
+    function(np.ones(3))
+    assert not count.signatures  # Python carried it out
+    assert not list(tmp_path.iterdir())
 
 
 def test_python_hands_over_when_its_time_is_up() -> None:
