@@ -7,9 +7,14 @@ Let z = y + b be the relative position of an edge and g = z / |z|. The vector pu
 
 (see `mjsheaf.sheaf.nonlinear`), and zero if z is 0, as without a measurement. The kinds of a team's edges are a named
 tuple in `EdgeArrays`, or () if all edges compare positions. The type () makes numba compile nothing for this stage.
+
+Rounds of feedforward and newton solve with H = D^T M D, where M is that of the measured z. Chebyshev's iteration needs
+an upper bound of H that holds everywhere. M of a range is at most w, and rounds count a bearing with 1 / |z| of at most
+twice its value at the initial q*. A lower bound that is too large only slows the rounds down.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +22,7 @@ import numpy as np
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.jit import inline_jit, overload
 from mjsheaf.noise import normal_of
-from mjsheaf.team import Edge
+from mjsheaf.team import Edge, Team
 
 POSITION, RANGE, BEARING = 0, 1, 2
 """Kinds of edges."""
@@ -89,6 +94,71 @@ def _compare(kinds, edges, y, out):
     if len(kinds) == 0:
         return lambda kinds, edges, y, out: None
     return lambda kinds, edges, y, out: bend(kinds, edges, y, out)
+
+
+class Slopes(NamedTuple):
+    """Bounds on H of a team with range and bearing edges, for rounds.
+
+    Attributes:
+        low: Smallest eigenvalue of H above zero at the initial q*.
+        steepest: Largest 1 / |z| of communication and sensing edges, shape (C + S,), 1/m.
+        bound: Team of position edges whose H is nowhere smaller.
+        free: True if motions are free at the initial q*. Rounds of newton then begin with 0 at every sample, because
+            what is free changes with the positions.
+    """
+
+    low: float
+    steepest: Array
+    bound: Team
+    free: bool
+
+
+_STEEPER = 2.0  # largest 1 / |z| that rounds count, over that at the initial q*
+
+
+def bound_slopes(team: Team, positions: Array) -> Slopes | None:
+    """Bound H of a team whose members begin at padded positions (V, 3), m; None if it is not symmetric."""
+    if team.directed:
+        return None
+    shape = team.linearised_about(positions)
+    steepest = []
+    changed = {}
+    for edge, local in zip(team.measuring_edges, shape.measuring_edges, strict=True):
+        ratio = _STEEPER * edge.weight[0, 0] / local.weight[0, 0] if edge.measures == "bearing" else 1.0
+        steepest.append(ratio)
+        linear = replace(edge, measures="position", weight=ratio * edge.weight, offset=np.zeros(len(edge.F_tail)))
+        changed[id(edge)] = linear
+    problem = shape.dirichlet
+    return Slopes(problem.eigenvalues[0], np.array(steepest), team.with_edges(changed), not problem.unique)
+
+
+def slope(kinds, steepest, edges, y, e):
+    """Return a and c of M = a I + c z z^T of an edge at its measured z = y + b, without its weight."""
+    return curved_slope(kinds, steepest, edges, y, e) if kinds else (1.0, 0.0)
+
+
+@inline_jit
+def curved_slope(kinds, steepest, edges, y, e):
+    """Return a and c of M = a I + c z z^T of an edge; both are 0 if a range or bearing edge measures nothing."""
+    if kinds.code[e] == POSITION:
+        return 1.0, 0.0
+    square = 0.0
+    for r in range(edges.first[e], edges.first[e + 1]):
+        square += (y[r] + edges.b[r]) * (y[r] + edges.b[r])
+    if square == 0.0:
+        return 0.0, 0.0
+    if kinds.code[e] == RANGE:
+        return 0.0, 1.0 / square
+    inverse = min(1.0 / np.sqrt(square), steepest[e])
+    return inverse, -inverse / square
+
+
+@overload(slope)
+def _slope(kinds, steepest, edges, y, e):
+    """Choose by the type of `kinds`."""
+    if len(kinds) == 0:
+        return lambda kinds, steepest, edges, y, e: (1.0, 0.0)
+    return lambda kinds, steepest, edges, y, e: curved_slope(kinds, steepest, edges, y, e)
 
 
 @inline_jit

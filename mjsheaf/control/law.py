@@ -50,7 +50,7 @@ from mjsheaf.control.terms import (
     navigate,
     no_terms,
     remember,
-    require_solvable,
+    require_symmetric,
     size_of_memory,
     split_memory,
 )
@@ -484,7 +484,8 @@ def pack_law(
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])
     terms = terms or no_terms()
-    require_solvable(terms, team)
+    if team.directed:
+        require_symmetric(terms)
     return LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or no_links(), custom)
 
 

@@ -11,6 +11,9 @@ D^-1 (D - H) lie in [-1, 1), as F_i x_i + F_j x_j has a Laplacian too, and then 
 is on the unit circle or beyond (0 < w < 1). Nor does a loss with a probability p of its own each time, after which
 neighbours' last numbers stay, let it diverge: F_i x_i solves agent i's rows by a projection of z, so that the mean of
 (1 - w) / w |F x|_K^2 + |z|_K^2 / (1 - p) falls.
+
+H of range and bearing edges changes with what is measured. D_i^-1 is then that of an upper bound of D_i, under which
+the argument about roots holds as well.
 """
 
 from typing import NamedTuple
@@ -18,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.curved import slope
 from mjsheaf.control.links import distance, linked_edges, next_state, require_held
 from mjsheaf.errors import in_field
 from mjsheaf.jit import inline_jit, jit
@@ -179,18 +183,20 @@ def _diagonal_blocks(team: Team) -> Array:
 
 
 @jit
-def relax(edges, rounds, seed, n, term, count, first, b, x, positions, memory, residue):
+def relax(edges, rounds, steepest, seed, n, term, count, first, b, y, x, positions, memory, residue):
     """Improve the solution x (V, 3) of H x = b (V, 3) by rounds over links.
 
     Args:
         edges: Edges of the law.
         rounds: their links.
+        steepest: Largest 1 / |z| of bearing edges, see TermArrays.
         seed: Seed of the run.
         n: number of the sample.
         term: NEWTON or FEEDFORWARD.
         count: rounds; one under a delay.
         first: Number of rounds already done in this sample.
         b, x: shape (V, 3).
+        y: Measurements, shape (m,), m, at which H of range and bearing edges is.
         positions: Positions of the vehicles, shape (V, 3), m.
         memory: see RoundMemory.
         residue: shape (V, 3), overwritten.
@@ -199,11 +205,11 @@ def relax(edges, rounds, seed, n, term, count, first, b, x, positions, memory, r
     for k in range(first, first + (1 if delay else count)):
         if delay == 0:
             send(edges, rounds, seed, n, term, k, x, positions, memory)
-        for v in range(N):
-            D = rounds.own[v]
-            for i in range(3):
-                residue[v, i] = b[v, i] - (D[i, 0] * x[v, 0] + D[i, 1] * x[v, 1] + D[i, 2] * x[v, 2])
-        receive(edges, rounds, n, term, x, memory, residue)
+        if len(edges.kinds) > 0:
+            subtract_own(edges, steepest, y, N, b, x, residue)
+        else:
+            subtract_fixed(rounds.own, b, x, residue)
+        receive(edges, rounds, steepest, n, term, y, x, memory, residue)
         for v in range(N):
             r, inverse = residue[v], rounds.inverse[v]
             for i in range(3):
@@ -236,7 +242,39 @@ def send(edges, rounds, seed, n, term, k, x, positions, memory):
 
 
 @inline_jit
-def receive(edges, rounds, n, term, x, memory, residue):
+def subtract_fixed(own, b, x, residue):
+    """Write b - D x of every agent into the residue (V, 3), with its D in `own` (N, 3, 3)."""
+    for v in range(own.shape[0]):
+        D = own[v]
+        for i in range(3):
+            residue[v, i] = b[v, i] - (D[i, 0] * x[v, 0] + D[i, 1] * x[v, 1] + D[i, 2] * x[v, 2])
+
+
+@inline_jit
+def subtract_own(edges, steepest, y, N, b, x, residue):
+    """Write b - D x of N agents into the residue (V, 3), with D = H_ii at measurements y (m,)."""
+    for v in range(N):
+        for i in range(3):
+            residue[v, i] = b[v, i]
+    for e in range(edges.tail.shape[0]):
+        a, c = slope(edges.kinds, steepest, edges, y, e)
+        for side in range(2):
+            v = edges.head[e] if side else edges.tail[e]
+            if v >= N or not edges.listens[e, side]:
+                continue
+            F, P = (edges.F_head, edges.P_head) if side else (edges.F_tail, edges.P_tail)
+            along = 0.0
+            for r in range(edges.first[e], edges.first[e + 1]):
+                along += (y[r] + edges.b[r]) * (F[r, 0] * x[v, 0] + F[r, 1] * x[v, 1] + F[r, 2] * x[v, 2])
+            for r in range(edges.first[e], edges.first[e + 1]):
+                z = a * (F[r, 0] * x[v, 0] + F[r, 1] * x[v, 1] + F[r, 2] * x[v, 2])
+                z += c * along * (y[r] + edges.b[r])
+                for i in range(3):
+                    residue[v, i] -= P[r, i] * z
+
+
+@inline_jit
+def receive(edges, rounds, steepest, n, term, y, x, memory, residue):
     """Add to the residue (V, 3) what neighbours sent last; an edge on which nothing ever came adds no difference."""
     for e in range(rounds.streams.shape[0]):
         first, end = edges.first[e], edges.first[e + 1]
@@ -251,9 +289,22 @@ def receive(edges, rounds, n, term, x, memory, residue):
                     memory.held[last + 1 + i] = memory.line[slot + 1 + i]
             v = edges.tail[e] if side else edges.head[e]
             F, P = (edges.F_tail, edges.P_tail) if side else (edges.F_head, edges.P_head)
+            a, b = slope(edges.kinds, steepest, edges, y, e)
+            along = 0.0
+            if b != 0.0:
+                for i in range(m):
+                    along += (y[first + i] + edges.b[first + i]) * _sent(F[first + i], x[v], memory.held, last, i)
             for i in range(m):
-                z, row = memory.held[last + 1 + i], F[first + i]
-                if memory.held[last] == 0.0:
-                    z = row[0] * x[v, 0] + row[1] * x[v, 1] + row[2] * x[v, 2]
+                z = _sent(F[first + i], x[v], memory.held, last, i)
+                if len(edges.kinds) > 0:
+                    z = a * z + b * along * (y[first + i] + edges.b[first + i])
                 for c in range(3):
                     residue[v, c] += P[first + i, c] * z
+
+
+@inline_jit
+def _sent(row, own, held, last, i):
+    """Return number i that a neighbour sent last, or F x of the receiver if nothing ever came."""
+    if held[last] == 0.0:
+        return row[0] * own[0] + row[1] * own[1] + row[2] * own[2]
+    return held[last + 1 + i]

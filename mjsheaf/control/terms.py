@@ -24,6 +24,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.control.curved import Slopes, slope
 from mjsheaf.control.rounds import (
     FEEDFORWARD,
     NEWTON,
@@ -34,7 +35,7 @@ from mjsheaf.control.rounds import (
     relax,
     size_of_round_memory,
 )
-from mjsheaf.errors import InputError, raise_first
+from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import normals, stream_of
@@ -100,6 +101,11 @@ class Terms(NamedTuple):
         """Return True if the law has terms in addition to the paper's."""
         return any(self[k] is not None for k, name in enumerate(self._fields) if name != "odometry")
 
+    @property
+    def solve_nothing(self) -> bool:
+        """Return True if no term has rounds."""
+        return self.feedforward is None and self.newton is None
+
 
 class TermArrays(NamedTuple):
     """The terms for compiled code.
@@ -110,6 +116,8 @@ class TermArrays(NamedTuple):
         period: between samples, s.
         sensing: first and last + 1 of the sensing edges, shape (2,).
         eigenvalues: lower and upper bound of those of H, shape (2,).
+        steepest: Largest 1 / |z| with which rounds count bearing edges, shape (C + S,), 1/m; empty without such edges.
+        fresh: True if rounds of newton begin with 0 at every sample.
         feedforward, newton: rounds; 0 without.
         measured, drift: share of a new measurement that the filters of target velocity and drift take; drift 0 without.
         lead: Lead of feedforward, in samples, shape (N,).
@@ -126,6 +134,8 @@ class TermArrays(NamedTuple):
     period: float
     sensing: IntArray
     eigenvalues: Array
+    steepest: Array
+    fresh: bool
     feedforward: int
     newton: int
     measured: float
@@ -249,6 +259,8 @@ def no_terms() -> TermArrays:
         period=1.0,
         sensing=np.zeros(2, dtype=np.int64),
         eigenvalues=np.ones(2),
+        steepest=np.zeros(0),
+        fresh=False,
         feedforward=0,
         newton=0,
         measured=1.0,
@@ -265,29 +277,41 @@ def no_terms() -> TermArrays:
     )
 
 
-def require_solvable(terms: TermArrays, team: Team) -> None:
-    """Refuse terms whose rounds solve with H where it is not symmetric, or changes with the positions.
+def require_symmetric(terms: TermArrays) -> None:
+    """Refuse terms whose rounds solve with H in a team whose directed edges make it asymmetric.
 
     Raises:
-        InputError: there is one; the message begins with the field.
+        InputError: There is one; the message begins with the field.
     """
     for name in ("feedforward", "newton"):
-        raise_first(
-            InputError,
-            {
-                (
-                    f"controller.{name}: its rounds assume a symmetric H, which a team with directed communication "
-                    f"edges does not have; expected no {name}, or undirected edges"
-                ): getattr(terms, name) and team.directed,
-                (
-                    f"controller.{name}: its rounds need eigenvalues of H that are fixed before the run, and range and "
-                    f"bearing edges make H depend on the positions; expected no {name}, or edges that measure position"
-                ): getattr(terms, name) and not team.linear,
-            },
+        if getattr(terms, name):
+            raise InputError(
+                f"controller.{name}: its rounds assume a symmetric H, which a team with directed communication edges "
+                f"does not have; expected no {name}, or undirected edges"
+            )
+
+
+def require_prompt(terms: TermArrays) -> None:
+    """Refuse rounds of newton that begin anew at every sample if their messages can be delayed or lost.
+
+    Raises:
+        InputError: They can; the message begins with the field.
+    """
+    if terms.newton and terms.fresh and terms.rounds.imperfect:
+        raise InputError(
+            "controller.newton: range and bearing edges leave motions free, so its rounds begin anew at every sample; "
+            "expected no links.rounds and no range of communication links, or targets that hold every agent's place"
         )
 
 
-def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: RoundArrays | None = None) -> TermArrays:
+def pack_terms(
+    terms: Terms,
+    team: Team,
+    period: float,
+    seed: int,
+    rounds: RoundArrays | None = None,
+    slopes: Slopes | None = None,
+) -> TermArrays:
     """The terms of a law for compiled code, on ideal kinematics.
 
     Args:
@@ -296,6 +320,7 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: Round
         period: between samples, s; with terms it is positive.
         seed: Seed of the run.
         rounds: links over which they go; perfect ones unless given.
+        slopes: Bounds on H, which rounds of a team with range or bearing edges need.
     """
     without = no_terms()._replace(noise=terms.odometry.noise, bias=terms.odometry.bias)
     if not terms.any:
@@ -314,7 +339,11 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: Round
     if not (packed.feedforward or packed.newton):
         return packed
     packed = packed._replace(rounds=rounds or no_rounds())
-    return packed if team.directed or not team.linear else with_eigenvalues(packed, *team.dirichlet.eigenvalues)
+    if slopes is not None:
+        packed = packed._replace(steepest=slopes.steepest, fresh=slopes.free)
+        require_prompt(packed)
+        return with_eigenvalues(packed, slopes.low, slopes.bound.dirichlet.eigenvalues[1])
+    return packed if team.directed else with_eigenvalues(packed, *team.dirichlet.eigenvalues)
 
 
 def _with_amounts(packed: TermArrays, terms: Terms) -> TermArrays:
@@ -403,19 +432,37 @@ def limit_speed(limit, velocity):
 
 
 @inline_jit
-def apply_laplacian(edges, agents, x, out):
-    """Write H x into out (V, 3) for x (V, 3), whose first `agents` rows count: one exchange between agents."""
+def difference(edges, agents, i, j, r, x):
+    """Return row r of F_head x_head - F_tail x_tail for x (V, 3), whose first `agents` rows count."""
+    z = 0.0
+    if j < agents:
+        z = edges.F_head[r, 0] * x[j, 0] + edges.F_head[r, 1] * x[j, 1] + edges.F_head[r, 2] * x[j, 2]
+    if i < agents:
+        z -= edges.F_tail[r, 0] * x[i, 0] + edges.F_tail[r, 1] * x[i, 1] + edges.F_tail[r, 2] * x[i, 2]
+    return z
+
+
+@inline_jit
+def apply_laplacian(edges, terms, y, x, out):
+    """Write H x into out (V, 3) for x (V, 3) of the agents: one exchange between them.
+
+    H of range and bearing edges is that of the measurements y (m,).
+    """
+    agents = terms.agents
     for v in range(agents):
         out[v, 0], out[v, 1], out[v, 2] = 0.0, 0.0, 0.0
     for e in range(edges.tail.shape[0]):
         i, j = edges.tail[e], edges.head[e]
         pulls_tail, pulls_head = edges.listens[e, 0] and i < agents, edges.listens[e, 1] and j < agents
+        a, b = slope(edges.kinds, terms.steepest, edges, y, e)
+        along = 0.0
+        if b != 0.0:
+            for r in range(edges.first[e], edges.first[e + 1]):
+                along += (y[r] + edges.b[r]) * difference(edges, agents, i, j, r, x)
         for r in range(edges.first[e], edges.first[e + 1]):
-            z = 0.0
-            if j < agents:
-                z = edges.F_head[r, 0] * x[j, 0] + edges.F_head[r, 1] * x[j, 1] + edges.F_head[r, 2] * x[j, 2]
-            if i < agents:
-                z -= edges.F_tail[r, 0] * x[i, 0] + edges.F_tail[r, 1] * x[i, 1] + edges.F_tail[r, 2] * x[i, 2]
+            z = difference(edges, agents, i, j, r, x)
+            if len(edges.kinds) > 0:
+                z = a * z + b * along * (y[r] + edges.b[r])
             for c in range(3):
                 if pulls_tail:
                     out[i, c] -= edges.P_tail[r, c] * z
@@ -424,8 +471,8 @@ def apply_laplacian(edges, agents, x, out):
 
 
 @inline_jit
-def solve(edges, terms, rounds, b, x, memory):
-    """Improve the solution x (V, 3) of H x = b (V, 3) by rounds of Chebyshev's iteration.
+def solve(edges, terms, rounds, b, y, x, memory):
+    """Improve the solution x (V, 3) of H x = b (V, 3) by rounds of Chebyshev's iteration, H at measurements y (m,).
 
     The error falls by T_r((b + a) / (b - a)) in r rounds where the eigenvalues lie in [a, b], in every eigenvector
     alike but for the sign (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1; written so that
@@ -436,7 +483,7 @@ def solve(edges, terms, rounds, b, x, memory):
     square = 0.25 * ((high - low) * (high - low))
     before, scale = 0.0, 1.0 / middle
     for r in range(rounds):
-        apply_laplacian(edges, terms.agents, x, memory.residue)
+        apply_laplacian(edges, terms, y, x, memory.residue)
         kept, taken = square * before * scale, (2.0 if r else 1.0) * scale
         for v in range(terms.agents):
             for i in range(3):
@@ -504,7 +551,7 @@ def add_terms(stage, stages, law, x, everything):
         return
     terms, memory, command = law.terms, everything.terms, everything.command
     if terms.newton > 0:
-        _ascend(stages, law, x, everything.residual, command, memory)
+        _ascend(stages, law, x, everything, command, memory)
     if terms.feedforward > 0:
         _feed_forward(stages, law, x, everything.y, command, memory, everything.links)
     if terms.drift > 0.0 and memory.clock[0] > 0.0:
@@ -520,26 +567,29 @@ def add_terms(stage, stages, law, x, everything):
 
 
 @inline_jit
-def _exchange(stage, law, term, x, b, found, memory):
+def _exchange(stage, law, term, x, b, y, found, memory):
     """Improve the solution (V, 3) of H found = b (V, 3) by a term's rounds, over links unless `stage` is ()."""
     terms = law.terms
     rounds = terms.newton if term == NEWTON else terms.feedforward
     if len(stage) == 0:
-        solve(law.edges, terms, rounds, b, found, memory)
+        solve(law.edges, terms, rounds, b, y, found, memory)
     else:
         first, n = 0 if term == NEWTON else terms.newton, int(memory.clock[0])
         sent = memory.rounds
-        relax(law.edges, terms.rounds, terms.seed, n, term, rounds, first, b, found, x, sent, memory.residue)
+        steep = terms.steepest
+        relax(law.edges, terms.rounds, steep, terms.seed, n, term, rounds, first, b, y, found, x, sent, memory.residue)
 
 
 @inline_jit
-def _ascend(stages, law, x, residual, command, memory):
+def _ascend(stages, law, x, everything, command, memory):
     """Put k1 delta in place of -k1 eta, where H delta = -eta."""
     terms = law.terms
     for v in range(terms.agents):
         for i in range(3):
-            memory.right[v, i] = -residual[v, i]
-    _exchange(stages.rounds, law, NEWTON, x, memory.right, memory.delta, memory)
+            memory.right[v, i] = -everything.residual[v, i]
+            if terms.fresh:
+                memory.delta[v, i] = 0.0
+    _exchange(stages.rounds, law, NEWTON, x, memory.right, everything.y, memory.delta, memory)
     for v in range(terms.agents):
         for i in range(3):
             command[v, i] = law.gain[v] * memory.delta[v, i]
@@ -555,7 +605,7 @@ def _feed_forward(stages, law, x, y, command, memory, links):
             if memory.since[v] > terms.settled:
                 for i in range(3):
                     command[v, i] -= terms.lead[v] * memory.v[v, i]
-        _exchange(stages.rounds, law, FEEDFORWARD, x, memory.right, memory.v, memory)
+        _exchange(stages.rounds, law, FEEDFORWARD, x, memory.right, y, memory.v, memory)
         for v in range(terms.agents):
             if memory.since[v] > terms.settled:
                 for i in range(3):
@@ -577,19 +627,40 @@ def _sense_targets(law, y, memory, links):
     for e in range(terms.sensing[0], terms.sensing[1]):
         i = edges.tail[e]  # the agent is the tail: y_e = F_T p - F_i q_i
         has_link = linked and law.links.of[e] >= 0
+        a, b = slope(edges.kinds, terms.steepest, edges, y, e)
+        along = 0.0
         for r in range(edges.first[e], edges.first[e + 1]):
-            F, P = edges.F_tail[r], edges.P_tail[r]
-            if has_link:
-                velocity = links.velocity[r]
-            elif memory.age[r] == 0.0:  # nothing is measured yet: the target is taken to move as v says
-                velocity = F[0] * memory.v[i, 0] + F[1] * memory.v[i, 1] + F[2] * memory.v[i, 2]
-            else:
-                own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
-                share = terms.measured if memory.age[r] > 1.0 else 1.0  # the first has nothing to be mixed with
-                memory.rate[r] += share * ((y[r] - memory.y[r] + own) / terms.period - memory.rate[r])
-                velocity = memory.rate[r]
+            _filter_rate(edges, terms, y, memory, has_link, i, r)
+            if b != 0.0:
+                along += (y[r] + edges.b[r]) * _velocity_of(edges, memory, links, has_link, i, r)
+        for r in range(edges.first[e], edges.first[e + 1]):
+            velocity = _velocity_of(edges, memory, links, has_link, i, r)
+            if len(edges.kinds) > 0:
+                velocity = a * velocity + b * along * (y[r] + edges.b[r])
             for c in range(3):
-                measured[i, c] += P[c] * velocity
+                measured[i, c] += edges.P_tail[r, c] * velocity
+
+
+@inline_jit
+def _filter_rate(edges, terms, y, memory, has_link, i, r):
+    """Update row r of F p' of a target from how its measurement changed and agent i moved, without a link."""
+    if has_link or memory.age[r] == 0.0:
+        return
+    F = edges.F_tail[r]
+    own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
+    share = terms.measured if memory.age[r] > 1.0 else 1.0  # the first has nothing to be mixed with
+    memory.rate[r] += share * ((y[r] - memory.y[r] + own) / terms.period - memory.rate[r])
+
+
+@inline_jit
+def _velocity_of(edges, memory, links, has_link, i, r):
+    """Return row r of F p' as agent i measures it, m/s."""
+    if has_link:
+        return links.velocity[r]
+    if memory.age[r] == 0.0:  # nothing is measured yet: the target is taken to move as v says
+        F = edges.F_tail[r]
+        return F[0] * memory.v[i, 0] + F[1] * memory.v[i, 1] + F[2] * memory.v[i, 2]
+    return memory.rate[r]
 
 
 @inline_jit

@@ -14,6 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
+from mjsheaf.control.curved import bound_slopes
 from mjsheaf.control.custom import CustomTerm, pack_custom
 from mjsheaf.control.law import LawArrays, pack_law
 from mjsheaf.control.links import pack_links
@@ -509,7 +510,7 @@ class Scenario(Section):
         """Return the system of a changed team, under another controller, over other links and in another flow."""
         whole = self.whole
         law = cast(Controller, sections["controller"])
-        packed = self._pack_law(team, law, cast(Links, sections["links"]), whole.bodies.heading)
+        packed = self._pack_law(team, law, cast(Links, sections["links"]), whole.initial, whole.bodies.heading)
         flow = cast(Flow, sections["flow"])
         safety = cast(Safety | None, sections.get("safety"))
         system = replace(whole, team=team, gain=law.gain, law=packed, safety=safety, **flow.parts(self.team))
@@ -540,7 +541,7 @@ class Scenario(Section):
             initial=initial,
             grid=grid,
             gain=law.gain,
-            law=self._pack_law(team, law, self.links, heading),
+            law=self._pack_law(team, law, self.links, initial, heading),
             motion=motion,
             harmonics=harmonics,
             effectiveness=g,
@@ -562,10 +563,11 @@ class Scenario(Section):
         system.require_fitting()
         return system
 
-    def _pack_law(self, team: Team, law: Controller, links: Links, heading: Array) -> LawArrays:
-        """The law of a team under a controller and over links, its vehicles' initial headings (V,) in rad."""
+    def _pack_law(self, team: Team, law: Controller, links: Links, initial: Array, heading: Array) -> LawArrays:
+        """The law of a team under a controller and over links, from initial positions (V, 3) and headings (V,), rad."""
         period, height, events = law.control_period, self.scene.height, self.events
-        rounds = pack_rounds(team, links, period=period, height=height)
+        slopes = None if law.terms.solve_nothing or team.linear else bound_slopes(team, initial)
+        rounds = pack_rounds(slopes.bound if slopes else team, links, period=period, height=height)
         packed_links = pack_links(
             team,
             links,
@@ -583,7 +585,7 @@ class Scenario(Section):
             law.gain,
             self.target_formation.gain if self.target_formation else 0.0,
             np.array(limits),
-            pack_terms(law.terms, team, period, self.seed, rounds),
+            pack_terms(law.terms, team, period, self.seed, rounds, slopes),
             packed_links,
             pack_custom(law.custom, len(team.agents), period),
         )

@@ -271,22 +271,27 @@ class Team:
                 lift=None,
             )
 
-        def linearise(edges: Iterable[Edge]) -> list[Edge]:
-            return [linear[id(e)] for e in edges]
+        team = self.with_edges(linear)
+        team.linearised_at = stacked
+        return team
 
-        team = Team(
+    def with_edges(self, changed: Mapping[int, Edge]) -> "Team":
+        """Return the team with other measuring edges, by the `id()` of those that they replace."""
+
+        def exchange(edges: Iterable[Edge]) -> list[Edge]:
+            return [changed[id(e)] for e in edges]
+
+        return Team(
             self.agents,
             self.targets,
-            linearise(self.communication),
-            linearise(self.sensing),
+            exchange(self.communication),
+            exchange(self.sensing),
             self.target_edges,
             self.formations,
             self.target_formation,
-            linearise(self.anchors),
+            exchange(self.anchors),
             self.absent,
         )
-        team.linearised_at = stacked
-        return team
 
     def linearised_about(self, positions: Array) -> "Team":
         """Return the team linearised at q* of the targets in padded positions (V, 3), m, near the agents in them."""

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mjsheaf
-from mjsheaf.control.law import disagreement
+from mjsheaf.control.law import disagreement, measure
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario
@@ -201,14 +201,120 @@ RANGE_BEARING = {"kind": "range_bearing", "range_noise": 0.1}
             {"communication": [{"between": COMMUNICATION, "measures": "range", "weight": [[1.0, 0.0], [0.0, 1.0]]}]},
             "positive number",
         ),
-        ({"controller": {"newton": {"rounds": 2}}}, "controller.newton"),
-        ({"controller": {"feedforward": {"rounds": 2}}}, "controller.feedforward"),
+        ({"controller": {"newton": {"rounds": 2}}, "links": {"rounds": {"loss": 0.1}}}, "controller.newton"),
+        ({"controller": {"newton": {"rounds": 2}}, "links": {"all": {"range": 9.0}}}, "controller.newton"),
     ],
 )
 def test_bad_input_is_refused(fields: Any, message: str) -> None:
     """The error names the field and what is expected."""
     with pytest.raises(InputError, match=message):
         keeping("range", **fields)
+
+
+PLACES_OF_TARGETS = {"T": [0.0, 0.0], "U": [6.0, 0.0], "W": [2.0, 5.0]}
+PLACES_OF_TRACKERS = {"A": [1.0, 1.0], "B": [4.0, 1.0], "C": [2.0, 3.0]}
+
+
+def tracking(measures: str, terms: Any, offset: Any = (0.1, -0.2), **fields: Any) -> Scenario:
+    """Three agents that measure one another and three targets that move alike; all edges fit together."""
+    places = PLACES_OF_TARGETS | PLACES_OF_TRACKERS
+    motion = {"kind": "lissajous", "amplitude": [2, 1], "rate": [0.3, 0.2], "phase": [0, 1]}
+
+    def edges(*pairs: str) -> list[Any]:
+        found = []
+        for tail, head in map(tuple, pairs):
+            z = np.subtract(places[head], places[tail])
+            length = float(np.linalg.norm(z))
+            desired = [length] if measures == "range" else (z / length).tolist()
+            found.append({"between": [tail, head], "measures": measures, "offset": desired})
+        return found
+
+    return make_scenario(
+        {
+            "time": {"end": 4.0},
+            "controller": {"gain": 1.0, "control_period": 0.02, **terms},
+            "agents": [{"id": id, "position": np.add(x, offset).tolist()} for id, x in PLACES_OF_TRACKERS.items()],
+            "targets": [{"id": id, "position": x, "motion": motion} for id, x in PLACES_OF_TARGETS.items()],
+            "communication": edges("AB", "BC", "CA"),
+            "sensing": edges("AT", "AU", "BU", "BW", "CW", "CT"),
+            **fields,
+        }
+    )
+
+
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+def test_feedforward_of_ranges_and_bearings_is_the_velocity_of_q_star(measures: str) -> None:
+    """All targets move alike, and so does q*; with exact rounds feedforward is that velocity, a sample late."""
+    run = mjsheaf.simulate(tracking(measures, {"feedforward": {"rounds": 60}}, offset=(0.0, 0.0)), backend="ideal")
+    q = run.harmonic_extension.values[..., :2]
+    target = run.target_position.values[:, :1, :2]
+    assert np.abs((q - q[0]) - (target - target[0])).max() < 1e-9
+    assert run.tracking_error.values[0].max() < 1e-12
+    without = mjsheaf.simulate(tracking(measures, {}, offset=(0.0, 0.0)), backend="ideal")
+    assert run.tracking_error.values.max() < 0.02
+    assert without.tracking_error.values.max() > 0.2
+
+
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(measures: str) -> None:
+    """With exact rounds and targets at rest every error falls by 1 - k1 h a period, near q* to first order."""
+    still = [{"id": id, "position": x} for id, x in PLACES_OF_TARGETS.items()]
+    scenario = tracking(measures, {"newton": {"rounds": 60}}, offset=(1e-4, -2e-4), targets=still)
+    run = mjsheaf.simulate(scenario, backend="ideal")
+    error = run.tracking_error.values
+    assert error[100] == pytest.approx(error[0] * 0.98**100, rel=2e-3)
+    assert mjsheaf.check(scenario)["law"]["spectral_radius"] == pytest.approx(0.98, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+@pytest.mark.parametrize("links", [{"loss": 0.3}, {"delay": 0.04}])
+def test_rounds_over_imperfect_links_have_the_same_fixed_point(measures: str, links: Any) -> None:
+    """They solve with H of the measured positions too: the error ends far below that without terms."""
+    terms = {"newton": {"rounds": 6}, "feedforward": {"rounds": 8}}
+    run = mjsheaf.simulate(tracking(measures, terms, time={"end": 20.0}, links={"rounds": links}), backend="ideal")
+    without = mjsheaf.simulate(tracking(measures, {}, time={"end": 20.0}), backend="ideal")
+    assert run.tracking_error.values[-1].max() < 0.1 * without.tracking_error.values[-1].max()
+
+
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+def test_no_position_makes_h_larger_than_its_bound(measures: str) -> None:
+    """Rounds diverge in eigenvectors above the bound; agents almost in one place have the steepest bearings."""
+    from mjsheaf.control.terms import apply_laplacian
+
+    system = tracking(measures, {"newton": {"rounds": 2}}).system
+    rng = np.random.default_rng(5)
+    for scale in (1e-6, 0.3, 5.0):
+        x = np.zeros((6, 3))
+        x[:, :2] = rng.normal(scale=scale, size=(6, 2))
+        y = np.zeros(len(system.law.edges.b))
+        measure(system.law.edges, x, y)
+        H = np.zeros((6, 6))
+        for column in range(6):
+            one, out = np.zeros((6, 3)), np.zeros((6, 3))
+            one[column // 2, column % 2] = 1.0
+            apply_laplacian(system.law.edges, system.law.terms, y, one, out)
+            H[:, column] = out[:3, :2].ravel()
+        values = np.linalg.eigvalsh(H)
+        assert np.allclose(H, H.T, atol=1e-12)
+        assert values[-1] <= system.law.terms.eigenvalues[1] + 1e-9
+        if measures == "range":  # without a cap H is that of the linearised team
+            linear = system.team.linearised(x).dirichlet.H.toarray()
+            assert np.allclose(H, linear, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+def test_newton_of_a_formation_alone_ends_at_rest(measures: str) -> None:
+    """Rounds begin anew at every sample, so that nothing remains in motions that are free; the centroid stays."""
+    terms = {"gain": 1.0, "control_period": 0.02, "newton": {"rounds": 5}}
+    scenario = keeping(measures, controller=terms, time={"end": 20.0})
+    run = mjsheaf.simulate(scenario, backend="ideal")
+    u = run.velocity_command.values[..., :2]
+    x = run.agent_position.values[..., :2]
+    assert np.abs(u[-1]).max() < 1e-7 * np.abs(u[0]).max()
+    assert np.abs(x.mean(axis=1) - x[0].mean(axis=0)).max() < 1e-12
+    assert mjsheaf.check(scenario)["ok"]
 
 
 def test_directed_teams_refuse_rounds_and_other_edges() -> None:

@@ -22,8 +22,8 @@ from mjsheaf.system import System
 _LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links", "custom", "safety"))
 _EDGES = frozenset(("tail", "head", "listens", "first", "F_tail", "F_head", "P_tail", "P_head", "b", "kinds"))
 _TERMS = frozenset((
-    "agents", "dimension", "period", "sensing", "eigenvalues", "feedforward", "newton", "measured", "drift",
-    "lead", "settled", "integral", "largest", "noise", "bias", "seed", "streams", "rounds",
+    "agents", "dimension", "period", "sensing", "eigenvalues", "steepest", "fresh", "feedforward", "newton", "measured",
+    "drift", "lead", "settled", "integral", "largest", "noise", "bias", "seed", "streams", "rounds",
 ))  # fmt: skip
 _ROUNDS = frozenset(("imperfect", "delay", "loss", "streams", "range", "lift", "own", "inverse", "stiffest"))
 _LINKS = frozenset(("table", "of", "lift", "facing", "size", "odometry", "start", "period", "seed", "record"))
