@@ -139,7 +139,15 @@ def slope(kinds, steepest, edges, y, e):
 
 @inline_jit
 def curved_slope(kinds, steepest, edges, y, e):
-    """Return a and c of M = a I + c z z^T of an edge; both are 0 if a range or bearing edge measures nothing."""
+    """Return a and c of M = a I + c z z^T of an edge; both are 0 if a range or bearing edge measures nothing.
+
+    Args:
+        kinds: Kinds of the edges.
+        steepest: Largest 1 / |z| of communication and sensing edges, shape (C + S,), 1/m.
+        edges: Edges of the law.
+        y: Measurements, shape (m,), m.
+        e: Number of the edge.
+    """
     if kinds.code[e] == POSITION:
         return 1.0, 0.0
     square = 0.0

@@ -258,19 +258,33 @@ def subtract_own(edges, steepest, y, N, b, x, residue):
             residue[v, i] = b[v, i]
     for e in range(edges.tail.shape[0]):
         a, c = slope(edges.kinds, steepest, edges, y, e)
-        for side in range(2):
-            v = edges.head[e] if side else edges.tail[e]
-            if v >= N or not edges.listens[e, side]:
-                continue
-            F, P = (edges.F_head, edges.P_head) if side else (edges.F_tail, edges.P_tail)
-            along = 0.0
-            for r in range(edges.first[e], edges.first[e + 1]):
-                along += (y[r] + edges.b[r]) * (F[r, 0] * x[v, 0] + F[r, 1] * x[v, 1] + F[r, 2] * x[v, 2])
-            for r in range(edges.first[e], edges.first[e + 1]):
-                z = a * (F[r, 0] * x[v, 0] + F[r, 1] * x[v, 1] + F[r, 2] * x[v, 2])
-                z += c * along * (y[r] + edges.b[r])
-                for i in range(3):
-                    residue[v, i] -= P[r, i] * z
+        tail, head = edges.tail[e], edges.head[e]
+        if tail < N and edges.listens[e, 0]:
+            _subtract_at(edges, edges.F_tail, edges.P_tail, a, c, y, e, x[tail], residue[tail])
+        if head < N and edges.listens[e, 1]:
+            _subtract_at(edges, edges.F_head, edges.P_head, a, c, y, e, x[head], residue[head])
+
+
+@inline_jit
+def _subtract_at(edges, F, P, a, c, y, e, own, residue):
+    """Subtract F^T K M F x of one end of edge e from its residue.
+
+    Args:
+        edges: Edges of the law.
+        F, P: Maps F and K F of this end, shape (m, 3).
+        a, c: M = a I + c z z^T.
+        y: Measurements, shape (m,), m.
+        e: Number of the edge.
+        own: x of this end, shape (3,).
+        residue: Residue of this end, shape (3,).
+    """
+    along = 0.0
+    for r in range(edges.first[e], edges.first[e + 1]):
+        along += (y[r] + edges.b[r]) * (F[r, 0] * own[0] + F[r, 1] * own[1] + F[r, 2] * own[2])
+    for r in range(edges.first[e], edges.first[e + 1]):
+        z = a * (F[r, 0] * own[0] + F[r, 1] * own[1] + F[r, 2] * own[2]) + c * along * (y[r] + edges.b[r])
+        for i in range(3):
+            residue[i] -= P[r, i] * z
 
 
 @inline_jit

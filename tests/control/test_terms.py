@@ -451,9 +451,9 @@ def rounds_on(system: System, rounds: int, b: Array, x: Array) -> Array:
     """x after rounds on H x = b, as vectors of H's coordinates."""
     team, V = system.team, len(system.team.members)
     n = len(b)
-    memory = new_memory(system.law, V).terms
+    everything = new_memory(system.law, V)
     padded = [team.unpack(np.concatenate([values, np.zeros(team.sheaf.shape[1] - n)])) for values in (b, x)]
-    solve(system.law.edges, system.law.terms, rounds, *padded, memory)
+    solve(system.law.edges, system.law.terms, rounds, padded[0], everything.y, padded[1], everything.terms)
     return team.pack(padded[1])[:n]
 
 
