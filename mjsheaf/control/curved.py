@@ -8,9 +8,14 @@ Let z = y + b be the relative position of an edge and g = z / |z|. The vector pu
 (see `mjsheaf.sheaf.nonlinear`), and zero if z is 0, as without a measurement. The kinds of a team's edges are a named
 tuple in `EdgeArrays`, or () if all edges compare positions. The type () makes numba compile nothing for this stage.
 
-Rounds of feedforward and newton solve with H = D^T M D, where M is that of the measured z. Chebyshev's iteration needs
-an upper bound of H that holds everywhere. M of a range is at most w, and rounds count a bearing with 1 / |z| of at most
-twice its value at the initial q*. A lower bound that is too large only slows the rounds down.
+Rounds of feedforward and newton solve with H = sum F^T w M F over edges, F x = F_head x_head - F_tail x_tail, where M is
+that of the measured z: g g^T of a range, min(1 / |z|, s) (I - g g^T) of a bearing, with s twice 1 / |z| at the initial
+q*, and 0 if z is 0. Projections are between 0 and I, so 0 <= M <= a I with a = 1 of a range and a = s of a bearing, and
+
+    0 <= H <= sum a w F^T F    at every x,
+
+whose largest eigenvalue is the upper bound that Chebyshev's iteration takes. Its polynomial is between 0 and 1 from 0
+to the lower bound: a lower bound that is too large for the present H slows the rounds down, and no error grows in them.
 """
 
 from collections.abc import Sequence

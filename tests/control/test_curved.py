@@ -303,6 +303,17 @@ def test_no_position_makes_h_larger_than_its_bound(measures: str) -> None:
             assert np.allclose(H, linear, atol=1e-12)
 
 
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+def test_rounds_of_agents_in_one_place_are_finite(measures: str) -> None:
+    """An edge without a direction counts with M = 0; a third agent pulls the two apart or leaves them there."""
+    agents = [{"id": id, "position": [1.0, 1.0] if id in "AB" else x} for id, x in PLACES_OF_TRACKERS.items()]
+    terms = {"newton": {"rounds": 4}, "feedforward": {"rounds": 4}}
+    for scenario in (tracking(measures, terms, agents=agents), tracking(measures, terms, agents=agents, sensing=[])):
+        run = mjsheaf.simulate(scenario, backend="ideal")
+        assert np.isfinite(run.velocity_command.values[..., :2]).all()
+        assert np.isfinite(run.agent_position.values[..., :2]).all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_newton_of_a_formation_alone_ends_at_rest(measures: str) -> None:
