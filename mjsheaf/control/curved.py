@@ -8,8 +8,8 @@ Let z = y + b be the relative position of an edge and g = z / |z|. The vector pu
 (see `mjsheaf.sheaf.nonlinear`), and zero if z is 0, as without a measurement. The kinds of a team's edges are a named
 tuple in `EdgeArrays`, or () if all edges compare positions. The type () makes numba compile nothing for this stage.
 
-Rounds of feedforward and newton solve with H = sum F^T w M F over edges, F x = F_head x_head - F_tail x_tail, where M is
-that of the measured z: g g^T of a range, min(1 / |z|, s) (I - g g^T) of a bearing, with s twice 1 / |z| at the initial
+Rounds of feedforward and newton solve with H = sum F^T w M F over edges, F x = F_head x_head - F_tail x_tail. M is that
+of the measured z: g g^T of a range, min(1 / |z|, s) (I - g g^T) of a bearing, with s twice 1 / |z| at the initial
 q*, and 0 if z is 0. Projections are between 0 and I, so 0 <= M <= a I with a = 1 of a range and a = s of a bearing, and
 
     0 <= H <= sum a w F^T F    at every x,

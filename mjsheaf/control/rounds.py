@@ -14,7 +14,7 @@ neighbours' last numbers stay, let it diverge: F_i x_i solves agent i's rows by 
 
 H of range and bearing edges changes with what is measured. In place of D_i^-1 there is the inverse of E_i, an upper
 bound of D_i. Under a delay, while H stays the same and is positive definite, rounds converge too: v in
-z v = v - w E^-1 D v + w z^-d E^-1 (D - H) v, multiplied by v* E and divided by v* E v, gives z = 1 - w a + w m z^-d with
+z v = v - w E^-1 D v + w z^-d E^-1 (D - H) v, multiplied by v* E and divided by v* E v, gives z = 1 - w a + w m z^-d,
 0 < a <= 1 and -a <= m < a, and |z| >= 1 would need z^-d m = a with |z| = 1, thus z = 1 and m = a. That losses leave the
 same result, and that an H which changes slowly does, is tested, not proven.
 """

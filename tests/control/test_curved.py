@@ -308,7 +308,8 @@ def test_rounds_of_agents_in_one_place_are_finite(measures: str) -> None:
     """An edge without a direction counts with M = 0; a third agent pulls the two apart or leaves them there."""
     agents = [{"id": id, "position": [1.0, 1.0] if id in "AB" else x} for id, x in PLACES_OF_TRACKERS.items()]
     terms = {"newton": {"rounds": 4}, "feedforward": {"rounds": 4}}
-    for scenario in (tracking(measures, terms, agents=agents), tracking(measures, terms, agents=agents, sensing=[])):
+    law = {"gain": 1.0, "control_period": 0.02, **terms}
+    for scenario in (tracking(measures, terms, agents=agents), keeping(measures, agents=agents, controller=law)):
         run = mjsheaf.simulate(scenario, backend="ideal")
         assert np.isfinite(run.velocity_command.values[..., :2]).all()
         assert np.isfinite(run.agent_position.values[..., :2]).all()
