@@ -393,7 +393,7 @@ def _refused(arguments: list[str], expected: list[str], tmp_path: Path, capsys: 
     assert stopped.value.code == 2, streams.err
     assert streams.err.count("\n") == 1, streams.err
     assert "Traceback" not in streams.err
-    assert streams.out == ""
+    assert all(line.endswith(" s since the start") for line in streams.out.splitlines())  # progress of a slow machine
     for word in expected:
         assert word in streams.err
     assert _tree(tmp_path) == before
