@@ -57,7 +57,7 @@ _PARTS = 47  # of the unit quaternion of a turn: cosine, sine over the angle
 _SIZE = 49  # what makes the quaternion one
 _LARGE = 50  # 1 where the turn is large, or the quaternion far from one
 _SHAKE = 51  # velocity of the disturbance
-_HEIGHT = 54  # above the surface
+_HEIGHT = 54  # above the surface, before the normal
 _NORMAL = 55  # of the surface, along the body's x and y axes
 _WITHIN = 57  # 1 where all efforts are within their limits
 _ROWS = 58
@@ -527,8 +527,11 @@ def _meet_steady(medium, first, t, lanes, waves, block):
 
 
 @inline_jit
-def _meet_medium(medium, state, first, last, block):
-    """Write the velocity of the medium at each vehicle, and the surface at each boat; see `loop.sense_and_command`."""
+def _meet_medium(medium, state, first, last, lanes, block):
+    """Write the velocity of the medium at each vehicle, and the surface at each boat; see `loop.sense_and_command`.
+
+    Lanes beyond the last meet what the first one does: undefined numbers could bring efforts beyond their limits.
+    """
     planar = medium.planar[first]
     for v in range(first, last):
         lane = v - first
@@ -542,6 +545,9 @@ def _meet_medium(medium, state, first, last, block):
             block[_NORMAL, lane] = normal[0]
             block[_NORMAL + 1, lane] = normal[1]
         _put(block, _MEDIUM, lane, w)
+    for lane in range(last - first, lanes):
+        _put(block, _MEDIUM, lane, _three(block, _MEDIUM, 0))
+        _put(block, _HEIGHT, lane, _three(block, _HEIGHT, 0))
 
 
 @inline_jit
@@ -578,7 +584,7 @@ def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
         if steady:
             _meet_steady(params.medium, first, t, lanes, waves, block)
         else:
-            _meet_medium(params.medium, state.medium, first, last, block)
+            _meet_medium(params.medium, state.medium, first, last, lanes, block)
         if kind.steering == HAND_POINT:
             _steer_hand_point(kind, lanes, block)
         else:

@@ -17,12 +17,15 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.comparing.compare import compare
 from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.jit import LANES
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
+from mjsheaf.simulation import lanes
 from mjsheaf.simulation.fused import Fused, advance_block
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.simulation.world import apply_forces
 from mjsheaf.system import on_engine
+from mjsheaf.tiers import in_python
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import POWERED, RAFT, altered, find, make_scenario, mixed_scenario, refused
 
@@ -227,6 +230,26 @@ def test_a_vehicle_in_lanes_moves_as_it_does_alone(components: int, tmp_path: Pa
             for name in ("qpos", "qvel", "ctrl", "act"):
                 np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
     assert compared > 20
+
+
+def test_lanes_beyond_the_last_boat_meet_the_same_waves_as_the_first() -> None:
+    """Undefined numbers there would take the whole block through the efforts beyond limits."""
+    waves = {"kind": "jonswap", "significant_height": 1.0, "peak_period": 4.0, "components": 5}
+    scenario = make_scenario(
+        {
+            "agents": [{"id": f"A{k}", "position": [9.0 * k, 1.0], "vehicle": "wamv"} for k in range(3)],
+            "anchors": [{"agent": f"A{k}", "axes": ["x", "y"], "value": [9.0 * k, 1.0]} for k in range(3)],
+            "flow": {"water": {"dimension": 2, "drift": [0.3, 0.1], "waves": waves}},
+            "controller": {"gain": 1.0, "control_period": 0.02},
+        }
+    )
+    params, state = Fused(scenario.phases)._loop
+    block = np.full((lanes._ROWS, LANES), np.nan)
+    block[:7] = [[0.0], [1.0], [0.1], [1.0], [0.0], [0.0], [0.0]]
+    in_python(lanes._meet_medium)(params.medium, state.medium, 0, 3, 4, block)
+    met = block[[*range(lanes._MEDIUM, lanes._MEDIUM + 3), *range(lanes._HEIGHT, lanes._HEIGHT + 3)]]
+    assert np.isfinite(met[:, :4]).all()
+    np.testing.assert_array_equal(met[:, 3], met[:, 0])
 
 
 # -- runs --------------------------------------------------------------------------------------------------------------
