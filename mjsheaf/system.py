@@ -55,6 +55,7 @@ class TimeGrid:
 
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
+_STOP = 0.01  # s; resolution of the responses of vehicles under a continuous law
 
 DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
 """Vehicle of an agent or target of each dimension unless the scenario names another; it takes any effects and tau."""
@@ -316,14 +317,29 @@ class System:
     def safety_margins(self) -> Array:
         """Distance that each body needs in addition to the separation, shape (V,), m.
 
-        A vehicle whose velocity follows its command with time constant tau travels tau v after the command to stop,
-        which is delayed by at most one period. The point that the law moves is a hand length ahead of its origin.
+        After the command to stop, which is delayed by at most one period, a vehicle travels at most its speed v times
+        `stopping_times`. The point that the law moves is a hand length ahead of its origin.
         """
         top = np.where(np.isfinite(self.law.limit), self.law.limit, 0.0)
         top = np.maximum(top, reference_bounds(self.motion, parts=_PARTS)[0])
-        tau = np.array([vehicle.reduced_model().tau.max() for vehicle in self.vehicles])
         hand = np.array([vehicle.steering.hand for vehicle in self.vehicles])
-        return np.asarray(top * (tau + self._hold) + hand)
+        return np.asarray(top * (self.stopping_times + self._hold) + hand)
+
+    @cached_property
+    def stopping_times(self) -> Array:
+        """Distance to a stop of each body over its speed, shape (V,), s.
+
+        That is the time constant tau of a first-order vehicle. One that overshoots travels farther, and is farther
+        from where its commands alone would have moved it, by `mjsheaf.simulation.linear.stopping_time`. A vehicle
+        without thrusters or without a linear model counts with tau.
+        """
+        from mjsheaf.simulation import linear  # imports MuJoCo
+
+        steps = max(1, round(_STOP / self.timestep)) if self.grid.continuous else self.steps_per_sample
+        kinds = {id(vehicle): vehicle for vehicle in self.vehicles}
+        times = linear.stopping_times(list(kinds.values()), self.control, self.timestep, steps)
+        by_kind = dict(zip(kinds, times, strict=True))
+        return np.array([by_kind[id(vehicle)] for vehicle in self.vehicles])
 
     @cached_property
     def station(self) -> Station:

@@ -37,6 +37,10 @@ _STILL = 1e-7  # m/s, m/s^2, ...: rates of an equilibrium
 _NEWTON_STEPS = 20
 _SETTLE_TIME = 20.0  # s; duration of the simulation before Newton's second attempt
 _MOST_SETTLE_STEPS = 10_000
+_STEADY = 1e-4  # of the commanded velocity: a response that varies less is steady
+_LEAST_RESPONSES, _MOST_RESPONSES = 64, 10_000
+_OVERSHOOT = 1.005  # of tau: less than that is how MuJoCo integrates
+_WAYS = 64  # instants after the command to stop at which the way is computed
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,61 @@ def linearise(
     found = bench.settle()
     models = bench.differentiate()
     return [why if why else _over(model, steps) for why, model in zip(found, models, strict=True)]
+
+
+def step_responses(model: LinearVehicle, period: float) -> Array:
+    """Compute the mean velocity in each period after steps of the commands, shape (K, n, n), until it is steady.
+
+    Column i answers a step of command i. Without a steady velocity K is what there is room for.
+    """
+    x = np.zeros_like(model.B)
+    responses: list[Array] = []
+    moving = np.inf
+    while moving > _STEADY and len(responses) < _MOST_RESPONSES:
+        for _ in range(max(_LEAST_RESPONSES, len(responses))):
+            responses.append((model.C @ x + model.D) / period)
+            x = model.A @ x + model.B
+        moving = float(np.abs(np.array(responses[len(responses) // 2 :]) - responses[-1]).max())
+    return np.array(responses)
+
+
+def stopping_time(model: LinearVehicle, period: float) -> float:
+    """Compute the largest distance to a stop over the bound on commanded speeds, in s, for any sequence of commands.
+
+    Let S_k be the mean velocity in the k-th period h after a step of the command, and u_j the command in period j. The
+    position that moves as commanded, h sum u_j, is ahead of the controlled position by h sum_k (1 - S_k) u_(j - k):
+    steps show it, and the loop is linear. So |u| <= v bounds that by h v sum_k |1 - S_k|, which in one axis
+    u_(j - k) = v sign(1 - S_k) reaches. It is the distance to a stop, too, if u = 0 from now on. Until then the vehicle
+    moves by h sum_k (S_(k + i) - S_k) u_(j - k) in i periods, which is at most h v sum_k |S_(k + i) - S_k|. Where S
+    does not overshoot, all of these are at most v times the integral of 1 - S, which is v tau at first order.
+
+    The largest of these sums over v is returned, with the last S_k in place of 1: a steady difference is no lag, and
+    the law corrects it.
+
+    Args:
+        model: Linear vehicle.
+        period: Time h over which it holds a command, s.
+    """
+    S = step_responses(model, period)
+    K = len(S)
+    S = np.concatenate([S, K * [S[-1]]])
+    ahead = np.linalg.norm(S - S[-1], 2, axis=(1, 2)).sum()
+    stride = max(1, K // _WAYS)
+    ways = [np.linalg.norm(S[i:] - S[:-i], 2, axis=(1, 2)).sum() for i in range(stride, K, stride)]
+    return float(period * max(ahead, *ways))
+
+
+def stopping_times(vehicles: Sequence[Vehicle], control: ControlArrays, timestep: float, steps: int) -> list[float]:
+    """Compute the stopping time of each vehicle, s: tau unless its linear loop overshoots."""
+    times = [float(vehicle.reduced_model().tau.max()) for vehicle in vehicles]
+    driven = [v for v, vehicle in enumerate(vehicles) if vehicle.actuators]
+    stations = [Station(vehicles[v], np.zeros(3), 0.0) for v in driven]
+    models = linearise(stations, control, timestep, steps) if driven else []
+    for v, model in zip(driven, models, strict=True):
+        time = 0.0 if isinstance(model, str) else stopping_time(model, steps * timestep)
+        if time > _OVERSHOOT * times[v]:
+            times[v] = time
+    return times
 
 
 def power(one: LinearVehicle, steps: int) -> Array:
