@@ -5,6 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import quadprog  # type: ignore[import-not-found]
 import xarray as xr
 
 import mjsheaf
@@ -154,6 +155,30 @@ def test_eight_that_meet_stop_and_turn_right_by_the_rule() -> None:
     free = positions_of(simulate(load_scenario(swap(tie_break="right_hand")), backend="ideal"))
     assert pairs_of(free).min() >= 2.0 - 1e-9
     np.testing.assert_allclose(free[-1, :, :2], -free[0, :, :2], atol=0.5)
+
+
+@pytest.mark.parametrize(("seed", "dimension"), [(1, 2), (6, 2), (0, 3), (4, 3)])
+def test_commands_of_a_run_are_those_of_a_quadratic_program(seed: int, dimension: int) -> None:
+    """200 filtered commands of agents that only anchors pull, by an independent solver, then scaled to the limit."""
+    raw = random_swap(seed)
+    raw["safety"] |= {"obstacles": [], "tie_break": "none", "authority": "equal"}
+    assert len(raw["agents"][0]["position"]) == dimension
+    scenario = load_scenario(raw)
+    run, reach = simulate(scenario, backend="ideal"), scenario.system.control.law.safety.reach
+    x, commands = positions_of(run)[:, :, :dimension], run["velocity_command"].values
+    goals = np.array([anchor["value"] for anchor in raw["anchors"]])
+    D, rate = raw["safety"]["distance"], raw["safety"]["rate"]
+    acted = np.argwhere(run["safety_correction"].values[:-1] > 0.0)
+    chosen = acted[np.random.default_rng(0).permutation(len(acted))[:200]]
+    assert len(chosen) == 200
+    for k, v in chosen:
+        z = np.delete(x[k, v] - x[k], v, axis=0)
+        z = z[np.linalg.norm(z, axis=1) <= reach]
+        h = (z**2).sum(axis=1) - D**2
+        wanted = goals[v] - x[k, v]
+        u = quadprog.solve_qp(np.eye(dimension), wanted, 2.0 * z.T, -0.5 * rate * h)[0]
+        u *= min(1.0, raw["agents"][v]["velocity_limit"] / np.linalg.norm(u))
+        np.testing.assert_allclose(commands[k, v, :dimension], u, atol=1e-10)
 
 
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
