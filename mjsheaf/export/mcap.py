@@ -15,6 +15,7 @@ from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.writer import Writer
+from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.export.content import PALETTE, TOPICS, WORLD, Content, Moment
@@ -97,8 +98,7 @@ class Mcap:
         finite: BoolArray = np.asarray(np.isfinite(moment.poses).all(axis=1))
         for frame, pose, valid in zip(self._content.frames, moment.poses.tolist(), finite, strict=True):
             if valid:
-                own = message.transforms.add(parent_frame_id=WORLD, child_frame_id=frame)
-                own.timestamp.CopyFrom(stamp)
+                own = message.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame)
                 _set_point(own.translation, pose)
                 _set_quaternion(own.rotation, pose[3:])
         return message
@@ -106,10 +106,8 @@ class Mcap:
     def _scene(self, moment: Moment, stamp: Timestamp) -> Any:
         """Return edges, desired positions and arrows; each of them replaces the one before."""
         message = scene_pb2.SceneUpdate()
-        entities = [message.entities.add(frame_id=WORLD, id=name) for name in ("edges", "goals", "flow")]
-        edges, goals, flow = entities
-        for entity in entities:
-            entity.timestamp.CopyFrom(stamp)
+        edges = message.entities.add(frame_id=WORLD, id="edges", timestamp=stamp)
+        goals = message.entities.add(frame_id=WORLD, id="goals", timestamp=stamp)
         for level in np.unique(moment.levels).tolist():
             line = edges.lines.add(type=LinePrimitive.LINE_LIST, thickness=_EDGE, scale_invariant=True)
             _set_colour(line.color, PALETTE[level])
@@ -124,21 +122,28 @@ class Mcap:
             ball.pose.orientation.w = 1.0
             _set_point(ball.size, [2.0 * float(self._content.radii[owner])] * 3)
             _set_colour(ball.color, [*self._content.colours[owner], _HALF_OPEN])
-        places = moment.poses[moment.drifting].tolist()
-        for start, quaternion, length in zip(places, *turn_along(moment.flow), strict=True):
-            arrow = flow.arrows.add(shaft_length=0.75 * length, head_length=0.25 * length)
+        self._add_arrows(message, moment)
+        return message
+
+    def _add_arrows(self, scene: Any, moment: Moment) -> None:
+        """Add the arrow of each vehicle's flow, in the vehicle's frame: its start need not be written."""
+        arrows = [
+            scene.entities.add(frame_id=frame, id=f"flow {frame}", frame_locked=True).arrows
+            for frame in self._content.frames
+        ]
+        turns = Rotation.from_quat(moment.poses[moment.drifting, 3:])
+        quaternions, lengths = turn_along(turns.inv().apply(moment.flow))
+        for vehicle, quaternion, length in zip(moment.drifting.tolist(), quaternions, lengths, strict=True):
+            arrow = arrows[vehicle].add(shaft_length=0.75 * length, head_length=0.25 * length)
             arrow.shaft_diameter, arrow.head_diameter = 0.0625, 0.1875
-            _set_point(arrow.pose.position, start)
             _set_quaternion(arrow.pose.orientation, quaternion)
             _set_colour(arrow.color, _ARROW)
-        return message
 
     def _vehicles(self, stamp: Timestamp) -> Any:
         """Return the shapes of all vehicles, which move with their frames."""
         message = scene_pb2.SceneUpdate()
         for frame, solids in zip(self._content.frames, self._content.solids, strict=True):
-            entity = message.entities.add(frame_id=frame, id=frame, frame_locked=True)
-            entity.timestamp.CopyFrom(stamp)
+            entity = message.entities.add(frame_id=frame, id=frame, frame_locked=True, timestamp=stamp)
             for solid in solids:
                 _add_solid(entity, solid)
         return message

@@ -21,6 +21,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.cli import main
@@ -212,6 +213,26 @@ def test_arrows_point_along_the_flow() -> None:
         assert speed * along == pytest.approx(velocity, abs=0.08 * float(np.linalg.norm(velocity)))
 
 
+def test_arrows_are_in_the_frames_of_their_vehicles(run: xr.Dataset, scenario: Scenario, tmp_path: Path) -> None:
+    found = messages(write("mcap", tmp_path / "run.mcap", run, scenario))
+    poses = poses_of(run, scenario)
+    flows = {kind: np.nan_to_num(run[f"{kind}_flow"].values) for kind in ("agent", "target")}
+    drawn = 0
+    for k, (_, scene) in enumerate(found["/scene"]):
+        arrows = {entity.frame_id: entity for entity in scene.entities if entity.id.startswith("flow ")}
+        assert list(arrows) == list(poses)
+        for kind, flow in flows.items():
+            for name, velocity in zip(run[kind].values.tolist(), flow[k], strict=True):
+                assert arrows[name].frame_locked
+                assert len(arrows[name].arrows) == (np.linalg.norm(velocity) >= 2.0**-6)
+                for arrow in arrows[name].arrows:
+                    turns = Rotation.from_quat([poses[name][k, 3:], numbers(arrow.pose.orientation, "xyzw")])
+                    along = turns[0].apply(turns[1].apply([arrow.shaft_length + arrow.head_length, 0.0, 0.0]))
+                    assert along == pytest.approx(velocity, abs=0.08 * float(np.linalg.norm(velocity)))
+                    drawn += 1
+    assert drawn
+
+
 def test_labels_become_different_fields_that_protobuf_allows() -> None:
     labels = ["A-1", "A_1", "a", *(f"S{k}" for k in range(MAX_FIELDS - 3))]
     kind = make_messages({"disagreement": labels, "formation_error": []}, ())["errors"]
@@ -233,9 +254,9 @@ def test_exported_variables_are_recorded_ones() -> None:
 
 @pytest.mark.slow
 def test_a_run_of_the_paper_s_team_stays_small(tmp_path: Path) -> None:
-    """17 vehicles and 1,500 samples in at most 1.5 MB; on bodies 1 MB of attitudes and heights more."""
+    """17 vehicles and 1,500 samples in at most 1.35 MB; on bodies 1 MB of attitudes and thrusters more."""
     scenario = load_scenario("paper", {"time.end": 15.0})
-    for backend, limit in (("ideal", 1.5e6), ("physics", 2.5e6)):
+    for backend, limit in (("ideal", 1.35e6), ("physics", 2.35e6)):
         run = simulate(scenario, backend=backend).isel(time=slice(0, 1500))
         assert run.sizes["time"] == 1500
         assert write("mcap", tmp_path / f"{backend}.mcap", run, scenario).stat().st_size <= limit
