@@ -43,6 +43,8 @@ _STALE_ABOVE = 0.1  # ratio of two gradients above which H is factored again
 _MAX_STEPS = 200
 _CONVERGED = 1e-14  # of the pulls: a gradient of this size is rounding
 _STATIONARY = 1e-9  # of the pulls: largest gradient of what counts as a stationary point
+_CONTRACTION = 0.5 ** np.arange(14)  # of the team's extent: largest changes of steps, one midpoint after the other
+_STRAIGHT = 1e-3  # of the team's extent: longest step that needs no midpoint; ten times the tolerance of midpoints
 _SMALLEST_STEP = 1e-15  # of the team's extent
 _ROUNDING = 1e-13
 
@@ -247,16 +249,11 @@ class NonlinearSheaf:
 
     def coboundary(self, x: Any) -> Array:
         """Return h of every edge for a 0-cochain x, one after the other; see the module."""
-        found = [np.zeros(0)]
-        for edge, z in zip(self.edges, self.relative(x), strict=True):
-            length = float(np.linalg.norm(z))
-            if edge.measures == "position":
-                found.append(-z)
-            elif edge.measures == "range":
-                found.append(np.array([length]))
-            else:
-                found.append(z / length if length > 0.0 else np.zeros_like(z))
-        return np.concatenate(found)
+        arrays = self._arrays
+        z = arrays.D @ self.pack(x) + arrays.lift
+        repeated = arrays.code == 1
+        repeated[arrays.first[:-1]] = False
+        return np.choose(arrays.code, [-z, arrays.lengths(z), arrays.directions(z)[0]])[~repeated]
 
     def jacobian(self, x: Any) -> Sheaf:
         """Return the sheaf of the linear edges that agree with these to first order at x, with their offsets."""
@@ -299,7 +296,7 @@ class NonlinearSheaf:
         solver = self.solver(list(known))
         x = self.pack(start).copy()
         x[solver.U] = np.concatenate([np.zeros(0), *known.values()])
-        found = solver.settle(x[solver.W], x[solver.U])
+        found = solver.settle(x[solver.W], x[solver.U], free=True)
         if not found.converged:
             raise SheafError("Gauss-Newton does not converge from this start; expected another")
         x[solver.W] = found.x
@@ -490,7 +487,8 @@ class StationarySolver:
     def settle(self, x: Array, boundary: Array, *, free: bool = False) -> Settled:
         """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).
 
-        With `free` motions H is factored at every step: an old one would push what is free now.
+        With `free` motions H is factored at every step: an old one would push what is free now. Bearings are then
+        linearised at the midpoints of long steps, so that a scale that is free stays that of the start.
         """
         arrays = self.arrays
         base = self._held @ boundary + arrays.lift
@@ -508,6 +506,8 @@ class StationarySolver:
             if self._factor is None:
                 self._factor = self._factored(z, damping, stiffest)
             step = _limited(self._factor.solve(-gradient), extent)
+            if free and (arrays.code == 2).any() and _largest(step) > _STRAIGHT * extent:
+                step = self._midpoint_step(x, step, base, (damping, stiffest, extent))
             moved = self._moved @ (x + step) + base
             after = self._pulled @ arrays.pull(moved)
             worse = self._is_worse(z, moved, gradient, after, stiffest * extent)
@@ -525,6 +525,30 @@ class StationarySolver:
         size = _largest(gradient)
         return Settled(x, size <= _STATIONARY * stiffest * extent, arrays.residual(z))
 
+    def _midpoint_step(self, x: Array, step: Array, base: Array, scales: tuple[float, float, float]) -> Array:
+        """Return the step from x (n_W,) that Gauss-Newton takes if it linearises at the midpoint m of the step.
+
+        It is orthogonal to what is free at m. Where scaling about c is free, (m - c) . step = 0, so |x - c| stays as
+        it does in the law. NaN if the midpoints do not converge.
+
+        Args:
+            x, step: Start, and a first step from there.
+            base: z of all edges where x is 0.
+            scales: Damping, stiffest weight and extent of the team.
+        """
+        damping, stiffest, extent = scales
+        for longest in extent * _CONTRACTION:
+            z = self._moved @ (x + 0.5 * step) + base
+            aim = self._pulled @ (0.5 * (self.arrays.metric(z) @ (self._moved @ step)) - self.arrays.pull(z))
+            last = step
+            step = _limited(self._factored(z, damping, stiffest).solve(aim), extent)
+            change = _largest(step - last)
+            if change <= 0.1 * _STRAIGHT * extent:
+                return step
+            if change > longest:
+                break
+        return np.full_like(step, np.nan)
+
     def _factored(self, z: Array, damping: float, stiffest: float) -> SuperLU:
         H = self._pulled @ self.arrays.metric(z) @ self._moved
         shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
@@ -532,7 +556,7 @@ class StationarySolver:
 
     def _is_worse(self, z: Array, moved: Array, before: Array, after: Array, scale: float) -> bool:
         """Return True if a step raises the energy or, where there is none, more than doubles the gradient."""
-        if not np.isfinite(after).all():
+        if not (np.isfinite(moved).all() and np.isfinite(after).all()):
             return True
         if self.arrays.conservative:
             energy, lowered = (self.arrays.residual(at) ** 2 for at in (z, moved))
@@ -547,5 +571,4 @@ def _largest(x: Array) -> float:
 
 def _limited(step: Array, longest: float) -> Array:
     """Return a step, shortened until no coordinate changes by more than the longest."""
-    size = _largest(step)
-    return step if size <= longest else step * (longest / size)
+    return step * min(1.0, longest / (_largest(step) or 1.0))

@@ -3,10 +3,10 @@
 q* is a stationary point: D^T c = 0 at the agents (see `mjsheaf.sheaf.nonlinear`). Along a path it continues from sample
 to sample. At the first sample it is searched for from the present positions; if no exact shape is found there, also
 from the places of the formations, and the one with the smaller residual is q*. Where motions are free, as in a team
-without targets and anchors, each sample begins at its present positions and free motions stay as they are there.
+without targets and anchors, each sample begins at its present positions and free motions stay as they are there: the
+centroid of a team and, of bearings, its size, as in the law.
 """
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -59,11 +59,8 @@ class Shapes:
         size = 1.0 + float(np.abs(self.solver.relative(near, held)).max(initial=0.0))
         if found.converged and found.residual <= _EXACT * size:
             return found
-        options: Sequence[Settled] = [
-            found,
-            *(self.solver.settle(x, held, free=True) for x in self._places(held, near)),
-        ]
-        return min(options, key=lambda each: (not each.converged, each.residual))
+        others = (self.solver.settle(x, held, free=True) for x in self._places(held, near))
+        return min([found, *others], key=lambda each: (not each.converged, each.residual))
 
     def has_free_motions(self, q: Array, p: Array) -> bool:
         """Return True if some motion of the agents at q changes no measurement to first order."""

@@ -79,6 +79,58 @@ def test_checkpoints_of_formations(
         assert record["law"]["rate"] == pytest.approx(-np.log(1.0 - 0.01 * rate) / 0.01, abs=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("places", "start", "measures"),
+    [
+        (TRIANGLE, [[0, 0], [2.5, 0.4], [0.3, 3.0]], "bearing"),
+        pytest.param(
+            TETRAHEDRON,
+            [[0, 0.5, 0], [2, 0, 0.7], [0.3, 2.2, -0.4], [1, 0, 1.5]],
+            "bearing",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(TRIANGLE, [[0, 0], [2.5, 0.4], [0.3, 3.0]], "range", marks=pytest.mark.slow),
+    ],
+)
+def test_the_rate_of_a_team_far_from_its_shape_is_that_with_which_its_run_ends(
+    places: Any, start: Any, measures: str
+) -> None:
+    """q* has the size that the bearing law keeps, and so the rate of the shape that the team reaches, to 1 %."""
+    agents = [{"id": f"A{k}", "position": x} for k, x in enumerate(start)]
+    law = {"gain": 1.0, "control_period": 0.02}
+    scenario = keeping(places, complete(len(places)), measures, agents=agents, controller=law, time={"end": 40.0})
+    run = simulate(scenario, backend="ideal")
+    eta = run.disagreement.values.max(axis=1)
+    first = int(np.argmax(eta < 1e-5 * eta[0]))
+    last = int(np.argmax(eta < 1e-7 * eta[0]))
+    assert 0 < first < last
+    measured = np.log(eta[first] / eta[last]) / (0.02 * (last - first))
+    assert check(scenario)["law"]["rate"] == pytest.approx(measured, rel=0.01)
+    q, x = (v.values[..., : len(places[0])] for v in (run.harmonic_extension, run.agent_position))
+    assert np.abs(q[0].mean(axis=0) - x[0].mean(axis=0)).max() < 1e-6
+    if measures == "bearing":
+        size = [np.linalg.norm(y - y.mean(axis=0)) for y in (q[0], x[0], x[-1])]
+        assert size[0] == pytest.approx(size[1], rel=2e-4)
+        assert size[0] == pytest.approx(size[2], rel=0.01)
+
+
+def test_one_bearing_leaves_the_distance_as_it_is() -> None:
+    """A target at rest fixes the direction to an agent far from it, and not the distance, which the law keeps."""
+    scenario = make_scenario(
+        {
+            "time": {"end": 10.0},
+            "controller": {"gain": 1.0, "control_period": 0.01},
+            "agents": [{"id": "A", "position": [1.2, 0.9]}],
+            "targets": [{"id": "T", "position": [0, 0]}],
+            "sensing": [{"between": ["A", "T"], "measures": "bearing", "offset": [0, -1]}],
+        }
+    )
+    team, x = scenario.team, scenario.system.initial
+    assert team.harmonic_extension(x)[0] == pytest.approx([0.0, 1.5, 0.0], abs=3e-4)
+    end = simulate(scenario, backend="ideal", allow_drift=True).agent_position.values[-1, 0]
+    assert end[:2] == pytest.approx([0.0, 1.5], abs=0.01)
+
+
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 @pytest.mark.parametrize("angle", [30.0, 90.0, 150.0, 180.0])
 def test_one_agent_and_two_targets(measures: str, angle: float) -> None:

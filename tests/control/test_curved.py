@@ -13,6 +13,7 @@ from mjsheaf.control.law import disagreement, measure
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario
+from tests.running import run_ideal
 
 HALF = 3**0.5 / 2
 PLACES = {"A": [0.0, 0.0], "B": [1.0, 0.0], "C": [0.5, HALF]}
@@ -86,6 +87,38 @@ def test_invariants_of_a_formation_under_a_hold(measures: str) -> None:
     else:
         size = (centred**2).sum(axis=(1, 2))
         assert np.allclose(np.diff(size), 1e-4 * (u[:-1] ** 2).sum(axis=(1, 2)), rtol=1e-6, atol=1e-13)
+
+
+FAR = [{"id": id, "position": x} for id, x in (("A", [-1.0, 0.3]), ("B", [2.0, -0.5]), ("C", [0.3, 2.4]))]
+
+
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+def test_invariants_hold_over_100_000_periods(measures: str) -> None:
+    """Under a gain so small that the team moves all the time, nothing adds up: centroid, sum x_i x u_i, and growth."""
+    law = {"gain": 0.01, "control_period": 0.01}
+    run = run_ideal(keeping(measures, agents=FAR, controller=law, time={"end": 1000.0}).system)
+    x, u = run.positions[..., :2], run.log.command[..., :2]
+    assert len(x) == 100_001
+    assert np.abs(u[-1]).max() > 1e-10
+    assert np.abs(x.mean(axis=1) - x[0].mean(axis=0)).max() < 1e-10
+    if measures == "range":
+        assert np.abs((x[..., 0] * u[..., 1] - x[..., 1] * u[..., 0]).sum(axis=1)).max() < 1e-10
+    else:
+        size = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
+        grown = np.cumsum(1e-4 * (u[:-1] ** 2).sum(axis=(1, 2)))
+        assert grown[-1] > 1e-5
+        assert np.abs(size[1:] - size[0] - grown).max() < 1e-10
+
+
+def test_the_continuous_bearing_law_keeps_its_size_over_100_000_samples() -> None:
+    """Sum |x_i - c|^2 does not change where nothing is held."""
+    law = {"gain": 0.01, "control_period": 0}
+    run = run_ideal(keeping("bearing", agents=FAR, controller=law, time={"end": 1000.0}).system)
+    x = run.positions[..., :2]
+    size = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
+    assert len(x) == 100_001
+    assert np.linalg.norm(x[-1] - x[0]) > 0.1
+    assert np.abs(size - size[0]).max() < 1e-9
 
 
 def test_the_continuous_bearing_law_keeps_its_size() -> None:

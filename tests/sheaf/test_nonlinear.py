@@ -165,6 +165,22 @@ def test_an_extension_from_nearby_finds_the_exact_shape(seed: int, measures: str
     assert np.allclose(sheaf.pack(found.x), x, atol=1e-9)
 
 
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 10**6), st.sampled_from([0.3, 3.0]))
+def test_bearings_keep_centroid_and_size(seed: int, scale: float) -> None:
+    """From any start an extension with nothing held is the shape, with the size and the centroid of the start."""
+    rng = np.random.default_rng(seed)
+    sheaf, x = framework(TETRAHEDRON, list(itertools.combinations(range(4), 2)), "bearing")
+    start = x + rng.normal(scale=scale, size=len(x))
+    found = sheaf.harmonic_extension({}, start)
+    assert found.residual < 1e-6
+    assert found.null_basis.shape == (12, 4)
+    before, after = start.reshape(4, 3), sheaf.pack(found.x).reshape(4, 3)
+    assert np.abs(after.mean(axis=0) - before.mean(axis=0)).max() < 1e-6
+    sizes = [np.linalg.norm(points - points.mean(axis=0)) for points in (before, after)]
+    assert sizes[1] == pytest.approx(sizes[0], rel=1e-3)
+
+
 def test_positions_alone_are_a_linear_sheaf() -> None:
     """The extension of edges that compare positions is the harmonic extension of `Sheaf`."""
     rng = np.random.default_rng(3)

@@ -14,7 +14,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.topology.bracing import Bracing, plan_bracing
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.team import Edge, Team
+from mjsheaf.team import Team
 
 MAX_STATES = 600
 """Largest number of the agents' coordinates for which a rank is computed."""
@@ -58,7 +58,7 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
     if n > MAX_STATES:
         return Rigidity(rank=None, needed=None, rigid=None, localizable=localizable, rate=rate)
     D = _coboundary(team, n)
-    rank = _rank(D)
+    rank = int(np.linalg.matrix_rank(D, rtol=RANK_TOLERANCE)) if len(D) else 0
     unseen = _unseen(D, _motions(team, positions))
     needed = n - unseen.shape[1]
     rigid = rank >= needed
@@ -68,24 +68,9 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
 
 def _coboundary(team: Team, n: int) -> Array:
     """Return the coboundary of the communication edges, rows scaled to length 1, shape (m, n)."""
-    D = np.concatenate([np.zeros((0, n)), *(_rows(team, edge, n) for edge in team.communication)])
+    D = team.sheaf.coboundary()[: sum(len(edge.F_tail) for edge in team.communication), :n].toarray()
     length = np.linalg.norm(D, axis=1, keepdims=True)
     return np.asarray(D / np.where(length > 0.0, length, 1.0))
-
-
-def _rows(team: Team, edge: Edge, n: int) -> Array:
-    rows = np.zeros((len(edge.F_tail), n))
-    for sign, end, F in ((1.0, edge.tail, edge.F_tail), (-1.0, edge.head, edge.F_head)):
-        first = team.first_state[team.index[end]]
-        rows[:, first : first + F.shape[1]] += sign * F
-    return rows
-
-
-def _rank(matrix: Array) -> int:
-    if not matrix.size:
-        return 0
-    singular = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.count_nonzero(singular > RANK_TOLERANCE * max(singular[0], 1e-300)))
 
 
 def _motions(team: Team, positions: Array) -> Array:
