@@ -1,7 +1,7 @@
 """Many runs of a scenario as a vector environment of Gymnasium.
 
 Runs of one team are stepped together: see `mjsheaf.simulation.worlds`. Runs with events, with range, bearing or
-directed edges, or whose seeds change what worlds share, are stepped one after the other, which is slower.
+directed edges, or whose seeds draw headings, which worlds share, are stepped one after the other, which is slower.
 """
 
 from collections.abc import Sequence
@@ -234,7 +234,7 @@ def vector_env(
 
     Run k begins with the scenario's seed plus k. Its samples under zero actions are those of
     `simulate_many(..., engine="fused")` with that seed, to the bit. The runs are stepped together by compiled code,
-    unless the scenario has events or edges that are not linear.
+    unless the scenario has events, edges that are not linear, or headings that the seed draws.
 
     Args:
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.
@@ -243,7 +243,8 @@ def vector_env(
         **options: Options of `env` except for `engine`, `seed` and `render_mode`.
 
     Raises:
-        InputError: As for `env`; or n or the mode is not valid.
+        InputError: As for `env`; the scenario has what the fused engine lacks, such as contacts; or n or the mode is
+            not valid.
     """
     require_whole("n", n, 1)
     mode = AutoresetMode(autoreset_mode)

@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.theorem.targets import Carrier, follow_targets
+from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.page.replay import Packer, Scene, add_samples, edges_of, origin_of, positions_of
 from mjsheaf.results.dataset import join
 from mjsheaf.system import Phase, System
@@ -41,14 +41,15 @@ class Row(Packer):
 def outlook(system: System) -> Array:
     """Return points that the run is expected to reach, in space, shape (K, 3), m.
 
-    They are the targets' path without disturbance, and the harmonic extension of it.
+    They are the targets' path without disturbance, and the harmonic extension of it. Where the path is not known, they
+    are those of the start.
     """
-    samples = follow_targets(system).samples
-    samples = samples[:: 1 + len(samples) * len(system.planar) // _MOST]
-    q_star = system.team.unpack(Carrier(system).extend(samples))
-    lift = np.zeros((len(system.planar), 3))
-    lift[system.planar, 2] = system.bodies.surface_height
-    points = (np.concatenate([q_star, samples], axis=1) + lift).reshape(-1, 3)
+    path = follow_targets(system)
+    some = slice(None, None, 1 + path.positions[..., 0].size // _MOST)
+    points = path.positions[some].copy()
+    points[:, : len(system.team.agents)] = system.team.unpack(path.q_star[some])
+    points[:, system.planar, 2] += system.bodies.surface_height
+    points = points.reshape(-1, 3)
     return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 

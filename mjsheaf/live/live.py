@@ -250,8 +250,8 @@ def view(
         NotUniqueError: The harmonic extension is not unique.
     """
     with ExitStack() as stack:
+        server = stack.enter_context(closing(Server(port)))  # refused before anything is prepared
         session = stack.enter_context(Session(scenario, backend, engine=engine))
-        server = stack.enter_context(closing(Server(port)))
         for sink in sinks:
             stack.callback(sink.close)
         run = LiveRun(session, server, sinks, speed)

@@ -18,6 +18,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(missing()), reason=f"no 
 
 SLIDE = "(e, x) => { e.value = x; e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }"
 
+FOLLOWS = """(seconds) => {
+    const clock = window.mjsheaf.clock;
+    clock.t = clock.run.end - 1;
+    clock.drawn = true;
+    clock.advance(seconds);
+    return clock.run.end - clock.t;
+}"""
+
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
@@ -65,6 +73,8 @@ def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_pa
         stopped = page.evaluate("window.mjsheaf.run.end")
         page.wait_for_timeout(500)
         assert page.evaluate("window.mjsheaf.run.end") == stopped
+        assert 0.0 < page.evaluate(FOLLOWS, 0.01) < 1.0  # smoothly
+        assert page.evaluate(FOLLOWS, 0.05) == 0.0  # at once where pictures take long
         page.keyboard.press("Home")  # looks back
         assert page.evaluate("window.mjsheaf.clock.t") < 0.1
         page.click("#play")  # to the newest sample

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import load_scenario, simulate
+from mjsheaf.live.frames import outlook
 from mjsheaf.live.live import view
 from mjsheaf.results.sinks import Memory
 from mjsheaf.runs.publish import write_scenario
@@ -139,6 +140,16 @@ def compare_frames(frames: list[tuple[float, dict[str, Any]]], run: xr.Dataset, 
         np.testing.assert_allclose(arrays["tracking_error"], run.tracking_error.values[k], rtol=1e-6, atol=1e-30)
         turned = np.linalg.norm(arrays["quaternion"].reshape(-1, 4), axis=1)
         np.testing.assert_allclose(turned, 1.0, atol=1e-5)
+
+
+def test_where_the_targets_path_is_not_known_the_page_begins_with_their_start() -> None:
+    """Gusts have no bound."""
+    system = load_scenario("harbour_gusts").system
+    agents = len(system.team.agents)
+    points = outlook(system)
+    assert np.isfinite(points).all()
+    for place in system.initial[agents:]:
+        assert (points[:, :2] == place[:2]).all(axis=1).any()
 
 
 def test_a_page_opened_later_begins_with_the_whole_run() -> None:

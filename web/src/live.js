@@ -8,6 +8,7 @@ import { make, rangeInWords } from "./facts.js";
 const MOST_VALUES = 600_000; // of the widest array that is kept; of more every second sample is dropped
 const CURVES = 300; // ms between two drawings of the curves
 const SMOOTH = 0.06; // s in which the picture follows the newest sample
+const SLOW = 0.03; // s: where a picture takes longer, there is one for each frame, because the processor draws
 const GAINS = 200; // steps of the slider of gains
 const MOST_FLOW = 3; // on its slider, in the scenario's flow
 const FLOWS = 20; // steps of that slider in the scenario's flow
@@ -21,6 +22,8 @@ export class LiveClock extends Clock {
     this.speed = 1;
     this.follow = true;
     this.paused = false;
+    this.drawn = false; // a picture was drawn since the last call of advance
+    this.slow = false;
     this.send = () => {};
   }
 
@@ -58,8 +61,10 @@ export class LiveClock extends Clock {
   }
 
   advance(seconds) {
-    if (!this.follow || this.t >= this.run.end) return;
-    const left = (this.run.end - this.t) * Math.exp(-seconds / SMOOTH);
+    if (this.drawn) this.slow = seconds > SLOW;
+    this.drawn = this.follow && this.t < this.run.end;
+    if (!this.drawn) return;
+    const left = this.slow ? 0 : (this.run.end - this.t) * Math.exp(-seconds / SMOOTH);
     this.t = left < 1e-4 ? this.run.end : this.run.end - left;
     this.dispatchEvent(new Event("time"));
   }
