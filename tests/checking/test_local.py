@@ -11,6 +11,7 @@ from mjsheaf import simulate
 from mjsheaf.checking import check
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario
+from tests.running import run_ideal
 
 HALF = 3**0.5 / 2
 TRIANGLE = [[0, 0], [1, 0], [0.5, HALF]]
@@ -187,6 +188,34 @@ def test_directed_cycles(n: int, margin: float) -> None:
     assert held["law"]["spectral_radius"] == pytest.approx(np.abs(1.0 - 0.01 * values).max(), abs=1e-9)
     assert held["law"]["largest_gain"] == pytest.approx((2.0 * values.real / np.abs(values) ** 2).min() / 0.01)
     assert held["links"]["delay_margin"] == pytest.approx(margin, abs=0.02)
+
+
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_delays_of_a_directed_cycle_near_its_margin(n: int) -> None:
+    """Runs converge 3 % below the margin of `check`, and diverge 3 % above it."""
+    angles = 2.0 * np.pi * np.arange(n) / n
+    places = np.column_stack([np.cos(angles), np.sin(angles)])
+    cycle = [(k, (k + 1) % n) for k in range(n)]
+    period = 0.005
+    continuous = {"gain": 1.0, "control_period": 0}
+    margin = check(keeping(places.tolist(), cycle, directed=True, controller=continuous))["links"]["delay_margin"]
+    value = 1.0 - np.exp(2j * np.pi / n)
+    assert margin == pytest.approx((np.pi / 2.0 - abs(np.angle(value))) / abs(value), rel=1e-9)
+    start = places + np.random.default_rng(n).normal(scale=0.1, size=places.shape)
+    agents = [{"id": f"A{k}", "position": x} for k, x in enumerate(start.tolist())]
+    for periods, converges in ((np.floor(0.97 * margin / period), True), (np.ceil(1.03 * margin / period), False)):
+        delayed = keeping(
+            places.tolist(),
+            cycle,
+            directed=True,
+            agents=agents,
+            controller={"gain": 1.0, "control_period": period},
+            links={"communication": {"delay": float(periods * period)}},
+            time={"end": 60.0},
+        )
+        eta = np.linalg.norm(run_ideal(delayed.system).log.residual[:, :n], axis=(1, 2))
+        middle, end = eta[4000:8000].max(), eta[8000:].max()
+        assert end < 0.8 * middle if converges else end > 1.2 * middle
 
 
 def following(directed: bool = True, **fields: Any) -> Scenario:
