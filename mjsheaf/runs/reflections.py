@@ -50,7 +50,7 @@ def _fault(x: Array, places: Array, kinds: Set[str]) -> str:
     if not (size > 0.0 and wanted > 0.0):
         return ""
     extent = np.linalg.svd(x, compute_uv=False)
-    if extent[1] <= _FLAT * extent[0] and _rank(places) > 1:
+    if extent[1] <= _FLAT * extent[0] and np.linalg.matrix_rank(places, rtol=_FLAT) > 1:
         return "on a line, where range edges keep it: start its members off a line"
     if kinds == {"bearing"}:
         across = np.linalg.norm(x / size + places / wanted)
@@ -60,15 +60,10 @@ def _fault(x: Array, places: Array, kinds: Set[str]) -> str:
     return ""
 
 
-def _rank(x: Array) -> int:
-    extent = np.linalg.svd(x, compute_uv=False)
-    return int(np.count_nonzero(extent > _FLAT * extent[0]))
-
-
 def _misfit(x: Array, places: Array, handedness: float) -> float:
     """Compute the misfit of a shape, relative to its size, after the best rotation (1) or reflection (-1) of places."""
-    axes = _rank(places)
-    if axes < 2 or _rank(x) > axes:
+    axes = int(np.linalg.matrix_rank(places, rtol=_FLAT))
+    if axes < 2 or np.linalg.matrix_rank(x, rtol=_FLAT) > axes:
         return np.inf
     axes = 3 if axes == 3 else 2
     u, s, v = np.linalg.svd(places[:, :axes].T @ x[:, :axes])

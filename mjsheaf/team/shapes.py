@@ -64,10 +64,8 @@ class Shapes:
 
     def has_free_motions(self, q: Array, p: Array) -> bool:
         """Return True if some motion of the agents at q changes no measurement to first order."""
-        if self._team.free:
-            return True
-        if len(q) > _DENSE:
-            return False
+        if self._team.free or len(q) > _DENSE:
+            return self._team.free
         values = np.linalg.svd(self.solver.H(q, p).toarray(), compute_uv=False)
         return bool(values[-1] <= _FREE * values[0])
 

@@ -254,6 +254,21 @@ def test_a_directed_acyclic_team_has_its_out_degrees_as_eigenvalues() -> None:
     assert lost["rigidity"]["localizable"] is False
 
 
+def test_the_steady_error_of_a_directed_team_is_that_of_its_run() -> None:
+    """H is that of tails alone; what is known of a symmetric H alone is not said."""
+    motion = {"kind": "lissajous", "amplitude": [3, 2], "rate": [0.3, 0.5], "phase": [0, 1]}
+    law = {"gain": 1.0, "control_period": 0.02}
+    targets = [{"id": "T", "position": [0, 1], "motion": motion}]
+    scenario = following(targets=targets, controller=law, time={"end": 20.0})
+    record = check(scenario)
+    error = simulate(scenario, backend="ideal").tracking_error.values
+    assert record["steady"]["ideal"] == pytest.approx(np.sqrt((error[500:] ** 2).mean()), rel=1e-3)
+    assert record["margins"]["hold"] is None
+    assert all(lag["lag"] is None for lag in record["margins"]["lag"])
+    integral = check(following(targets=targets, controller={**law, "integral": {"gain": 0.2}}, time={"end": 20.0}))
+    assert integral["steady"]["reason"] == "H is not symmetric, and the law has terms"
+
+
 @pytest.mark.parametrize("terms", [{"integral": {"gain": 0.2}}, {"drift": {"filter": 0.1}}])
 def test_terms_of_directed_teams_are_read_off_the_law(terms: Any) -> None:
     """With real eigenvalues the loop is that of an undirected team with the same ones."""

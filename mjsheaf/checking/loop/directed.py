@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.errors import UndecidedError
@@ -29,17 +30,26 @@ _STABLE = 1.0 - 1e-9
 Complex = NDArray[np.complex128]
 
 
+def matrix_of(team: Team) -> Array:
+    """Return H of a team of linear edges, shape (n, n).
+
+    Raises:
+        UndecidedError: It is too large.
+    """
+    present = team.remaining
+    n_q, n_p = int(present.first_state[-1]), len(present.slots) - int(present.first_state[-1])
+    if n_q > MAX_STATES:
+        raise UndecidedError(f"H has {n_q} rows; all its eigenvalues are found up to {MAX_STATES}")
+    return present.shapes.solver.H(np.zeros(n_q), np.zeros(n_p)).toarray()
+
+
 def eigenvalues_of(team: Team) -> Complex:
     """Return the eigenvalues of H of a team of linear edges, by real part, shape (n,).
 
     Raises:
         UndecidedError: H is too large.
     """
-    present = team.remaining
-    n_q, n_p = int(present.first_state[-1]), len(present.slots) - int(present.first_state[-1])
-    if n_q > MAX_STATES:
-        raise UndecidedError(f"H has {n_q} rows; all its eigenvalues are found up to {MAX_STATES}")
-    values = np.linalg.eigvals(present.shapes.solver.H(np.zeros(n_q), np.zeros(n_p)).toarray()).astype(np.complex128)
+    values = np.linalg.eigvals(matrix_of(team)).astype(np.complex128)
     return values[np.argsort(values.real, kind="stable")]
 
 

@@ -186,6 +186,7 @@ def _require_known(system: System) -> None:
         UndecidedError,
         {
             "the law observes the medium's velocity or follows the targets'": terms.drift or terms.feedforward,
+            "H is not symmetric, as communication edges are directed": system.team.directed,
             "measurements are delayed or lost": late or terms.rounds.imperfect,
             "the harmonic extension is not unique": not system.team.dirichlet.unique,
             "targets follow one another": len(system.team.target_edges),

@@ -45,8 +45,8 @@ class Inertia(Record):
     """
 
     tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
-    damping_slowest: Finite = Field(description="ratio of the slowest mode, by inertia alone; null: no oscillation")
-    damping_fastest: Finite = Field(description="ratio of the fastest mode, by inertia alone; null: no oscillation")
+    damping_slowest: Finite = Field(description="ratio of the slowest mode, by inertia alone; null: none, or directed")
+    damping_fastest: Finite = Field(description="ratio of the fastest mode, by inertia alone; null: none, or directed")
 
 
 class BodyMargins(BodyLoop, Inertia):
@@ -90,7 +90,7 @@ class OneSided(Record):
 class Margins(Record):
     """Margins of effects outside the theory."""
 
-    hold: HoldMargin | None = Field(description="null where the law is continuous")
+    hold: HoldMargin | None = Field(description="null where the law is continuous, or edges are directed")
     bodies: BodyMargins
     speed: list[SpeedDemand] = Field(description=f"the most demanding agents first, at most {MOST_ROWS}")
     lag: list[Lag] = Field(description=f"the largest first, at most {MOST_ROWS}")
@@ -129,8 +129,8 @@ def _one_sided(system: System) -> list[OneSided]:
 
 
 def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
-    """The margin of the held law, or None where the law is continuous."""
-    if system.grid.continuous:
+    """The margin of the held law, or None where the law is continuous or H is not symmetric."""
+    if system.grid.continuous or system.team.directed:
         return None
     h = system.grid.period
     ringing = 1.0 / (h * spectrum.lambda_max) if spectrum.lambda_max > 0.0 else None
@@ -148,7 +148,7 @@ def body_margin(system: System, spectrum: Spectrum, tau: Array) -> Inertia:
     `tau` is the time constant m / D of each agent along its most sluggish controlled axis, shape (N,), s.
     """
     k, low, high = system.gain, float(tau.min()), float(tau.max())
-    if not spectrum.smallest.size:  # no mode is controlled, so none oscillates
+    if not spectrum.smallest.size or system.team.directed:  # no mode is controlled, or known
         damping = np.array([np.inf])
     elif high - low <= 1e-9 * high:
         damping = 1.0 / (2.0 * np.sqrt(k * np.array([spectrum.smallest[0], spectrum.lambda_max]) * low))
@@ -197,7 +197,7 @@ def _lags(system: System, difference: Difference) -> list[Lag]:
     """The largest lags of agents along the run, in order."""
     problem, f_B = system.team.dirichlet, difference.values
     lag = np.full(len(system.team.agents), np.nan)
-    if np.isfinite(f_B).all():
+    if np.isfinite(f_B).all() and not system.team.directed:
         few = max(20, _MOST_LAG_NUMBERS // f_B.shape[1])  # an estimate: some of the instants do where H is large
         solved = problem.solve(f_B[:: -(-len(f_B) // few)]) / system.gain
         lag = np.linalg.norm(system.team.unpack(solved), axis=2).max(axis=0)

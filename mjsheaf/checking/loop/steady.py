@@ -19,6 +19,7 @@ from scipy import linalg
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes, linear_vehicles
+from mjsheaf.checking.loop.directed import matrix_of
 from mjsheaf.checking.loop.linear_law import LinearLaw, model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
@@ -76,7 +77,6 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
         certificate: Certificate of the system, which knows the targets' path.
         rate: Slowest decay of the loop, 1/s; None if it is not known.
     """
-    exact = not len(system.law.links.table)
     limited: list[str] = []
     ideal = bodies = None
     reason = reason_on_bodies = ""
@@ -95,7 +95,7 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
     return SteadyError(
         ideal=ideal,
         bodies=bodies,
-        exact_links=exact,
+        exact_links=not len(system.law.links.table),
         limited=limited,
         reason=reason,
         reason_on_bodies=reason_on_bodies,
@@ -114,6 +114,7 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
         {
             FILTERED: system.safety is not None,
             "the law is continuous": system.grid.continuous,
+            "H is not symmetric, and the law has terms": system.team.directed and system.law.extended,
             "the harmonic extension is not unique": certificate.spectrum.nullity,
             f"the targets' path is not known: {path.warning}": path.cells is None,
             "there are no targets to follow": len(path.samples) < 2,
@@ -187,14 +188,24 @@ def _in_coordinates(law: LinearLaw, vectors: Array) -> _Physical:
     """Transform a law in L eigenvectors of H, shape (n, L), to coordinates of the agents."""
     n, L = vectors.shape
     m = law.C.shape[1]
-    D, B = law.D, law.B
-    gains = D[:, 0], D[:, 2] - D[:, 1], D[:, 4]
-    rates = B[:, :, 0], B[:, :, 2] - B[:, :, 1], B[:, :, 4]
-    commands = [(vectors * gain) @ vectors.T for gain in gains]
+    rates = law.B[:, :, 0], law.B[:, :, 2] - law.B[:, :, 1], law.B[:, :, 4]
+    commands = [(vectors * gain) @ vectors.T for gain in _gains(law)]
     learnt = [(rate.T[:, :, None] * vectors.T).reshape(m * L, n) for rate in rates]
     kept = np.einsum("lij,lk->iljk", law.A, np.eye(L)).reshape(m * L, m * L)
     memory = (vectors[:, None, :] * law.C.T).reshape(n, m * L)
     return _Physical(commands[0], commands[1], commands[2], memory, (learnt[0], learnt[1], learnt[2]), kept)
+
+
+def _gains(law: LinearLaw) -> tuple[Array, Array, Array]:
+    """Return the commands by q, by s and by the displacement of the medium in each eigenvector, shapes (L,)."""
+    return law.D[:, 0], law.D[:, 2] - law.D[:, 1], law.D[:, 4]
+
+
+def _of_directed(law: LinearLaw, H: Array) -> _Physical:
+    """Transform a law without terms, which is affine in the eigenvalues of H, from its gains at 0 and 1."""
+    commands = [gain[0] * np.eye(len(H)) + (gain[1] - gain[0]) * H for gain in _gains(law)]
+    empty = np.zeros((0, len(H)))
+    return _Physical(commands[0], commands[1], commands[2], empty.T, (empty, empty, empty), np.zeros((0, 0)))
 
 
 def _follow(
@@ -205,15 +216,16 @@ def _follow(
     Raises:
         UndecidedError: The loop has too many states, or is unstable.
     """
-    values, vectors = held_modes(system, certificate.spectrum)
+    H = matrix_of(system.team) if system.team.directed else system.team.dirichlet.H.toarray()
+    values, vectors = (np.array([0.0, 1.0]), H) if system.team.directed else held_modes(system, certificate.spectrum)
     law = model_of(law_arrays, system.grid.period).at(system.gain, values)
     A, B, C, D = (linalg.block_diag(*blocks) for blocks in zip(*vehicles, strict=True))
     L, memory = law.C.shape
-    n, states = len(values), len(A)
+    n, states = len(H), len(A)
     size = n + states + memory * L
     if size > MAX_STATES:
         raise UndecidedError(f"the loop has {size} states, more than {MAX_STATES}")
-    physical = _in_coordinates(law, vectors)
+    physical = _of_directed(law, H) if system.team.directed else _in_coordinates(law, vectors)
     M = np.block(
         [
             [np.eye(n) + D @ physical.position, C, D @ physical.memory],
@@ -224,7 +236,7 @@ def _follow(
     if not np.abs(np.linalg.eigvals(M)).max() <= 1.0 + NEUTRAL_RATE * system.grid.period:
         raise UndecidedError("the loop is unstable")
     q_star = path.q_star - path.q_star[0]
-    s = q_star @ system.team.dirichlet.H.toarray()
+    s = q_star @ H.T
     carried = system.grid.period * path.flow
     seen = np.vstack([carried[:1], carried])  # over the period before, as an agent knows it
     by_inputs = s @ physical.targets.T + seen @ physical.flow.T
@@ -238,7 +250,6 @@ def _follow(
     error = (q_star - followed[:, :n])[-path.counted :]
     commands = np.hstack([physical.position, np.zeros((n, states)), physical.memory])
     u = (followed @ commands.T + by_inputs)[-path.counted :]
-    agents = system.team.agents
     speed = np.linalg.norm(system.team.unpack(u), axis=2).max(axis=0)
-    limited = [agent.id for agent, v, limit in zip(agents, speed, system.law.limit, strict=False) if v > limit]
-    return float(np.sqrt((error**2).sum(axis=1).mean() / len(agents))), limited
+    limited = [id for id, v, limit in zip(system.team.agent_ids, speed, system.law.limit, strict=False) if v > limit]
+    return float(np.sqrt((error**2).sum(axis=1).mean() / len(speed))), limited

@@ -223,10 +223,6 @@ def _choose(rows: Array, flexes: Array) -> tuple[list[int], bool]:
         found += int(rank[k])
     for k in tuple(chosen):
         others = [other for other in chosen if other != k]
-        if others and _rank(held[others].reshape(-1, r)) == r:
+        if others and np.linalg.matrix_rank(held[others].reshape(-1, r), tol=math.sqrt(_HELD)) == r:
             chosen = others
     return chosen, len(chosen) == math.ceil(r / largest)
-
-
-def _rank(matrix: Array) -> int:
-    return int(np.count_nonzero(np.linalg.svd(matrix, compute_uv=False) ** 2 > _HELD))
