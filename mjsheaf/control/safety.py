@@ -20,6 +20,11 @@ the range to within D in one period. A pair closer than D / 2 gets a weaker cons
 scales commands, which keeps constraints whose bound is not positive. For the others it is part of the problem: see
 `mjsheaf.control.halfspaces`.
 
+What is far is not in the way. Let q = s + d + |u_law| / w_i, with the largest s, d and 1 / w_i of any vehicle, and D
+the largest distance. Beyond r = q / gamma + sqrt((q / gamma)^2 + D^2), gamma (r^2 - D^2) / (2 r) > q, and the bound
+on n . u_i with n = z / |z| is below -|u_law|. The law's command satisfies it, and so does zero. If all vehicles
+within range are farther, the command stays, and no constraint is written.
+
 If the law's command satisfies all constraints, it does not change by a bit. Which vehicles are within range follows
 from positions, for any edges and links of the team: every agent has a separate sensor of this range.
 """
@@ -30,13 +35,15 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.halfspaces import nearest_within
-from mjsheaf.control.neighbours import Cells, cell_of, new_cells, row_around, sort_into_cells
+from mjsheaf.control.neighbours import Cells, between, cell_of, new_cells, row_around, sort_into_cells, square_between
 from mjsheaf.control.obstacles import ObstacleArrays, distance_from
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.vehicles.vectors import square_of, subtract, triple
 
 CORRECTION, WANTED, CAUSE, VIOLATION = 0, 1, 2, 3
 """Columns of `SafetyMemory.found`."""
 _SMALLEST = 1e-6  # share of a direction in an agent's own space, below which the agent cannot act along it
+_CLEARLY = 1e-9  # fraction by which a squared distance exceeds another one, whatever was rounded
 _INSIDE = 0.5  # of the distance to keep: closer than that, bounds stay finite
 
 
@@ -57,6 +64,11 @@ class SafetyArrays(NamedTuple):
         unsteady: Bound on the remaining velocity of the medium, shape (V,), m/s.
         lift: Offset from a position to the position in space, shape (V, 3), m: the height of planar vehicles.
         planar: True for vehicles that live in the plane, shape (V,).
+        closing: Bound on the speed at which vehicles that do not yield, and the media, close in on each agent, shape
+            (V,), m/s.
+        burden: 1 / w_i of each agent for the smallest w_i, shape (V,).
+        widest: Largest radius, m.
+        uniform: True if the uniform part of the medium's velocity is the same around all vehicles.
         right: True if agents that give way turn to their right.
         obstacles: Obstacles.
     """
@@ -74,6 +86,10 @@ class SafetyArrays(NamedTuple):
     unsteady: Array
     lift: Array
     planar: BoolArray
+    closing: Array
+    burden: Array
+    widest: float
+    uniform: bool
     right: bool
     obstacles: ObstacleArrays
 
@@ -86,19 +102,21 @@ class SafetyMemory(NamedTuple):
             law's limited speed, m/s; number, from 1, of the vehicle or obstacle (after the vehicles) whose constraint
             the law violated most, 0 if none; and the violation that had to be accepted, m/s.
         rows: Constraints of one agent: a, c in m/s and the cause, shape (V + K, 5).
+        close: Vehicles within range of one agent, shape (V,).
         cells: List of cells.
     """
 
     found: Array
     rows: Array
+    close: Array
     cells: Cells
 
 
 def new_safety_memory(safety: Any, V: int) -> SafetyMemory:
     """Return the memory of V vehicles; empty where there is nothing to keep."""
     if not safety:
-        return SafetyMemory(np.zeros((V, 0)), np.zeros((0, 5)), new_cells(0))
-    return SafetyMemory(np.zeros((V, 4)), np.zeros((V + len(safety.obstacles.kind), 5)), new_cells(V))
+        return SafetyMemory(np.zeros((V, 0)), np.zeros((0, 5)), np.zeros(0), new_cells(0))
+    return SafetyMemory(np.zeros((V, 4)), np.zeros((V + len(safety.obstacles.kind), 5)), np.zeros(V), new_cells(V))
 
 
 @jit
@@ -122,11 +140,10 @@ def keep_apart(stage, law, t, x, memory):
             work.found[v, i] = 0.0
     if not sort_into_cells(work.cells, safety.reach):
         return
+    alone = safety.obstacles.kind.shape[0] == 0
     for v in range(safety.agents):
-        if safety.yields[v]:
-            count = _constrain(safety, t, v, work)
-            if count > 0:
-                _give_way(safety, v, count, law.limit[v], memory.command[v], work)
+        if safety.yields[v] and not (alone and work.cells.listed[v] == 0.0):
+            _filter(safety, t, v, law.limit[v], memory.command[v], work)
 
 
 @inline_jit
@@ -138,47 +155,82 @@ def is_restrained(stage, work, v):
 
 
 @inline_jit
-def _constrain(safety, t, v, work):
-    """Write the constraints of agent v, in the order of what causes them, and return how many there are."""
-    cells, count = work.cells, 0
-    x, y, z = cells.places[v, 0], cells.places[v, 1], cells.places[v, 2]
-    cell, listed = cell_of(cells, v), int(cells.listed[v])
-    for row in range(9 if listed < 0 else 1):
-        first, end = row_around(cells, cell, row) if listed < 0 else (0, listed)
-        for k in range(first, end):
-            j = int(cells.order[k] if listed < 0 else cells.near[v, k])
-            if j != v:
-                count = _add_vehicle(safety, v, j, x, y, z, work, count)
-    for k in range(safety.obstacles.kind.shape[0]):
-        count = _add_obstacle(safety, t, v, k, x, y, z, work, count)
-    return count
+def _filter(safety, t, v, limit, command, work):
+    """Replace the command of agent v by the nearest that satisfies its constraints, if it violates one."""
+    wanted = np.sqrt(square_of(triple(command)))
+    settled = (safety.closing[v] + wanted * safety.burden[v]) / safety.rate
+    D = safety.radius[v] + safety.widest
+    farthest = settled + np.sqrt(settled * settled + D * D)
+    count, pressing = _find_close(safety, v, farthest * farthest * (1.0 + _CLEARLY), work)
+    obstacles = safety.obstacles.kind.shape[0]
+    if not pressing and obstacles == 0:
+        if count > 0:
+            work.found[v, WANTED] = limit / wanted * wanted if wanted > limit else wanted
+        return
+    near, count = count, 0
+    for k in range(near):
+        count = _add_vehicle(safety, v, int(work.close[k]), work, count)
+    for k in range(obstacles):
+        count = _add_obstacle(safety, t, v, k, work, count)
+    if count > 0:
+        _give_way(safety, v, count, limit, wanted, command, work)
 
 
 @inline_jit
-def _add_vehicle(safety, v, j, x, y, z, work, count):
-    """Add the constraint of agent v against vehicle j, if that is within range."""
-    rx = x - work.cells.places[j, 0]
-    ry = y - work.cells.places[j, 1]
-    rz = z - work.cells.places[j, 2]
-    square = rx * rx + ry * ry + rz * rz
-    if square > safety.reach * safety.reach:
-        return count
-    away = np.sqrt(square)
+def _find_close(safety, v, farthest, work):
+    """Write the vehicles within range of agent v to work.close, in their order.
+
+    Returns:
+        Their number, and True if the squared distance of one is at most `farthest`, in m^2.
+    """
+    cells, close, count, pressing = work.cells, work.close, 0, False
+    listed = int(cells.listed[v])
+    if listed < 0:
+        cell = cell_of(cells, v)
+        for row in range(9):
+            first, end = row_around(cells, cell, row)
+            for k in range(first, end):
+                j = int(cells.order[k])
+                square = square_between(cells, v, j)
+                if j != v and square <= safety.reach * safety.reach:
+                    m = count
+                    while m > 0 and close[m - 1] > j:
+                        close[m] = close[m - 1]
+                        m -= 1
+                    close[m] = j
+                    count += 1
+                    pressing |= not square > farthest
+        return count, pressing
+    for k in range(listed):
+        j = cells.near[v, k]
+        square = square_between(cells, v, int(j))
+        within = square <= safety.reach * safety.reach
+        close[count] = j
+        count += within
+        pressing |= within & (not square > farthest)
+    return count, pressing
+
+
+@inline_jit
+def _add_vehicle(safety, v, j, work, count):
+    """Add the constraint of agent v against vehicle j within range."""
+    rx, ry, rz = between(work.cells, v, j)
+    away = np.sqrt(rx * rx + ry * ry + rz * rz)
     if away == 0.0:  # on top of one another: the first goes along x, the other the other way
         away = 1e-12
         rx = away if v < j else -away
     D = safety.radius[v] + safety.radius[j]
-    square = 0.0
-    for i in range(3):
-        apart = safety.carried[v, i] - safety.carried[j, i]
-        square += apart * apart
-    parting = np.sqrt(square) + safety.unsteady[v] + safety.unsteady[j]
+    parting = 0.0
+    if not safety.uniform:
+        parting = np.sqrt(square_of(subtract(triple(safety.carried[v]), triple(safety.carried[j]))))
+    parting = parting + safety.unsteady[v] + safety.unsteady[j]
     fall = safety.rate * (away * away - D * D) / (2.0 * away)
     if away < _INSIDE * D:
         grown = away * away + safety.period * safety.rate * (D * D - away * away)
         fall = (away - np.sqrt(grown)) / safety.period
     if safety.yields[j]:
-        w = safety.share[v] / (safety.share[v] + safety.share[j])
+        own, other = safety.share[v], safety.share[j]
+        w = 0.5 if own == other else own / (own + other)
         bound = w * (parting - fall)
     else:
         bound = parting + safety.speed[j] - fall
@@ -186,8 +238,9 @@ def _add_vehicle(safety, v, j, x, y, z, work, count):
 
 
 @inline_jit
-def _add_obstacle(safety, t, v, k, x, y, z, work, count):
+def _add_obstacle(safety, t, v, k, work, count):
     """Add the constraint of agent v against obstacle k, if that is within range."""
+    x, y, z = triple(work.cells.places[v])
     away, nx, ny, nz = distance_from(safety.obstacles, k, t, x, y, z)
     if away > safety.reach:
         return count
@@ -204,48 +257,49 @@ def _add_obstacle(safety, t, v, k, x, y, z, work, count):
 
 @inline_jit
 def _add(safety, v, cause, nx, ny, nz, bound, work, count):
-    """Insert the constraint n . u >= bound of agent v by the number of its cause, and return how many there are."""
+    """Add the constraint n . u >= bound of agent v, and return how many there are."""
     if safety.planar[v]:
         nz = 0.0
-    if nx * nx + ny * ny + nz * nz < _SMALLEST * _SMALLEST:  # above or below a planar agent, which can do nothing
-        work.found[v, VIOLATION] = max(work.found[v, VIOLATION], bound)
-        return count
-    k = count
-    while k > 0 and work.rows[k - 1, 4] > cause:
-        for i in range(5):
-            work.rows[k, i] = work.rows[k - 1, i]
-        k -= 1
-    work.rows[k, 0] = nx
-    work.rows[k, 1] = ny
-    work.rows[k, 2] = nz
-    work.rows[k, 3] = bound
-    work.rows[k, 4] = cause
+        if nx * nx + ny * ny < _SMALLEST * _SMALLEST:  # above or below the agent, which can do nothing
+            work.found[v, VIOLATION] = max(work.found[v, VIOLATION], bound)
+            return count
+    work.rows[count, 0] = nx
+    work.rows[count, 1] = ny
+    work.rows[count, 2] = nz
+    work.rows[count, 3] = bound
+    work.rows[count, 4] = cause
     return count + 1
 
 
 @inline_jit
-def _give_way(safety, v, count, limit, command, work):
-    """Replace the command of agent v by the nearest that satisfies its constraints, if it violates one."""
+def _shortfall(rows, k, x, y, z):
+    """Compute by how much a velocity violates constraint k, m/s; negative if it satisfies it."""
+    return rows[k, 3] - (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z)
+
+
+@inline_jit
+def _give_way(safety, v, count, limit, wanted, command, work):
+    """Replace the command of agent v, whose size is `wanted`, by the nearest that satisfies `count` constraints."""
     wx, wy, wz = command[0], command[1], command[2]
-    worst, largest, aside_x, aside_y = 0.0, -np.inf, 0.0, 0.0
+    worst, largest, cause = 0.0, -np.inf, 0.0
     for k in range(count):
-        nx, ny, nz, bound = work.rows[k, 0], work.rows[k, 1], work.rows[k, 2], work.rows[k, 3]
-        largest = max(largest, bound)
-        short = bound - (nx * wx + ny * wy + nz * wz)
-        if short <= 0.0:
-            continue
+        short = _shortfall(work.rows, k, wx, wy, wz)
+        largest = max(largest, work.rows[k, 3])
         if short > worst:
             worst = short
-            work.found[v, CAUSE] = work.rows[k, 4]
-        level = np.sqrt(nx * nx + ny * ny)
-        if safety.right and level > _SMALLEST:
-            aside_x -= short * ny / level
-            aside_y += short * nx / level
-    wanted = np.sqrt(wx * wx + wy * wy + wz * wz)
+            cause = work.rows[k, 4]
     scale = limit / wanted if wanted > limit else 1.0
+    work.found[v, CAUSE] = cause
     work.found[v, WANTED] = scale * wanted
     if worst == 0.0 and (largest <= 0.0 or wanted <= limit):
         return
+    aside_x, aside_y = 0.0, 0.0
+    for k in range(count if safety.right else 0):
+        short = _shortfall(work.rows, k, wx, wy, wz)
+        level = np.sqrt(work.rows[k, 0] * work.rows[k, 0] + work.rows[k, 1] * work.rows[k, 1])
+        if short > 0.0 and level > _SMALLEST:
+            aside_x -= short * work.rows[k, 1] / level
+            aside_y += short * work.rows[k, 0] / level
     ux, uy, uz, violation = nearest_within(work.rows, count, limit, wx + aside_x, wy + aside_y, wz)
     speed = np.sqrt(ux * ux + uy * uy + uz * uz)
     own = limit / speed if speed > limit else 1.0

@@ -225,6 +225,9 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
     obstacles = pack_obstacles(safety, crew.height, crew.start, crew.end)
     lift = np.zeros((V, 3))
     lift[crew.planar, 2] = crew.height
+    shares = _shares(safety, crew)
+    stirred = np.linalg.norm(crew.carried - crew.carried[0], axis=1) + crew.unsteady
+    closing = stirred + stirred.max() + np.where(crew.yields, 0.0, crew.speed).max()
     arrays = SafetyArrays(
         agents=N,
         radius=own + crew.margin,
@@ -232,13 +235,17 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
         reach=0.0,
         rate=safety.rate,
         period=crew.period or 1.0 / safety.rate,
-        share=_shares(safety, crew),
+        share=shares,
         yields=crew.yields,
         speed=crew.speed,
         carried=crew.carried,
         unsteady=crew.unsteady,
         lift=lift,
         planar=crew.planar,
+        closing=closing,
+        burden=1.0 + shares.max() / shares,
+        widest=float((own + crew.margin).max()),
+        uniform=bool((crew.carried == crew.carried[0]).all()),
         right=safety.tie_break == "right_hand",
         obstacles=obstacles,
     )

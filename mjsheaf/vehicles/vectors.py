@@ -67,6 +67,12 @@ def cross(a, b):
 
 
 @inline_jit
+def square_of(a):
+    """Compute |a|^2."""
+    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+
+
+@inline_jit
 def triple(row):
     """Return the first three entries of an array."""
     return row[0], row[1], row[2]

@@ -60,6 +60,23 @@ def test_no_pair_is_missed_while_vehicles_move(step: float) -> None:
     assert sorts <= 60 * min(1.0, step / 0.125 + 0.05)
 
 
+def test_a_team_that_moves_as_one_is_sorted_once_and_lists_are_in_order() -> None:
+    rng = np.random.default_rng(3)
+    places = rng.uniform(-20.0, 20.0, (150, 3))
+    cells = new_cells(150)
+    for k in range(90):
+        moved = places + k * np.array([0.4, -0.3, 0.1]) + rng.uniform(-0.05, 0.05, (150, 3))
+        cells.places[:] = moved
+        assert sort_into_cells(cells, 4.0)
+        if k == 0:
+            before = cells.sorted.copy()
+        away = np.linalg.norm(moved[:, None] - moved, axis=-1)
+        for v in range(0, 150, 10):
+            assert candidates(cells, v) == sorted(candidates(cells, v))
+            assert set(np.flatnonzero(away[v] <= 4.0)) - {v} <= set(candidates(cells, v))
+    np.testing.assert_array_equal(cells.sorted, before)
+
+
 def test_the_work_is_proportional_to_the_number_of_vehicles() -> None:
     rng = np.random.default_rng(1)
     visited = []

@@ -11,7 +11,10 @@ import xarray as xr
 import mjsheaf
 from mjsheaf import load_scenario, simulate, simulate_many
 from mjsheaf.arrays import Array
+from mjsheaf.control.law import new_memory
 from mjsheaf.control.obstacles import distances
+from mjsheaf.control.safety import keep_apart
+from mjsheaf.control.separation import Crew, Safety, pack_safety
 from mjsheaf.errors import MjsheafError
 from mjsheaf.results.metrics import safety_of
 from mjsheaf.scenario import Scenario
@@ -179,6 +182,45 @@ def test_commands_of_a_run_are_those_of_a_quadratic_program(seed: int, dimension
         u = quadprog.solve_qp(np.eye(dimension), wanted, 2.0 * z.T, -0.5 * rate * h)[0]
         u *= min(1.0, raw["agents"][v]["velocity_limit"] / np.linalg.norm(u))
         np.testing.assert_allclose(commands[k, v, :dimension], u, atol=1e-10)
+
+
+def test_what_is_too_far_to_matter_changes_no_bit() -> None:
+    """Unlike speeds, lost agents, targets and media: with no vehicle skipped the commands and causes are the same."""
+    scenario, V, N, skipped = load_scenario(swap(40)), 40, 36, 0
+    rng = np.random.default_rng(4)
+    for rate in np.geomspace(0.3, 10.0, 40):
+        crew = Crew(
+            ids=[f"A{k}" for k in range(N)],
+            planar=np.zeros(V, dtype=np.bool_),
+            height=0.0,
+            limit=rng.uniform(0.5, 3.0, V),
+            yields=(np.arange(V) < N) & (rng.random(V) < 0.9),
+            radius=np.zeros(V),
+            margin=rng.uniform(0.0, 0.3, V),
+            speed=rng.uniform(0.0, 0.5, V),
+            carried=rng.uniform(-0.2, 0.2, (V, 3)),
+            unsteady=rng.uniform(0.0, 0.1, V),
+            period=0.05,
+            start=0.0,
+            end=1.0,
+        )
+        section = Safety(distance=1.0, range=9.0, rate=rate, authority="by_speed")
+        packed = pack_safety(section, crew)
+        law = scenario.system.control.law._replace(limit=crew.limit)
+        places, commands = rng.uniform(-6.0, 6.0, (V, 3)), rng.normal(size=(V, 3)) * rng.choice([0.1, 1.0, 9.0], (V, 1))
+        found = []
+        for closing in (packed.closing, np.full(V, np.inf)):
+            memory = new_memory(law._replace(safety=packed._replace(closing=closing)), V)
+            memory.command[:] = commands
+            keep_apart((1,), law._replace(safety=packed._replace(closing=closing)), 0.0, places, memory)
+            found.append((memory.command.copy(), memory.safety.found.copy()))
+        np.testing.assert_array_equal(found[0][0], found[1][0])
+        np.testing.assert_array_equal(found[0][1], found[1][1])
+        settled = (packed.closing + np.linalg.norm(commands, axis=1) * packed.burden) / rate
+        farthest = settled + np.hypot(settled, packed.radius + packed.widest)
+        away = np.linalg.norm(places[:, None] - places, axis=-1) + 99.0 * np.eye(V)
+        skipped += int((packed.yields & (away.min(axis=1) > farthest)).sum())
+    assert skipped > 100
 
 
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
