@@ -37,7 +37,7 @@ from mjsheaf.vehicles.vectors import add
 _TURNS = 8  # in which a thread takes its share of the vehicles, so that none waits long for another
 
 
-@jit
+@inline_jit
 def advance_block(loop, motion, first, last, step, count, log, row, bad):
     """Move vehicles from first up to last by `count` steps from step number `step`, fewer where one becomes bad.
 

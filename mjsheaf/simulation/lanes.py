@@ -37,10 +37,12 @@ from mjsheaf.vehicles.steering import (
     THRUST_VECTOR,
     drag_force,
     hand_point_moment,
-    point_thrust,
+    is_within_thrust,
+    point_share,
+    share_within_thrust,
     turn_to,
 )
-from mjsheaf.vehicles.vectors import add, cross, rotation, row_product, subtract, to_body, triple, upward
+from mjsheaf.vehicles.vectors import add, cross, rotation, row_product, subtract, to_body, to_world, triple, upward
 
 _CHANNELS = 8  # largest number of actuators of a vehicle
 _HARMONICS = 8  # largest number of harmonics of a disturbance
@@ -60,7 +62,8 @@ _SHAKE = 51  # velocity of the disturbance
 _HEIGHT = 54  # above the surface, before the normal
 _NORMAL = 55  # of the surface, along the body's x and y axes
 _WITHIN = 57  # 1 where all efforts are within their limits
-_ROWS = 58
+_SHARE = 58  # of the force that is within the limits of thrust
+_ROWS = 59
 
 _WRENCH_ROWS = 24  # four wrenches, which actuators make one after the other as far as limits allow
 
@@ -226,16 +229,35 @@ def _put_wrenches(block, lane, com, weight, turn, force, couple):
 @inline_jit
 def _steer(kind, lanes, block):
     """Write the wrench of drag and the wrenches that actuators are to make; see `bodies.thruster_commands`."""
-    K, com, share = kind.gain, triple(kind.com), triple(kind.rigid_mass_fraction)
+    com, share, points = triple(kind.com), triple(kind.rigid_mass_fraction), kind.steering == THRUST_VECTOR
+    _want_force(kind, lanes, block)
+    if points:
+        _limit_thrust(kind, lanes, block)
     for lane in range(lanes):
         quaternion = _quaternion(block, lane)
         R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
+        omega, force = _three(block, _RATES, lane), _three(block, _PUSH, lane)
+        weight = upward(R, kind.supported_weight)
+        heading = (block[_HEADING, lane], block[_HEADING + 1, lane])
+        attitude = (heading[0], 0.0, 0.0, heading[1])
+        if points:
+            force, weight, attitude = point_share(kind, heading, R, force, block[_SHARE, lane], weight)
+        turn = turn_to(kind, attitude, quaternion, omega)
+        net = add(force, _three(block, _FORCE, lane))  # the force of drag is in no other wrench yet
+        couple = cross(com, (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
+        _put_wrenches(block, lane, com, weight, turn, force, couple)
+
+
+@inline_jit
+def _want_force(kind, lanes, block):
+    """Write the wrench of drag, and the force for the desired velocity: in world axes where thrust is pointed."""
+    K = kind.gain
+    for lane in range(lanes):
+        R = _attitude(block, lane)
         s = _through_medium(block, lane, R)
-        omega = _three(block, _RATES, lane)
-        drag, moment = drag_wrench(kind, s, omega)
+        drag, moment = drag_wrench(kind, s, _three(block, _RATES, lane))
         _put_wrench(block, lane, drag, moment)
         wanted = to_body(R, _three(block, _COMMAND, lane))
-        weight = upward(R, kind.supported_weight)
         force = drag_force(kind, wanted)
         if kind.planar:
             force = carried_by_water(R, force)
@@ -244,14 +266,23 @@ def _steer(kind, lanes, block):
             force[1] + K[1] * (wanted[1] - s[1]),
             force[2] + K[2] * (wanted[2] - s[2]),
         )
-        heading = (block[_HEADING, lane], block[_HEADING + 1, lane])
-        attitude = (heading[0], 0.0, 0.0, heading[1])
         if kind.steering == THRUST_VECTOR:
-            force, weight, attitude = point_thrust(kind, heading, R, force, weight)
-        turn = turn_to(kind, attitude, quaternion, omega)
-        net = subtract(force, drag_force(kind, s))
-        couple = cross(com, (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
-        _put_wrenches(block, lane, com, weight, turn, force, couple)
+            force = to_world(R, force)
+        _put(block, _PUSH, lane, force)
+
+
+@inline_jit
+def _limit_thrust(kind, lanes, block):
+    """Write the shares of the forces that are within the limits of thrust: 1 but for few vehicles."""
+    beyond = 0
+    for lane in range(lanes):
+        block[_SHARE, lane] = 1.0
+        beyond += 0 if is_within_thrust(kind, _three(block, _PUSH, lane)) else 1
+    if beyond > 0:
+        for lane in range(lanes):
+            force = _three(block, _PUSH, lane)
+            share = share_within_thrust(kind, force)
+            block[_SHARE, lane] = 1.0 if is_within_thrust(kind, force) else share
 
 
 @inline_jit
@@ -560,7 +591,7 @@ def _write_commands(loop, first, last, effort):
             loop.state.ctrl[fleet.bodies[v].actuator + j] = effort[j, v - first]
 
 
-@jit
+@inline_jit
 def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
     """Move vehicles for which `fits_lanes` holds; see `fused.advance_block`."""
     params, state = loop

@@ -114,7 +114,7 @@ class EngineArrays(NamedTuple):
     gain: Array
 
 
-@jit
+@inline_jit
 def controlled_positions(fleet, qpos, x):
     """Write the positions that the law controls into x (V, 3), z = 0 for planar ones: hand points, or origins."""
     for v in range(fleet.bodies.shape[0]):
@@ -127,7 +127,7 @@ def controlled_positions(fleet, qpos, x):
             x[v, 1] += kind.hand * 2.0 * (i * j + w * k)
 
 
-@jit
+@inline_jit
 def run_law(loop, t):
     """Evaluate the law at time t, s, for the present state."""
     params, state = loop
@@ -221,7 +221,7 @@ def sense_and_command(loop, v):
     return R, omega, force, moment
 
 
-@jit
+@inline_jit
 def place_targets(loop, recorder):
     """Set the controlled position, attitude and speed of every target to its reference at this sample."""
     k, fleet, state = recorder.written[0], loop.params.fleet, loop.state

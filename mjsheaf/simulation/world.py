@@ -73,7 +73,7 @@ def engine_arrays(model: mujoco.MjModel, data: mujoco.MjData) -> EngineArrays:
     return EngineArrays(data.qpos, data.qvel, data.ctrl, data.act, model.actuator_gainprm)
 
 
-@jit
+@inline_jit
 def apply_forces(loop, arrays, t, first, last):
     """Let vehicles from first up to last measure and command at time t, s, and write what the medium does to them.
 
@@ -135,7 +135,7 @@ def _mark_bad_motion(loop, qacc, first, last, k, bad):
             bad[v] = 2 * k
 
 
-@jit
+@inline_jit
 def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
     """Take `count` steps from step number `step` with a model's vehicles, fewer where one of them becomes bad.
 

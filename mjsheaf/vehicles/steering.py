@@ -285,8 +285,27 @@ def point_thrust(kind, heading, R, force, weight):
         Force and weight along z, body axes, whose sum is the component of the desired thrust along the present z axis;
         and the desired attitude as a quaternion: the turn to the heading, then the shortest turn of z to the thrust.
     """
+    wanted = to_world(R, force)
+    share = 1.0 if is_within_thrust(kind, wanted) else share_within_thrust(kind, wanted)
+    return point_share(kind, heading, R, wanted, share, weight)
+
+
+@inline_jit
+def is_within_thrust(kind, force):
+    """Return True if thrust, tilt and downward force are within the limits for a force, world axes, (3,), N."""
     lift, slope, most = kind.supported_weight, kind.tan_max_tilt, kind.most_thrust
-    x, y, z = to_world(R, force)
+    x, y, z = force
+    square = x * x + y * y + z * z
+    within = -z <= _SHARE_OF_FALL * lift
+    within &= np.sqrt(x * x + y * y) - slope * z <= slope * lift
+    return within & (square + 2.0 * z * lift + lift * lift <= most * most)
+
+
+@inline_jit
+def share_within_thrust(kind, force):
+    """Return the largest share of a force, world axes, (3,), N, for which `is_within_thrust` holds, at most 1."""
+    lift, slope, most = kind.supported_weight, kind.tan_max_tilt, kind.most_thrust
+    x, y, z = force
     share = 1.0
     if -z > _SHARE_OF_FALL * lift:
         share = _SHARE_OF_FALL * lift / -z
@@ -296,7 +315,13 @@ def point_thrust(kind, heading, R, force, weight):
     square = x * x + y * y + z * z
     if share * share * square + 2.0 * share * z * lift + lift * lift > most * most:
         share = (np.sqrt(z * z * lift * lift + square * (most * most - lift * lift)) - z * lift) / square
-    x, y, z = share * x, share * y, lift + share * z
+    return share
+
+
+@inline_jit
+def point_share(kind, heading, R, force, share, weight):
+    """Point the thrust at a share of a force, world axes, (3,), N, in addition to the weight; see `point_thrust`."""
+    x, y, z = share * force[0], share * force[1], kind.supported_weight + share * force[2]
     along = x * R[2] + y * R[5] + z * R[8]
     a, b, c = np.sqrt(x * x + y * y + z * z) + z, -y, x
     size = 1.0 / np.sqrt(a * a + b * b + c * c)
