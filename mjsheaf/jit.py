@@ -12,6 +12,7 @@ import ctypes
 import hashlib
 import inspect
 import logging
+import math
 import os
 import re
 from collections.abc import Callable
@@ -200,6 +201,24 @@ def external(library: Path, name: str, result: str, *arguments: str) -> Any:
     signature = getattr(types, result)(*(getattr(types, argument) for argument in arguments))
     return types.ExternalFunction(name, signature)
 
+
+@intrinsic
+def _two_to_by_bits(_: Any, exponent: Any) -> Any:
+    def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+        # 1.5 * 2^52 plus a whole number ends with the bits of that number, here with those of a double's exponent.
+        bits, real = ir.IntType(64), ir.DoubleType()
+        biased = builder.fadd(arguments[0], ir.Constant(real, 1.5 * 2.0**52 + 1023.0))
+        return builder.bitcast(builder.shl(builder.bitcast(biased, bits), ir.Constant(bits, 52)), real)
+
+    return types.float64(types.float64), generate
+
+
+def _two_to(exponent: float) -> float:
+    return math.ldexp(1.0, int(exponent))
+
+
+two_to: Any = _two_to if INTERPRETED else _two_to_by_bits
+"""Return 2 to the power of a whole number from -1022 to 1023, given as a float, by arithmetic on lanes."""
 
 LANES = 16
 """Numbers in a row of `lane_array`: four registers of AVX2, so that a processor always has independent work."""

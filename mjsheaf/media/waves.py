@@ -40,6 +40,7 @@ _FEW = 20  # waves, which are predicted one by one
 _END = 7.0  # of s: exp(-1.25 * 49) is 2e-27
 _GAUSS = np.polynomial.legendre.leggauss(8)
 _HALF_PI = 0.5 * np.pi
+_TURNS = 0.5 / np.pi  # in a radian
 
 
 class Waves(Section):
@@ -207,7 +208,7 @@ class WaveState(NamedTuple):
         time: Time by vehicle, shape (V,), s.
         place: Time and place for which `met` was computed, shape (V, 4), s and m.
         met: Velocity (3), elevation, slopes along x and y, and its rate, shape (V, 7), m/s, m, 1 and m/s.
-        waves: Cosine and sine of the phases, and the phases, rad, shape (V, 3, N).
+        waves: Cosine and sine of the phases, and the phases, turns, shape (V, 3, N).
     """
 
     time: Array
@@ -265,9 +266,9 @@ def _find_phases(waves, x, y, t, found):
     east, north, rate, phase = waves[0], waves[1], waves[2], waves[3]
     cosine, sin, angle = found[0], found[1], found[2]
     for j in range(angle.shape[0]):
-        angle[j] = east[j] * x + north[j] * y - rate[j] * t + phase[j]
+        angle[j] = _TURNS * (east[j] * x + north[j] * y - rate[j] * t + phase[j])
     for j in range(angle.shape[0]):
-        cosine[j] = sine(angle[j] + _HALF_PI)
+        cosine[j] = sine(angle[j] + 0.25)
     for j in range(angle.shape[0]):
         sin[j] = sine(angle[j])
 
@@ -300,12 +301,12 @@ def _meet_below(waves, state, v, x, y, z):
     t, w = state.time[v], waves.waves
     east, north, up = 0.0, 0.0, 0.0
     for j in range(w.shape[1]):
-        angle = w[0, j] * x + w[1, j] * y - w[2, j] * t + w[3, j]
+        angle = _TURNS * (w[0, j] * x + w[1, j] * y - w[2, j] * t + w[3, j])
         k = np.sqrt(w[0, j] * w[0, j] + w[1, j] * w[1, j])
         direct = np.exp(k * z)
         mirrored = np.exp(-k * (z - 2.0 * waves.level[1]))
         # w[6] and w[7] are the velocities at z = 0, where cosh is (1 + e^(-2 k h)) / 2 of e^(k h).
-        along = (direct + mirrored) / (1.0 + w[8, j]) * sine(angle + _HALF_PI)
+        along = (direct + mirrored) / (1.0 + w[8, j]) * sine(angle + 0.25)
         east += w[6, j] * along
         north += w[7, j] * along
         up += w[5, j] * (direct - mirrored) / (1.0 - w[8, j]) * sine(angle)

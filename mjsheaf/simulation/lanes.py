@@ -13,7 +13,7 @@ lane.
 
 import numpy as np
 
-from mjsheaf.jit import LANES, inline_jit, jit, lane_array, lanes_for
+from mjsheaf.jit import LANES, inline_jit, lane_array, lanes_for
 from mjsheaf.media.disturbance import sine
 from mjsheaf.media.flow import SOURCE, VORTEX, channel_velocity, offset_from, source_velocity, vortex_velocity
 from mjsheaf.media.medium import advance as advance_medium
