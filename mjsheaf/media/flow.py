@@ -25,7 +25,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
-from mjsheaf.jit import inline_jit, jit, two_to
+from mjsheaf.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.media.gusts import Gusts
 from mjsheaf.media.varying import Ramp, Tide
 from mjsheaf.media.waves import Waves
@@ -51,6 +51,17 @@ _Q0, _Q1, _Q2, _Q3, _Q4 = (
 )
 _Q5, _Q6, _Q7 = 0.00019841269874822307, 2.4801521293463862e-05, 2.755725539833871e-06
 _Q8, _Q9 = 2.762008948195459e-07, 2.5105217695684516e-08
+
+
+def two_to(exponent):
+    """Return 2 to the power of a whole number, given as a float."""
+    return math.ldexp(1.0, int(exponent))
+
+
+@overload(two_to)
+def _two_to(exponent):
+    """Compute it without a call."""
+    return lambda exponent: two_to_by_bits(exponent)
 
 
 @inline_jit
