@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy.spatial import cKDTree
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.obstacles import distances
 from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.io.norms import PER_AGENT_RMS
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect
 
 
+_CLOSE = 6  # neighbours among which the nearest one is looked for
 _FEW = 100  # maximum number of vehicles for which all pairs are compared
 _HELD_BACK = 0.5  # fraction of an agent's speed; where the filter changes more, it keeps the agent from its place
 _ARRIVING = 0.1  # factor by which the error of an agent that arrives falls over the last tenth of a run, at least
@@ -75,15 +76,26 @@ def edge_residuals(team: Team, edges: Sequence[Edge], positions: Array) -> Array
 
     On a range or bearing edge it is the distance from the desired length or direction.
     """
-    columns = []
-    for e in edges:
-        tail = positions[:, team.index[e.tail], : e.F_tail.shape[1]] @ e.F_tail.T
-        head = positions[:, team.index[e.head], : e.F_head.shape[1]] @ e.F_head.T
-        if e.measures == "position":
-            columns.append(np.linalg.norm(tail - head - e.b, axis=1))
+    found = np.zeros((len(positions), len(edges)))
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for k, e in enumerate(edges):
+        alike.setdefault((e.F_tail.shape, e.F_head.shape, e.measures), []).append(k)
+    for (*_, measures), numbers in alike.items():
+        own = [edges[k] for k in numbers]
+        z = _image(team, positions, [e.tail for e in own], [e.F_tail for e in own])
+        z -= _image(team, positions, [e.head for e in own], [e.F_head for e in own])
+        z -= np.array([e.b for e in own]).T[:, None]
+        if measures == "position":
+            found[:, numbers] = np.linalg.norm(z, axis=0)
         else:
-            columns.append(_curved_residual(e, head - tail + e.b))
-    return np.column_stack(columns) if columns else np.zeros((len(positions), 0))
+            found[:, numbers] = np.transpose([_curved_residual(e, -z[:, :, k].T) for k, e in enumerate(own)])
+    return found
+
+
+def _image(team: Team, positions: Array, ids: Sequence[str], maps: Sequence[Array]) -> Array:
+    """Return F x of vehicles under maps of one shape (m, n), at positions (T, V, 3): (m, T, edges)."""
+    x, F = np.ascontiguousarray(positions[:, [team.index[name] for name in ids]].T), np.transpose(maps)
+    return np.asarray(sum(F[j][:, None] * x[j].T for j in range(len(F))))
 
 
 def _curved_residual(edge: Edge, z: Array) -> Array:
@@ -119,8 +131,7 @@ def separations(positions: Array) -> Array:
     found = np.full((T, V), np.nan)
     known = np.flatnonzero(np.isfinite(positions).all(axis=(1, 2))) if V > 1 else np.empty(0, dtype=np.int64)
     if V > _FEW:
-        for k in known:
-            found[k] = cKDTree(positions[k], balanced_tree=False, compact_nodes=False).query(positions[k], 2)[0][:, 1]
+        _find_nearest(positions, known, found)
         return found
     x, y, z = np.ascontiguousarray(positions.T)  # (V, T) each
     nearest = np.full((V, T), np.inf)
@@ -130,6 +141,24 @@ def separations(positions: Array) -> Array:
             np.minimum(near, squares, out=near)
     found[known] = np.sqrt(nearest.T[known])
     return found
+
+
+def _find_nearest(positions: Array, known: IntArray, found: Array) -> None:
+    """Write the distances of many vehicles to their nearest neighbours at the samples `known` into found (T, V).
+
+    Neighbours that were near at an earlier sample contain the nearest one as long as it is nearer than others can be.
+    Those were `far` away, and two vehicles approach each other by at most twice the largest displacement, less the mean
+    one.
+    """
+    before, far, near = positions[0], np.zeros(1), np.zeros((1, positions.shape[1]), dtype=np.int64)
+    for k in known:
+        x = positions[k]
+        moved = x - before
+        reach = 2.0 * np.linalg.norm(moved - moved.mean(axis=0), axis=1).max()
+        found[k] = np.linalg.norm(x[near] - x, axis=2).min(axis=0)
+        if not ((found[k] + reach) * (1.0 + _ROUNDING) < far).all():
+            away, who = cKDTree(x, balanced_tree=False, compact_nodes=False).query(x, _CLOSE + 2)
+            before, found[k], far, near = x, away[:, 1], away[:, -1], who[:, 1:-1].T
 
 
 def clearances(safety: SafetyArrays, times: Array, places: Array) -> Array:

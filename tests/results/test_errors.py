@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import simulate
+from mjsheaf import load_scenario, simulate
 from mjsheaf.results import summarize
-from mjsheaf.results.metrics import evaluate_errors
+from mjsheaf.results.metrics import edge_residuals, evaluate_errors, separations
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.team import Team
 
@@ -99,3 +99,36 @@ def test_an_offset_of_an_edge_does_not_move_the_place_that_the_formation_names()
     raw["sensing"] = [{"between": [a, "T"], "offset": [0.0, 0.0]} for a in ("A0", "A1")]
     data = simulate(scenario_from_mapping(raw), "ideal")
     assert float(data["centering_error"][-1]) == pytest.approx(5.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("vehicles", [2, 30, 130])
+def test_separations_are_those_of_all_pairs(vehicles: int) -> None:
+    """Slow motion, motion together, a crossing at speed, a jump and a sample without a position."""
+    rng = np.random.default_rng(vehicles)
+    steps = 0.01 * rng.normal(size=(40, vehicles, 3))
+    steps[:, :, 0] += 3.0  # together
+    steps[10:, : vehicles // 4, 1] += 0.3  # some through the others
+    steps[30] += 50.0 * rng.normal(size=(vehicles, 3))
+    positions = 5.0 * rng.normal(size=(vehicles, 3)) + np.cumsum(steps, axis=0)
+    positions[[0, 17], 1] = np.nan
+    away = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3) + np.diag(np.full(vehicles, np.inf))
+    expected = away.min(axis=2)
+    expected[[0, 17]] = np.nan  # a sample at which one is unknown is unknown
+    np.testing.assert_allclose(separations(positions), expected, rtol=1e-13)
+
+
+def test_residuals_of_edges_of_unlike_shapes_are_those_of_each_edge() -> None:
+    for name in ("paper", "range_formation", "bearing_formation"):
+        team = load_scenario(name).team
+        positions = 5.0 * np.random.default_rng(0).normal(size=(3, len(team.members), 3))
+        found = edge_residuals(team, team.measuring_edges, positions)
+        for column, edge in zip(found.T, team.measuring_edges, strict=True):
+            head = positions[:, team.index[edge.head], : edge.F_head.shape[1]] @ edge.F_head.T
+            tail = positions[:, team.index[edge.tail], : edge.F_tail.shape[1]] @ edge.F_tail.T
+            z = head - tail + edge.b
+            length = np.linalg.norm(z, axis=1)
+            if edge.measures == "range":
+                z = (length - edge.offset)[:, None]
+            elif edge.measures == "bearing":
+                z = z - length[:, None] * edge.offset
+            np.testing.assert_allclose(column, np.linalg.norm(z, axis=1), rtol=1e-12, atol=1e-12)
