@@ -77,9 +77,9 @@ class Number:
     def __ge__(self, other: Any) -> bool:
         return self.value >= float(other)
 
-    def floor(self) -> "Number":
+    def rint(self) -> "Number":
         """As numpy calls it, as the others."""
-        return Number(np.floor(self.value))
+        return Number(np.rint(self.value))
 
     def sqrt(self) -> "Number":
         """A root."""

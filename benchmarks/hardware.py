@@ -26,8 +26,8 @@ def hardware(short: bool = False) -> list[Row]:
 
     Operations are counted as they are written, by running the step's functions on numbers that count: sums, products,
     quotients, roots and library functions, each as one. The core's best rate is that of a product of large matrices,
-    which fills its vectors with fused multiply-adds; the step is scalar code, whose quotients and roots take several
-    times as long. The memory's is that of a copy far larger than the caches, which hold a thousand vehicles.
+    which fills its vectors with fused multiply-adds; the step has none of these, and its quotients and roots take
+    several times as long. The memory's is that of a copy far larger than the caches, which hold a thousand vehicles.
     """
     repetitions, (bodies, few) = 10 if short else 40, [_settled(size) for size in (_SIZE, _FEW)]
     steps = 100

