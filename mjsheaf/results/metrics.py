@@ -80,16 +80,19 @@ def edge_residuals(team: Team, edges: Sequence[Edge], positions: Array) -> Array
     alike: dict[tuple[object, ...], list[int]] = {}
     for k, e in enumerate(edges):
         alike.setdefault((e.F_tail.shape, e.F_head.shape, e.measures), []).append(k)
-    for (*_, measures), numbers in alike.items():
-        own = [edges[k] for k in numbers]
-        z = _image(team, positions, [e.tail for e in own], [e.F_tail for e in own])
-        z -= _image(team, positions, [e.head for e in own], [e.F_head for e in own])
-        z -= np.array([e.b for e in own]).T[:, None]
-        if measures == "position":
-            found[:, numbers] = np.linalg.norm(z, axis=0)
-        else:
-            found[:, numbers] = np.transpose([_curved_residual(e, -z[:, :, k].T) for k, e in enumerate(own)])
+    for numbers in alike.values():
+        found[:, numbers] = _residuals_of_alike(team, [edges[k] for k in numbers], positions)
     return found
+
+
+def _residuals_of_alike(team: Team, edges: Sequence[Edge], positions: Array) -> Array:
+    """Return what `edge_residuals` does, of edges that measure one kind of quantity by maps of the same shapes."""
+    z = _image(team, positions, [e.tail for e in edges], [e.F_tail for e in edges])
+    z -= _image(team, positions, [e.head for e in edges], [e.F_head for e in edges])
+    z -= np.array([e.b for e in edges]).T[:, None]
+    if edges[0].measures == "position":
+        return np.linalg.norm(z, axis=0)
+    return np.transpose([_curved_residual(e, -z[:, :, k].T) for k, e in enumerate(edges)])
 
 
 def _image(team: Team, positions: Array, ids: Sequence[str], maps: Sequence[Array]) -> Array:
