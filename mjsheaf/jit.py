@@ -206,9 +206,7 @@ def external(library: Path, name: str, result: str, *arguments: str) -> Any:
 
 
 @intrinsic
-def two_to_by_bits(_: Any, exponent: Any) -> Any:
-    """Return 2 to the power of a whole number from -1022 to 1023, given as a float, by arithmetic on lanes."""
-
+def _two_to_by_bits(_: Any, exponent: Any) -> Any:
     def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
         # 1.5 * 2^52 plus a whole number ends with the bits of that number, here with those of a double's exponent.
         bits, real = ir.IntType(64), ir.DoubleType()
@@ -217,6 +215,9 @@ def two_to_by_bits(_: Any, exponent: Any) -> Any:
 
     return types.float64(types.float64), generate
 
+
+two_to_by_bits: Any = _two_to_by_bits
+"""Return 2 to the power of a whole number from -1022 to 1023, given as a float, by arithmetic on lanes."""
 
 LANES = 16
 """Numbers in a row of `lane_array`: four registers of AVX2, so that a processor always has independent work."""
