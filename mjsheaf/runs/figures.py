@@ -42,7 +42,7 @@ from mjsheaf.plotting import (
 )
 from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
 from mjsheaf.results.netcdf import thin
-from mjsheaf.runs.outlines import COLOUR, draw_obstacles
+from mjsheaf.runs.outlines import COLOUR, draw_obstacles, include_obstacles
 from mjsheaf.team import Team
 
 _WORST = 3  # number of worst agents that are highlighted and named
@@ -342,6 +342,8 @@ def draw_trajectories(
     spatial = max(m.dimension for m in team.members) == 3
     tracks = np.moveaxis(_positions(dataset), 0, 2)  # (V, 3, T)
     low, high = _room(tracks, absent)
+    inside = np.asarray(((tracks >= low) & (tracks <= high)).all(axis=1))
+    low, high = include_obstacles(low, high, obstacles, dataset["time"].values)
     middle = (low + high)[:, 0] / 2.0
     size = np.maximum(high - low, 0.02 * float((high - low).max()) or 1.0)[:, 0]
     wide, deep = max(size[0], size[1] / 3.0), max(size[1], size[0] / 3.0)
@@ -356,7 +358,6 @@ def draw_trajectories(
     else:
         above = figure.subplots()
         views = {above: (0, 1)}
-    inside = np.asarray(((tracks >= low) & (tracks <= high)).all(axis=1))
     for axis, plane in views.items():
         _draw_tracks(axis, team, tracks[:, plane], absent, inside)
         draw_obstacles(axis, obstacles, dataset["time"].values, np.eye(3)[list(plane)])

@@ -11,6 +11,7 @@ from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, Obstacle
 COLOUR = "#C78C61"
 _CORNERS = 72  # of an outline
 _FAR = 1e4  # size at which a half-space is drawn, m
+_BESIDE = 1.0  # of the room of the tracks, beyond which obstacles do not enlarge a view
 _LEVEL = 1e-6  # component of a normal along the line of sight, below which a half-space is seen from its edge
 
 
@@ -44,6 +45,26 @@ def outline(obstacles: ObstacleArrays, n: int, centre: Array, projection: Array)
         BOX: (along * size) @ axes,
     }[kind]
     return np.asarray((centre + offset) @ projection.T)
+
+
+def include_obstacles(low: Array, high: Array, obstacles: ObstacleArrays | None, times: Array) -> tuple[Array, Array]:
+    """Enlarge a box, low and high (3, 1) in m, by the obstacles at the first and last of some times, s.
+
+    A half-space is not part of it, nor what is farther away than the box is wide.
+    """
+    if obstacles is None:
+        return low, high
+    least = low - _BESIDE * (high - low).max()
+    most = high + _BESIDE * (high - low).max()
+    for time in (times[0], times[-1]):
+        for n, centre in enumerate(centres(obstacles, float(time))):
+            if obstacles.kind[n] == HALF_SPACE:
+                continue
+            seen = [outline(obstacles, n, centre, np.eye(3)[[axis, (axis + 1) % 3]]) for axis in range(3)]
+            along = np.array([corners[:, 0] for corners in seen if corners is not None])
+            low = np.minimum(low, np.clip(along.min(axis=1)[:, None], least, most))
+            high = np.maximum(high, np.clip(along.max(axis=1)[:, None], least, most))
+    return low, high
 
 
 def draw_obstacles(axis: Any, obstacles: ObstacleArrays | None, times: Array, projection: Array) -> None:

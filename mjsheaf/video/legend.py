@@ -17,7 +17,7 @@ from matplotlib.transforms import IdentityTransform
 
 from mjsheaf.video.film import Film, Samples, VideoOptions
 from mjsheaf.video.flow import STOPS, colour
-from mjsheaf.video.scene import ABSENT, COMMUNICATION, SENSING
+from mjsheaf.video.scene import ABSENT, COMMUNICATION, OBSTACLE, SENSING
 from mjsheaf.video.sizes import list_scales
 from mjsheaf.video.text import BLUE, GREY, WHITE, bright, shorten
 
@@ -87,6 +87,8 @@ def _team_rows(film: Film) -> list[Row]:
     if film.agents:
         ball = {"markeredgecolor": GREY, "markeredgewidth": 0.07}
         rows.append(Row.marked("q*: where an agent should be", (*GREY, 0.45), "o", **ball))
+    if film.obstacles is not None and len(film.obstacles.kind):
+        rows.append(Row.marked("obstacle", tuple(OBSTACLE[:3].tolist()), "s"))
     if any(stage.absent for stage in film.stages):
         rows.append(Row.marked("lost, or yet to join", tuple(ABSENT[:3].tolist()), "o"))
     return rows

@@ -53,3 +53,13 @@ def test_figures_show_obstacles(system: System) -> None:
     assert min(shapes[-1].get_xy()[:, 1]) == pytest.approx(9.0)
     keys = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert "obstacle" in keys
+
+
+def test_a_view_shows_whole_obstacles_unless_they_are_far() -> None:
+    quays = [{"kind": "box", "centre": [0.0, y, 5.0], "sides": [30.0, 4.0, 2.0]} for y in (20.0, 900.0)]
+    scenario = load_scenario("swap", {"safety.obstacles": quays, "time.end": 1})
+    above = plot(simulate(scenario, "ideal"))["trajectories"].axes[0]
+    near, _ = (patch.get_xy() for patch in above.get_children() if isinstance(patch, Polygon))
+    (left, right), (bottom, top) = above.get_xlim(), above.get_ylim()
+    assert left < near[:, 0].min() < near[:, 0].max() < right
+    assert bottom < near[:, 1].min() < near[:, 1].max() < top < 100.0

@@ -194,7 +194,7 @@ export function writeLegend(run, world) {
     if (run.said.edges.some(({ kind }) => kind === "sensing")) rows.push(row(make("i", "dashed"), "sees a target (solid: agents talk)"));
     if (run.series.residual.some(isSilent)) rows.push(row(make("i", "silent"), "grey: silent"));
   }
-  if (run.series.cause) rows.push(row(make("i", "kept"), "the filter keeps an agent from this"));
+  if (run.series.cause) rows.push(row(make("i", "kept"), "the filter keeps the agent at the tip away from the other end"));
   if (run.said.obstacles.length) rows.push(row(make("i", "swatch obstacle"), "obstacle"));
   for (const { name, scale, top } of run.said.flow) {
     const bar = make("div", "speeds", make("span", "", "0"), make("i", `flow${scale}`), make("span", "", `${digits(top).replace(/\.?0+$/, "")} m/s`));

@@ -23,7 +23,7 @@ void main() {
   float last = mod(style.x, 2.0);  // which end this corner is at, and on which side
   float side = style.x < 2.0 ? -1.0 : 1.0;
   vec4 c = last > 0.5 ? q : p;
-  c.xy += vec2(-unit.y, unit.x) * side * (style.y / ${WIDTH_STEPS}.0) / size * c.w;
+  c.xy += vec2(-unit.y, unit.x) * side * (mix(style.y, style.w, last) / ${WIDTH_STEPS}.0) / size * c.w;
   shade = colour;
   along = last * far;
   dash = style.z / ${DASH_STEPS}.0;
@@ -70,8 +70,8 @@ export class Lines {
     this.count = 0;
   }
 
-  /** Add a line: its ends, a colour in linear light, opacity, width and dash in pixels, and the last end's opacity. */
-  add(ax, ay, az, bx, by, bz, colour, opacity, width, dash = 0, last = opacity) {
+  /** Add a line: its ends, a colour in linear light, opacity, width and dash in pixels, the last end's opacity and width. */
+  add(ax, ay, az, bx, by, bz, colour, opacity, width, dash = 0, last = opacity, tip = width) {
     if (this.count >= this.room || Number.isNaN(ax + ay + az + bx + by + bz)) return;
     const { floats, look } = this;
     const [r, g, b] = bytesOf(colour);
@@ -84,6 +84,7 @@ export class Lines {
       look[j] = r; look[j + 1] = g; look[j + 2] = b;
       look[j + 3] = 255 * (n & 1 ? last : opacity);
       look[j + 4] = n; look[j + 5] = Math.min(width * WIDTH_STEPS, 255); look[j + 6] = Math.min(dash * DASH_STEPS, 255);
+      look[j + 7] = Math.min(tip * WIDTH_STEPS, 255);
     }
   }
 

@@ -171,7 +171,7 @@ export class World extends EventTarget {
     this.trailPieces = Math.max(4, Math.min(60, Math.floor(TRAIL_PIECES / run.vehicles)));
     this.joints = [];
     const edges = run.said.edges.length;
-    this.lines = new Lines(edges + run.vehicles * (2 + this.trailPieces + 2) + (3 + run.said.ghosts.length) * run.agents + 64);
+    this.lines = new Lines(edges + run.vehicles * (2 + this.trailPieces + 2) + (4 + run.said.ghosts.length) * run.agents + 64);
     this.arrows = run.said.flow.map((flow) => new Lines(3 * flow.places.length)); // of each medium
     scene.add(this.lines.mesh, ...this.arrows.map(({ mesh }) => mesh));
     this.residualRange = rangeOf(run);
@@ -433,7 +433,7 @@ export class World extends EventTarget {
       }
     }
     this.ghosts.draw(this.clock.t, this.scales, this.camera, unit, lines, p, layers.ghosts);
-    this.obstacles.draw(this.clock.t, lines, p, theme.kept, this.lit, layers.safety);
+    this.obstacles.draw(this.clock.t, lines, p, theme.kept, this.lit, layers.safety, metres);
     if (layers.stems && this.floor !== null) {
       for (let v = 0; v < run.vehicles; v++) {
         if (Math.abs(p[3 * v + 2] - this.floor) > 12 * metres) {
