@@ -258,6 +258,19 @@ def test_order_of_agents_and_links_do_not_matter() -> None:
         np.testing.assert_allclose(one, other, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("name", "distance", "end"),
+    [("leader_follower", 10.0, 12), ("range_formation", 8.0, 2), ("bearing_formation", 14.0, 8)],
+)
+def test_directed_range_and_bearing_edges_are_filtered_as_others(name: str, distance: float, end: float) -> None:
+    scenario = load_scenario(name, {"time.end": end, "safety": {"distance": distance, "rate": 0.3}})
+    run = simulate(scenario, "ideal")
+    violated = run["safety_violation"].values > 0.0
+    assert not violated.any()
+    assert (run["safety_correction"].values > 0.0).mean() > 0.05
+    require_barrier(scenario, run, violated)
+
+
 def test_targets_are_avoided_whatever_they_do() -> None:
     """A target comes straight at an agent that wants to stay: the agent, which is faster, makes room."""
     raw = swap(2)
