@@ -44,6 +44,7 @@ _MAX_STEPS = 200
 _CONVERGED = 1e-14  # of the pulls: a gradient of this size is rounding
 _STATIONARY = 1e-9  # of the pulls: largest gradient of what counts as a stationary point
 _CONTRACTION = 0.5 ** np.arange(14)  # of the team's extent: largest changes of steps, one midpoint after the other
+_MIDPOINTS = 20  # steps that are taken from their midpoints; near a point reflection more would be needed
 _STRAIGHT = 1e-3  # of the team's extent: longest step that needs no midpoint; ten times the tolerance of midpoints
 _SMALLEST_STEP = 1e-15  # of the team's extent
 _ROUNDING = 1e-13
@@ -488,7 +489,7 @@ class StationarySolver:
         """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).
 
         With `free` motions H is factored at every step: an old one would push what is free now. Bearings are then
-        linearised at the midpoints of long steps, so that a scale that is free stays that of the start.
+        linearised at the midpoints of the first long steps, so that a scale that is free stays that of the start.
         """
         arrays = self.arrays
         base = self._held @ boundary + arrays.lift
@@ -498,7 +499,7 @@ class StationarySolver:
         extent = _largest(z) + _largest(arrays.desired)
         damping = _DAMPING
         self._factor = None if free else self._factor
-        for _ in range(_MAX_STEPS):
+        for iteration in range(_MAX_STEPS):
             size = _largest(gradient)
             if size <= _CONVERGED * stiffest * extent or damping > _MAX_DAMPING:
                 break
@@ -506,7 +507,7 @@ class StationarySolver:
             if self._factor is None:
                 self._factor = self._factored(z, damping, stiffest)
             step = _limited(self._factor.solve(-gradient), extent)
-            if free and (arrays.code == 2).any() and _largest(step) > _STRAIGHT * extent:
+            if free and iteration < _MIDPOINTS and (arrays.code == 2).any() and _largest(step) > _STRAIGHT * extent:
                 step = self._midpoint_step(x, step, base, (damping, stiffest, extent))
             moved = self._moved @ (x + step) + base
             after = self._pulled @ arrays.pull(moved)
@@ -522,8 +523,7 @@ class StationarySolver:
             damping = max(0.1 * damping, _DAMPING)
             if _largest(step) <= _SMALLEST_STEP * extent:
                 break
-        size = _largest(gradient)
-        return Settled(x, size <= _STATIONARY * stiffest * extent, arrays.residual(z))
+        return Settled(x, _largest(gradient) <= _STATIONARY * stiffest * extent, arrays.residual(z))
 
     def _midpoint_step(self, x: Array, step: Array, base: Array, scales: tuple[float, float, float]) -> Array:
         """Return the step from x (n_W,) that Gauss-Newton takes if it linearises at the midpoint m of the step.

@@ -56,8 +56,8 @@ class Shapes:
     def first(self, held: Array, near: Array) -> Settled:
         """Return q* of targets at `held` (n_p,) from the present positions `near` (n_q,), or from places."""
         found = self.solver.settle(near, held, free=True)
-        size = 1.0 + float(np.abs(self.solver.relative(near, held)).max(initial=0.0))
-        if found.converged and found.residual <= _EXACT * size:
+        exact = _EXACT * (1.0 + np.abs(self.solver.relative(near, held)).max(initial=0.0))
+        if found.converged and found.residual <= exact:
             return found
         others = (self.solver.settle(x, held, free=True) for x in self._places(held, near))
         return min([found, *others], key=lambda each: (not each.converged, each.residual))
@@ -79,7 +79,7 @@ class Shapes:
         for i, agent in enumerate(team.agents):
             places[i, : agent.dimension] = team.displacement[agent.id]
         present = team.unpack(near)
-        centre = np.zeros(3)
+        fitted = _scaled if any(edge.measures == "bearing" for edge in team.communication) else _turned
         for formation in team.formations:
             rows = [team.index[member] for member in formation.members]
             if formation.about is not None:
@@ -87,17 +87,20 @@ class Shapes:
                 places[rows] += about
             else:
                 centre = present[rows].mean(axis=0)
-                places[rows] = centre + _turned(places[rows] - places[rows].mean(axis=0), present[rows] - centre)
+                places[rows] = centre + fitted(places[rows] - places[rows].mean(axis=0), present[rows] - centre)
         return [team.pack(np.concatenate([places, np.zeros((len(team.targets), 3))]))[: len(near)]]
+
+
+def _scaled(places: Array, present: Array) -> Array:
+    """Return centred places (N, 3) in the size of centred positions (N, 3); bearings fix how they are turned."""
+    return places * (np.linalg.norm(present) / np.linalg.norm(places))
 
 
 def _turned(places: Array, present: Array) -> Array:
     """Return centred places (N, 3), turned without reflection to lie near centred positions (N, 3)."""
-    planar = not (places[:, 2].any() or present[:, 2].any())
-    axes = 2 if planar else 3
+    axes = 3 if places[:, 2].any() or present[:, 2].any() else 2
     u, _, v = np.linalg.svd(places[:, :axes].T @ present[:, :axes])
-    signs = np.ones(axes)
-    signs[-1] = np.sign(np.linalg.det(u @ v)) or 1.0
+    signs = np.append(np.ones(axes - 1), np.sign(np.linalg.det(u @ v)) or 1.0)
     turned = np.zeros_like(places)
     turned[:, :axes] = places[:, :axes] @ (u * signs) @ v
     return turned

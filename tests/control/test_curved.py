@@ -382,6 +382,17 @@ def test_swarms_take_kinds_of_edges() -> None:
     assert {e.measures for e in team.sensing} == {"range"}
 
 
+def test_q_star_of_a_point_reflection_is_the_shape() -> None:
+    """Where the bearing law rests at its unstable equilibrium, q* is the shape, with its centroid and size."""
+    places = np.array(list(PLACES.values()))
+    agents = [{"id": id, "position": x} for id, x in zip(PLACES, (-2.0 * places).tolist(), strict=True)]
+    system = keeping("bearing", agents=agents).system
+    assert np.abs(disagreement(system.law, system.initial)).max() < 1e-12
+    q = system.team.harmonic_extension(system.initial)[:, :2]
+    assert np.allclose(q - q.mean(axis=0), 2.0 * (places - places.mean(axis=0)), atol=1e-12)
+    assert np.allclose(q.mean(axis=0), -2.0 * places.mean(axis=0), atol=1e-12)
+
+
 def test_q_star_continues_and_is_exact() -> None:
     """An agent that ranges two moving targets has its q* at both distances, on one side, at all times."""
     motion = {"kind": "lissajous", "amplitude": [2, 1], "rate": [0.7, 0.5], "phase": [0, 1]}
