@@ -115,6 +115,7 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
             FILTERED: system.safety is not None,
             "the law is continuous": system.grid.continuous,
             "H is not symmetric, and the law has terms": system.team.directed and system.law.extended,
+            "the team keeps a shape, and no target places it": system.team.free,
             "the harmonic extension is not unique": certificate.spectrum.nullity,
             f"the targets' path is not known: {path.warning}": path.cells is None,
             "there are no targets to follow": len(path.samples) < 2,
