@@ -72,8 +72,10 @@ def decay(x):
     """
     n = np.rint(x * -_LOG2_E)
     r = (-x - n * _LN2_1) - n * _LN2_2
-    tail = _Q4 + r * (_Q5 + r * (_Q6 + r * (_Q7 + r * (_Q8 + r * _Q9))))
-    return two_to(n) * (1.0 + (r + r * r * (_Q0 + r * (_Q1 + r * (_Q2 + r * (_Q3 + r * tail))))))
+    q = r * r
+    low = (_Q0 + r * _Q1) + q * (_Q2 + r * _Q3)
+    high = (_Q4 + r * _Q5) + q * (_Q6 + r * _Q7) + q * q * (_Q8 + r * _Q9)
+    return two_to(n) * (1.0 + (r + q * (low + q * q * high)))
 
 
 @inline_jit
