@@ -46,10 +46,11 @@ except ValueError:  # numba reads its environment variables as it is imported
     ) from None
 
 # Vectors of 256 bits, as LLVM itself prefers on most processors with AVX-512: a loop over 4 lanes has no remainder, and
-# code that reads several numbers right after it wrote them one by one does not wait for them.
+# code that reads several numbers right after it wrote them one by one does not wait for them. Gathers and scatters take
+# longer than the loads and stores that they stand for.
 features = get_host_cpu_features()
-if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]
-    config.CPU_FEATURES = f"{features},+prefer-256-bit"  # type: ignore[attr-defined]
+if config.CPU_FEATURES is None and "+avx2" in features:  # type: ignore[attr-defined]
+    config.CPU_FEATURES = f"{features},+prefer-256-bit,+prefer-no-gather,+prefer-no-scatter"  # type: ignore[attr-defined]
 
 _logger = logging.getLogger("mjsheaf")
 _PACKAGE = Path(__file__).resolve().parent

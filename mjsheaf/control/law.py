@@ -405,15 +405,22 @@ def pull_back(edges, y, residual):
     for v in range(residual.shape[0]):
         residual[v, 0], residual[v, 1], residual[v, 2] = 0.0, 0.0, 0.0
     for e in range(edges.tail.shape[0]):
-        tail, head = residual[edges.tail[e]], residual[edges.head[e]]
-        for r in range(edges.first[e], edges.first[e + 1]):
-            z = y[r] + edges.b[r]
-            if edges.listens[e, 0]:
-                for i in range(3):
-                    tail[i] -= edges.P_tail[r, i] * z
-            if edges.listens[e, 1]:
-                for i in range(3):
-                    head[i] += edges.P_head[r, i] * z
+        if edges.listens[e, 0]:
+            _add_pulled(edges, edges.P_tail, y, e, -1.0, residual[edges.tail[e]])
+        if edges.listens[e, 1]:
+            _add_pulled(edges, edges.P_head, y, e, 1.0, residual[edges.head[e]])
+
+
+@inline_jit
+def _add_pulled(edges, P, y, e, sign, eta):
+    """Add what edge e pulls back to an end by P (m, 3) to its eta (3,)."""
+    east, north, up = eta[0], eta[1], eta[2]
+    for r in range(edges.first[e], edges.first[e + 1]):
+        z = sign * (y[r] + edges.b[r])
+        east += P[r, 0] * z
+        north += P[r, 1] * z
+        up += P[r, 2] * z
+    eta[0], eta[1], eta[2] = east, north, up
 
 
 @inline_jit
