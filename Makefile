@@ -48,7 +48,8 @@ lint: $(TESTS)
 	$(BIN)/python tools/budget.py
 
 # Two workers, one BLAS thread each: the tests are written for two cores. EXAMPLES is a profile of hypothesis:
-# `fast`, or `ci` with three times as many examples.
+# `fast`, `ci` with three times as many examples, or `all`, with more again and with every random case of the long studies,
+# of which `ci` tries a share.
 EXAMPLES := fast
 PYTEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --hypothesis-profile $(EXAMPLES)
 
@@ -60,7 +61,7 @@ test-slow: EXAMPLES := ci
 test-slow: lint $(CARDS)
 	$(PYTEST) -m slow
 
-test-all: EXAMPLES := ci
+test-all: EXAMPLES := all
 test-all: lint $(CARDS)
 	$(PYTEST)
 

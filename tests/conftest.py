@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 settings.register_profile("fast", deadline=None, derandomize=True, max_examples=20)
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=60)
-settings.load_profile("fast")  # `make test-all` uses --hypothesis-profile=ci
+settings.register_profile("all", deadline=None, derandomize=True, max_examples=100)
+settings.load_profile("fast")  # `make test-slow` uses --hypothesis-profile=ci, `make test-all` all
 
 
 ALSO_SHOWN = ("noisy_harbour", "paper_delay", "paper_half_lost", "swarm_radio_shadow")

@@ -34,6 +34,11 @@ def examples(count: int) -> settings:
     return settings(max_examples=scaled(count))
 
 
+def tried(every: int, usual: int) -> int:
+    """Return the number of random cases of a long study: `every` one with the profile `all`, else the `usual` share."""
+    return every if settings().max_examples >= settings.get_profile("all").max_examples else usual
+
+
 @dataclass(frozen=True)
 class EdgeSpec:
     """An edge (tail, head) with maps F_tail (m, n_tail), F_head (m, n_head), offset b (m,) and weight K (m, m)."""

@@ -22,6 +22,7 @@ from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System
 from tests.builders import medium, random_scenario
 from tests.running import run_ideal
+from tests.strategies import tried
 
 Array = NDArray[np.float64]
 
@@ -75,10 +76,9 @@ def accuracy(system: System) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("piece", range(PIECES))
 def test_the_bound_is_never_exceeded(piece: int) -> None:
-    decided = 0
-    for seed in range(piece, STUDIED, PIECES):
-        decided += held(seed)
-    assert decided > 0.9 * STUDIED / PIECES
+    """Of 120 teams and laws, 20 with each term, and of 500 in `make test-all`."""
+    seeds = range(piece, tried(STUDIED, 120), PIECES)
+    assert sum(map(held, seeds)) > 0.9 * len(seeds)
 
 
 @pytest.mark.parametrize("seed", range(STUDIED, STUDIED + 12))

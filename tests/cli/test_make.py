@@ -59,10 +59,10 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")
 @pytest.mark.parametrize(
     ("goal", "chosen", "profile"),
-    [("test", ["-m", "not slow"], "fast"), ("test-slow", ["-m", "slow"], "ci"), ("test-all", [], "ci")],
+    [("test", ["-m", "not slow"], "fast"), ("test-slow", ["-m", "slow"], "ci"), ("test-all", [], "all")],
 )
 def test_each_goal_lints_and_runs_its_tests(goal: str, chosen: list[str], profile: str, tmp_path: Path) -> None:
-    """`test` and `test-slow` together are `test-all`."""
+    """`test` and `test-slow` together are the tests of `test-all`, which tries more random cases."""
     stamp, called = tmp_path / "installed", tmp_path / "called"
     stamp.touch()
     for name in ("ruff", "mypy", "python", "pytest"):

@@ -18,8 +18,9 @@ from hypothesis import strategies as st
 from mjsheaf.errors import ScenarioError
 from mjsheaf.io.yaml import read_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
+from tests.strategies import tried
 
-TREES, TEXTS, RUNS = 460, 160, 12
+TREES, TEXTS, RUNS = tried(460, 210), tried(160, 70), 12
 """How many different mutated files, at least, are tried for each scenario that ships: as trees, as texts, run."""
 
 LONGEST = 30.0
