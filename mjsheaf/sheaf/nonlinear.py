@@ -23,6 +23,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
+from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import SuperLU, splu
 
 from mjsheaf.arrays import Array, IntArray
@@ -48,6 +49,7 @@ _MIDPOINTS = 20  # steps that are taken from their midpoints; near a point refle
 _STRAIGHT = 1e-3  # of the team's extent: longest step that needs no midpoint; ten times the tolerance of midpoints
 _SMALLEST_STEP = 1e-15  # of the team's extent
 _ROUNDING = 1e-13
+_DENSE = 200  # largest number of free coordinates whose matrices are dense: sparse ones take 50 us an operation
 
 
 class NonlinearEdge(NamedTuple):
@@ -361,13 +363,17 @@ class _Arrays:
         nonlinear = self.weight * np.where(self.code == 1, ranged, borne)
         return np.asarray(self.K @ (z + self.desired) + nonlinear)
 
-    def metric(self, z: Array) -> sparse.csr_array:
-        """Return M, shape (m, m)."""
+    def metric(self, z: Array, K: sparse.csr_array | Array) -> sparse.csr_array | Array:
+        """Return M, shape (m, m), in the form of K."""
         g, inverse = self.directions(z)
         r, s = self.pairs
         outer = g[r] * g[s]
-        blocks = np.where(self.code[r] == 1, outer, ((r == s) - outer) * inverse[r])
-        return sparse.csr_array(self.K + sparse.coo_array((self.weight[r] * blocks, (r, s)), shape=self.K.shape))
+        blocks = self.weight[r] * np.where(self.code[r] == 1, outer, ((r == s) - outer) * inverse[r])
+        if not isinstance(K, np.ndarray):
+            return sparse.csr_array(K + sparse.coo_array((blocks, (r, s)), shape=K.shape))
+        M = K.copy()
+        M[r, s] += blocks  # each pair is there once
+        return M
 
     def residual(self, z: Array) -> float:
         """Return the K-norm of h - h* over all edges."""
@@ -434,6 +440,20 @@ def _pairs(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray]) -> tuple[In
     )
 
 
+class _DenseLU(NamedTuple):
+    """Factors of a dense matrix, used as those of a sparse one.
+
+    Attributes:
+        factors: What scipy's `lu_factor` returns.
+    """
+
+    factors: tuple[Array, Array]
+
+    def solve(self, right: Array) -> Array:
+        """Return the solution for a right-hand side (n,)."""
+        return np.asarray(lu_solve(self.factors, right, check_finite=False))
+
+
 class Settled(NamedTuple):
     """A stationary point.
 
@@ -463,19 +483,27 @@ class StationarySolver:
     arrays: _Arrays
     U: IntArray
     W: IntArray
-    _factor: SuperLU | None = field(default=None, repr=False)
+    _factor: SuperLU | _DenseLU | None = field(default=None, repr=False)
 
     @cached_property
-    def _moved(self) -> sparse.csr_array:
-        return self.arrays.D[:, self.W]
+    def _moved(self) -> sparse.csr_array | Array:
+        return self._stored(self.arrays.D[:, self.W])
 
     @cached_property
     def _held(self) -> sparse.csr_array:
         return self.arrays.D[:, self.U]
 
     @cached_property
-    def _pulled(self) -> sparse.csr_array:
-        return sparse.csr_array(self.arrays.pulled[:, self.W].T)
+    def _pulled(self) -> sparse.csr_array | Array:
+        return self._stored(self.arrays.pulled[:, self.W].T)
+
+    @cached_property
+    def _K(self) -> sparse.csr_array | Array:  # noqa: N802 - the weight matrix
+        return self._stored(self.arrays.K)
+
+    def _stored(self, matrix: sparse.sparray) -> sparse.csr_array | Array:
+        """Return a matrix in the form in which a team of this size is computed fastest."""
+        return matrix.toarray() if len(self.W) <= _DENSE else sparse.csr_array(matrix)
 
     def relative(self, x: Array, boundary: Array) -> Array:
         """Return z of all edges, shape (m,)."""
@@ -483,7 +511,7 @@ class StationarySolver:
 
     def H(self, x: Array, boundary: Array) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
         """Return D^T M D on the free vertices, shape (n_W, n_W); not symmetric with directed edges."""
-        return sparse.csr_array(self._pulled @ self.arrays.metric(self.relative(x, boundary)) @ self._moved)
+        return sparse.csr_array(self._pulled @ self.arrays.metric(self.relative(x, boundary), self._K) @ self._moved)
 
     def settle(self, x: Array, boundary: Array, *, free: bool = False) -> Settled:
         """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).
@@ -539,7 +567,7 @@ class StationarySolver:
         damping, stiffest, extent = scales
         for longest in extent * _CONTRACTION:
             z = self._moved @ (x + 0.5 * step) + base
-            aim = self._pulled @ (0.5 * (self.arrays.metric(z) @ (self._moved @ step)) - self.arrays.pull(z))
+            aim = self._pulled @ (0.5 * (self.arrays.metric(z, self._K) @ (self._moved @ step)) - self.arrays.pull(z))
             last = step
             step = _limited(self._factored(z, damping, stiffest).solve(aim), extent)
             change = _largest(step - last)
@@ -549,9 +577,11 @@ class StationarySolver:
                 break
         return np.full_like(step, np.nan)
 
-    def _factored(self, z: Array, damping: float, stiffest: float) -> SuperLU:
-        H = self._pulled @ self.arrays.metric(z) @ self._moved
+    def _factored(self, z: Array, damping: float, stiffest: float) -> "SuperLU | _DenseLU":
+        H = self._pulled @ self.arrays.metric(z, self._K) @ self._moved
         shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
+        if isinstance(H, np.ndarray):
+            return _DenseLU(lu_factor(H + shift * np.eye(len(H)), check_finite=False))
         return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
 
     def _is_worse(self, z: Array, moved: Array, before: Array, after: Array, scale: float) -> bool:
