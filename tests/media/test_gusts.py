@@ -12,7 +12,6 @@ from mjsheaf.media.gusts import FOOT, OUTPUT, Gusts, discretise
 from mjsheaf.media.medium import pack_parts
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario
-from tests.media.backends import BACKENDS
 from tests.media.test_flow_events import pieces_of
 
 STEPS = [0.002, 0.02, 0.5]
@@ -163,15 +162,14 @@ def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: 
 
 
 @pytest.mark.parametrize("frozen", [False, True])
-@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
-def test_a_run_meets_the_gusts_that_medium_returns(backend: str, engine: str, frozen: bool) -> None:
+def test_a_run_meets_the_gusts_that_medium_returns(frozen: bool) -> None:
+    """On ideal kinematics; `test_on_bodies` has the others."""
     scenario = gusty({"frozen": frozen})
-    log = pieces_of(scenario.phases, backend, engine)
+    log = pieces_of(scenario.phases, "ideal", "mujoco")
     system = scenario.system
     times = system.grid.samples
-    where = log["origin"] if backend == "physics" else log["positions"]
     for v, member in enumerate(scenario.team.members):
-        met = mjsheaf.medium(scenario).velocity(member.id, times, where[:, v])
+        met = mjsheaf.medium(scenario).velocity(member.id, times, log["positions"][:, v])
         assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
 
 

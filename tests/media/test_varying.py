@@ -10,7 +10,6 @@ from mjsheaf.errors import InputError
 from mjsheaf.media.medium import moving_along
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario
-from tests.media.backends import BACKENDS
 from tests.media.test_flow_events import pieces_of
 
 TIDE = {"amplitude": 0.8, "minor": 0.2, "period": 50.0, "direction": 30.0, "phase": 20.0}
@@ -69,8 +68,8 @@ def test_a_vortex_that_moves_needs_a_core() -> None:
         mixed_scenario(flow={"water": {"dimension": 2, "core": 0.0, "vortices": [VORTEX]}})
 
 
-@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
-def test_events_set_what_moves(backend: str, engine: str) -> None:
+def test_events_set_what_moves() -> None:
+    """On ideal kinematics; `test_on_bodies` has the others."""
     changes = [
         {"time": 0.1, "set": {"flow.water.tide.amplitude": 0.3}},
         {"time": 0.2, "set": {"flow.air.gusts": {"kind": "dryden", "wind_speed": 9.0}}},
@@ -78,11 +77,10 @@ def test_events_set_what_moves(backend: str, engine: str) -> None:
     ]
     flow = {"water": {"dimension": 2, "tide": TIDE}, "air": {"dimension": 3}}
     scenario = mixed_scenario(flow=flow, time={"end": 0.4}, events=changes)
-    log = pieces_of(scenario.phases, backend, engine)
-    where = log["origin"] if backend == "physics" else log["positions"]
+    log = pieces_of(scenario.phases, "ideal", "mujoco")
     times = scenario.system.grid.samples
     for v, member in enumerate(scenario.team.members):
-        met = mjsheaf.medium(scenario).velocity(member.id, times, where[:, v])
+        met = mjsheaf.medium(scenario).velocity(member.id, times, log["positions"][:, v])
         assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
     front = log["medium"][:, scenario.team.index["front"]]
     assert not front[:20].any()

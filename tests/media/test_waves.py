@@ -13,7 +13,6 @@ from mjsheaf.media.waves import GRAVITY, Waves, wave_numbers
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
 from tests.builders import mixed_scenario
-from tests.media.backends import BACKENDS
 from tests.media.test_flow_events import pieces_of
 
 PM = {"kind": "pierson_moskowitz", "significant_height": 1.0, "peak_period": 2.0 * np.pi}
@@ -176,13 +175,12 @@ def test_a_hull_at_speed_meets_the_frequency_of_encounter(speed: float) -> None:
     assert found == pytest.approx(abs(rate - rate**2 / GRAVITY * speed), abs=2.0 * np.pi / 2000.0)
 
 
-@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
-def test_a_run_meets_the_sea_that_medium_returns(backend: str, engine: str) -> None:
+def test_a_run_meets_the_sea_that_medium_returns() -> None:
+    """On ideal kinematics; `test_on_bodies` has the others."""
     scenario = sea({**JONSWAP, "spreading": "cos2"})
-    log = pieces_of(scenario.phases, backend, engine)
-    where = log["origin"] if backend == "physics" else log["positions"]
+    log = pieces_of(scenario.phases, "ideal", "mujoco")
     for v, member in enumerate(scenario.team.members):
-        met = mjsheaf.medium(scenario).velocity(member.id, scenario.system.grid.samples, where[:, v])
+        met = mjsheaf.medium(scenario).velocity(member.id, scenario.system.grid.samples, log["positions"][:, v])
         assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
 
 

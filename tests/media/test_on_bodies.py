@@ -1,0 +1,45 @@
+"""Gusts, frozen gusts, a tide, a ramp, a moving vortex and waves, all at once on bodies, as `medium` returns them.
+
+Each is tried alone on ideal kinematics, next to its formulas. On bodies a loop is compiled for each combination, for
+half a minute, so that there is one of all, which begins, ends and begins again.
+"""
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from tests.builders import mixed_scenario
+from tests.media.test_flow_events import pieces_of
+from tests.media.test_gusts import DRIFT, FIXED
+from tests.media.test_varying import RAMP, TIDE, VORTEX
+from tests.media.test_waves import JONSWAP
+
+AIR = {"dimension": 3, "drift": DRIFT, "gusts": FIXED}
+WATER = {
+    "dimension": 2,
+    "core": 0.7,
+    "tide": TIDE,
+    "ramp": RAMP,
+    "vortices": [VORTEX],
+    "waves": {**JONSWAP, "spreading": "cos2"},
+    "gusts": {**FIXED, "frozen": True},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["mujoco", "fused"])
+def test_a_run_meets_all_that_moves_before_and_after_events(engine: str) -> None:
+    changes = [
+        {"time": 0.1, "set": {"flow.water.tide.amplitude": 0.3, "flow.air.gusts.wind_speed": 3.0}},
+        {"time": 0.2, "set": {"flow.water": None, "flow.air": {"dimension": 3}}},
+        {"time": 0.3, "set": {"flow.water": WATER, "flow.air": AIR}},
+    ]
+    scenario = mixed_scenario(flow={"water": WATER, "air": AIR}, time={"end": 0.4}, events=changes)
+    assert [len(phase.system.moving) for phase in scenario.phases] == [4, 4, 0, 4]
+    log, times = pieces_of(scenario.phases, "physics", engine), scenario.system.grid.samples
+    for v, member in enumerate(scenario.team.members):
+        met = mjsheaf.medium(scenario).velocity(member.id, times, log["origin"][:, v])
+        assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
+    assert not log["medium"][20:30].any()
+    for part in (slice(0, 20), slice(30, None)):
+        assert np.linalg.norm(log["medium"][part], axis=-1).all()
