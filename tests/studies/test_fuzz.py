@@ -23,8 +23,9 @@ from mjsheaf.studies.figures import plot_study, swept_axes
 from mjsheaf.studies.job import new_record
 from mjsheaf.studies.study import csv_of, make_table, page_of
 from tests.scenario.mutations import FUZZ, base, in_time, mutated_text, mutated_tree
+from tests.strategies import tried
 
-FILES = 400
+FILES = tried(400, 150)
 """Mutated files for each of the studies below, as trees and as texts."""
 
 STUDIES: dict[str, dict[str, Any]] = {
