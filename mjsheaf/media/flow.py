@@ -54,8 +54,8 @@ _Q8, _Q9 = 2.762008948195459e-07, 2.5105217695684516e-08
 
 
 def two_to(exponent):
-    """Return 2 to the power of a whole number, given as a float."""
-    return math.ldexp(1.0, int(exponent))
+    """Return 2 to the power of a whole number, given as a float; NaN if it is none."""
+    return math.ldexp(1.0, int(exponent)) if math.isfinite(exponent) else math.nan
 
 
 @overload(two_to)

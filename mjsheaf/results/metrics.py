@@ -153,7 +153,7 @@ def _find_nearest(positions: Array, known: IntArray, found: Array) -> None:
     Those were `far` away, and two vehicles approach each other by at most twice the largest displacement, less the mean
     one.
     """
-    before, far, near = positions[0], np.zeros(1), np.zeros((1, positions.shape[1]), dtype=np.int64)
+    before, far, near = np.zeros(positions.shape[1:]), np.zeros(1), np.zeros((1, positions.shape[1]), dtype=np.int64)
     for k in known:
         x = positions[k]
         moved = x - before
@@ -161,7 +161,8 @@ def _find_nearest(positions: Array, known: IntArray, found: Array) -> None:
         found[k] = np.linalg.norm(x[near] - x, axis=2).min(axis=0)
         if not ((found[k] + reach) * (1.0 + _ROUNDING) < far).all():
             away, who = cKDTree(x, balanced_tree=False, compact_nodes=False).query(x, _CLOSE + 2)
-            before, found[k], far, near = x, away[:, 1], away[:, -1], who[:, 1:-1].T
+            others = np.where(who == np.arange(len(x))[:, None], who[:, :1], who)  # of one place, another may be first
+            before, found[k], far, near = x, away[:, 1], away[:, -1], others[:, 1:-1].T
 
 
 def clearances(safety: SafetyArrays, times: Array, places: Array) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
 from mjsheaf.media import FlowField
-from mjsheaf.media.flow import Source
+from mjsheaf.media.flow import Source, decay
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
 
 Array = NDArray[np.float64]
@@ -178,6 +178,13 @@ def test_no_kernels_no_flow() -> None:
     still = field_of(2)
     np.testing.assert_array_equal(still.velocity(np.ones((3, 2))), np.zeros((3, 2)))
     np.testing.assert_array_equal(flow_jacobian(still, np.ones((3, 2))), np.zeros((3, 2, 2)))
+
+
+def test_decay_in_python_has_the_bits_of_the_compiled_one() -> None:
+    in_python = getattr(decay, "py_func", decay)
+    for x in (0.0, 1e-300, 0.3, 1.5, 36.7, 600.0, 700.0):
+        assert in_python(x) == decay(x) == pytest.approx(np.exp(-x), rel=3e-16)
+    assert np.isnan([in_python(np.nan), decay(np.nan)]).all()  # a position that is no number is reported elsewhere
 
 
 def test_direction_of_a_channel_is_normalised() -> None:

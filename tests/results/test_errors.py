@@ -103,18 +103,21 @@ def test_an_offset_of_an_edge_does_not_move_the_place_that_the_formation_names()
 
 @pytest.mark.parametrize("vehicles", [2, 30, 130])
 def test_separations_are_those_of_all_pairs(vehicles: int) -> None:
-    """Slow motion, motion together, a crossing at speed, a jump and a sample without a position."""
+    """Slow motion, motion together, a crossing at speed, a jump, some that part from one place, a missing position."""
     rng = np.random.default_rng(vehicles)
     steps = 0.01 * rng.normal(size=(40, vehicles, 3))
     steps[:, :, 0] += 3.0  # together
     steps[10:, : vehicles // 4, 1] += 0.3  # some through the others
     steps[30] += 50.0 * rng.normal(size=(vehicles, 3))
     positions = 5.0 * rng.normal(size=(vehicles, 3)) + np.cumsum(steps, axis=0)
+    few = vehicles // 5  # vehicles at the places of others at the second sample
+    positions[:, vehicles - few :] = positions[:, :few] + 1e-3 * np.arange(-1, 39)[:, None, None]
     positions[[0, 17], 1] = np.nan
     away = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3) + np.diag(np.full(vehicles, np.inf))
     expected = away.min(axis=2)
     expected[[0, 17]] = np.nan  # a sample at which one is unknown is unknown
     np.testing.assert_allclose(separations(positions), expected, rtol=1e-13)
+    assert separations(positions[:0]).shape == (0, vehicles)
 
 
 def test_residuals_of_edges_of_unlike_shapes_are_those_of_each_edge() -> None:
