@@ -3,6 +3,7 @@
 Oracle: it ships models, scenarios and studies and gives the same bits as the repository.
 """
 
+import os
 import subprocess
 import sys
 import zipfile
@@ -16,8 +17,12 @@ from tests.builders import REPOSITORY
 
 @pytest.mark.slow
 def test_wheel_installs_and_runs_elsewhere(tmp_path: Path) -> None:
+    own = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}  # which may be the repository
+
     def run(*command: str | Path, cwd: Path = tmp_path) -> str:
-        done = subprocess.run([*map(str, command)], cwd=cwd, capture_output=True, text=True, timeout=600, check=False)
+        done = subprocess.run(
+            [*map(str, command)], cwd=cwd, env=own, capture_output=True, text=True, timeout=600, check=False
+        )
         assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
         return done.stdout
 
