@@ -267,10 +267,10 @@ def test_order_of_agents_and_links_do_not_matter() -> None:
 def test_directed_range_and_bearing_edges_are_filtered_as_others(name: str, distance: float, end: float) -> None:
     scenario = load_scenario(name, {"time.end": end, "safety": {"distance": distance, "rate": 0.3}})
     run = simulate(scenario, "ideal")
-    violated = run["safety_violation"].values > 0.0
-    assert not violated.any()
+    violation = run["safety_violation"].values
+    assert not (violation > 0.0).any()
     assert (run["safety_correction"].values > 0.0).mean() > 0.05
-    require_barrier(scenario, run, violated)
+    require_barrier(scenario, run, violation)
 
 
 def test_targets_are_avoided_whatever_they_do() -> None:
