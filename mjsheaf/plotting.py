@@ -183,9 +183,13 @@ def group_keys(groups: NDArray[np.int64], names: list[str], colours: Array, *, l
     return keys
 
 
-def edge_keys() -> list[Line2D]:
+def edge_keys(*teams: Team) -> list[Line2D]:
     """The rows of a legend for the edges of `draw_team`."""
-    return [key(kind, linewidth=1.0, **style) for kind, style in _EDGES.items()]
+    keys = [key(kind, linewidth=1.0, **style) for kind, style in _EDGES.items()]
+    if any(team.directed for team in teams):
+        colour = _EDGES["communication"]["color"]
+        keys.insert(1, key("one way, to the agent that is sensed", color=colour, linestyle="-", linewidth=1.0, **_HEAD))
+    return keys
 
 
 def legend_below(figure: Figure, keys: Sequence[Any], columns: int, **style: Any) -> None:
@@ -219,6 +223,7 @@ def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
 
 
 _OUTLINE = {"markeredgecolor": "white", "markeredgewidth": 0.5}
+_HEAD: dict[str, Any] = {"marker": (3, 0, -90.0), "markersize": 6.0, "markeredgewidth": 0.0}
 _TARGET_STYLE = {"markersize": 11.0, "zorder": 4, **_OUTLINE}
 _FEW_STYLE = {"markersize": 6.0, "zorder": 3, **_OUTLINE}
 _MANY_STYLE = {"markersize": 2.5, "zorder": 3, "markeredgewidth": 0.0}
@@ -236,6 +241,7 @@ def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
         lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
         width = 0.9 if len(edges) <= 2 * MOST_NAMED else 0.4
         axis.add_collection(LineCollection(lines, linewidths=width, zorder=1, **_EDGES[kind]))
+    _draw_heads(axis, team, place)
     groups, names, colours = groups_of(team)
     there = np.array([member.id not in team.absent for member in team.members])
     away = np.abs(place - place[there].mean(axis=0)).max(axis=1)
@@ -247,6 +253,14 @@ def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
             if chosen.any():
                 axis.plot(*place[chosen].T, linestyle="", marker=marker_of(k, names), color=colour, **style)
     return np.flatnonzero(shown)
+
+
+def _draw_heads(axis: Any, team: Team, place: Array) -> None:
+    """Draw arrowheads on directed edges, towards the agents that are sensed. The panel has equal scales."""
+    for tail, head in [place[[team.index[e.tail], team.index[e.head]]] for e in team.communication if e.directed]:
+        x, y = head - tail
+        style = _HEAD | {"marker": (3, 0, float(np.degrees(np.arctan2(y, x))) - 90.0)}
+        axis.plot(*(0.4 * tail + 0.6 * head), color=_EDGES["communication"]["color"], zorder=1, **style)
 
 
 def place_names(

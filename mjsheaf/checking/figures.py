@@ -106,7 +106,7 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> list[Line2D]:
             if len(motion) > 2 and abs(motion[2]) > 1e-6:  # up and down: a ring with a dot, as arrows seen head-on
                 axis.plot(*start, "o", markersize=13, markerfacecolor="none", markeredgecolor=_FREE, mew=1.5, zorder=5)
                 axis.plot(*start, ".", color=_FREE, markersize=4, zorder=5)
-    dimension, keys = record.relative_cohomology.dimension, [*edge_keys(), _TARGET_KEY]
+    dimension, keys = record.relative_cohomology.dimension, [*edge_keys(system.team), _TARGET_KEY]
     if dimension:
         up_and_down = key("free along z", color=_FREE, marker="o", markerfacecolor="none", markersize=9, mew=1.5)
         keys += [up_and_down, key("free in the plane", color=_FREE, lw=2)]

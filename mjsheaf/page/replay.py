@@ -416,7 +416,7 @@ def _add_edges(
     """Add every edge's residual at every kept sample: NaN while it does not exist, negative while nothing is received.
 
     Returns:
-        Description of each edge: ends, kind, name, and dimension of its residual.
+        Description of each edge: ends, kind, name, dimension of its residual, and True if only its tail senses.
     """
     found = edges_of(phases)
     number, index = {key: e for e, key in enumerate(found)}, phases[0].system.team.index
@@ -432,7 +432,14 @@ def _add_edges(
         _mark_silence(residual, number, own)
     packer.add_float("residual", residual)
     return [
-        {"tail": index[edge.tail], "head": index[edge.head], "kind": kind, "name": name, "numbers": len(edge.b)}
+        {
+            "tail": index[edge.tail],
+            "head": index[edge.head],
+            "kind": kind,
+            "name": name,
+            "numbers": len(edge.b),
+            "directed": edge.directed,
+        }
         for (kind, name), edge in found.items()
     ]
 

@@ -531,7 +531,7 @@ def draw_configurations(team: Team, last: Team, dataset: xr.Dataset, options: Fi
         if axis is panels[1]:
             axis.set_ylabel("")
         placed.append((axis, now, np.where(np.isin(np.arange(len(place)), drawn)[:, None], place, np.nan), goals))
-    keys = [*group_keys(groups, names, colours, lines=False), *edge_keys()]
+    keys = [*group_keys(groups, names, colours, lines=False), *edge_keys(team, last)]
     legend_below(figure, [*keys, key("harmonic extension q*", color="black", marker="x", markersize=5)], 5)
     settle(figure)
     for axis, now, place, goals in placed:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,8 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 UPRIGHT: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])  # quaternion
-Edge = tuple[int, int, Literal["communication", "sensing"]]
+EdgeKind = Literal["communication", "one-way", "sensing"]  # one-way: i senses agent j, which does not know
+Edge = tuple[int, int, EdgeKind]
 PANEL = 320  # width of the panel next to the scene, in pixels of a 1000x720 frame
 
 
@@ -198,7 +199,7 @@ class Film:
     def _require_edges(self, edges: Sequence[Edge]) -> None:
         """Refuse edges between other than two vehicles, or of an unknown kind."""
         for i, j, kind in edges:
-            if not 0 <= min(i, j) <= max(i, j) < self.vehicles or kind not in ("communication", "sensing"):
+            if not 0 <= min(i, j) <= max(i, j) < self.vehicles or kind not in get_args(EdgeKind):
                 raise InputError(f"film.edges has ({i}, {j}, {kind!r}); expected two vehicles and a kind of edge")
 
     def _require_shapes(self, run: Samples) -> None:

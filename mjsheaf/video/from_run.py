@@ -237,9 +237,10 @@ def _snapshots(
 
 def _edges(team: Team) -> list[Edge]:
     """Return the edges of a team, in the format of `Film.edges`."""
-    return [(team.index[e.tail], team.index[e.head], "communication") for e in team.communication] + [
-        (team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing
-    ]
+    return [
+        (team.index[e.tail], team.index[e.head], "one-way" if e.directed else "communication")
+        for e in team.communication
+    ] + [(team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing]
 
 
 def _stage(phase: "Phase") -> Stage:

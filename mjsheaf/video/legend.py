@@ -50,9 +50,9 @@ class Row:
         return cls(words, plain | style)
 
     @classmethod
-    def lined(cls, words: str, rgba: npt.NDArray[np.float32], dashes: Any = "-") -> "Row":
-        """Make a row with a line."""
-        return cls(words, {"color": tuple(rgba[:3].tolist()), "linestyle": dashes, "linewidth": 0.15})
+    def lined(cls, words: str, rgba: npt.NDArray[np.float32], dashes: Any = "-", **style: Any) -> "Row":
+        """Make a row with a line; `markersize` is in sizes of type."""
+        return cls(words, {"color": tuple(rgba[:3].tolist()), "linestyle": dashes, "linewidth": 0.15} | style)
 
     def handle(self, size: float) -> Line2D:
         """Return the symbol for type of a size in pixels."""
@@ -99,6 +99,8 @@ def _edge_rows(film: Film) -> list[Row]:
     rows = []
     if "communication" in kinds:
         rows.append(Row.lined("agents communicate", COMMUNICATION))
+    if "one-way" in kinds:
+        rows.append(Row.lined("agent senses agent, one way", COMMUNICATION, marker=">", markersize=0.6))
     if "sensing" in kinds:
         rows.append(Row.lined("agent senses target", SENSING, (0, (2.0, 1.4))))
     return rows

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from ctypes import c_void_p
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import mujoco
 import numpy as np
@@ -17,8 +17,9 @@ from PIL import Image
 
 from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
 from mjsheaf.errors import MjsheafError
+from mjsheaf.video import camera
 from mjsheaf.video.camera import CameraPath, View
-from mjsheaf.video.film import Edge, Film, FloatArray, IntArray, Moment, VideoOptions
+from mjsheaf.video.film import Edge, EdgeKind, Film, FloatArray, IntArray, Moment, VideoOptions
 from mjsheaf.video.flow import colour, velocities
 from mjsheaf.video.gl import open_context
 from mjsheaf.video.sea import draw_sea
@@ -26,6 +27,7 @@ from mjsheaf.video.sea import draw_sea
 Float32Array = npt.NDArray[np.float32]
 
 COMMUNICATION: Float32Array = np.array([0.93, 0.96, 1.0, 0.4], np.float32)  # RGBA in 0..1, like MuJoCo's geoms
+HEADS: Float32Array = np.array([0.93, 0.96, 1.0, 0.9], np.float32)
 SENSING: Float32Array = np.array([1.0, 0.86, 0.25, 0.9], np.float32)
 
 OBSTACLE: Float32Array = np.array([0.78, 0.55, 0.38, 1.0], np.float32)
@@ -38,6 +40,8 @@ DASHES = (2, 40)  # minimum and maximum number of dashes on a sensing edge
 DASH_BUDGET = 800
 FEW_DASHED = 60  # number of sensing edges above which they are drawn fainter
 
+HEAD_AT = 0.65  # place of the arrowhead's tip on an edge, as a fraction: vehicles may cover the end
+
 ARROW_REACH = 9  # number of arrows from the centre of the picture to where they fade
 
 # Sizes in pixels of a 1000x720 frame, at the team's centre.
@@ -45,6 +49,7 @@ ARROW_SPACING = 75.0
 LONGEST_ARROW = 0.95  # maximum length of an arrow, as a fraction of the spacing
 SLOWEST_ARROW = 0.03  # slowest flow with an arrow, as a fraction of the scale's end
 DASH = 10.0  # length of a dash and of the gap after it
+HEAD = 14.0  # length of an arrowhead on an edge; half of it each way across
 MARKER = 10.5  # radius of the ball at q*
 SMALL_MARKER = 6.5  # radius of an opaque ball at q*
 SMALL_TEAM = 50  # number of agents above which balls shrink, so that they do not cover each other
@@ -88,7 +93,7 @@ class Decorator:
         self._height = options.drawn[1]
         self._trail = min(options.trail, film.span[1] - film.span[0])
         stages = [stage.edges for stage in film.stages] or [film.edges]
-        self._edges = [(_pairs(edges, "communication"), _pairs(edges, "sensing")) for edges in stages]
+        self._edges = [[_pairs(edges, kind) for kind in get_args(EdgeKind)] for edges in stages]
         self.most_geoms = 2 * film.vehicles  # per vehicle: the foot of its vertical line and a ball at q*
         self.most_geoms += 0 if film.obstacles is None else len(film.obstacles.kind)
         self._spacing = 0.0
@@ -102,7 +107,7 @@ class Decorator:
 
     def add(self, scene: mujoco.MjvScene, moment: Moment, view: View) -> list[Lines]:
         """Add one frame's balls to the scene and return its lines."""
-        communication, sensing = self._edges[self._film.stage(moment.time)]
+        communication, one_way, sensing = self._edges[self._film.stage(moment.time)]
         absent = self._film.absent(moment.time)
         if absent:
             self._turn_grey(scene, absent)
@@ -115,11 +120,11 @@ class Decorator:
         if self._film.obstacles is not None:
             _add_obstacles(scene, self._film.obstacles, moment.time, view)
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
-        tails, heads = (moment.positions[ends] for ends in communication.T)
+        tails, heads = (moment.positions[ends] for ends in np.concatenate([communication, one_way]).T)
         edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
         media = [self._arrows(moment, view, k) for k in range(len(self._film.media))] if self._spacing else []
-        links = self._links(moment, radius)
-        return [*media, *stems, self._trails(moment), edges, self._dashed(moment, sensing, size), links]
+        links, arrowheads = self._links(moment, radius), self._heads(moment, one_way, view, size)
+        return [*media, *stems, self._trails(moment), edges, arrowheads, self._dashed(moment, sensing, size), links]
 
     def _arrows(self, moment: Moment, view: View, number: int) -> Lines:
         """Draw a medium's velocity on a fixed horizontal grid, at the surface or at the height of its vehicles.
@@ -179,6 +184,15 @@ class Decorator:
         first = starts[edge] + begin / count * step
         rgba = SENSING * np.array([1, 1, 1, min(1.0, (FEW_DASHED / max(len(sensing), 1)) ** 0.5)], np.float32)
         return Lines.of(first, first + 0.5 / count * step, rgba, 1.5 * self._unit)
+
+    def _heads(self, moment: Moment, one_way: IntArray, view: View, size: float) -> Lines:
+        """Draw an arrowhead on each edge towards the agent that is sensed; it faces the camera."""
+        tails, along = moment.positions[one_way[:, 0]], np.diff(moment.positions[one_way], axis=1)[:, 0]
+        across = np.cross(along, camera.axes(view.azimuth, view.elevation)[2])
+        length, width = (np.linalg.norm(way, axis=1, keepdims=True) + 1e-12 for way in (along, across))
+        tip, barb = tails + HEAD_AT * along, np.minimum(HEAD * size, 0.3 * length)
+        ends = np.concatenate([tip - barb * (along / length + 0.5 * side * across / width) for side in (-1.0, 1.0)])
+        return Lines.of(np.tile(tip, (2, 1)), ends, HEADS, 2.0 * self._unit)
 
     def _links(self, moment: Moment, radius: float) -> Lines:
         """Join each agent to the ball that shows where it should be, unless it is there."""

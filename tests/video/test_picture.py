@@ -12,7 +12,7 @@ from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, Moment
 from mjsheaf.video.overlay import Overlay
-from mjsheaf.video.scene import Decorator, Lines, enlarge_vehicles, vehicle_radius
+from mjsheaf.video.scene import HEAD_AT, HEADS, Decorator, Lines, enlarge_vehicles, vehicle_radius
 from mjsheaf.video.text import WHITE, number, shorten, text
 from tests.builders import change_film, make_film, make_model, samples_of
 
@@ -102,6 +102,19 @@ class TestDecoration:
         double = replace(film, edges=[(0, 1, "communication")] * 2)
         one, two = (count(decorate(f, VideoOptions(trail=0), 1.0)[1]) for f in (film, double))
         assert one == two
+
+    def test_one_way_edges_have_arrowheads_towards_the_agent_sensed(self) -> None:
+        film = make_film(make_model(), edges=[(1, 0, "one-way"), (1, 2, "communication")], surface="none")
+        _, lines = decorate(film, VideoOptions(trail=0), 0.0)
+        (barbs,) = [batch.ends for batch in lines if len(batch.ends) and np.allclose(batch.rgba, HEADS)]
+        tail, head = samples_of(film).positions[0, [1, 0]]
+        along = (head - tail) / ((head - tail) @ (head - tail))
+        first, last = ((barbs[:, end] - tail) @ along for end in (0, 1))
+        np.testing.assert_allclose(first, HEAD_AT, atol=1e-5)
+        assert (last < HEAD_AT - 0.01).all()  # they lean back to the agent that senses
+        np.testing.assert_allclose((barbs[:, 1].mean(axis=0) - tail) @ along, last, atol=1e-5)  # one on each side
+        words = [row.words for row in overlay(film, VideoOptions()).rows]
+        assert {"agent senses agent, one way", "agents communicate"} <= set(words)
 
     def test_dashes_lie_on_their_edges(self) -> None:
         film = make_film(make_model(), surface="none", edges=[(0, 3, "sensing"), (2, 4, "sensing")])

@@ -191,7 +191,8 @@ export function writeLegend(run, world) {
   if (run.said.edges.length) {
     world.rangeSaid = make("span", "", rangeInWords(world));
     rows.push(row(make("i", "bar"), world.rangeSaid));
-    if (run.said.edges.some(({ kind }) => kind === "sensing")) rows.push(row(make("i", "dashed"), "sees a target (solid: agents talk)"));
+    if (run.said.edges.some(({ kind }) => kind === "sensing")) rows.push(row(make("i", "dashed"), run.said.edges.some(({ kind, directed }) => kind !== "sensing" && !directed) ? "sees a target (solid: agents talk)" : "sees a target"));
+    if (run.said.edges.some(({ kind, directed }) => kind !== "sensing" && directed)) rows.push(row(make("i", "one-way"), "one agent senses another, one way"));
     if (run.series.residual.some(isSilent)) rows.push(row(make("i", "silent"), "grey: silent"));
   }
   if (run.series.cause) rows.push(row(make("i", "kept"), "the filter keeps the agent at the tip away from the other end"));

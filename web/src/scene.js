@@ -21,6 +21,8 @@ const TRAIL_PIECES = 9000; // in all
 const MOST_BALLS = 200; // agents; of more the dotted line to its place is drawn without the ball at its end
 const GHOST_PIXELS = 6; // radius of the ball where an agent should be
 const FILL = 0.74; // share of the picture that a view fills
+const HEAD = [14, 11]; // length and width of the arrowhead of a link, pixels
+const HEAD_AT = 0.65; // where its tip is on the link: vehicles may cover the end
 const NEAR = 30; // pixels: what is pointed at
 
 export class World extends EventTarget {
@@ -171,7 +173,7 @@ export class World extends EventTarget {
     this.trailPieces = Math.max(4, Math.min(60, Math.floor(TRAIL_PIECES / run.vehicles)));
     this.joints = [];
     const edges = run.said.edges.length;
-    this.lines = new Lines(edges + run.vehicles * (2 + this.trailPieces + 2) + (4 + run.said.ghosts.length) * run.agents + 64);
+    this.lines = new Lines(2 * edges + run.vehicles * (2 + this.trailPieces + 2) + (4 + run.said.ghosts.length) * run.agents + 64);
     this.arrows = run.said.flow.map((flow) => new Lines(3 * flow.places.length)); // of each medium
     scene.add(this.lines.mesh, ...this.arrows.map(({ mesh }) => mesh));
     this.residualRange = rangeOf(run);
@@ -406,7 +408,7 @@ export class World extends EventTarget {
     if (layers.trails) this.drawTrails(some ? 2 : 1.2);
     const colour = new THREE.Color();
     if (layers.links) {
-      run.said.edges.forEach(({ tail, head, kind, numbers }, e) => {
+      run.said.edges.forEach(({ tail, head, kind, numbers, directed }, e) => {
         const residual = this.residuals[e];
         if (Number.isNaN(residual)) return;
         const silent = isSilent(residual);
@@ -419,6 +421,10 @@ export class World extends EventTarget {
         // The more numbers an edge compares, the wider it is.
         const width = ((lit ? 3 : some ? 1.6 : 0.7) + (silent ? 0 : share * (some ? 1.2 : 0.6))) * (0.55 + 0.15 * Math.min(numbers, 3));
         lines.add(p[3 * tail], p[3 * tail + 1], p[3 * tail + 2], p[3 * head], p[3 * head + 1], p[3 * head + 2], colour, strength, width, kind === "sensing" ? 7 : silent ? 2.5 : 0);
+        if (!directed || kind === "sensing") return;
+        const at = (part) => [0, 1, 2].map((n) => p[3 * tail + n] + part * (p[3 * head + n] - p[3 * tail + n]));
+        const long = Math.hypot(...at(1).map((x, n) => x - at(0)[n]));
+        lines.add(...at(Math.max(HEAD_AT - (HEAD[0] * metres) / Math.max(long, 1e-9), 0.35)), ...at(HEAD_AT), colour, strength, some ? HEAD[1] : 0.5 * HEAD[1], 0, strength, 0);
       });
     }
     if (layers.goals) {
