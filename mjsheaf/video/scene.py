@@ -123,8 +123,9 @@ class Decorator:
         tails, heads = (moment.positions[ends] for ends in np.concatenate([communication, one_way]).T)
         edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
         media = [self._arrows(moment, view, k) for k in range(len(self._film.media))] if self._spacing else []
-        links, arrowheads = self._links(moment, radius), self._heads(moment, one_way, view, size)
-        return [*media, *stems, self._trails(moment), edges, arrowheads, self._dashed(moment, sensing, size), links]
+        links = self._links(moment, radius)
+        arrowheads = [self._heads(moment, one_way, view, size)] if len(one_way) else []
+        return [*media, *stems, self._trails(moment), edges, *arrowheads, self._dashed(moment, sensing, size), links]
 
     def _arrows(self, moment: Moment, view: View, number: int) -> Lines:
         """Draw a medium's velocity on a fixed horizontal grid, at the surface or at the height of its vehicles.
