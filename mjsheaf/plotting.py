@@ -185,11 +185,9 @@ def group_keys(groups: NDArray[np.int64], names: list[str], colours: Array, *, l
 
 def edge_keys(*teams: Team) -> list[Line2D]:
     """The rows of a legend for the edges of `draw_team`."""
-    keys = [key(kind, linewidth=1.0, **style) for kind, style in _EDGES.items()]
-    if any(team.directed for team in teams):
-        colour = _EDGES["communication"]["color"]
-        keys.insert(1, key("one way, to the agent that is sensed", color=colour, linestyle="-", linewidth=1.0, **_HEAD))
-    return keys
+    one_way = {"one way, to the agent that is sensed": _EDGES["communication"] | _HEAD}
+    styles = _EDGES | (one_way if any(team.directed for team in teams) else {})
+    return [key(kind, linewidth=1.0, **style) for kind, style in styles.items()]
 
 
 def legend_below(figure: Figure, keys: Sequence[Any], columns: int, **style: Any) -> None:
