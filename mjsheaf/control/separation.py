@@ -227,7 +227,6 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
     lift[crew.planar, 2] = crew.height
     shares = _shares(safety, crew)
     stirred = np.linalg.norm(crew.carried - crew.carried[0], axis=1) + crew.unsteady
-    closing = stirred + stirred.max() + np.where(crew.yields, 0.0, crew.speed).max()
     arrays = SafetyArrays(
         agents=N,
         radius=own + crew.margin,
@@ -242,7 +241,7 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
         unsteady=crew.unsteady,
         lift=lift,
         planar=crew.planar,
-        closing=closing,
+        closing=stirred + stirred.max() + np.where(crew.yields, 0.0, crew.speed).max(),
         burden=1.0 + shares.max() / shares,
         widest=float((own + crew.margin).max()),
         uniform=bool((crew.carried == crew.carried[0]).all()),

@@ -10,7 +10,7 @@ import xarray as xr
 
 import mjsheaf
 from mjsheaf import load_scenario, simulate, simulate_many
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.law import new_memory
 from mjsheaf.control.obstacles import distances
 from mjsheaf.control.safety import keep_apart
@@ -100,7 +100,7 @@ def random_swap(seed: int) -> dict[str, Any]:
     }
 
 
-def require_barrier(scenario: Scenario, run: xr.Dataset, violated: Array) -> None:
+def require_barrier(scenario: Scenario, run: xr.Dataset, violated: Array | BoolArray) -> None:
     """h_(k+1) >= (1 - gamma h_c) h_k for every pair, and for every obstacle that was clear at the start.
 
     Up to the first sample with a violation, of which there is none unless an obstacle moves.
