@@ -256,8 +256,7 @@ def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
 def _draw_heads(axis: Any, team: Team, place: Array) -> None:
     """Draw arrowheads on directed edges, towards the agents that are sensed. The panel has equal scales."""
     for tail, head in [place[[team.index[e.tail], team.index[e.head]]] for e in team.communication if e.directed]:
-        x, y = head - tail
-        style = _HEAD | {"marker": (3, 0, float(np.degrees(np.arctan2(y, x))) - 90.0)}
+        style = _HEAD | {"marker": (3, 0, float(np.degrees(np.arctan2(*(head - tail)[::-1]))) - 90.0)}
         axis.plot(*(0.4 * tail + 0.6 * head), color=_EDGES["communication"]["color"], zorder=1, **style)
 
 
