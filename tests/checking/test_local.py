@@ -218,6 +218,21 @@ def test_delays_of_a_directed_cycle_near_its_margin(n: int) -> None:
         assert end < 0.8 * middle if converges else end > 1.2 * middle
 
 
+@pytest.mark.parametrize(("agents", "needed"), [(1, 0), (2, 1), (3, 3)])
+def test_a_few_agents_in_the_plane_need_no_more_ranks_than_they_have_shapes(agents: int, needed: int) -> None:
+    """An agent alone has no turn of its own."""
+    ids = [f"A{k}" for k in range(agents)]
+    team = {
+        "agents": [{"id": one, "position": [k, 0.5 * k * k]} for k, one in enumerate(ids)],
+        "targets": [{"id": "T", "position": [5, 0]}],
+        "communication": [
+            {"between": [a, b], "measures": "range", "offset": [1.0]} for a, b in itertools.pairwise(ids)
+        ],
+        "sensing": [{"between": ["A0", "T"], "measures": "range", "offset": [2.0]}],
+    }
+    assert check(make_scenario(team))["rigidity"]["needed"] == needed
+
+
 def following(directed: bool = True, **fields: Any) -> Scenario:
     """A leader that senses a target, and two that follow one after the other; fields replace fields."""
     return make_scenario(
