@@ -389,7 +389,8 @@ def _hold(record: CheckRecord) -> list[Row]:
     """Return what holding the law over a period allows."""
     hold = record.margins.hold
     if hold is None:
-        return [("sampling", "none", "the law is continuous, or H is not symmetric")]
+        held = record.theorem.approximate
+        return [("sampling", "none", "H is not symmetric" if held else "the law is continuous")]
     over = "; over exact links" if record.imperfect_links else ""
     alone = "; of the paper's law alone" if record.law.unmodelled else ""
     word = "diverges" if hold.product >= 2 else "rings" if hold.product > 1 else "does not ring"

@@ -49,14 +49,14 @@ def pack(harmonics: Array) -> HarmonicArrays:
 def sine(x):
     """Return the sine of x turns, to a unit in the last place of 1, and in [-1, 1] also where x has lost its digits.
 
-    It is arithmetic alone, without a call or a branch: a loop over it becomes vector instructions. Up to the sine of a
-    quarter of a turn at most nothing is rounded.
+    It is arithmetic alone, without a call or a branch: a loop over it becomes vector instructions. The reduction to a
+    quarter of a turn is exact.
     """
     f = x - np.rint(x)
     r = _TURN * max(min(f, 0.5 - f), -0.5 - f)  # beyond a quarter of a turn the sine is that of the rest to half a turn
     s = r * r
     q = s * s
-    high = (_P4 + s * _P5) + q * (_P6 + s * _P7)  # in pairs, which wait less for one another than Horner's scheme
+    high = (_P4 + s * _P5) + q * (_P6 + s * _P7)  # in pairs: a shorter chain than Horner's scheme
     return r + r * s * (_P0 + (s * _P1 + q * ((_P2 + s * _P3) + q * high)))
 
 

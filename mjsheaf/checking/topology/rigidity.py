@@ -59,10 +59,10 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
         return Rigidity(rank=None, needed=None, rigid=None, localizable=localizable, rate=rate)
     D = _coboundary(team, n)
     rank = int(np.linalg.matrix_rank(D, rtol=RANK_TOLERANCE)) if len(D) else 0
-    unseen = _unseen(D, _motions(team, positions))
-    needed = n - _basis(unseen).shape[1]  # one agent has no turn and no scale
+    unseen = _basis(_unseen(D, _motions(team, positions)))  # one agent has no turn and no scale
+    needed = n - unseen.shape[1]
     rigid = rank >= needed
-    bracing = None if rigid or not team.free else plan_bracing(team, original, positions, _basis(unseen), D, gain)
+    bracing = None if rigid or not team.free else plan_bracing(team, original, positions, unseen, D, gain)
     return Rigidity(rank=rank, needed=needed, rigid=rigid, localizable=localizable, rate=rate, bracing=bracing)
 
 
