@@ -367,7 +367,7 @@ def _drop_stale_code(directory: str, source: Path) -> None:
     with contextlib.suppress(OSError):
         if stamp.exists() and stamp.read_text() == _source_hash(source):
             return
-        for pattern in (f"{source.stem}.*.nbi", f"{source.stem}.*.nbc"):
+        for pattern in (f"{source.stem}.*.nbi", f"{source.stem}.*.nbc", f"{source.stem}.*.used"):
             for path in Path(directory).glob(pattern):
                 path.unlink(missing_ok=True)
         stamp.parent.mkdir(parents=True, exist_ok=True)

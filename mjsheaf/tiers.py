@@ -2,9 +2,9 @@
 
 Compiling a function takes seconds, and a check of a few vehicles needs some of them for milliseconds only. Python and
 compiled code carry out the same operations in the same order, so that results have the same bits whichever is taken;
-tests hold the functions that use this to it. A function is compiled when Python has taken a while in one process, or
-when it has taken about as long as compiling takes in several ones, which add up their times in a file. Machine code on
-disk is used at once.
+tests hold the functions that use this to it. A function is compiled, for arguments of certain types, when Python has
+taken a while for such arguments in one process, or when it has taken about as long as compiling takes in several ones,
+which add up their times in a file. Machine code on disk is used at once.
 """
 
 import contextlib
@@ -15,6 +15,7 @@ from pathlib import Path
 from time import thread_time
 from types import FunctionType
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -77,9 +78,8 @@ class Tiered:
     ) -> None:
         self.compiled = compiled
         self._python: Callable[..., Any] | None = None
-        self._left = seconds
+        self._left: dict[Any, float] = {}  # of the time of Python, s, by types of arguments; -inf of those compiled
         self._seconds = seconds
-        self._unwritten = 0.0
         self._numbers = numbers
         self._records = records
 
@@ -87,23 +87,33 @@ class Tiered:
         """Call the function, in Python or compiled."""
         if INTERPRETED:
             return self.compiled(*arguments)
-        if self._python is None:
-            self._python = in_python(self.compiled)
-            self._times = _file_of_times(self.compiled)
-            if _total_time(self._times) > _PROCESSES * self._seconds or _is_on_disk(self.compiled):
-                self._left = 0.0
-        if self._left <= 0.0 or (self._numbers < np.inf and _numbers_in(arguments) > self._numbers):
+        kinds = _kinds_of(arguments)
+        if kinds not in self._left:
+            spent = _total_time(_file_of_times(self.compiled, kinds))
+            self._left[kinds] = self._seconds if spent <= _PROCESSES * self._seconds else 0.0
+        if self._left[kinds] <= 0.0 or (self._numbers < np.inf and _numbers_in(arguments) > self._numbers):
+            self._hand_over(kinds)
             return self.compiled(*arguments)
+        self._python = self._python or in_python(self.compiled)
         begun = thread_time()
         with np.errstate(all="ignore"):  # as compiled code
             result = self._python(*(_as_records(arguments) if self._records else arguments))
-        taken = thread_time() - begun
-        self._left -= taken
-        self._unwritten += taken
-        if self._unwritten > _NOTICEABLE:
-            _add_time(self._times, self._unwritten)
-            self._unwritten = 0.0
+        self._take(kinds, thread_time() - begun)
         return result
+
+    def _take(self, kinds: Any, seconds: float) -> None:
+        """Take a time in s from what is left to Python."""
+        before = self._left[kinds] // _NOTICEABLE
+        self._left[kinds] -= seconds
+        steps = before - self._left[kinds] // _NOTICEABLE
+        if steps:
+            _add_time(_file_of_times(self.compiled, kinds), steps * _NOTICEABLE)
+
+    def _hand_over(self, kinds: Any) -> None:
+        """Leave calls with these types to compiled code, in later processes too."""
+        if self._left[kinds] > -math.inf:
+            self._left[kinds] = -math.inf
+            _add_time(_file_of_times(self.compiled, kinds), math.inf)
 
 
 def tiered(**limits: Any) -> Callable[[Any], Tiered]:
@@ -132,13 +142,14 @@ def _in_python(compiled: Any, made: dict[int, Callable[..., Any]]) -> Callable[.
     return twin
 
 
-def _file_of_times(compiled: Any) -> Path:
+def _file_of_times(compiled: Any, kinds: Any) -> Path:
     """Return a file next to the machine code of a function, with the times that Python took for it, s.
 
-    Where no machine code can be kept, times cannot either: the file is the one that stays empty.
+    There is one for each combination of types. Where no machine code can be kept, times cannot either: the file is the
+    one that stays empty.
     """
     function = compiled.py_func
-    name = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}.used"
+    name = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}.{crc32(repr(kinds).encode()):08x}.used"
     return Path(compiled.stats.cache_path, name) if compiled.stats.cache_path else Path(os.devnull)
 
 
@@ -158,17 +169,18 @@ def _add_time(file: Path, seconds: float) -> None:
         times.write(f"{seconds:.3f}\n")
 
 
-def _is_on_disk(compiled: Any) -> bool:
-    """Return True if numba has saved the function for calls from Python, not only for those of compiled callers."""
-    times = _file_of_times(compiled)
-    return any(".linked." not in index.name for index in times.parent.glob(f"{times.stem}-*.nbi"))
-
-
 def _numbers_in(tree: Any) -> int:
     """Count the numbers in the arrays of nested tuples."""
     if isinstance(tree, tuple):
         return sum(map(_numbers_in, tree))
     return int(np.size(tree)) if isinstance(tree, np.ndarray) else 0
+
+
+def _kinds_of(tree: Any) -> Any:
+    """Return what tells the types of arguments from others, for which numba would compile anew."""
+    if isinstance(tree, tuple):
+        return type(tree), *map(_kinds_of, tree)
+    return (tree.dtype, tree.ndim) if isinstance(tree, np.ndarray) else type(tree)
 
 
 def _as_records(tree: Any) -> Any:

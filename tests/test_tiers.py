@@ -12,7 +12,6 @@ import pytest
 
 import mjsheaf
 from mjsheaf import tiers
-from mjsheaf.jit import jit
 
 COUNT = """
 import sys
@@ -76,7 +75,7 @@ def test_first_checks_compile_little_and_a_later_one_what_took_time(tmp_path: Pa
 
     slow = {"_answer", "_follow", "evaluate_law", "apply_forces", "fill_block"}
     assert not slow & compiled()
-    (times,) = tmp_path.rglob("targets._follow.used")
+    (times,) = tmp_path.rglob("targets._follow.*.used")
     first = times.read_text().split()
     assert not slow & compiled()
     assert times.read_text().split()[: len(first)] == first  # a second process adds its own
@@ -103,7 +102,7 @@ def test_without_a_cache_no_times_are_written(tmp_path: Path, monkeypatch: pytes
             x[i] += 1.0
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(tiers, "_NOTICEABLE", 0.0)
+    monkeypatch.setattr(tiers, "_NOTICEABLE", 1e-9)
     function = tiers.Tiered(count)
     function(np.ones(3))
     assert not count.signatures  # Python carried it out
@@ -111,7 +110,7 @@ def test_without_a_cache_no_times_are_written(tmp_path: Path, monkeypatch: pytes
 
 
 def test_python_hands_over_when_its_time_is_up() -> None:
-    @jit
+    @numba.njit
     def double(x):
         for i in range(x.shape[0]):
             x[i] *= 2.0
@@ -126,7 +125,7 @@ def test_python_hands_over_when_its_time_is_up() -> None:
 
 
 def test_python_leaves_large_calls_to_compiled_code() -> None:
-    @jit
+    @numba.njit
     def total(x):
         s = 0.0
         for i in range(x.shape[0]):
@@ -138,3 +137,22 @@ def test_python_leaves_large_calls_to_compiled_code() -> None:
     assert not total.signatures
     assert function(np.ones(11)) == 11.0
     assert total.signatures
+
+
+def test_every_combination_of_types_has_a_time_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    @numba.njit
+    def halve(x):
+        for i in range(x.shape[0]):
+            x[i] /= 2.0
+
+    monkeypatch.setattr(tiers, "_file_of_times", lambda _, kinds: tmp_path / str(kinds[1][0]))
+    function = tiers.Tiered(halve, seconds=1e-9)
+    for count, number in enumerate((np.float64, np.float32)):
+        function(np.ones(3, number))
+        assert len(halve.signatures) == count  # in Python, although code for the other type is there
+        function(np.ones(3, number))
+        assert len(halve.signatures) == count + 1
+    again = tiers.Tiered(halve)  # as in another process
+    again(np.ones(3))
+    again(np.ones(3, np.int64))
+    assert [left > 0.0 for left in again._left.values()] == [False, True]
