@@ -177,7 +177,7 @@ def _numbers_in(tree: Any) -> int:
 
 
 def _kinds_of(tree: Any) -> Any:
-    """Return what tells the types of arguments from others, for which numba would compile anew."""
+    """Return the types of arguments, by which numba compiles; layouts of arrays do not count."""
     if isinstance(tree, tuple):
         return type(tree), *map(_kinds_of, tree)
     return (tree.dtype, tree.ndim) if isinstance(tree, np.ndarray) else type(tree)

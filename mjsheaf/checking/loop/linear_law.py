@@ -352,7 +352,7 @@ class LawModel:
         last = self._sample
         commands = np.zeros(points.shape[1:])
         memories = np.zeros((len(commands), len(self._registered)))
-        for k, moved in enumerate(points.swapaxes(0, 1)):
+        for k, moved in enumerate(np.ascontiguousarray(points.swapaxes(0, 1))):  # the layout that other calls have
             ends, command = self._answers(control, self._cells[:0], moved[None], _GENERIC)
             self._rest = ends[0, 0]
             self._sample += 1
