@@ -118,7 +118,7 @@ def undisturbed(medium: MediumArrays, without: tuple[type, ...] = ()) -> MediumA
     Returns:
         A medium of the same types, so that nothing is compiled again.
     """
-    silent = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude))
+    silent = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude), disturbed=0)
     return medium._replace(harmonics=silent, parts=silence(medium.parts, without))
 
 

@@ -541,7 +541,7 @@ def _meet_steady(medium, first, t, lanes, waves, block):
             for lane in range(lanes):
                 w = channel_velocity(c, offset_from(c, _place(block, lane, planar)))
                 _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), w))
-    for k in range(medium.harmonics.amplitude.shape[1]):
+    for k in range(medium.harmonics.amplitude.shape[1] if first < medium.harmonics.disturbed else 0):
         for lane in range(lanes):
             s = sine(waves[_RATE + k, lane] * t + waves[_PHASE + k, lane])
             a = _three(waves, _AMPLITUDE + 3 * k, lane)
