@@ -66,9 +66,13 @@ def test_the_same_seed_gives_the_same_bits(kind: Disturbance, sizes: list[int], 
         assert np.any(one != other)
 
 
-@given(kinds, dimensions, st.integers(0, 2**31), st.floats(0.0, 1e3))
-def test_compiled_and_vectorised_forms_agree(kind: Disturbance, sizes: list[int], seed: int, t: float) -> None:
-    harmonics = disturbance.draw([kind] * len(sizes), sizes, ids(sizes), seed)
+@given(kinds, dimensions, st.sets(st.integers(0, 3)), st.integers(0, 2**31), st.floats(0.0, 1e3))
+def test_compiled_and_vectorised_forms_agree(
+    kind: Disturbance, sizes: list[int], calm: set[int], seed: int, t: float
+) -> None:
+    """Also where some vehicles, the first, the last, or all of them, have no disturbance."""
+    each = [None if v in calm else kind for v in range(len(sizes))]
+    harmonics = disturbance.draw(each, sizes, ids(sizes), seed)
     packed = disturbance.pack(harmonics)
     sines = np.zeros(packed.rate.shape)
     for v in range(len(sizes)):  # one at a time or all at once: the same bits
