@@ -153,10 +153,11 @@ def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], names: l
     if not own:
         return
     about = safety.unsteady + np.linalg.norm(safety.carried, axis=1)
-    V = len(about)
-    others = np.flatnonzero(~safety.yields[:V])
-    ids = [*(names[v] for v in others), *names[V:]]
-    speeds = np.concatenate([safety.speed[others] + about[others], safety.obstacles.speed])
+    others = np.flatnonzero(~safety.yields)
+    ids = [*(names[v] for v in others), *names[len(about) :]]
+    speeds = np.concatenate(
+        [safety.pairing[others, 2] + np.linalg.norm(safety.carried[others], axis=1), safety.obstacles.speed]
+    )
     slowest = min(own, key=limit.__getitem__)
     relative = speeds + about[slowest]
     too_fast = np.flatnonzero(relative >= limit[slowest])
@@ -175,7 +176,7 @@ def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], names: l
 
 def _of_flows(safety: SafetyArrays, agents: list[int], limit: Array, ids: list[str]) -> Iterator[str]:
     """Yield why an agent may be too slow to stay away from another one that a different flow carries."""
-    carried, unsteady, share = safety.carried[agents], safety.unsteady[agents], safety.share[agents]
+    carried, unsteady, share = safety.carried[agents], safety.unsteady[agents], safety.pairing[agents, 1]
     kinds = np.unique(carried, axis=0)
     apart = np.linalg.norm(carried[:, None] - kinds, axis=2).max(axis=1)
     speed = (apart + unsteady + unsteady.max()) * share / (share + share.min())

@@ -57,9 +57,10 @@ class SafetyArrays(NamedTuple):
         reach: Range of the agents' sensors, m.
         rate: gamma, 1/s.
         period: Time for which commands are held, s; 1 / gamma if the law is continuous.
-        share: Weight of each agent in w_i = share_i / (share_i + share_j), shape (V,).
+        pairing: Data of each vehicle for the constraint of a pair, shape (V, 3): its radius, m; its weight in
+            w_i = share_i / (share_i + share_j), 0 if it does not yield; and a bound on its speed, m/s, which is that
+            of the remaining medium, plus that relative to the medium if it does not yield.
         yields: True for vehicles that run the filter, shape (V,): present agents.
-        speed: Bound on the speed relative to the medium of a vehicle that does not yield, shape (V,), m/s.
         carried: Uniform part of the medium's velocity around each vehicle, shape (V, 3), m/s.
         unsteady: Bound on the remaining velocity of the medium, shape (V,), m/s.
         lift: Offset from a position to the position in space, shape (V, 3), m: the height of planar vehicles.
@@ -79,9 +80,8 @@ class SafetyArrays(NamedTuple):
     reach: float
     rate: float
     period: float
-    share: Array
+    pairing: Array
     yields: BoolArray
-    speed: Array
     carried: Array
     unsteady: Array
     lift: Array
@@ -215,26 +215,24 @@ def _find_close(safety, v, farthest, work):
 def _add_vehicle(safety, v, j, work, count):
     """Add the constraint of agent v against vehicle j within range."""
     rx, ry, rz = between(work.cells, v, j)
-    away = np.sqrt(rx * rx + ry * ry + rz * rz)
-    if away == 0.0:  # on top of one another: the first goes along x, the other the other way
-        away = 1e-12
-        rx = away if v < j else -away
-    D = safety.radius[v] + safety.radius[j]
-    parting = 0.0
+    square = rx * rx + ry * ry + rz * rz
+    if square == 0.0:  # on top of one another: the first goes along x, the other the other way
+        rx = 1e-12 if v < j else -1e-12
+        square = rx * rx
+    away = np.sqrt(square)
+    inverse = 1.0 / away
+    own_radius, own_share, own_speed = triple(safety.pairing[v])
+    radius, share, speed = triple(safety.pairing[j])
+    D = own_radius + radius
+    parting = own_speed + speed
     if not safety.uniform:
-        parting = np.sqrt(square_of(subtract(triple(safety.carried[v]), triple(safety.carried[j]))))
-    parting = parting + safety.unsteady[v] + safety.unsteady[j]
-    fall = safety.rate * (away * away - D * D) / (2.0 * away)
+        parting += np.sqrt(square_of(subtract(triple(safety.carried[v]), triple(safety.carried[j]))))
+    fall = 0.5 * safety.rate * (square - D * D) * inverse
     if away < _INSIDE * D:
-        grown = away * away + safety.period * safety.rate * (D * D - away * away)
+        grown = square + safety.period * safety.rate * (D * D - square)
         fall = (away - np.sqrt(grown)) / safety.period
-    if safety.yields[j]:
-        own, other = safety.share[v], safety.share[j]
-        w = 0.5 if own == other else own / (own + other)
-        bound = w * (parting - fall)
-    else:
-        bound = parting + safety.speed[j] - fall
-    return _add(safety, v, j + 1.0, rx / away, ry / away, rz / away, bound, work, count)
+    bound = own_share / (own_share + share) * (parting - fall)
+    return _add(safety, v, j + 1.0, rx * inverse, ry * inverse, rz * inverse, bound, work, count)
 
 
 @inline_jit
@@ -247,10 +245,7 @@ def _add_obstacle(safety, t, v, k, work, count):
     D = safety.clearance[v]
     near = max(away, _INSIDE * D)
     fall = safety.rate * (away - D) * (near + D) / (2.0 * near)
-    square = 0.0
-    for i in range(3):
-        square += safety.carried[v, i] * safety.carried[v, i]
-    bound = np.sqrt(square) + safety.unsteady[v] + safety.obstacles.speed[k] - fall
+    bound = np.sqrt(square_of(triple(safety.carried[v]))) + safety.unsteady[v] + safety.obstacles.speed[k] - fall
     cause = work.cells.places.shape[0] + k + 1.0
     return _add(safety, v, cause, nx, ny, nz, bound, work, count)
 
@@ -281,13 +276,16 @@ def _shortfall(rows, k, x, y, z):
 def _give_way(safety, v, count, limit, wanted, command, work):
     """Replace the command of agent v, whose size is `wanted`, by the nearest that satisfies `count` constraints."""
     wx, wy, wz = command[0], command[1], command[2]
-    worst, largest, cause = 0.0, -np.inf, 0.0
+    worst, largest, cause, first = 0.0, -np.inf, 0.0, 0
     for k in range(count):
         short = _shortfall(work.rows, k, wx, wy, wz)
         largest = max(largest, work.rows[k, 3])
         if short > worst:
             worst = short
             cause = work.rows[k, 4]
+            first = k
+    for i in range(4):  # it is active most often, and few others are violated where it is
+        work.rows[first, i], work.rows[0, i] = work.rows[0, i], work.rows[first, i]
     scale = limit / wanted if wanted > limit else 1.0
     work.found[v, CAUSE] = cause
     work.found[v, WANTED] = scale * wanted

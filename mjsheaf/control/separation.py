@@ -183,7 +183,7 @@ class Safety(Section):
 
 
 class Crew(NamedTuple):
-    """Data of V vehicles for the filter; see `SafetyArrays` for speed, carried and unsteady.
+    """Data of V vehicles for the filter; see `SafetyArrays` for carried and unsteady.
 
     Attributes:
         ids: Ids of the agents.
@@ -194,6 +194,7 @@ class Crew(NamedTuple):
         radius: Radius of each vehicle, shape (V,), m.
         margin: Addition to the distance for each vehicle, shape (V,), m.
         period: Time for which commands are held, s.
+        speed: Bound on the speed relative to the medium of a vehicle that does not yield, shape (V,), m/s.
         start, end: Start and end time of the run, s.
     """
 
@@ -227,6 +228,7 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
     lift[crew.planar, 2] = crew.height
     shares = _shares(safety, crew)
     stirred = np.linalg.norm(crew.carried - crew.carried[0], axis=1) + crew.unsteady
+    moving = np.where(crew.yields, 0.0, crew.speed)
     arrays = SafetyArrays(
         agents=N,
         radius=own + crew.margin,
@@ -234,14 +236,13 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
         reach=0.0,
         rate=safety.rate,
         period=crew.period or 1.0 / safety.rate,
-        share=shares,
+        pairing=np.column_stack([own + crew.margin, shares * crew.yields, crew.unsteady + moving]),
         yields=crew.yields,
-        speed=crew.speed,
         carried=crew.carried,
         unsteady=crew.unsteady,
         lift=lift,
         planar=crew.planar,
-        closing=stirred + stirred.max() + np.where(crew.yields, 0.0, crew.speed).max(),
+        closing=stirred + stirred.max() + moving.max(),
         burden=1.0 + shares.max() / shares,
         widest=float((own + crew.margin).max()),
         uniform=bool((crew.carried == crew.carried[0]).all()),
@@ -281,7 +282,7 @@ def _farthest(safety: SafetyArrays, crew: Crew) -> float:
         id = next(id for id, own in zip(crew.ids, crew.limit, strict=False) if not np.isfinite(own))
         raise InputError(f"safety.range: {id} has no velocity_limit from which a range follows; expected either")
     carried = np.linalg.norm(safety.carried, axis=1).max(initial=0.0)
-    others = max(safety.speed.max(initial=0.0), safety.obstacles.speed.max(initial=0.0))
+    others = max(crew.speed.max(initial=0.0), safety.obstacles.speed.max(initial=0.0))
     closing = 2.0 * limit.max(initial=0.0) + others + 2.0 * (carried + safety.unsteady.max(initial=0.0))
     D = max(2.0 * float(safety.radius.max()), float(safety.clearance.max()))
     settled = closing / safety.rate
