@@ -161,3 +161,24 @@ def nearest_points(obstacles: ObstacleArrays, which: IntArray, times: Array, poi
     out = np.empty((len(points), 3))
     _nearest_points(obstacles, which, np.ascontiguousarray(times), np.ascontiguousarray(points), out)
     return out
+
+
+def points_kept_from(obstacles: ObstacleArrays, cause: IntArray, times: Array, positions: Array) -> Array:
+    """Compute the point that the safety filter keeps each agent away from.
+
+    Args:
+        obstacles: The obstacles.
+        cause: Number of a vehicle, from 1, or of an obstacle after the vehicles; 0 for none, shape (T, N).
+        times: Shape (T,), s.
+        positions: Positions of V vehicles, shape (T, V, 3), m.
+
+    Returns:
+        Shape (T, N, 3), m; NaN for none.
+    """
+    V = positions.shape[1]
+    found = np.full((*cause.shape, 3), np.nan)
+    k, i = np.nonzero((cause > 0) & (cause <= V))
+    found[k, i] = positions[k, cause[k, i] - 1]
+    k, i = np.nonzero(cause > V)
+    found[k, i] = nearest_points(obstacles, cause[k, i] - V - 1, times[k], positions[k, i])
+    return found

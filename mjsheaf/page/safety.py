@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from mjsheaf.arrays import Array
-from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres, nearest_points
+from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres, points_kept_from
 from mjsheaf.engine import mujoco
 from mjsheaf.system import System
 
@@ -44,7 +44,7 @@ def add_safety(
     if system.safety is None or "safety_cause" not in own:
         return {"obstacles": []}
     obstacles = system.control.law.safety.obstacles
-    time, V = own["time"].values, positions.shape[1]
+    time = own["time"].values
     places = np.array([centres(obstacles, t) for t in time]).reshape(len(time), -1, 3) - origin
     plane = obstacles.kind == HALF_SPACE
     normals = obstacles.axes[plane, 0]
@@ -53,11 +53,7 @@ def add_safety(
     packer.add_fixed("obstacle", scene.confined(places), scene.step)
     correction, cause = (own[name].values for name in RECORDED)
     cause = np.where(correction > 0.0, cause, 0).astype(np.int64)
-    kept_from = np.full((*cause.shape, 3), np.nan)
-    k, i = np.nonzero((cause > 0) & (cause <= V))
-    kept_from[k, i] = positions[k, cause[k, i] - 1]
-    k, i = np.nonzero(cause > V)
-    kept_from[k, i] = nearest_points(obstacles, cause[k, i] - V - 1, time[k], positions[k, i] + origin) - origin
+    kept_from = points_kept_from(obstacles, cause, time, positions + origin) - origin
     packer.add_fixed("cause", cause.astype(np.float64), 1.0)
     packer.add_float("correction", correction)
     packer.add_fixed("kept_from", scene.confined(kept_from), scene.step)

@@ -368,7 +368,7 @@ def draw_trajectories(
     legend_below(figure, keys, 6)
     if spatial:
         for axis, name in ((above, "above"), (front, "the front"), (side, "the side")):
-            axis.set_title(f"from {name}", fontsize=HEADING)
+            axis.set_title(f"from {name}", fontsize=HEADING, loc="right" if axis is side else "center")
         seen = _draw_in_space(corner, team, tracks, absent, inside, view)
         draw_obstacles(corner, obstacles, dataset["time"].values, seen)
     lay_out(figure)  # the sizes of the panels determine the region that each shows

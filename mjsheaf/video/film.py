@@ -147,6 +147,8 @@ class Film:
         automatic: Default scale of each vehicle, shape (V,). Empty for their true size.
         media: Moving media around the vehicles.
         obstacles: What agents keep away from; None without any.
+        restraints: Computes, from a time in s and the positions, shape (V, 3), m, the positions of the agents that the
+            safety filter restrains then and the points that it keeps them away from, shapes (M, 3), m; None without it.
         seas: Waves of the surface, in order of their start times; empty for a level surface.
     """
 
@@ -171,6 +173,7 @@ class Film:
     media: Sequence[Medium] = ()
     automatic: FloatArray | None = None
     obstacles: ObstacleArrays | None = None
+    restraints: Callable[[float, FloatArray], tuple[FloatArray, FloatArray]] | None = None
     seas: Sequence["Sea"] = ()
 
     def __post_init__(self) -> None:

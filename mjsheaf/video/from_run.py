@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from mjsheaf.control.obstacles import points_kept_from
+from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.media.probe import mean_flow
 from mjsheaf.plotting import groups_of
@@ -148,9 +150,21 @@ def film_of(
         stages=[_stage(phase) for phase in phases] if any(phase.events for phase in phases) else (),
         automatic=automatic_scales(system.bodies.vehicle, vehicle_radii(arena.model, arena.body), places),
         obstacles=system.obstacles,
+        restraints=partial(restraints_of, dataset, system.control.law.safety) if "safety_cause" in dataset else None,
         seas=seas,
     )
     return film, arena.model
+
+
+def restraints_of(
+    dataset: xr.Dataset, safety: SafetyArrays, time: float, positions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Find the agents that the filter restrains at a time in s, and what it keeps them away from: `Film.restraints`."""
+    now = dataset[["safety_cause", "safety_correction"]].sel(time=[time], method="nearest")
+    cause = np.where(now["safety_correction"] > 0.0, now["safety_cause"], 0).astype(np.int64)
+    agents = np.flatnonzero(cause)
+    ends = points_kept_from(safety.obstacles, cause, np.array([time]), positions[None])[0]
+    return positions[agents], ends[agents]
 
 
 def _subtitle(dataset: xr.Dataset, term_names: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ from matplotlib.transforms import IdentityTransform
 
 from mjsheaf.video.film import Film, Samples, VideoOptions
 from mjsheaf.video.flow import STOPS, colour
-from mjsheaf.video.scene import ABSENT, COMMUNICATION, OBSTACLE, SENSING
+from mjsheaf.video.scene import ABSENT, COMMUNICATION, OBSTACLE, RESTRAINED, SENSING
 from mjsheaf.video.sizes import list_scales
 from mjsheaf.video.text import BLUE, GREY, WHITE, bright, shorten
 
@@ -103,6 +103,8 @@ def _edge_rows(film: Film) -> list[Row]:
         rows.append(Row.lined("agent senses agent, one way", COMMUNICATION, marker=">", markersize=0.6))
     if "sensing" in kinds:
         rows.append(Row.lined("agent senses target", SENSING, (0, (2.0, 1.4))))
+    if film.restraints is not None:
+        rows.append(Row.lined("the safety filter restrains an agent", RESTRAINED, marker="o", markersize=0.9))
     return rows
 
 

@@ -30,6 +30,7 @@ COMMUNICATION: Float32Array = np.array([0.93, 0.96, 1.0, 0.4], np.float32)  # RG
 HEADS: Float32Array = np.array([0.93, 0.96, 1.0, 0.9], np.float32)
 SENSING: Float32Array = np.array([1.0, 0.86, 0.25, 0.9], np.float32)
 
+RESTRAINED: Float32Array = np.array([1.0, 0.2, 0.6, 0.6], np.float32)
 OBSTACLE: Float32Array = np.array([0.78, 0.55, 0.38, 1.0], np.float32)
 HALF_SPACE_COLOUR: Float32Array = np.array([0.78, 0.55, 0.38, 0.35], np.float32)
 FACE = 0.05  # half the thickness at which the face of a half-space is drawn, m
@@ -41,6 +42,8 @@ DASH_BUDGET = 800
 FEW_DASHED = 60  # number of sensing edges above which they are drawn fainter
 
 HEAD_AT = 0.65  # place of the arrowhead's tip on an edge, as a fraction: vehicles may cover the end
+HALO = 11  # radius around an agent that the filter restrains, in pixels of the reference frame
+RESTRAINED_TO = 0.4  # of the way from an agent to what the filter keeps it away from
 
 ARROW_REACH = 9  # number of arrows from the centre of the picture to where they fade
 
@@ -94,7 +97,7 @@ class Decorator:
         self._trail = min(options.trail, film.span[1] - film.span[0])
         stages = [stage.edges for stage in film.stages] or [film.edges]
         self._edges = [[_pairs(edges, kind) for kind in get_args(EdgeKind)] for edges in stages]
-        self.most_geoms = 2 * film.vehicles  # per vehicle: the foot of its vertical line and a ball at q*
+        self.most_geoms = 3 * film.vehicles  # per vehicle: the foot of its vertical line, a ball at q* and a halo
         self.most_geoms += 0 if film.obstacles is None else len(film.obstacles.kind)
         self._spacing = 0.0
         # MuJoCo's transparent geoms write no depth, so a sea, which is drawn later, would cover them.
@@ -124,8 +127,8 @@ class Decorator:
         edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
         media = [self._arrows(moment, view, k) for k in range(len(self._film.media))] if self._spacing else []
         links = self._links(moment, radius)
-        arrowheads = [self._heads(moment, one_way, view, size)] if len(one_way) else []
-        return [*media, *stems, self._trails(moment), edges, *arrowheads, self._dashed(moment, sensing, size), links]
+        pointers = self._pointers(scene, moment, one_way, view)
+        return [*media, *stems, self._trails(moment), edges, *pointers, self._dashed(moment, sensing, size), links]
 
     def _arrows(self, moment: Moment, view: View, number: int) -> Lines:
         """Draw a medium's velocity on a fixed horizontal grid, at the surface or at the height of its vehicles.
@@ -185,6 +188,17 @@ class Decorator:
         first = starts[edge] + begin / count * step
         rgba = SENSING * np.array([1, 1, 1, min(1.0, (FEW_DASHED / max(len(sensing), 1)) ** 0.5)], np.float32)
         return Lines.of(first, first + 0.5 / count * step, rgba, 1.5 * self._unit)
+
+    def _pointers(self, scene: mujoco.MjvScene, moment: Moment, one_way: IntArray, view: View) -> list[Lines]:
+        """Draw arrowheads of one-way edges, and a halo and a line for each agent that the filter restrains."""
+        size = self._unit * view.metres_per_pixel(self._height)
+        found = [self._heads(moment, one_way, view, size)] if len(one_way) else []
+        if self._film.restraints is not None:
+            starts, ends = self._film.restraints(moment.time, moment.positions)
+            for start in starts:
+                _add_ball(scene, start, HALO * size, RESTRAINED)
+            found.append(Lines.of(starts, starts + RESTRAINED_TO * (ends - starts), RESTRAINED, 4.0 * self._unit))
+        return found
 
     def _heads(self, moment: Moment, one_way: IntArray, view: View, size: float) -> Lines:
         """Draw an arrowhead on each edge towards the agent that is sensed; it faces the camera."""

@@ -2,7 +2,7 @@
 
 from copy import copy
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -48,6 +48,34 @@ def test_the_film_knows_where_the_surface_is(backend: str, monkeypatch: pytest.M
     film_run(scenario, simulate(scenario, backend=backend), tmp_path / "video.mp4", VideoOptions())
     assert (films[0].surface, films[0].surface_height) == ("water", 12.0)
     np.testing.assert_allclose(films[0].run.at(films[0].run.time).positions[..., 2], 12.0, atol=1e-6)
+
+
+def test_the_video_shows_whom_the_safety_filter_restrains(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A halo for each agent that it acts on, on the spot, and a line towards the vehicle or obstacle of the cause."""
+    wall = {"kind": "half_space", "point": [0.0, 0.0, 4.0], "normal": [0.0, 0.0, 1.0]}
+    scenario = load_scenario("swap", {"time.end": 6, "safety.obstacles": [wall]})
+    run = simulate(scenario, backend="ideal")
+    film, _ = film_of(scenario, run)
+    added: list[Any] = []
+    monkeypatch.setattr("mjsheaf.video.scene._add_ball", lambda _, place, *__: added.append(place))
+    painter, nobody = Decorator(film, VideoOptions()), np.zeros((0, 2), dtype=np.int64)
+    view, restrained = View(np.zeros(3), 20.0, 90.0, -30.0, 45.0), 0
+    for number in range(0, 100, 10):
+        moment = Frames(film, VideoOptions(fps=20, speed=1)).moment(number)
+        acting = run.sel(time=moment.time, method="nearest")
+        agents = np.flatnonzero(acting["safety_correction"].values > 0.0)
+        added.clear()
+        (lines,) = painter._pointers(cast(Any, None), moment, nobody, view)
+        np.testing.assert_array_equal(np.reshape(added, (-1, 3)), moment.positions[agents])
+        assert film.restraints is not None
+        _, ends = film.restraints(moment.time, moment.positions)
+        causes = acting["safety_cause"].values[agents].astype(int)
+        for end, agent, cause in zip(ends, agents, causes, strict=True):
+            foot = [*moment.positions[agent, :2], 4.0]
+            np.testing.assert_allclose(end, moment.positions[cause - 1] if cause <= film.vehicles else foot, atol=1e-9)
+        np.testing.assert_allclose(lines.ends[:, 0], moment.positions[agents], atol=1e-5)
+        restrained += len(agents)
+    assert restrained > 10
 
 
 def chase(end: float = 3.0, **video: Any) -> Scenario:
