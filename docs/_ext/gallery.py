@@ -36,7 +36,7 @@ _WORDS = [name.replace("_", " ") for name in MEASURES]
 def publish(extra: Path) -> None:
     """Make all replays, and copy them and the pictures to where the site takes them from."""
     names = list(list_scenarios())
-    replays.make_all(names)
+    replays.make_all()
     for kind, file, suffix in (("replays", "report.html", "html"), ("pictures", "picture.jpg", "jpg")):
         to = extra / kind
         shutil.rmtree(to, ignore_errors=True)

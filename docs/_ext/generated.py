@@ -7,6 +7,7 @@ from typing import Any
 
 import fields
 import gallery
+import replays
 import sheaves
 import stalks
 import typer
@@ -77,6 +78,7 @@ def generate(_: Sphinx) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Generate pages before Sphinx looks for them."""
+    """Generate pages before Sphinx looks for them; runs of scenarios begin before those of examples."""
+    app.connect("config-inited", lambda *_: replays.begin() and None)
     app.connect("builder-inited", generate)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

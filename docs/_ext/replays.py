@@ -8,12 +8,14 @@ import hashlib
 import json
 import os
 import shutil
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from functools import cache
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+
+from mjsheaf.scenario import list_scenarios
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 KEPT = REPOSITORY / "build" / "replays"
@@ -33,15 +35,23 @@ def replay_of(name: str) -> Path:
     return KEPT / name
 
 
-def make_all(names: list[str]) -> None:
-    """Make what is missing or stale, on every core."""
-    stale = [name for name in names if not _is_fresh(name)]
+@cache
+def begin() -> list[Future[None]]:
+    """Begin to make what is missing or stale, on every core: the examples, which run one by one, leave cores idle."""
+    stale = [name for name in list_scenarios() if not _is_fresh(name)]
     if not stale:
-        return
+        return []
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with ProcessPoolExecutor(min(len(stale), os.cpu_count() or 1), get_context("spawn")) as pool:
-        for _ in pool.map(make, stale):
-            pass
+    pool = ProcessPoolExecutor(min(len(stale), os.cpu_count() or 1), get_context("spawn"))
+    made = [pool.submit(make, name) for name in stale]
+    pool.shutdown(wait=False)
+    return made
+
+
+def make_all() -> None:
+    """Make what is missing or stale; return when all is there."""
+    for made in begin():
+        made.result()
 
 
 def make(name: str) -> None:

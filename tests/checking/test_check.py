@@ -18,6 +18,7 @@ from mjsheaf.cli.terminal import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
 from tests.builders import Simulated
+from tests.checking.test_screen import assert_record_fits
 from tests.commands import call
 from tests.pictures import is_legible
 
@@ -49,6 +50,8 @@ def test_verdicts_schema_and_exit_code(name: str, capsys: pytest.CaptureFixture[
     assert code == (1 if failing else 0)
     assert printed.err.count("\n") == (1 if failing else 0)
     reads_as_a_whole(CheckRecord(**record), capsys)
+    if name != "swarm":
+        assert_record_fits(CheckRecord(**record), name)
 
 
 def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) -> None:
