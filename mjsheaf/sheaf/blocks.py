@@ -223,7 +223,10 @@ def smallest_eigenvectors(factor: splinalg.SuperLU, known: Array, count: int, to
     n = len(known)
     start = inverse(np.random.default_rng(0).standard_normal(n))  # the same in every run
     operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
-    return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=tolerance)[1]
+    try:
+        return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=tolerance)[1]
+    except splinalg.ArpackError:  # so many eigenvalues are equal that its few vectors span them all: more of them
+        return splinalg.eigsh(operator, k=count, ncv=min(n, 6 * count), which="LM", v0=start, tol=tolerance)[1]
 
 
 def _dense_null_space(matrix: Array, scale: float, rtol: float) -> Array:
