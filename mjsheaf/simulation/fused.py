@@ -34,8 +34,6 @@ from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
 from mjsheaf.vehicles.vectors import add
 
-_TURNS = 8  # in which a thread takes its share of the vehicles, so that none waits long for another
-
 
 @inline_jit
 def advance_block(loop, motion, first, last, step, count, log, row, bad):
@@ -112,18 +110,16 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
     """See `ThreadedLoop._work`; motion has a MOTION for each kind."""
     k, end, meetings, blocks = step, step + count, 0, loop.params.fleet.blocks
     B = blocks.shape[0] - 1
-    share = max(1, B // (threads * _TURNS))  # blocks that lie side by side, which caches like
     while k < end:
         span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
-        block = take(gate, share, threads)
-        while block < B:
-            for b in range(block, min(block + share, B)):
-                first, last = blocks[b], blocks[b + 1]
-                if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
-                    fail(gate)
-            block = take(gate, share, threads)
+        block = take(gate, thread, threads, B)
+        while block >= 0:
+            first, last = blocks[block], blocks[block + 1]
+            if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
+                fail(gate)
+            block = take(gate, thread, threads, B)
         if not end_span(threads, meetings, gate):
             return
         k, row, meetings = k + span, row + (sample >= 0), meetings + 2

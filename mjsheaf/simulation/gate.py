@@ -1,7 +1,7 @@
 """Team of threads that run one compiled function, and the barrier that synchronises them.
 
-A gate is the barrier: an array of integers, initially zero, with the number of arrivals, the next unit of work, and
-flags for failed and abandoned work. Threads synchronise there without the interpreter, thousands of times per second.
+A gate is the barrier: an array of integers, initially zero, with the number of arrivals, flags for failed and
+abandoned work, and how many units of each thread's share of the work are taken. Threads synchronise there without the interpreter, thousands of times per second.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,8 @@ from numba.extending import intrinsic
 from mjsheaf.arrays import IntArray
 from mjsheaf.jit import inline_jit
 
-_ARRIVED, _NEXT, _FAILED, _ABANDONED, _SIZE = 0, 16, 32, 48, 64  # places, each in a cache line of its own
+_ARRIVED, _FAILED, _ABANDONED, _TAKEN = 0, 16, 32, 48  # places, each in a cache line of its own
+_APART = 16  # between places
 _PATIENCE = 1000  # looks at a gate before another process may have the processor
 
 Work = Callable[[int, IntArray], None]
@@ -36,7 +37,7 @@ class Crew:
 
     def run(self, work: Work) -> None:
         """Run `work` on every thread, until all of them have ended; one that raises makes the others leave the gate."""
-        gate = self.gate()
+        gate = self.gate(self.count)
         others: list[Future[None]] = []
 
         def guarded(thread: int) -> None:
@@ -61,9 +62,9 @@ class Crew:
                 raise error
 
     @staticmethod
-    def gate() -> IntArray:
-        """A new gate."""
-        return np.zeros(_SIZE, dtype=np.int64)
+    def gate(count: int = 1) -> IntArray:
+        """A new gate for `count` threads."""
+        return np.zeros(_TAKEN + _APART * count, dtype=np.int64)
 
     def close(self) -> None:
         """End the threads."""
@@ -122,19 +123,35 @@ def wait(gate, meetings, threads):
 
 
 @inline_jit
-def take(gate, amount, threads):
-    """Take the next `amount` units of work; returns the first of them."""
-    if threads > 1:
-        return _fetch_add(gate, _NEXT, amount)
-    first = gate[_NEXT]
-    gate[_NEXT] = first + amount
-    return first
+def take(gate, thread, threads, count):
+    """Take the next of `count` units of work; return its number, -1 where none is left.
+
+    A thread takes the units of its own share, the same ones each time, so that what belongs to them stays in its cache;
+    then it helps the others.
+    """
+    for turn in range(threads):
+        owner = (thread + turn) % threads
+        unit = owner * count // threads + _taken(gate, owner, threads)
+        if unit < (owner + 1) * count // threads:
+            return unit
+    return -1
 
 
 @inline_jit
-def refill(gate):
-    """Begin with unit 0 again; for one thread, while the others wait."""
-    gate[_NEXT] = 0
+def _taken(gate, owner, threads):
+    """Count one more unit of a thread's share as taken; return how many were."""
+    place = _TAKEN + _APART * owner
+    if threads > 1:
+        return _fetch_add(gate, place, 1)
+    gate[place] += 1
+    return gate[place] - 1
+
+
+@inline_jit
+def refill(gate, threads):
+    """Begin anew with every share; for one thread, while the others wait."""
+    for owner in range(threads):
+        gate[_TAKEN + _APART * owner] = 0
 
 
 @inline_jit

@@ -50,7 +50,7 @@ def begin_span(loop, k, recorder, row, thread, threads, meetings, gate):
             run_law(loop, loop.params.start + k * loop.params.timestep)
         if row >= 0:
             recorder.written[0] = row + 1
-        refill(gate)
+        refill(gate, threads)
     return wait(gate, meetings + 1, threads)
 
 
