@@ -1,7 +1,8 @@
 """Team of threads that run one compiled function, and the barrier that synchronises them.
 
 A gate is the barrier: an array of integers, initially zero, with the number of arrivals, flags for failed and
-abandoned work, and how many units of each thread's share of the work are taken. Threads synchronise there without the interpreter, thousands of times per second.
+abandoned work, and how many units of each thread's share of the work are taken. Threads synchronise there without the
+interpreter, thousands of times per second.
 """
 
 from collections.abc import Callable

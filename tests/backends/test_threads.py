@@ -2,6 +2,7 @@
 
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,11 @@ import xarray as xr
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf import threads as processors
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.jit import jit
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.gate import Crew, wait
+from mjsheaf.simulation.gate import Crew, refill, take, wait
 from mjsheaf.simulation.session import ENGINES, moved_by
 from mjsheaf.simulation.world import SplitWorld
 from mjsheaf.system import on_engine
@@ -133,6 +135,33 @@ def test_threads_meet_as_often_as_asked_and_leave_when_one_will_not_come() -> No
     before = threading.active_count()
     crew.close()
     assert threading.active_count() == before - 2
+
+
+@jit
+def take_all(times, thread, threads, gate):
+    unit = take(gate, thread, threads, times.shape[0])
+    while unit >= 0:
+        times[unit] += 1
+        unit = take(gate, thread, threads, times.shape[0])
+
+
+def take_all_of(times: Array, threads: int, thread: int, gate: IntArray) -> None:
+    """Take part as a thread of a crew does."""
+    take_all(times, thread, threads, gate)
+
+
+def test_every_unit_of_work_is_taken_once_whoever_comes() -> None:
+    """All threads at once, or one that finds the others missing; also where some have no share."""
+    for threads, units in ((1, 5), (2, 7), (3, 100), (4, 3)):
+        times, gate = np.zeros(units), Crew.gate(threads)
+        for thread in range(threads):
+            refill(gate, threads)
+            take_all(times, thread, threads, gate)
+            np.testing.assert_array_equal(times, thread + 1.0)
+        crew = Crew(threads)
+        crew.run(partial(take_all_of, times, threads))
+        crew.close()
+        np.testing.assert_array_equal(times, threads + 1.0)
 
 
 def test_an_interrupted_run_leaves_no_thread_behind(monkeypatch: pytest.MonkeyPatch) -> None:
