@@ -126,7 +126,7 @@ def touched(loop: Loop) -> int:
     """Bytes of a vehicle that a step reads or writes, were none of them in a cache."""
     params, state = loop
     medium, bodies = params.medium, params.fleet.bodies
-    read = [*medium.harmonics[:3], bodies, state.memory.command, params.helm, medium.planar, medium.rows]
+    read = [*medium.harmonics, bodies, state.memory.command, params.helm, medium.planar, medium.rows]
     changed = [state.qpos, state.qvel, state.ctrl, state.act, state.medium.sines]
     return int(sum(x.nbytes for x in read) + 2 * sum(x.nbytes for x in changed)) // len(bodies)
 

@@ -28,23 +28,22 @@ _P4, _P5, _P6, _P7 = -2.5052107617354543e-08, 1.605897733376295e-10, -7.64397092
 
 
 class HarmonicArrays(NamedTuple):
-    """The disturbances of V vehicles for compiled code, K harmonics each.
+    """The disturbances of the first D vehicles for compiled code, K harmonics each.
 
-    amplitude (V, K, 3) m/s; rate (V K,) turns/s and phase (V K,) turns, in a row: see `evaluate_sines`. The vehicles
-    from number `disturbed` on, most often the targets, have no disturbance; loops compute none for them.
+    The vehicles after them, most often the targets, have none. amplitude (D, K, 3) m/s; rate (D K,) turns/s and phase
+    (D K,) turns, in a row: see `evaluate_sines`.
     """
 
     amplitude: Array
     rate: Array
     phase: Array
-    disturbed: int
 
 
 def pack(harmonics: Array) -> HarmonicArrays:
     """Harmonics (V, K, 5) as `draw` gives them, for compiled code."""
-    amplitude = np.ascontiguousarray(harmonics[..., :3])
-    rate, phase = (np.ravel(harmonics[..., k] / _TURN) for k in (3, 4))
-    return HarmonicArrays(amplitude, rate, phase, int(np.flatnonzero(amplitude.any(axis=(1, 2))).max(initial=-1)) + 1)
+    disturbed = np.flatnonzero(harmonics[..., :3].any(axis=(1, 2))).max(initial=-1) + 1
+    rate, phase = (np.ravel(harmonics[:disturbed, :, k] / _TURN) for k in (3, 4))
+    return HarmonicArrays(np.ascontiguousarray(harmonics[:disturbed, :, :3]), rate, phase)
 
 
 @inline_jit
@@ -64,21 +63,21 @@ def sine(x):
 
 @inline_jit
 def evaluate_sines(harmonics, t, first, last, sines):
-    """Write the sines of the harmonics of the vehicles from first to last at time t into sines (V K,)."""
+    """Write the sines of the harmonics of the vehicles from first to last at time t into sines (D K,)."""
     K = harmonics.amplitude.shape[1]
-    for j in range(first * K, min(last, harmonics.disturbed) * K):
+    for j in range(first * K, min(last, harmonics.amplitude.shape[0]) * K):
         sines[j] = sine(harmonics.rate[j] * t + harmonics.phase[j])
 
 
 @inline_jit
 def disturbance_velocity(harmonics, sines, v):
     """omega_v as three numbers, m/s, at the time for which `evaluate_sines` was called."""
-    amplitude, x, y, z = harmonics.amplitude[v], 0.0, 0.0, 0.0
-    for k in range(amplitude.shape[0] if v < harmonics.disturbed else 0):
-        s = sines[v * amplitude.shape[0] + k]
-        x += amplitude[k, 0] * s
-        y += amplitude[k, 1] * s
-        z += amplitude[k, 2] * s
+    amplitude, x, y, z = harmonics.amplitude, 0.0, 0.0, 0.0
+    for k in range(amplitude.shape[1] if v < amplitude.shape[0] else 0):
+        s = sines[v * amplitude.shape[1] + k]
+        x += amplitude[v, k, 0] * s
+        y += amplitude[v, k, 1] * s
+        z += amplitude[v, k, 2] * s
     return x, y, z
 
 

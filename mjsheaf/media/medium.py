@@ -50,7 +50,7 @@ class MediumState(NamedTuple):
     """State of the medium at the time of the last call of `advance`.
 
     Attributes:
-        sines: Sines of the disturbances' harmonics, shape (V K,).
+        sines: Sines of the disturbances' harmonics, shape (D K,).
         parts: States of what moves.
     """
 
@@ -118,7 +118,7 @@ def undisturbed(medium: MediumArrays, without: tuple[type, ...] = ()) -> MediumA
     Returns:
         A medium of the same types, so that nothing is compiled again.
     """
-    silent = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude), disturbed=0)
+    silent = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude))
     return medium._replace(harmonics=silent, parts=silence(medium.parts, without))
 
 

@@ -496,13 +496,13 @@ def _is_steady(medium, first, last):
 @inline_jit
 def _gather_waves(harmonics, first, last, lanes, waves):
     """Read the harmonics of the vehicles' disturbances, as `_gather` reads their state."""
-    K = harmonics.amplitude.shape[1]
+    D, K = harmonics.amplitude.shape[0], harmonics.amplitude.shape[1]
     for lane in range(lanes):
         v = first + lane if first + lane < last else first
         for k in range(K):
-            waves[_RATE + k, lane] = harmonics.rate[v * K + k]
-            waves[_PHASE + k, lane] = harmonics.phase[v * K + k]
-            _put(waves, _AMPLITUDE + 3 * k, lane, triple(harmonics.amplitude[v, k]))
+            waves[_RATE + k, lane] = harmonics.rate[v * K + k] if v < D else 0.0
+            waves[_PHASE + k, lane] = harmonics.phase[v * K + k] if v < D else 0.0
+            _put(waves, _AMPLITUDE + 3 * k, lane, triple(harmonics.amplitude[v, k]) if v < D else (0.0, 0.0, 0.0))
 
 
 @inline_jit
@@ -523,7 +523,7 @@ def _meet_steady(medium, first, t, lanes, waves, block):
         block: Rows of the vehicles.
     """
     table = medium.kernels[medium.rows[first, 0] : medium.rows[first, 1]]
-    planar = medium.planar[first]
+    planar, amplitude = medium.planar[first], medium.harmonics.amplitude
     for lane in range(lanes):
         _put(block, _MEDIUM, lane, triple(table[0, 2:]))
         _put(block, _SHAKE, lane, (0.0, 0.0, 0.0))
@@ -541,7 +541,7 @@ def _meet_steady(medium, first, t, lanes, waves, block):
             for lane in range(lanes):
                 w = channel_velocity(c, offset_from(c, _place(block, lane, planar)))
                 _put(block, _MEDIUM, lane, add(_three(block, _MEDIUM, lane), w))
-    for k in range(medium.harmonics.amplitude.shape[1] if first < medium.harmonics.disturbed else 0):
+    for k in range(amplitude.shape[1] if first < amplitude.shape[0] else 0):
         for lane in range(lanes):
             s = sine(waves[_RATE + k, lane] * t + waves[_PHASE + k, lane])
             a = _three(waves, _AMPLITUDE + 3 * k, lane)
