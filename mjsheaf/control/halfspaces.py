@@ -28,6 +28,8 @@ _BISECTIONS = 60
 def _lacks(rows, k, shift, x, y, z):
     """Return by how much constraint k falls short at a velocity, m/s, less rounding; positive where it is violated."""
     short = rows[k, 3] - shift - (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z)
+    if short <= 0.0:
+        return short
     return short - _ROUNDING * (1.0 + abs(rows[k, 3]) + abs(x) + abs(y) + abs(z))
 
 

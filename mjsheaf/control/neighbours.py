@@ -159,15 +159,9 @@ def row_around(cells, cell, row):
 
 
 @inline_jit
-def between(cells, v, j):
-    """Compute the place of vehicle v relative to vehicle j, m."""
-    return subtract(triple(cells.places[v]), triple(cells.places[j]))
-
-
-@inline_jit
 def square_between(cells, v, j):
     """Compute the squared distance of two vehicles, m^2."""
-    return square_of(between(cells, v, j))
+    return square_of(subtract(triple(cells.places[v]), triple(cells.places[j])))
 
 
 @jit

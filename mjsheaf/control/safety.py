@@ -35,7 +35,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.halfspaces import nearest_within
-from mjsheaf.control.neighbours import Cells, between, cell_of, new_cells, row_around, sort_into_cells, square_between
+from mjsheaf.control.neighbours import Cells, cell_of, new_cells, row_around, sort_into_cells, square_between
 from mjsheaf.control.obstacles import ObstacleArrays, distance_from
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import square_of, subtract, triple
@@ -158,18 +158,17 @@ def is_restrained(stage, work, v):
 def _filter(safety, t, v, limit, command, work):
     """Replace the command of agent v by the nearest that satisfies its constraints, if it violates one."""
     wanted = np.sqrt(square_of(triple(command)))
-    settled = (safety.closing[v] + wanted * safety.burden[v]) / safety.rate
+    near, square = _find_close(safety, v, work)
     D = safety.radius[v] + safety.widest
-    farthest = settled + np.sqrt(settled * settled + D * D)
-    count, pressing = _find_close(safety, v, farthest * farthest * (1.0 + _CLEARLY), work)
+    settled = safety.rate * (square * (1.0 - _CLEARLY) - D * D)
     obstacles = safety.obstacles.kind.shape[0]
-    if not pressing and obstacles == 0:
-        if count > 0:
+    if obstacles == 0 and settled > 2.0 * np.sqrt(square) * (safety.closing[v] + wanted * safety.burden[v]):
+        if near > 0:
             work.found[v, WANTED] = limit / wanted * wanted if wanted > limit else wanted
         return
-    near, count = count, 0
+    count = 0
     for k in range(near):
-        count = _add_vehicle(safety, v, int(work.close[k]), work, count)
+        count = _add_vehicle(safety, v, k, work, count)
     for k in range(obstacles):
         count = _add_obstacle(safety, t, v, k, work, count)
     if count > 0:
@@ -177,45 +176,55 @@ def _filter(safety, t, v, limit, command, work):
 
 
 @inline_jit
-def _find_close(safety, v, farthest, work):
-    """Write the vehicles within range of agent v to work.close, in their order.
+def _find_close(safety, v, work):
+    """Write the vehicles within range of agent v to work.rows, in their order; see `_write_near`.
 
     Returns:
-        Their number, and True if the squared distance of one is at most `farthest`, in m^2.
+        Their number, and the squared distance of the nearest, m^2; larger than that of the range if there is none.
     """
-    cells, close, count, pressing = work.cells, work.close, 0, False
-    listed = int(cells.listed[v])
+    cells, close, count, least = work.cells, work.close, 0, np.inf
+    listed, farthest, own = int(cells.listed[v]), safety.reach * safety.reach, triple(cells.places[v])
     if listed < 0:
         cell = cell_of(cells, v)
         for row in range(9):
             first, end = row_around(cells, cell, row)
             for k in range(first, end):
                 j = int(cells.order[k])
-                square = square_between(cells, v, j)
-                if j != v and square <= safety.reach * safety.reach:
+                if j != v and square_between(cells, v, j) <= farthest:
                     m = count
                     while m > 0 and close[m - 1] > j:
                         close[m] = close[m - 1]
                         m -= 1
                     close[m] = j
                     count += 1
-                    pressing |= not square > farthest
-        return count, pressing
+        for k in range(count):
+            least = min(least, _write_near(work, own, close[k], k))
+        return count, least
     for k in range(listed):
-        j = cells.near[v, k]
-        square = square_between(cells, v, int(j))
-        within = square <= safety.reach * safety.reach
-        close[count] = j
-        count += within
-        pressing |= within & (not square > farthest)
-    return count, pressing
+        square = _write_near(work, own, cells.near[v, k], count)
+        count += square <= farthest
+        least = min(least, square)
+    return count, least
 
 
 @inline_jit
-def _add_vehicle(safety, v, j, work, count):
-    """Add the constraint of agent v against vehicle j within range."""
-    rx, ry, rz = between(work.cells, v, j)
+def _write_near(work, own, other, k):
+    """Write an agent's place relative to a vehicle to row k, with the squared distance, and return that, m^2."""
+    rx, ry, rz = subtract(own, triple(work.cells.places[int(other)]))
     square = rx * rx + ry * ry + rz * rz
+    work.rows[k, 0] = rx
+    work.rows[k, 1] = ry
+    work.rows[k, 2] = rz
+    work.rows[k, 3] = square
+    work.rows[k, 4] = other
+    return square
+
+
+@inline_jit
+def _add_vehicle(safety, v, k, work, count):
+    """Add the constraint of agent v against the vehicle within range in row k."""
+    rx, ry, rz = triple(work.rows[k])
+    square, j = work.rows[k, 3], int(work.rows[k, 4])
     if square == 0.0:  # on top of one another: the first goes along x, the other the other way
         rx = 1e-12 if v < j else -1e-12
         square = rx * rx
@@ -231,8 +240,8 @@ def _add_vehicle(safety, v, j, work, count):
     if away < _INSIDE * D:
         grown = square + safety.period * safety.rate * (D * D - square)
         fall = (away - np.sqrt(grown)) / safety.period
-    bound = own_share / (own_share + share) * (parting - fall)
-    return _add(safety, v, j + 1.0, rx * inverse, ry * inverse, rz * inverse, bound, work, count)
+    weight = 0.5 if share == own_share else own_share / (own_share + share)  # the same to a bit, most often
+    return _add(safety, v, j + 1.0, rx * inverse, ry * inverse, rz * inverse, weight * (parting - fall), work, count)
 
 
 @inline_jit
