@@ -54,8 +54,8 @@ if config.CPU_FEATURES is None and "+avx2" in features:  # type: ignore[attr-def
     config.CPU_FEATURES = f"{features},+prefer-256-bit,+prefer-no-gather,+prefer-no-scatter"  # type: ignore[attr-defined]
 
 _logger = logging.getLogger("mjsheaf")
-# Of the garbage collector during compilation. numba makes millions of objects, few of them garbage: with Python's own
-# thresholds, looking for it took a tenth of the time.
+# Thresholds of the garbage collector during compilation. numba makes millions of objects, few of them garbage: with
+# Python's own thresholds, looking for it took a tenth of the time.
 _RARELY = 50_000, 20, 20
 _PACKAGE = Path(__file__).resolve().parent
 _SOURCES = (

@@ -226,17 +226,17 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
     obstacles = pack_obstacles(safety, crew.height, crew.start, crew.end)
     lift = np.zeros((V, 3))
     lift[crew.planar, 2] = crew.height
-    shares = _shares(safety, crew)
+    shares, radius = _shares(safety, crew), own + crew.margin
     stirred = np.linalg.norm(crew.carried - crew.carried[0], axis=1) + crew.unsteady
     moving = np.where(crew.yields, 0.0, crew.speed)
     arrays = SafetyArrays(
         agents=N,
-        radius=own + crew.margin,
+        radius=radius,
         clearance=(own if by_size else 2.0 * own) + crew.margin,
         reach=0.0,
         rate=safety.rate,
         period=crew.period or 1.0 / safety.rate,
-        pairing=np.column_stack([own + crew.margin, shares * crew.yields, crew.unsteady + moving]),
+        pairing=np.column_stack([radius, shares * crew.yields, crew.unsteady + moving]),
         yields=crew.yields,
         carried=crew.carried,
         unsteady=crew.unsteady,
@@ -244,7 +244,7 @@ def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
         planar=crew.planar,
         closing=stirred + stirred.max() + moving.max(),
         burden=1.0 + shares.max() / shares,
-        widest=float((own + crew.margin).max()),
+        widest=float(radius.max()),
         uniform=bool((crew.carried == crew.carried[0]).all()),
         right=safety.tie_break == "right_hand",
         obstacles=obstacles,

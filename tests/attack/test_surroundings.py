@@ -20,7 +20,6 @@ from mjsheaf.io.files import is_part_of
 from mjsheaf.results import open_run
 from tests.builders import REPOSITORY
 from tests.commands import IDEAL, RUN_FILES, answer_of, command_line, is_refusal, one_line
-from tests.strategies import tried
 
 SHORT = ("run", "midpoint", *IDEAL)
 BARE = {name: value for name, value in os.environ.items() if name == "PATH" or name.startswith("OPENBLAS_")}
@@ -150,7 +149,7 @@ LAST_WORDS = ("OpenBLAS error: Memory allocation still failed", "cannot allocate
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("megabytes", [300, 500, 700, 900, 1200][:: tried(1, 2)])
+@pytest.mark.parametrize("megabytes", [300, 500, 700, 900, 1200])
 def test_little_memory(megabytes: int, tmp_path: Path) -> None:
     """With too little memory there is no result, and one line of error if Python still runs.
 

@@ -158,7 +158,7 @@ def tells_of_itself(job: Job) -> JobResult:
 
 @pytest.mark.slow
 def test_workers_have_one_thread_and_end_with_what_began_them() -> None:
-    """And with a command that is killed: see `test_killed_many_times`. Ctrl-C is for the command alone."""
+    """And with a command that is killed: see `test_killed_ten_times`. Ctrl-C is for the command alone."""
     plan, before = small_plan(), dict(os.environ)
     with local_workers(2) as workers:
         told = [d.record["message"].split() for d in workers.run(map(plan.job, plan.points), tells_of_itself)]
