@@ -1,7 +1,8 @@
-"""Compile each function in one process at a time: the others wait, and load the machine code that it has saved.
+"""Compile a function for given types in one process at a time: the others wait, and load the code that it has saved.
 
-Workers of a study, or two commands in two terminals, would otherwise compile the same functions side by side. A lock is
-a byte of a file in the cache's directory, which the operating system releases when its process ends.
+Workers of a study, or two commands in two terminals, would otherwise compile the same functions side by side. For other
+types they do: each has code of its own. A lock is a byte of a file in the cache's directory, which the operating system
+releases when its process ends.
 """
 
 import os
@@ -20,7 +21,7 @@ except ImportError:  # Windows: every process compiles
     fcntl = None  # type: ignore[assignment]
 
 _LOCKS = "mjsheaf.locks"  # file in a directory of the cache
-_waits: list[str] = []  # names of functions that this process waits for
+_waits: list[str] = []  # functions and types that this process waits for
 
 
 def is_waiting() -> bool:
@@ -29,23 +30,24 @@ def is_waiting() -> bool:
 
 
 def compile_in_one_process(dispatcher: Any, name: str) -> None:
-    """Let other processes wait while one compiles a function that numba caches on disk."""
+    """Let other processes wait while one compiles a function for the same types, which numba caches on disk."""
     if fcntl is None:
         return
-    compile_here = dispatcher.compile
-    directory = dispatcher.stats.cache_path
+    compile_here, cache = dispatcher.compile, dispatcher._cache
 
     def compile_or_load(signature: Any) -> Any:
         # numba's own lock comes first: a thread that holds it must not wait for a thread that needs it.
-        with global_compiler_lock, _locked(directory, name):
+        with global_compiler_lock, _locked(cache.cache_path, f"{name} {signature}"):
             return compile_here(signature)
 
     dispatcher.compile = compile_or_load
+    # Code for all types is in one index, which numba reads, and writes again with one file more.
+    cache.save_overload = _locked(cache.cache_path, name)(cache.save_overload)
 
 
 @contextmanager
 def _locked(directory: str, name: str) -> Iterator[None]:
-    """Hold the lock of a function; where there are no locks, as on some network drives, hold none."""
+    """Hold the lock of a name; where there are no locks, as on some network drives, hold none."""
     place = crc32(name.encode())
     try:
         file = _open_locks(directory)
