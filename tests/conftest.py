@@ -1,6 +1,7 @@
 """Shared fixtures."""
 
 import fcntl
+import gc
 import hashlib
 import os
 import pickle
@@ -35,6 +36,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         words = re.split(r"[\[\]-]", named)
         if not {*words}.isdisjoint(ALSO_SHOWN):
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage rarely, and not among the tests themselves: that took a twentieth of the time."""
+    gc.set_threshold(10_000, 10, 10)
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

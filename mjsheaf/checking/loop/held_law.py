@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
+from scipy.fft import irfft, next_fast_len, rfft
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.directed import directed_loop
@@ -211,8 +212,6 @@ def _filtered(values: Array, share: float) -> Array:
 
 def _drive(system: System, certificate: Certificate, values: Array, vectors: Array) -> _Drive:
     """Follow feedforward and observer along the targets' path."""
-    from scipy.signal import lfilter
-
     team, terms, h, path = system.team, system.law.terms, system.grid.period, certificate.constants.path
     n_q, N = len(values), len(team.agents)
     if path.cells is None:
@@ -225,6 +224,8 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
     unsure = 2.0 * float(np.linalg.norm(carrier.reach(np.full(len(team.targets), path.error)))) / h
     total, v = unsure, np.zeros_like(W)
     if terms.feedforward:
+        from scipy.signal import lfilter
+
         c = residual_polynomial(values, terms.feedforward, *terms.eigenvalues)
         rate, lead = _filtered(W @ vectors, terms.measured), float(terms.lead[0])
         for one, kept in enumerate(c):
@@ -369,10 +370,7 @@ def _why_clipped(system: System, found: Envelope) -> str:
 
 
 def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive) -> Envelope:
-    from scipy.signal import fftconvolve
-
-    K, N, h, constants = len(drive.left), len(system.team.agents), loop.period, certificate.constants
-    start = constants.initial_error
+    K, N, h, start = len(drive.left), len(system.team.agents), loop.period, certificate.constants.initial_error
     decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)
     known = np.linalg.norm(drive.left - drive.met, axis=1) + drive.unsure
 
@@ -382,8 +380,7 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
         d = known + unknown + drive.observed(unknown)
         if not np.isfinite(d).all():
             return np.full(K + 1, np.inf), np.full(K, np.inf), d
-        samples = decay * start
-        samples[1:] += fftconvolve(hit[:K], d)[:K] * (1.0 + _ROUNDING)
+        samples = _driven(decay * start, hit, d)
         return samples, np.maximum(samples[1:], samples[:-1]) + 0.5 * h * (drive.ripple + unknown), d
 
     def flow(within: Array) -> Array:
@@ -416,14 +413,17 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
         within = np.minimum(within, narrower)
         if not better:
             break
-    fed = ask_start * start
-    fed[1:] += fftconvolve(ask[:K], d)[:K] * (1.0 + _ROUNDING)
-    added = np.linalg.norm(system.team.unpack(drive.asked), axis=2)
-    command = added + (fed[:K] + drive.unsure + drive.observed(apart + change))[:, None]
-    integrated = kept_start * start
-    integrated[1:] += fftconvolve(kept[:K], d)[:K] * (1.0 + _ROUNDING)
-    left = _parts_of_d(system, drive, apart, change)
-    return Envelope(samples, within, command, system.law.terms.integral * float(integrated.max()), left, "")
+    fed = _driven(ask_start * start, ask, d)[:K] + drive.unsure + drive.observed(apart + change)
+    command = np.linalg.norm(system.team.unpack(drive.asked), axis=2) + fed[:, None]
+    integral = system.law.terms.integral * float(_driven(kept_start * start, kept, d).max())
+    return Envelope(samples, within, command, integral, _parts_of_d(system, drive, apart, change), "")
+
+
+def _driven(free: Array, response: Array, d: Array) -> Array:
+    """Add to a free motion (K + 1,) the convolution of a response with d (K,), by the fast Fourier transform."""
+    K, size = len(d), next_fast_len(2 * len(d) - 1, real=True)
+    free[1:] += irfft(rfft(response[:K], size) * rfft(d, size), size)[:K] * (1.0 + _ROUNDING)
+    return free
 
 
 def _parts_of_d(system: System, drive: _Drive, apart: Array, change: Array) -> dict[str, Array]:
