@@ -1,7 +1,8 @@
 """The law of a team as stages over its edges: measure, pull back, terms, reference, limit.
 
 `evaluate_law` is the list of stages. Both backends run it once a control period (or inside the integrator, where the
-control period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K
+control period is 0), and what it leaves in `Memory` is what runs record. Threads that share a run divide the edges and
+then the vehicles of a law that allows it: `measure` and `command_each`. On an edge e = (i, j) with maps F, weight K
 and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
@@ -69,6 +70,10 @@ class EdgeArrays(NamedTuple):
         F_tail, F_head: restriction maps, padded, shape (m, 3).
         P_tail, P_head: K F, whose transpose pulls back, shape (m, 3).
         b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
+        pulls: What moves each vehicle, row by row: K F of an edge at its head, -K F at its tail, sorted by vehicle and
+            then by edge, shape (n, 3).
+        row: Number in y of each row of `pulls`, shape (n,).
+        first_pull: Where the rows of each vehicle begin in `pulls`, and n at the end, shape (V + 1,).
         kinds: What edges compare; () where all compare positions.
     """
 
@@ -81,7 +86,39 @@ class EdgeArrays(NamedTuple):
     P_tail: Array
     P_head: Array
     b: Array
+    pulls: Array
+    row: IntArray
+    first_pull: IntArray
     kinds: Any = ()
+
+    @classmethod
+    def of(
+        cls,
+        tail: IntArray,
+        head: IntArray,
+        listens: BoolArray,
+        first: IntArray,
+        maps: Array,
+        b: Array,
+        V: int,
+        kinds: Any = (),
+    ) -> "EdgeArrays":
+        """Return edges between V vehicles; `maps` are F_tail, F_head, P_tail and P_head, shape (4, m, 3)."""
+        size = np.diff(first)
+        row, at_head = np.nonzero(np.repeat(listens, size, axis=0))
+        vehicle = np.repeat(np.column_stack((tail, head)), size, axis=0)[row, at_head]
+        order = np.argsort(vehicle, kind="stable")
+        row, at_head = row[order], at_head[order]
+        F_tail, F_head, P_tail, P_head = maps
+        pulls = np.where(at_head[:, np.newaxis], P_head[row], -P_tail[row])
+        first_pull = np.searchsorted(vehicle[order], np.arange(V + 1))
+        return cls(tail, head, listens, first, F_tail, F_head, P_tail, P_head, b, pulls, row, first_pull, kinds)
+
+    def renumbered(self, number: IntArray, V: int) -> "EdgeArrays":
+        """The same edges between V vehicles, where vehicle v of these is number[v]."""
+        maps = np.stack((self.F_tail, self.F_head, self.P_tail, self.P_head))
+        tail, head = number[self.tail], number[self.head]
+        return self.of(tail, head, self.listens, self.first, maps, self.b, V, self.kinds)
 
 
 class LawArrays(NamedTuple):
@@ -117,7 +154,7 @@ class LawArrays(NamedTuple):
         number = np.zeros(len(self.gain), dtype=np.int64)
         number[rows] = np.arange(len(rows))
         return self._replace(
-            edges=self.edges._replace(tail=number[self.edges.tail], head=number[self.edges.head]),
+            edges=self.edges.renumbered(number, len(rows)),
             gain=self.gain[rows],
             limit=self.limit[rows],
             terms=self.terms.selected(rows[:agents]),
@@ -151,12 +188,15 @@ class Stages(NamedTuple):
         links: Links over which measurements are made.
         rounds: Links over which agents exchange numbers.
         safety: What keeps vehicles apart.
+        joint: A stage that cannot be divided among vehicles: any of those above, a registered term, or edges that
+            compare ranges or bearings.
     """
 
     terms: tuple[int, ...]
     links: tuple[int, ...]
     rounds: tuple[int, ...]
     safety: tuple[int, ...]
+    joint: tuple[int, ...]
 
 
 class ControlArrays(NamedTuple):
@@ -175,7 +215,8 @@ class ControlArrays(NamedTuple):
 
 def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
     """Make the parameters of the onboard computers."""
-    present = law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect, len(law.safety) > 0
+    present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect, len(law.safety) > 0]
+    present.append(any(present) or bool(law.custom or law.edges.kinds))
     return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
 
 
@@ -360,17 +401,20 @@ def evaluate_law(control, t, x, drift, memory):
 
     `drift` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
     """
-    law, stages = control.law, control.stages
+    law, stages, edges = control.law, control.stages, control.law.edges
+    V = x.shape[0]
     navigate(stages.terms, law.terms, t, x, drift, memory.command, memory.terms)
-    hear(control, t, x, drift is not None, memory)
-    proportional(law, memory.residual, memory.supplied, memory.command)
+    measure(edges, 0, edges.tail.shape[0], x, memory.y)
+    deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
+    compare(edges.kinds, edges, memory.y, memory.compared)
+    for v in range(V):
+        respond(law, v, memory)
     add_terms(stages.terms, stages, law, x, memory)
     add_custom(law.custom, memory.residual, memory.command, memory.custom)
-    add_supplied(law, memory.supplied, memory.command)
-    for v in range(x.shape[0]):
-        add_reference(control.motion, v, t, x[v], memory.command[v])
+    for v in range(V):
+        add_given(control, v, t, x, memory)
     keep_apart(stages.safety, law, t, x, memory)
-    for v in range(x.shape[0]):
+    for v in range(V):
         clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(stages.safety, memory.safety, v)
         if not clipped:
             integrate(stages.terms, law.terms, v, memory.residual[v], memory.terms)
@@ -378,19 +422,39 @@ def evaluate_law(control, t, x, drift, memory):
 
 
 @inline_jit
-def hear(control, t, x, bodies, memory):
-    """Write into the memory what agents receive at time t, s, and eta by it; of `bodies` it holds the attitudes."""
-    law = control.law
-    measure(law.edges, x, memory.y)
-    deliver(control.stages.links, law, t, x, bodies, memory.y, memory.terms, memory.links)
-    compare(law.edges.kinds, law.edges, memory.y, memory.compared)
-    pull_back(law.edges, memory.compared, memory.residual)
+def command_each(control, t, x, first, last, memory):
+    """Do what `evaluate_law` does after `measure` for vehicles from first up to last, if the law has no joint stage."""
+    for v in range(first, last):
+        respond(control.law, v, memory)
+        add_given(control, v, t, x, memory)
+        limit_speed(control.law.limit[v], memory.command[v])
 
 
 @inline_jit
-def measure(edges, x, y):
-    """Write y_e = F_head x_head - F_tail x_tail of every edge into y (m,) for positions x (V, 3)."""
-    for e in range(edges.tail.shape[0]):
+def respond(law, v, memory):
+    """Write eta of vehicle v by what its edges compare, and its velocity by the proportional law or a law in Python."""
+    pull_back(law.edges, memory.compared, v, memory.residual)
+    for i in range(3):
+        memory.command[v, i] = memory.supplied[v, i] if v < law.supplied else -law.gain[v] * memory.residual[v, i]
+
+
+@inline_jit
+def add_given(control, v, t, x, memory):
+    """Add to the velocity of vehicle v what is supplied from outside, and its reference at time t, s.
+
+    Zeros from outside leave it as it is, to the bit: adding them would turn -0.0 into 0.0.
+    """
+    if v >= control.law.supplied:
+        for i in range(3):
+            if memory.supplied[v, i] != 0.0:
+                memory.command[v, i] += memory.supplied[v, i]
+    add_reference(control.motion, v, t, x[v], memory.command[v])
+
+
+@inline_jit
+def measure(edges, first, last, x, y):
+    """Write y_e = F_head x_head - F_tail x_tail of edges from first up to last into y (m,), for positions x (V, 3)."""
+    for e in range(first, last):
         tail, head = x[edges.tail[e]], x[edges.head[e]]
         for r in range(edges.first[e], edges.first[e + 1]):
             F, G = edges.F_head[r], edges.F_tail[r]
@@ -400,56 +464,30 @@ def measure(edges, x, y):
 
 
 @inline_jit
-def pull_back(edges, y, residual):
-    """Write delta^T K (delta x - b), summed at the vehicles that listen, into residual (V, 3), from y (m,)."""
-    for v in range(residual.shape[0]):
-        residual[v, 0], residual[v, 1], residual[v, 2] = 0.0, 0.0, 0.0
-    for e in range(edges.tail.shape[0]):
-        if edges.listens[e, 0]:
-            _add_pulled(edges, edges.P_tail, y, e, -1.0, residual[edges.tail[e]])
-        if edges.listens[e, 1]:
-            _add_pulled(edges, edges.P_head, y, e, 1.0, residual[edges.head[e]])
+def pull_back(edges, y, v, residual):
+    """Write delta^T K (delta x - b) at vehicle v into residual (V, 3), from y (m,)."""
+    east, north, up = 0.0, 0.0, 0.0
+    for k in range(edges.first_pull[v], edges.first_pull[v + 1]):
+        z = y[edges.row[k]] + edges.b[edges.row[k]]
+        east += edges.pulls[k, 0] * z
+        north += edges.pulls[k, 1] * z
+        up += edges.pulls[k, 2] * z
+    residual[v, 0], residual[v, 1], residual[v, 2] = east, north, up
 
 
 @inline_jit
-def _add_pulled(edges, P, y, e, sign, eta):
-    """Add what edge e pulls back to an end by P (m, 3) to its eta (3,)."""
-    east, north, up = eta[0], eta[1], eta[2]
-    for r in range(edges.first[e], edges.first[e + 1]):
-        z = sign * (y[r] + edges.b[r])
-        east += P[r, 0] * z
-        north += P[r, 1] * z
-        up += P[r, 2] * z
-    eta[0], eta[1], eta[2] = east, north, up
-
-
-@inline_jit
-def proportional(law, residual, supplied, command):
-    """Write -gain eta, or for the first law.supplied vehicles the velocities of a law in Python, to command (V, 3)."""
-    for v in range(residual.shape[0]):
-        for i in range(3):
-            command[v, i] = supplied[v, i] if v < law.supplied else -law.gain[v] * residual[v, i]
-
-
-@inline_jit
-def add_supplied(law, supplied, command):
-    """Add to the commands (V, 3) of vehicles under the compiled law what is supplied (V, 3) from outside.
-
-    Zeros leave a command as it is, to the bit: adding them would turn -0.0 into 0.0.
-    """
-    for v in range(law.supplied, command.shape[0]):
-        for i in range(3):
-            if supplied[v, i] != 0.0:
-                command[v, i] += supplied[v, i]
+def disagree(edges, x, y, residual):
+    """Write eta (V, 3) of all vehicles at positions x (V, 3) over exact links; y (m,) is overwritten."""
+    measure(edges, 0, edges.tail.shape[0], x, y)
+    compare(edges.kinds, edges, y, y)
+    for v in range(x.shape[0]):
+        pull_back(edges, y, v, residual)
 
 
 @jit
 def _disagreement(law, x, y, residual):
-    """Write residual (T, V, 3) for positions x (T, V, 3), m; y (m,) is overwritten."""
     for k in range(x.shape[0]):
-        measure(law.edges, x[k], y)
-        compare(law.edges.kinds, law.edges, y, y)
-        pull_back(law.edges, y, residual[k])
+        disagree(law.edges, x[k], y, residual[k])
 
 
 def disagreement(law: LawArrays, positions: Array) -> Array:
@@ -517,18 +555,9 @@ def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], 
         for padded, F in zip(maps, (e.F_tail, e.F_head, e.weight @ e.F_tail, e.weight @ e.F_head), strict=True):
             padded[begin:end, : F.shape[1]] = F
     tail, head = _number_ends(members, edges)
-    return EdgeArrays(
-        tail,
-        head,
-        listens.reshape(-1, 2),
-        first.astype(np.int64),
-        maps[0],
-        maps[1],
-        maps[2],
-        maps[3],
-        np.concatenate([np.zeros(0), *(e.b for e in edges)]),
-        pack_kinds(edges),
-    )
+    b = np.concatenate([np.zeros(0), *(e.b for e in edges)])
+    first, listens = first.astype(np.int64), listens.reshape(-1, 2)
+    return EdgeArrays.of(tail, head, listens, first, maps, b, len(members), pack_kinds(edges))
 
 
 def _number_ends(members: Sequence[Member], edges: Sequence[Edge]) -> tuple[IntArray, IntArray]:

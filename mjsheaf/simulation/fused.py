@@ -28,7 +28,7 @@ from mjsheaf.simulation.bodies import kinds_of
 from mjsheaf.simulation.engine import Recorder
 from mjsheaf.simulation.gate import fail, take
 from mjsheaf.simulation.lanes import advance_lanes, end_of_kind, fits_lanes
-from mjsheaf.simulation.loop import HUGE, Loop, record, sense_and_command
+from mjsheaf.simulation.loop import HUGE, Loop, finish_law, record, sense_and_command
 from mjsheaf.simulation.motion import move, pack_motion
 from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
@@ -109,7 +109,7 @@ def apply_actuators(loop, body, force, moment):
 def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate):
     """See `ThreadedLoop._work`; motion has a MOTION for each kind."""
     k, end, meetings, blocks = step, step + count, 0, loop.params.fleet.blocks
-    B = blocks.shape[0] - 1
+    B, joint = blocks.shape[0] - 1, loop.params.control.stages.joint
     while k < end:
         span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
@@ -117,12 +117,13 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
         block = take(gate, thread, threads, B)
         while block >= 0:
             first, last = blocks[block], blocks[block + 1]
+            finish_law(joint, loop, k, first, last)
             if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
                 fail(gate)
             block = take(gate, thread, threads, B)
         if not end_span(threads, meetings, gate):
             return
-        k, row, meetings = k + span, row + (sample >= 0), meetings + 2
+        k, row, meetings = k + span, row + (sample >= 0), meetings + 3
 
 
 @jit

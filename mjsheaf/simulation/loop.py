@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, Own
 from mjsheaf.control.controller import Controller
-from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
+from mjsheaf.control.law import ControlArrays, Memory, command_each, evaluate_law, measure, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state, surface_about
@@ -115,9 +115,12 @@ class EngineArrays(NamedTuple):
 
 
 @inline_jit
-def controlled_positions(fleet, qpos, x):
-    """Write the positions that the law controls into x (V, 3), z = 0 for planar ones: hand points, or origins."""
-    for v in range(fleet.bodies.shape[0]):
+def controlled_positions(fleet, qpos, first, last, x):
+    """Write the positions that the law controls into x (V, 3): hand points, or origins; z = 0 for planar ones.
+
+    Only those of vehicles from first up to last are written.
+    """
+    for v in range(first, last):
         kind, a = fleet.kinds[fleet.bodies[v].kind], fleet.bodies[v].qpos
         x[v, 0], x[v, 1] = qpos[a], qpos[a + 1]
         x[v, 2] = 0.0 if kind.planar else qpos[a + 2]
@@ -131,9 +134,16 @@ def controlled_positions(fleet, qpos, x):
 def run_law(loop, t):
     """Evaluate the law at time t, s, for the present state."""
     params, state = loop
+    controlled_positions(params.fleet, state.qpos, 0, params.fleet.bodies.shape[0], state.x)
+    command_team(loop, t)
+
+
+@inline_jit
+def command_team(loop, t):
+    """Evaluate the law at time t, s, for vehicles whose controlled positions are in the state."""
+    params, state = loop
     memory = state.memory
     bodies = params.fleet.bodies
-    controlled_positions(params.fleet, state.qpos, state.x)
     hold(params.medium, t, 0, bodies.shape[0], state.medium)
     if params.control.law.terms.drift > 0.0:
         advance(params.medium, t, 0, bodies.shape[0], state.medium)
@@ -146,10 +156,42 @@ def run_law(loop, t):
         for i in range(4):
             attitude[v, i] = state.qpos[bodies[v].qpos + 3 + i]
     evaluate_law(params.control, t, state.x, state.drift, memory)
-    for v in range(bodies.shape[0]):
+    keep_stations(loop, t, 0, bodies.shape[0])
+
+
+@inline_jit
+def share_law(joint, loop, t, thread, threads):
+    """Do a thread's share of the law at time t, s, before vehicles are commanded by `finish_law`.
+
+    Thread 0 evaluates the whole law if it has a joint stage. Of other laws, the edges are measured.
+    """
+    if len(joint) == 0:
+        edges, state = loop.params.control.law.edges, loop.state
+        E = edges.tail.shape[0]
+        measure(edges, E * thread // threads, E * (thread + 1) // threads, state.x, state.memory.y)
+    elif thread == 0:
+        command_team(loop, t)
+
+
+@inline_jit
+def finish_law(joint, loop, k, first, last):
+    """After `share_law` of all threads, do the rest for vehicles from first up to last if the law is due at step k."""
+    params, state = loop
+    if len(joint) == 0 and k % params.per_law == 0:
+        t = params.start + k * params.timestep
+        hold(params.medium, t, first, last, state.medium)
+        command_each(params.control, t, state.x, first, last, state.memory)
+        keep_stations(loop, t, first, last)
+
+
+@inline_jit
+def keep_stations(loop, t, first, last):
+    """Command those of the vehicles from first up to last that hold a position, at time t, s."""
+    params, state = loop
+    for v in range(first, last):
         if params.station.holds[v]:
             advance(params.medium, t, v, v + 1, state.medium)
-            keep_station(params.station, v, state.x[v], medium_at(params, state, v), memory.command[v])
+            keep_station(params.station, v, state.x[v], medium_at(params, state, v), state.memory.command[v])
 
 
 @inline_jit
@@ -222,14 +264,14 @@ def sense_and_command(loop, v):
 
 
 @inline_jit
-def place_targets(loop, recorder):
-    """Set the controlled position, attitude and speed of every target to its reference at this sample."""
+def place_targets(loop, recorder, first, last):
+    """Put the targets among the vehicles from first up to last at their references of this sample."""
     k, fleet, state = recorder.written[0], loop.params.fleet, loop.state
     agents = fleet.bodies.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
         return
-    controlled_positions(fleet, state.qpos, state.x)
-    for v in range(agents, fleet.bodies.shape[0]):
+    controlled_positions(fleet, state.qpos, first, last, state.x)
+    for v in range(max(agents, first), last):
         body = fleet.bodies[v]
         for i in range(2 if fleet.kinds[body.kind].planar else 3):
             state.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - state.x[v, i]
@@ -407,7 +449,7 @@ class ClosedLoop(Engine):
         _run_law(self._loop, self.time)
 
     def _place_targets(self, recorder: Recorder) -> None:
-        _place_targets(self._loop, recorder)
+        _place_targets(self._loop, recorder, 0, len(self._vehicles))
 
     def _record_now(self, recorder: Recorder) -> None:
         self._evaluate_law()
@@ -479,7 +521,7 @@ class ClosedLoop(Engine):
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
         x = np.empty((len(self._vehicles), 3))
-        controlled_positions(self._fleet, self._loop.state.qpos, x)
+        controlled_positions(self._fleet, self._loop.state.qpos, 0, len(x), x)
         return x
 
     def heights(self) -> Array:

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.curved import compare
-from mjsheaf.control.law import measure, pull_back
+from mjsheaf.control.law import disagree
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit
 from mjsheaf.system import System
@@ -80,10 +79,7 @@ def score(goal, scores, w, n, loop):
     N, found, square, size, eta = goal.first.shape[0] - 1, scores.found[w], 0.0, 0.0, loop.state.memory.residual
     if scores.eta.shape[1] > 0:
         eta = scores.eta[w]
-        edges = loop.params.control.law.edges
-        measure(edges, loop.state.x, scores.y[w])
-        compare(edges.kinds, edges, scores.y[w], scores.y[w])
-        pull_back(edges, scores.y[w], eta)
+        disagree(loop.params.control.law.edges, loop.state.x, scores.y[w], eta)
     for i in range(N):
         square += scores.squares[w, i]
         size += np.sqrt(eta[i, 0] ** 2 + eta[i, 1] ** 2 + eta[i, 2] ** 2)

@@ -13,7 +13,14 @@ from mjsheaf.errors import InputError
 from mjsheaf.jit import INTERPRETED, inline_jit
 from mjsheaf.simulation.engine import Recorder
 from mjsheaf.simulation.gate import Crew, failed, refill, wait
-from mjsheaf.simulation.loop import ClosedLoop, EngineArrays, Loop, place_targets, run_law
+from mjsheaf.simulation.loop import (
+    ClosedLoop,
+    EngineArrays,
+    Loop,
+    controlled_positions,
+    place_targets,
+    share_law,
+)
 from mjsheaf.system import PhysicsOptions
 
 _MIN_VEHICLES = 8  # that are worth a thread
@@ -38,26 +45,32 @@ def crew_size(plan: PhysicsOptions, controlled: bool) -> int:
 
 @inline_jit
 def begin_span(loop, k, recorder, row, thread, threads, meetings, gate):
-    """Evaluate the law on thread 0 if it is due at step k, while the others wait; return True to continue.
+    """Do a thread's share of what comes before step k; return True to continue.
 
-    Also place the targets for the recorder, and count the sample that becomes `row` of its log, unless `row` is
-    negative.
+    Targets are placed for the recorder, and the sample that becomes `row` of its log is counted, unless `row` is
+    negative; the law is evaluated if it is due, but for what `finish_law` does.
     """
+    params, V = loop.params, loop.params.fleet.bodies.shape[0]
+    first, last, due = V * thread // threads, V * (thread + 1) // threads, k % params.per_law == 0
+    if row >= 0:
+        place_targets(loop, recorder, first, last)
+    if due:
+        controlled_positions(params.fleet, loop.state.qpos, first, last, loop.state.x)
+    if not wait(gate, meetings + 1, threads):
+        return False
     if thread == 0:
-        if row >= 0:
-            place_targets(loop, recorder)
-        if k % loop.params.per_law == 0:
-            run_law(loop, loop.params.start + k * loop.params.timestep)
+        refill(gate, threads)
         if row >= 0:
             recorder.written[0] = row + 1
-        refill(gate, threads)
-    return wait(gate, meetings + 1, threads)
+    if due:
+        share_law(params.control.stages.joint, loop, params.start + k * params.timestep, thread, threads)
+    return wait(gate, meetings + 2, threads)
 
 
 @inline_jit
 def end_span(threads, meetings, gate):
     """Wait until all vehicles have moved; return True to continue."""
-    return wait(gate, meetings + 2, threads) and not failed(gate)
+    return wait(gate, meetings + 3, threads) and not failed(gate)
 
 
 @inline_jit

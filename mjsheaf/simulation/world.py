@@ -27,6 +27,7 @@ from mjsheaf.simulation.loop import (
     ClosedLoop,
     EngineArrays,
     Loop,
+    finish_law,
     record,
     sense_and_command,
 )
@@ -190,11 +191,12 @@ def _advance_part(loop, arrays, own, first, last, step, count, recorder, row, ba
         span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return False
+        finish_law(loop.params.control.stages.joint, loop, k, first, last)
         if not _step_part(loop, arrays, own, first, last, k, span, recorder.log, sample, bad):
             fail(gate)
         if not end_span(threads, meetings, gate):
             return False
-        k, row, meetings = k + span, row + (sample >= 0), meetings + 2
+        k, row, meetings = k + span, row + (sample >= 0), meetings + 3
     return True
 
 
