@@ -31,8 +31,11 @@ from mjsheaf.simulation.lanes import advance_lanes, end_of_kind, fits_lanes
 from mjsheaf.simulation.loop import HUGE, Loop, finish_law, record, sense_and_command
 from mjsheaf.simulation.motion import move, pack_motion
 from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
+from mjsheaf.tiers import tiered
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
 from mjsheaf.vehicles.vectors import add
+
+_MOST_NUMBERS = 50_000  # of a loop whose vehicles Python commands: some 150 vehicles
 
 
 @inline_jit
@@ -45,15 +48,15 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     Returns:
         Whether none did; see `ThreadedLoop._work` on `bad`.
     """
-    all_good = True
+    all_good, fleet, helm, qpos = True, loop.params.fleet, loop.params.helm, loop.state.qpos
     begin = first
     while begin < last:
-        end = end_of_kind(loop, begin, last)
-        if fits_lanes(loop, begin, end):
+        end = end_of_kind(fleet.bodies, begin, last)
+        if fits_lanes(fleet, helm, qpos, begin, end):
             all_good &= advance_lanes(loop, motion, begin, end, step, count, log, row, bad)
         else:
-            while end < last and not fits_lanes(loop, end, end_of_kind(loop, end, last)):
-                end = end_of_kind(loop, end, last)
+            while end < last and not fits_lanes(fleet, helm, qpos, end, end_of_kind(fleet.bodies, end, last)):
+                end = end_of_kind(fleet.bodies, end, last)
             all_good &= advance_each(loop, motion, begin, end, step, count, log, row, bad)
         begin = end
     return all_good
@@ -71,7 +74,7 @@ def advance_each(loop, motion, first, last, step, count, log, row, bad):
             R, omega, force, moment = sense_and_command(loop, v)
             if k == step and row >= 0:
                 record(loop, log, row, v, v + 1)
-            good, force, moment = apply_actuators(loop, body, force, moment)
+            good, force, moment = apply_actuators(params.fleet, state.ctrl, state.act, body, force, moment)
             if not good:
                 bad[v], all_good = 2 * k + 1, False
             elif not move(motion[body.kind], body, R, omega, force, moment, h, state.qpos, state.qvel):
@@ -82,17 +85,15 @@ def advance_each(loop, motion, first, last, step, count, log, row, bad):
 
 
 @inline_jit
-def apply_actuators(loop, body, force, moment):
+def apply_actuators(fleet, ctrl, act, body, force, moment):
     """Add the force and moment of a vehicle's actuators, and advance their activations.
 
     Returns:
         True if all commands are good; force and moment, body axes, (3,) each.
     """
-    fleet, state = loop.params.fleet, loop.state
     kind, good = fleet.kinds[body.kind], True
     channels = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-    ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
-    act = state.act[body.state :]
+    ctrl, act = ctrl[body.actuator : body.actuator + kind.count], act[body.state :]
     for j in range(kind.count):
         channel = channels[j]
         f, after = actuator_force(channel, ctrl[j], act[channel.state] if channel.late else 0.0)
@@ -111,7 +112,10 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
     k, end, meetings, blocks = step, step + count, 0, loop.params.fleet.blocks
     B, joint = blocks.shape[0] - 1, loop.params.control.stages.joint
     while k < end:
-        span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
+        span, sample = (
+            min(loop.params.per_law - k % loop.params.per_law, end - k),
+            next_row(loop.params.per_sample, k, recorder.log.positions, row),
+        )
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
         block = take(gate, thread, threads, B)
@@ -126,6 +130,7 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
         k, row, meetings = k + span, row + (sample >= 0), meetings + 3
 
 
+@tiered(records=True, numbers=_MOST_NUMBERS)
 @jit
 def command_all(loop, t):
     """Let every vehicle measure and command at time t, s."""

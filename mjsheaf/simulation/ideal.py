@@ -246,7 +246,7 @@ def _advance(follow, run, t, x, first, last):
 def _record(run, t, x, k, log):
     """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
     medium, memory, slope = run.medium, run.memory, run.slope[0]
-    record_links(memory, log, k)
+    record_links(memory.links.heard, memory.y, log, k)
     hold(medium, t, 0, x.shape[0], run.medium_state)
     advance(medium, t, 0, x.shape[0], run.medium_state)
     for v in range(x.shape[0]):
@@ -263,7 +263,7 @@ def _record(run, t, x, k, log):
                     log.inputs[k, v, i] = memory.command[v, i]
         for i in range(3):
             slope[v, i] += w[i]
-        record_vehicle(run, memory, log, k, v, x[v], slope[v], w)
+        record_vehicle(log.extra, run, memory, log, k, v, x[v], slope[v], w)
 
 
 @jit

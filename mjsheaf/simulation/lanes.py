@@ -73,9 +73,8 @@ _WAVE_ROWS = 5 * _HARMONICS
 
 
 @inline_jit
-def end_of_kind(loop, first, last):
+def end_of_kind(bodies, first, last):
     """Return the number after the last of the vehicles from `first` on, and before `last`, that are of one kind."""
-    bodies = loop.params.fleet.bodies
     end = first + 1
     while end < last and bodies[end].kind == bodies[first].kind:
         end += 1
@@ -83,15 +82,14 @@ def end_of_kind(loop, first, last):
 
 
 @inline_jit
-def fits_lanes(loop, first, last):
-    """Return True if the vehicles from first up to last, of one kind, can be moved in lanes."""
-    params, fleet = loop.params, loop.params.fleet
+def fits_lanes(fleet, helm, qpos, first, last):
+    """Return True if the vehicles from first up to last, of one kind, can be moved in lanes; see `loop.Params`."""
     kind = fleet.kinds[fleet.bodies[first].kind]
     fits = (last - first >= MIN_ALIKE) & (last - first <= LANES)
     fits &= (kind.turning == 0) & (kind.in_flow == 0) & (kind.forward_only == 0) & (kind.count <= _CHANNELS)
-    fits &= loop.state.qpos.itemsize == 8
+    fits &= qpos.itemsize == 8
     for v in range(first, last):
-        fits &= params.helm[v] == AUTOPILOT
+        fits &= helm[v] == AUTOPILOT
     return fits
 
 
@@ -120,45 +118,42 @@ def _attitude(block, lane):
 
 
 @inline_jit
-def _gather(loop, first, last, lanes, block, activation):
-    """Read the state of the vehicles; lanes beyond the last repeat the first."""
-    fleet, state = loop.params.fleet, loop.state
+def _gather(fleet, qpos, qvel, act, command, first, last, lanes, block, activation):
+    """Read the state of the vehicles and their commands (V, 3); lanes beyond the last repeat the first."""
     kind = fleet.kinds[fleet.bodies[first].kind]
     for lane in range(lanes):
         v = first + lane if first + lane < last else first
         body = fleet.bodies[v]
         for i in range(7):
-            block[_POSITION + i, lane] = state.qpos[body.qpos + i]
+            block[_POSITION + i, lane] = qpos[body.qpos + i]
         for i in range(6):
-            block[_VELOCITY + i, lane] = state.qvel[body.dof + i]
+            block[_VELOCITY + i, lane] = qvel[body.dof + i]
         for i in range(3):
-            block[_COMMAND + i, lane] = state.memory.command[v, i]
+            block[_COMMAND + i, lane] = command[v, i]
             block[_MEDIUM + i, lane] = 0.0
         block[_HEADING, lane] = body.heading[0]
         block[_HEADING + 1, lane] = body.heading[1]
         for j in range(kind.count):
             channel = fleet.thrusters[kind.thruster + j]
-            activation[j, lane] = state.act[body.state + channel.state] if channel.late else 0.0
+            activation[j, lane] = act[body.state + channel.state] if channel.late else 0.0
 
 
 @inline_jit
-def _scatter(loop, first, last, block, activation, effort):
-    """Write the commands of the vehicles, their activations, and the state of those whose commands are good."""
-    _write_commands(loop, first, last, effort)
-    fleet, state = loop.params.fleet, loop.state
+def _scatter(fleet, qpos, qvel, act, first, last, block, activation):
+    """Write the activations of the vehicles, and the state of those whose commands are good."""
     kind = fleet.kinds[fleet.bodies[first].kind]
     for v in range(first, last):
         lane = v - first
         body = fleet.bodies[v]
         if block[_GOOD, lane] > 0.0:
             for i in range(7):
-                state.qpos[body.qpos + i] = block[_POSITION + i, lane]
+                qpos[body.qpos + i] = block[_POSITION + i, lane]
             for i in range(6):
-                state.qvel[body.dof + i] = block[_VELOCITY + i, lane]
+                qvel[body.dof + i] = block[_VELOCITY + i, lane]
         for j in range(kind.count):
             channel = fleet.thrusters[kind.thruster + j]
             if channel.late:
-                state.act[body.state + channel.state] = activation[j, lane]
+                act[body.state + channel.state] = activation[j, lane]
 
 
 @inline_jit
@@ -286,16 +281,16 @@ def _limit_thrust(kind, lanes, block):
 
 
 @inline_jit
-def _allocate(loop, first, last, lanes, block, effort):
+def _allocate(fleet, ctrl, first, last, lanes, block, effort):
     """Write the efforts; see `bodies.thruster_commands`.
 
     Args:
-        loop: Loop of the world.
+        fleet: The vehicles.
+        ctrl: Commands of all actuators, which serve as working memory.
         first, last: Range of vehicles.
         lanes: Number of lanes in use.
         block, effort: Rows of the vehicles, and of their efforts.
     """
-    fleet = loop.params.fleet
     kind = fleet.kinds[fleet.bodies[first].kind]
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     beyond = 0
@@ -311,25 +306,24 @@ def _allocate(loop, first, last, lanes, block, effort):
             beyond += 0 if within else 1
     if beyond > 0:
         if kind.one_sided:
-            _allocate_nearest(loop, kind, thrusters, first, last, block, effort)
+            _allocate_nearest(fleet.bodies, ctrl, kind, thrusters, first, last, block, effort)
         else:
             _allocate_within_limits(kind, thrusters, lanes, block, effort)
 
 
 @inline_jit
-def _allocate_nearest(loop, kind, thrusters, first, last, block, effort):
+def _allocate_nearest(bodies, ctrl, kind, thrusters, first, last, block, effort):
     """Replace the efforts of vehicles of which one is beyond its limits, one vehicle after the other."""
     for v in range(first, last):
         lane = v - first
         if not block[_WITHIN, lane] > 0.0:
-            actuator = loop.params.fleet.bodies[v].actuator
-            ctrl = loop.state.ctrl[actuator : actuator + kind.count]
+            nearest = ctrl[bodies[v].actuator :]
             weight, turn = _three(block, _WEIGHT, lane), _three(block, _TURN, lane)
             force, moment = _three(block, _PUSH, lane), _three(block, _COUPLE, lane)
             upright = _attitude(block, lane)[8]
-            allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, ctrl)
+            allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, nearest)
             for j in range(kind.count):
-                effort[j, lane] = ctrl[j]
+                effort[j, lane] = nearest[j]
 
 
 @inline_jit
@@ -458,16 +452,16 @@ def _turn_far(h, lanes, block):
 
 
 @inline_jit
-def _mark_commands(loop, first, last, k, block, bad):
+def _mark_commands(bodies, qpos, qvel, first, last, k, block, bad):
     """Return True if all commands are good; write to `bad`, and keep the state of vehicles whose commands are not."""
     all_good = True
     for v in range(first, last):
         if not block[_GOOD, v - first] > 0.0:
-            body = loop.params.fleet.bodies[v]
+            body = bodies[v]
             for i in range(7):
-                loop.state.qpos[body.qpos + i] = block[_POSITION + i, v - first]
+                qpos[body.qpos + i] = block[_POSITION + i, v - first]
             for i in range(6):
-                loop.state.qvel[body.dof + i] = block[_VELOCITY + i, v - first]
+                qvel[body.dof + i] = block[_VELOCITY + i, v - first]
             bad[v] = 2 * k + 1
             all_good = False
     return all_good
@@ -582,27 +576,26 @@ def _meet_medium(medium, state, first, last, lanes, block):
 
 
 @inline_jit
-def _write_commands(loop, first, last, effort):
+def _write_commands(fleet, ctrl, first, last, effort):
     """Write the efforts to the commands of the vehicles."""
-    fleet = loop.params.fleet
     kind = fleet.kinds[fleet.bodies[first].kind]
     for v in range(first, last):
         for j in range(kind.count):
-            loop.state.ctrl[fleet.bodies[v].actuator + j] = effort[j, v - first]
+            ctrl[fleet.bodies[v].actuator + j] = effort[j, v - first]
 
 
 @inline_jit
 def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
     """Move vehicles for which `fits_lanes` holds; see `fused.advance_block`."""
     params, state = loop
-    fleet, h = params.fleet, params.timestep
+    fleet, h, qpos, qvel = params.fleet, params.timestep, state.qpos, state.qvel
     number = fleet.bodies[first].kind
     kind, one = fleet.kinds[number], motion[number]
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     block, activation, effort = lane_array(_ROWS), lane_array(_CHANNELS), lane_array(_CHANNELS)
     lanes = lanes_for(last - first)
     waves, steady = lane_array(_WAVE_ROWS), _is_steady(params.medium, first, last)
-    _gather(loop, first, last, lanes, block, activation)
+    _gather(fleet, qpos, qvel, state.act, state.memory.command, first, last, lanes, block, activation)
     if steady:
         _gather_waves(params.medium.harmonics, first, last, lanes, waves)
     for lane in range(lanes):
@@ -621,16 +614,17 @@ def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
         else:
             _steer(kind, lanes, block)
         _add_medium(kind, lanes, block)
-        _allocate(loop, first, last, lanes, block, effort)
+        _allocate(fleet, state.ctrl, first, last, lanes, block, effort)
         if recorded:
-            _write_commands(loop, first, last, effort)
+            _write_commands(fleet, state.ctrl, first, last, effort)
             record(loop, log, row, first, last)
         _act(kind, thrusters, lanes, block, activation, effort)
-        all_good &= _mark_commands(loop, first, last, k, block, bad)
+        all_good &= _mark_commands(fleet.bodies, qpos, qvel, first, last, k, block, bad)
         _move(one, h, lanes, block)
         _turn(h, lanes, block)
         all_good &= _mark_states(first, last, k, block, bad)
         if not all_good:
             break
-    _scatter(loop, first, last, block, activation, effort)
+    _write_commands(fleet, state.ctrl, first, last, effort)
+    _scatter(fleet, qpos, qvel, state.act, first, last, block, activation)
     return all_good

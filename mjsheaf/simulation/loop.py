@@ -148,7 +148,7 @@ def command_team(loop, t):
     if params.control.law.terms.drift > 0.0:
         advance(params.medium, t, 0, bodies.shape[0], state.medium)
         for v in range(bodies.shape[0]):
-            w = medium_at(params, state, v)
+            w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
             for i in range(3):
                 state.drift[v, i] = w[i]
     attitude = memory.links.attitude
@@ -191,16 +191,17 @@ def keep_stations(loop, t, first, last):
     for v in range(first, last):
         if params.station.holds[v]:
             advance(params.medium, t, v, v + 1, state.medium)
-            keep_station(params.station, v, state.x[v], medium_at(params, state, v), state.memory.command[v])
+            w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
+            keep_station(params.station, v, state.x[v], w, state.memory.command[v])
 
 
 @inline_jit
-def medium_at(params, state, v):
-    """Velocity of the medium at the origin of vehicle v, as three numbers, m/s."""
-    body = params.fleet.bodies[v]
-    a, q = body.qpos, state.qpos
-    z = 0.0 if params.fleet.kinds[body.kind].planar else q[a + 2]
-    return medium_velocity(params.medium, state.medium, v, q[a], q[a + 1], z)
+def medium_at(medium, present, fleet, qpos, v):
+    """Velocity of the medium, whose state is `present`, at the origin of vehicle v, as three numbers, m/s."""
+    body = fleet.bodies[v]
+    a = body.qpos
+    z = 0.0 if fleet.kinds[body.kind].planar else qpos[a + 2]
+    return medium_velocity(medium, present, v, qpos[a], qpos[a + 1], z)
 
 
 @jit
@@ -214,7 +215,9 @@ def _flow_wrench_of(loop, v, R):
     kind, d = params.fleet.kinds[body.kind], body.dof
     thrusters = params.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
-    s = to_body(R, subtract(triple(state.qvel[d:]), medium_at(params, state, v)))
+    s = to_body(
+        R, subtract(triple(state.qvel[d:]), medium_at(params.medium, state.medium, params.fleet, state.qpos, v))
+    )
     return flow_wrench(thrusters, s, triple(state.qvel[d + 3 :]), state.act[body.state :], ctrl)
 
 
@@ -235,7 +238,7 @@ def sense_and_command(loop, v):
     quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
     R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
     surface = surface_about(params.medium, state.medium, v, q[a], q[a + 1])
-    w = medium_at(params, state, v)
+    w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
     rise = surface[3] if kind.planar else 0.0
     s = to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), (w[0], w[1], w[2] + rise)))
     omega = triple(qvel[d + 3 :])
@@ -264,17 +267,17 @@ def sense_and_command(loop, v):
 
 
 @inline_jit
-def place_targets(loop, recorder, first, last):
+def place_targets(fleet, qpos, x, recorder, first, last):
     """Put the targets among the vehicles from first up to last at their references of this sample."""
-    k, fleet, state = recorder.written[0], loop.params.fleet, loop.state
+    k = recorder.written[0]
     agents = fleet.bodies.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
         return
-    controlled_positions(fleet, state.qpos, first, last, state.x)
+    controlled_positions(fleet, qpos, first, last, x)
     for v in range(max(agents, first), last):
         body = fleet.bodies[v]
         for i in range(2 if fleet.kinds[body.kind].planar else 3):
-            state.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - state.x[v, i]
+            qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - x[v, i]
 
 
 @inline_jit
@@ -294,12 +297,12 @@ def record(loop, log, k, first, last):
     params, state = loop
     fleet, memory = params.fleet, state.memory
     if first == 0:
-        record_links(memory, log, k)
+        record_links(memory.links.heard, memory.y, log, k)
     for v in range(first, last):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
-        w = medium_at(params, state, v)
-        record_vehicle(loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
+        w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
+        record_vehicle(log.extra, loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
         for i in range(3):
             log.origin[k, v, i] = state.qpos[a + i]
         for i in range(4):
@@ -449,7 +452,7 @@ class ClosedLoop(Engine):
         _run_law(self._loop, self.time)
 
     def _place_targets(self, recorder: Recorder) -> None:
-        _place_targets(self._loop, recorder, 0, len(self._vehicles))
+        _place_targets(self._fleet, self._loop.state.qpos, self._loop.state.x, recorder, 0, len(self._vehicles))
 
     def _record_now(self, recorder: Recorder) -> None:
         self._evaluate_law()

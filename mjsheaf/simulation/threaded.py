@@ -50,12 +50,13 @@ def begin_span(loop, k, recorder, row, thread, threads, meetings, gate):
     Targets are placed for the recorder, and the sample that becomes `row` of its log is counted, unless `row` is
     negative; the law is evaluated if it is due, but for what `finish_law` does.
     """
-    params, V = loop.params, loop.params.fleet.bodies.shape[0]
+    params, state = loop
+    V = params.fleet.bodies.shape[0]
     first, last, due = V * thread // threads, V * (thread + 1) // threads, k % params.per_law == 0
     if row >= 0:
-        place_targets(loop, recorder, first, last)
+        place_targets(params.fleet, state.qpos, state.x, recorder, first, last)
     if due:
-        controlled_positions(params.fleet, loop.state.qpos, first, last, loop.state.x)
+        controlled_positions(params.fleet, state.qpos, first, last, state.x)
     if not wait(gate, meetings + 1, threads):
         return False
     if thread == 0:
@@ -74,9 +75,9 @@ def end_span(threads, meetings, gate):
 
 
 @inline_jit
-def next_row(loop, k, recorder, row):
+def next_row(per_sample, k, positions, row):
     """The row of the log for step k, or -1 where it is no sample or there is no room for it."""
-    return row if k % loop.params.per_sample == 0 and row < recorder.log.positions.shape[0] else -1
+    return row if k % per_sample == 0 and row < positions.shape[0] else -1
 
 
 def first_bad(bad: IntArray) -> tuple[int, int] | None:

@@ -156,10 +156,11 @@ class Trajectory:
 
 
 @inline_jit
-def record_vehicle(run, memory, log, k, v, position, velocity, medium):
+def record_vehicle(extra, run, memory, log, k, v, position, velocity, medium):
     """Write the values that every backend records of vehicle v as sample k.
 
     Args:
+        extra: `log.extra`; where it is (), nothing of what reads it is compiled.
         run: Source of the compiled readers: a Loop on bodies, an Integrator on ideal kinematics.
         memory: Memory of the law.
         log: Log to write to.
@@ -176,23 +177,17 @@ def record_vehicle(run, memory, log, k, v, position, velocity, medium):
         log.medium[k, v, i] = medium[i]
     for i in range(log.safety.shape[2]):
         log.safety[k, v, i] = memory.safety.found[v, i]
-    _record_extra(log.extra, run, memory, k, v)
-
-
-@inline_jit
-def _record_extra(extra, run, memory, k, v):
-    """Write what compiled readers read; without any, nothing of this is compiled."""
     if len(extra) > 0:
         extra.read(run, memory, v, extra.values[k, v])
 
 
 @inline_jit
-def record_links(memory, log, k):
-    """Write the reception on each link as sample k, and measurements if the log has room for them."""
+def record_links(heard, y, log, k):
+    """Write the reception on each link as sample k, and measurements y (m,) if the log has room for them."""
     for i in range(log.heard.shape[1]):
-        log.heard[k, i] = memory.links.heard[i]
+        log.heard[k, i] = heard[i]
     for i in range(log.measurements.shape[1]):
-        log.measurements[k, i] = memory.y[i]
+        log.measurements[k, i] = y[i]
 
 
 def quaternions_of(heading: Array) -> Array:
