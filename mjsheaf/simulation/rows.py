@@ -221,12 +221,12 @@ def _holds(whole: NDArray[Any], part: NDArray[Any]) -> bool:
 
 def _own_arrays(loop: Loop) -> list[Array]:
     """Return the arrays that a world has of its own, without those that are parts of an earlier one."""
-    found: list[Array] = []
-    for leaf in leaves_of(loop):
-        part = leaf.value
-        if leaf.own and isinstance(part, np.ndarray) and not any(_holds(whole, part) for whole in found):
-            found.append(part)
-    return found
+    found = dict[tuple[int, int], Array]()  # by the addresses where they begin and end
+    for part in (leaf.value for leaf in leaves_of(loop) if leaf.own and isinstance(leaf.value, np.ndarray)):
+        begin = part.ctypes.data
+        if not any(first <= begin < end for first, end in found):
+            found[begin, begin + part.nbytes] = part
+    return list(found.values())
 
 
 def _size(loop: Loop) -> int:

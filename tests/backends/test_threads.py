@@ -16,10 +16,13 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.jit import jit
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.gate import Crew, refill, take, wait
+from mjsheaf.simulation.loop import finish_law, run_law, share_law
 from mjsheaf.simulation.session import ENGINES, moved_by
 from mjsheaf.simulation.world import SplitWorld
 from mjsheaf.system import on_engine
+from mjsheaf.tiers import Tiered
 from tests.builders import make_scenario, mixed_scenario, refused
 
 SWARM = {"swarm.size": 60, "time.end": 1.0}
@@ -44,13 +47,47 @@ def crews(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return counts
 
 
+@pytest.mark.parametrize("name", ["swarm_radio_shadow", "swarm"])
 @pytest.mark.parametrize("engine", ENGINES)
-def test_threads_do_not_change_a_bit(engine: str, crews: list[int]) -> None:
-    """Of a swarm of unlike vehicles over links that fail, with events in mid-run; MuJoCo's one thread is `World`."""
-    scenario = load_scenario("swarm_radio_shadow", SWARM)
+def test_threads_do_not_change_a_bit(engine: str, name: str, crews: list[int]) -> None:
+    """Of a swarm over links that fail, with events in mid-run, and of one whose law is divided among threads.
+
+    MuJoCo's one thread is `World`.
+    """
+    scenario = load_scenario(name, SWARM)
     one, *more = (bits(simulate(scenario, engine=engine, threads=threads)) for threads in (1, 2, 3))
     assert all(other == one for other in more)
     assert crews == ([1, 2, 3] if engine == "fused" else [2, 3])
+
+
+@pytest.mark.parametrize(("name", "held"), [("paper", False), ("harbour", True)])
+def test_a_divided_law_is_the_law(name: str, held: bool) -> None:
+    """Any number of threads may measure its edges, and then command vehicles in any order and in any groups."""
+    scenario = load_scenario(name, {"physics.contacts": False})
+    run = Fused(on_engine(scenario.phases, "fused"))
+    loop, _ = run.compiled
+    assert loop.params.control.stages.joint == ()
+    V, rng = len(run.system.team.members), np.random.default_rng(1)
+    if held:
+        loop.params.station.holds[:2] = True
+    loop.state.qpos[:] += rng.normal(size=7 * V)
+    memory = loop.state.memory
+    Tiered(run_law, records=True)(loop, loop.params.start)
+    expected = memory.flat.tobytes()
+    memory.flat[:] = np.nan
+    memory.supplied[:] = 0.0
+    for thread in rng.permutation(3):
+        Tiered(share_law, records=True)((), loop, loop.params.start, int(thread), 3)
+    ends = np.sort(rng.choice(np.arange(1, V), 3, replace=False)).tolist()
+    for first, last in rng.permutation(np.column_stack(([0, *ends], [*ends, V]))).tolist():
+        Tiered(finish_law, records=True)((), loop, 0, first, last)
+    assert memory.flat.tobytes() == expected
+
+
+def test_laws_with_stages_for_the_whole_team_are_not_divided() -> None:
+    joint = {name: load_scenario(name).system.control.stages.joint for name in ("noisy_harbour", "paper_safe", "swarm")}
+    assert joint == {"noisy_harbour": (1,), "paper_safe": (1,), "swarm": ()}
+    assert load_scenario("range_formation").system.control.stages.joint == (1,)
 
 
 @pytest.mark.parametrize(("quota", "expected"), [("max 100000", 8), ("150000 100000", 2), ("1000 100000", 1), ("", 8)])
