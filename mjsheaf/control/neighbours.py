@@ -9,7 +9,7 @@ and c any vector. The distance of two vehicles has changed by at most |d_v - d_j
 farther than half of a slack from c, two that are within `reach` were within reach + slack at the sort. With c in the
 middle of the displacements, a team that moves as one is sorted once. Hence cells are as wide as reach + slack, and a
 vehicle is looked for where it was sorted. If few were within reach + slack, they are listed at the sort, and the list
-takes the place of the cells. The slack is doubled or halved from sort to sort, as lists have room.
+takes the place of the cells. The slack is doubled or halved from sort to sort, as lists have room and sorts last.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,8 @@ _ROUNDING = 1e-12  # by which cells are wider: a product may round up
 _GROWTH = 1.25  # of the cells' width until there are few enough
 _SLACKS = (0.125, 1.0)  # smallest and largest slack, of the reach
 _LISTED = 32  # maximum number of neighbours that are listed for a vehicle
-_FEW = 12  # if no list is longer, the slack is doubled
+_FEW = 22  # if no list is longer than that over 1 + slack, the slack may be doubled
+_SHORT, _LASTING = 10, 40  # samples: if a sort serves for fewer, the slack is doubled; if for more, halved
 _ASTRAY = 100.0  # of the slack; c beyond it is rounded too much
 
 
@@ -44,7 +45,7 @@ class Cells(NamedTuple):
         lengths: Number of vehicles in each row of `found`, or for which there was no room, shape (V,).
         corner: Smallest coordinates, shape (3,), m.
         shape: Number of cells along each axis, how many there are in a metre, the reach in m, the slack as a
-            fraction of the reach, and that of the next sort, shape (7,).
+            fraction of the reach, that of the next sort, and the samples since the last one, shape (8,).
         start: Where the vehicles of each cell begin in `order`, shape (2 V + 3,).
         order: Vehicles sorted by cell, shape (V,).
         lined: Positions in this order, shape (3, V), m.
@@ -76,7 +77,7 @@ def new_cells(V: int) -> Cells:
         found=np.zeros((V, room)),
         lengths=np.zeros(V),
         corner=np.zeros(3 * some),
-        shape=np.zeros(7 * some),
+        shape=np.zeros(8 * some),
         start=np.zeros((2 * V + 3) * some),
         order=np.zeros(V),
         lined=np.zeros((3, V)),
@@ -175,6 +176,7 @@ def sort_into_cells(cells, reach):
     Returns:
         False if a position is not a number or huge.
     """
+    cells.shape[7] += 1.0
     if cells.shape[4] == reach and _serves(cells, cells.shape[5] * reach):
         return True
     share = min(max(cells.shape[6], _SLACKS[0]), _SLACKS[1])
@@ -185,7 +187,10 @@ def sort_into_cells(cells, reach):
     longest = _list_near(cells, (1.0 + share) * reach)
     cells.shape[4] = reach
     cells.shape[5] = share
-    cells.shape[6] = share * (0.5 if longest > _LISTED else 2.0 if longest <= _FEW else 1.0)
+    few, lasted = (1.0 + share) * longest <= _FEW, cells.shape[7]
+    shorten = longest > _LISTED or lasted > _LASTING
+    cells.shape[6] = share * (0.5 if shorten else 2.0 if few and lasted < _SHORT else 1.0)
+    cells.shape[7] = 0.0
     return True
 
 

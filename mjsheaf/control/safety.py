@@ -101,7 +101,7 @@ class SafetyMemory(NamedTuple):
         found: Results of each vehicle, shape (V, 4): difference between its limited command and the law's, m/s; the
             law's limited speed, m/s; number, from 1, of the vehicle or obstacle (after the vehicles) whose constraint
             the law violated most, 0 if none; and the violation that had to be accepted, m/s.
-        rows: Constraints of one agent: a, c in m/s and the cause, shape (V + K, 5).
+        rows: Constraints of one agent: a, c in m/s, and the number of the cause from 0, shape (V + K, 5).
         close: Vehicles within range of one agent, shape (V,).
         cells: List of cells.
     """
@@ -158,17 +158,18 @@ def is_restrained(stage, work, v):
 def _filter(safety, t, v, limit, command, work):
     """Replace the command of agent v by the nearest that satisfies its constraints, if it violates one."""
     wanted = np.sqrt(square_of(triple(command)))
-    near, square = _find_close(safety, v, work)
+    count, square = _find_close(safety, v, work)
     D = safety.radius[v] + safety.widest
     settled = safety.rate * (square * (1.0 - _CLEARLY) - D * D)
     obstacles = safety.obstacles.kind.shape[0]
     if obstacles == 0 and settled > 2.0 * np.sqrt(square) * (safety.closing[v] + wanted * safety.burden[v]):
-        if near > 0:
+        if count > 0:
             work.found[v, WANTED] = limit / wanted * wanted if wanted > limit else wanted
         return
-    count = 0
-    for k in range(near):
-        count = _add_vehicle(safety, v, k, work, count)
+    inside = square <= _INSIDE * _INSIDE * D * D * (1.0 + _CLEARLY)
+    own, planar = triple(safety.pairing[v]), safety.planar[v]
+    for k in range(count):
+        _face_vehicle(safety, v, own, planar, inside, work.rows[k], work)
     for k in range(obstacles):
         count = _add_obstacle(safety, t, v, k, work, count)
     if count > 0:
@@ -210,43 +211,49 @@ def _find_close(safety, v, work):
 @inline_jit
 def _write_near(work, own, other, k):
     """Write an agent's place relative to a vehicle to row k, with the squared distance, and return that, m^2."""
-    rx, ry, rz = subtract(own, triple(work.cells.places[int(other)]))
+    rx, ry, rz = subtract(own, triple(work.cells.places[np.uint64(int(other))]))
     square = rx * rx + ry * ry + rz * rz
-    work.rows[k, 0] = rx
-    work.rows[k, 1] = ry
-    work.rows[k, 2] = rz
-    work.rows[k, 3] = square
-    work.rows[k, 4] = other
+    row = work.rows[np.uint64(k)]
+    row[0] = rx
+    row[1] = ry
+    row[2] = rz
+    row[3] = square
+    row[4] = other
     return square
 
 
 @inline_jit
-def _add_vehicle(safety, v, k, work, count):
-    """Add the constraint of agent v against the vehicle within range in row k."""
-    rx, ry, rz = triple(work.rows[k])
-    square, j = work.rows[k, 3], int(work.rows[k, 4])
-    if square == 0.0:  # on top of one another: the first goes along x, the other the other way
-        rx = 1e-12 if v < j else -1e-12
-        square = rx * rx
+def _face_vehicle(safety, v, own, planar, inside, row, work):
+    """Turn the row of a vehicle within range into the constraint of agent v against it.
+
+    Args:
+        own: Row of agent v in safety.pairing.
+        planar: True if agent v lives in the plane.
+        inside: True if a vehicle may be closer than half the distance to keep.
+    """
+    square, j = row[3], int(row[4])
+    if inside and square == 0.0:  # on top of one another: the first goes along x, the other the other way
+        row[0] = 1e-12 if v < j else -1e-12
+        square = row[0] * row[0]
     away = np.sqrt(square)
     inverse = 1.0 / away
-    own_radius, own_share, own_speed = triple(safety.pairing[v])
-    radius, share, speed = triple(safety.pairing[j])
-    D = own_radius + radius
-    parting = own_speed + speed
+    radius, share, speed = triple(safety.pairing[np.uint64(j)])
+    D = own[0] + radius
+    parting = own[2] + speed
     if not safety.uniform:
         parting += np.sqrt(square_of(subtract(triple(safety.carried[v]), triple(safety.carried[j]))))
     fall = 0.5 * safety.rate * (square - D * D) * inverse
-    if away < _INSIDE * D:
+    if inside and away < _INSIDE * D:
         grown = square + safety.period * safety.rate * (D * D - square)
         fall = (away - np.sqrt(grown)) / safety.period
-    weight = 0.5 if share == own_share else own_share / (own_share + share)  # the same to a bit, most often
-    return _add(safety, v, j + 1.0, rx * inverse, ry * inverse, rz * inverse, weight * (parting - fall), work, count)
+    weight = 0.5 if share == own[1] else own[1] / (own[1] + share)  # the same to a bit, most often
+    nx, ny, nz = row[0] * inverse, row[1] * inverse, row[2] * inverse
+    _write(planar, v, nx, ny, nz, weight * (parting - fall), row, work)
 
 
 @inline_jit
 def _add_obstacle(safety, t, v, k, work, count):
-    """Add the constraint of agent v against obstacle k, if that is within range."""
+    """Add the constraint of agent v against obstacle k, if that is within range, and return how many there are."""
     x, y, z = triple(work.cells.places[v])
     away, nx, ny, nz = distance_from(safety.obstacles, k, t, x, y, z)
     if away > safety.reach:
@@ -255,24 +262,23 @@ def _add_obstacle(safety, t, v, k, work, count):
     near = max(away, _INSIDE * D)
     fall = safety.rate * (away - D) * (near + D) / (2.0 * near)
     bound = np.sqrt(square_of(triple(safety.carried[v]))) + safety.unsteady[v] + safety.obstacles.speed[k] - fall
-    cause = work.cells.places.shape[0] + k + 1.0
-    return _add(safety, v, cause, nx, ny, nz, bound, work, count)
+    work.rows[count, 4] = work.cells.places.shape[0] + k
+    _write(safety.planar[v], v, nx, ny, nz, bound, work.rows[count], work)
+    return count + 1
 
 
 @inline_jit
-def _add(safety, v, cause, nx, ny, nz, bound, work, count):
-    """Add the constraint n . u >= bound of agent v, and return how many there are."""
-    if safety.planar[v]:
+def _write(planar, v, nx, ny, nz, bound, row, work):
+    """Write the constraint n . u >= bound of agent v."""
+    if planar:
         nz = 0.0
         if nx * nx + ny * ny < _SMALLEST * _SMALLEST:  # above or below the agent, which can do nothing
             work.found[v, VIOLATION] = max(work.found[v, VIOLATION], bound)
-            return count
-    work.rows[count, 0] = nx
-    work.rows[count, 1] = ny
-    work.rows[count, 2] = nz
-    work.rows[count, 3] = bound
-    work.rows[count, 4] = cause
-    return count + 1
+            nx, ny, bound = 0.0, 0.0, -np.inf
+    row[0] = nx
+    row[1] = ny
+    row[2] = nz
+    row[3] = bound
 
 
 @inline_jit
@@ -291,7 +297,7 @@ def _give_way(safety, v, count, limit, wanted, command, work):
         largest = max(largest, work.rows[k, 3])
         if short > worst:
             worst = short
-            cause = work.rows[k, 4]
+            cause = work.rows[k, 4] + 1.0
             first = k
     for i in range(4):  # it is active most often, and few others are violated where it is
         work.rows[first, i], work.rows[0, i] = work.rows[0, i], work.rows[first, i]
