@@ -140,7 +140,8 @@ def test_memory_does_not_grow_with_the_run(backend: str, piece: Callable[[int], 
         return most
 
     peak(1.0)  # imports and compiles
-    short, long = peak(5.0), peak(15.0)
+    # What happens once, such as loading code that Python has carried out so far, counts in one of two runs only.
+    short, long = (min(peak(end), peak(end)) for end in (5.0, 15.0))
     assert long <= 1.2 * short, (short, long)
 
 
