@@ -115,6 +115,14 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[]
 
 
 @pytest.fixture(scope="session")
+def checked(once: Callable[[str, Callable[[], Any]], Any]) -> Callable[[str], Any]:
+    """`checked(name)`: how `mjsheaf check NAME --json` ends for a scenario that ships, once in a session."""
+    from tests.commands import answer_of
+
+    return lambda name: once(f"check-{name}", lambda: answer_of("check", name, "--json"))
+
+
+@pytest.fixture(scope="session")
 def simulated(once: Callable[[str, Callable[[], Any]], Any]) -> Callable[..., xr.Dataset]:
     """`simulated(name, backend, overrides)`: what `simulate` returns for a scenario that ships, once in a session."""
     from mjsheaf import load_scenario, simulate

@@ -249,9 +249,8 @@ INTERPRETED = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [name if name == "mujoco" else pytest.param(name, marks=pytest.mark.slow) for name in INTERPRETED]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", INTERPRETED)
 def test_every_backend_runs_uncompiled(name: str, tmp_path: Path) -> None:
     """To rounding, so that a debugger can stop in any loop."""
     command = ("run", *INTERPRETED[name], "--no-video")

@@ -224,6 +224,7 @@ def test_a_hold_of_hours_leaves_no_trace_of_what_a_vehicle_does_by_itself() -> N
         assert loop_of(scenario, 1e-3).stable is False
 
 
+@pytest.mark.slow
 def test_a_thousand_hexarotors_are_decided() -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("swarm", {"swarm.size": 1000, "time.end": 1}))["margins"]["bodies"]
     assert record["stable"] is True

@@ -4,6 +4,7 @@ Oracle: the lesson of each scenario in the gallery; the JSON Schema of the recor
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import jsonschema
@@ -19,7 +20,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
 from tests.builders import Simulated
 from tests.checking.test_screen import assert_record_fits
-from tests.commands import call
+from tests.commands import Answer, call
 from tests.pictures import is_legible
 
 FAILING = {
@@ -38,17 +39,18 @@ SLOW = [n for n in list_scenarios() if n.endswith("_feedforward") or n in LARGE]
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in list_scenarios()]
 )
-def test_verdicts_schema_and_exit_code(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    code = call("check", name, "--json")
-    printed = capsys.readouterr()
-    record = json.loads(printed.out, parse_constant=lambda x: pytest.fail(f"{x} is not JSON"))
+def test_verdicts_schema_and_exit_code(
+    name: str, checked: Callable[[str], Answer], capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = checked(name)
+    record = json.loads(out, parse_constant=lambda x: pytest.fail(f"{x} is not JSON"))
     jsonschema.validate(record, CheckRecord.model_json_schema())
     failing = {a["number"] for a in record["assumptions"] if a["verdict"] == "fails"}
     assert failing == FAILING.get(name, set())
     assert [a["number"] for a in record["assumptions"]] == [1, 2, 3, 4, 5, 6, 7]
     assert record["ok"] is not bool(failing)
     assert code == (1 if failing else 0)
-    assert printed.err.count("\n") == (1 if failing else 0)
+    assert err.count("\n") == (1 if failing else 0)
     reads_as_a_whole(CheckRecord(**record), capsys)
     if name != "swarm":
         assert_record_fits(CheckRecord(**record), name)

@@ -318,6 +318,7 @@ def test_other_constants_are_another_term() -> None:
     assert make(1.0) == make(1.0)
 
 
+@pytest.mark.slow
 def test_events_keep_what_terms_remember_and_name_no_file(file: Path) -> None:
     steeper: dict[str, Any] = {"time": 0.5, "set": {"controller.custom.steeper": {"parameters": {"gain": 0.0}}}}
     scenario = with_term(file, "summed", {"gain": 5.0})

@@ -166,12 +166,14 @@ def test_a_depth_is_interpolated_between_the_levels_of_a_file(file: Path, tmp_pa
         in_flow(file, water={"depth": 3.0})
 
 
+@pytest.mark.slow
 def test_check_bounds_a_gridded_flow(file: Path) -> None:
     third = mjsheaf.check(in_flow(file))["assumptions"][2]
     assert third["holds"]
     assert third["value"] == pytest.approx(in_flow(file).system.moving_bounds.speed.max())
 
 
+@pytest.mark.slow
 def test_a_run_keeps_a_copy_of_its_file_and_can_be_run_again(tmp_path: Path) -> None:
     scenario = mjsheaf.load_scenario("double_gyre", {"time.end": 1.0})
     first = mjsheaf.simulate(scenario, backend="ideal")
