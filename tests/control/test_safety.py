@@ -153,6 +153,17 @@ def test_no_pair_comes_too_near_in_many_swaps() -> None:
     assert ended_early < swaps / 10
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5036, 5067, 5072, 5117])
+def test_everyone_arrives_or_is_reported_deadlocked(seed: int) -> None:
+    """After long enough: some of these are under way for 130 s."""
+    raw = random_swap(seed)
+    raw["time"] = {"end": 200.0}
+    run = simulate(load_scenario(raw), backend="ideal")
+    late = run["agent"].values[run["tracking_error"].values[-1] > 0.05]
+    assert set(late) <= set(safety_of(run)["deadlocked"])  # type: ignore[index]
+
+
 def test_eight_that_meet_stop_and_turn_right_by_the_rule() -> None:
     stuck = positions_of(simulate(load_scenario(swap()), backend="ideal"))
     assert 2.0 - 1e-9 <= pairs_of(stuck).min() < 2.001
