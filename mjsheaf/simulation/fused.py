@@ -112,10 +112,8 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
     k, end, meetings, blocks = step, step + count, 0, loop.params.fleet.blocks
     B, joint = blocks.shape[0] - 1, loop.params.control.stages.joint
     while k < end:
-        span, sample = (
-            min(loop.params.per_law - k % loop.params.per_law, end - k),
-            next_row(loop.params.per_sample, k, recorder.log.positions, row),
-        )
+        span = min(loop.params.per_law - k % loop.params.per_law, end - k)
+        sample = next_row(loop.params.per_sample, k, recorder.log.positions, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
         block = take(gate, thread, threads, B)

@@ -215,9 +215,8 @@ def _flow_wrench_of(loop, v, R):
     kind, d = params.fleet.kinds[body.kind], body.dof
     thrusters = params.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
-    s = to_body(
-        R, subtract(triple(state.qvel[d:]), medium_at(params.medium, state.medium, params.fleet, state.qpos, v))
-    )
+    w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
+    s = to_body(R, subtract(triple(state.qvel[d:]), w))
     return flow_wrench(thrusters, s, triple(state.qvel[d + 3 :]), state.act[body.state :], ctrl)
 
 
@@ -269,8 +268,7 @@ def sense_and_command(loop, v):
 @inline_jit
 def place_targets(fleet, qpos, x, recorder, first, last):
     """Put the targets among the vehicles from first up to last at their references of this sample."""
-    k = recorder.written[0]
-    agents = fleet.bodies.shape[0] - recorder.placed.shape[1]
+    k, agents = recorder.written[0], fleet.bodies.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
         return
     controlled_positions(fleet, qpos, first, last, x)

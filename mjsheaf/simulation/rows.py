@@ -16,7 +16,7 @@ from hashlib import sha256
 from typing import Any, Literal, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
 from mjsheaf.arrays import OWN, Array
 from mjsheaf.errors import InputError
@@ -198,8 +198,8 @@ class Rows:
         W = len(self.values)
         if not part.size:
             return self.values[:, :0].reshape(W, *part.shape)
-        whole, begin = next((whole, begin) for whole, begin in self._places if _holds(whole, part))
-        begin += (part.ctypes.data - whole.ctypes.data) // whole.itemsize
+        behind = ((part.ctypes.data - whole.ctypes.data, whole, begin) for whole, begin in self._places)
+        begin = next(begin + n // whole.itemsize for n, whole, begin in behind if 0 <= n < whole.nbytes)
         return self.values[:, begin : begin + part.size].reshape(W, *part.shape)
 
 
@@ -212,11 +212,6 @@ def _field(kind: np.dtype[Any], number: np.dtype[Any]) -> tuple[Any, ...]:
     """Return type and shape of a record's field, with a type in place of double precision."""
     base, shape = kind.subdtype or (kind, ())
     return (number if base == np.float64 else base), shape
-
-
-def _holds(whole: NDArray[Any], part: NDArray[Any]) -> bool:
-    """Return True if an array begins in the memory of another."""
-    return bool(0 <= part.ctypes.data - whole.ctypes.data < whole.nbytes)
 
 
 def _own_arrays(loop: Loop) -> list[Array]:

@@ -1,4 +1,4 @@
-"""A closed loop whose vehicles are moved by several threads, which meet before and after each evaluation of the law.
+"""A closed loop whose vehicles are moved by several threads, which share the law and meet between its parts.
 
 In between vehicles do not know of one another: which thread moves one does not change a bit.
 """

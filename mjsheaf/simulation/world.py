@@ -188,10 +188,8 @@ def _advance_part(loop, arrays, own, first, last, step, count, recorder, row, ba
     """Do a thread's part, see `ThreadedLoop._work`, with vehicles from first up to last; return False if one is bad."""
     k, end, meetings = step, step + count, 0
     while k < end:
-        span, sample = (
-            min(loop.params.per_law - k % loop.params.per_law, end - k),
-            next_row(loop.params.per_sample, k, recorder.log.positions, row),
-        )
+        span = min(loop.params.per_law - k % loop.params.per_law, end - k)
+        sample = next_row(loop.params.per_sample, k, recorder.log.positions, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return False
         finish_law(loop.params.control.stages.joint, loop, k, first, last)
