@@ -76,7 +76,8 @@ class PhysicsOptions:
         surface_height: Height of the surface, m.
         engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.simulation.fused`.
         threads: Maximum number of threads.
-        compiled: Vehicles by name as their files describe them, compiled on first use and shared by all copies.
+        compiled: Vehicles as their files describe them by name, and as they are simulated by name, time constant and
+            effects; made on first use and shared by all copies and seeds.
     """
 
     vehicle: list[str]
@@ -89,7 +90,7 @@ class PhysicsOptions:
     surface_height: float
     engine: str = "mujoco"
     threads: int = 1
-    compiled: dict[str, Vehicle] = field(default_factory=dict, repr=False)
+    compiled: dict[Any, Vehicle] = field(default_factory=dict, repr=False)
 
     def refuse_contacts(self) -> None:
         """Refuse contacts where bodies are not in one model of MuJoCo's.
@@ -167,20 +168,22 @@ class System:
             InputError: a vehicle is unknown, its files are not valid, or it does not fit the dimension of its agent or
                 target; the message begins with the field.
         """
-        plan, made, vehicles = self.bodies, {}, []
+        plan, vehicles = self.bodies, []
         for v, (member, name) in enumerate(zip(self.team.members, plan.vehicle, strict=True)):
             with in_field(f"{'agents' if v < len(self.team.agents) else 'targets'}.{member.id}.vehicle"):
-                if name not in made:
+                key = name, plan.time_constant, plan.effects
+                if key not in plan.compiled:
                     own = self.described_vehicle(name).with_time_constant(plan.time_constant)
-                    made[name] = embody(own, plan.effects)
-                if made[name].dimension != member.dimension:
+                    plan.compiled[key] = embody(own, plan.effects)
+                vehicle = plan.compiled[key]
+                if vehicle.dimension != member.dimension:
                     raise InputError(
-                        f"{name!r} moves in {made[name].dimension} dimensions, but {member.id} has {member.dimension}; "
+                        f"{name!r} moves in {vehicle.dimension} dimensions, but {member.id} has {member.dimension}; "
                         "see mjsheaf list --vehicles"
                     )
-                if not made[name].actuators:
+                if not vehicle.actuators:
                     self._refuse_to_push(v, name)
-            vehicles.append(made[name])
+            vehicles.append(vehicle)
         return vehicles
 
     def _refuse_to_push(self, v: int, name: str) -> None:

@@ -44,6 +44,7 @@ from mjsheaf.team.edges import PairOrEdge
 from mjsheaf.team.formation import Group
 from mjsheaf.team.links import Links
 from mjsheaf.vehicles.effects import Effects
+from mjsheaf.vehicles.vehicle import Vehicle
 
 EDGE_FIELDS = ("communication", "sensing", "target_edges")
 """The fields of a scenario that hold edges."""
@@ -478,16 +479,21 @@ class Scenario(Section):
         )
 
     def with_seed(self, seed: int) -> "Scenario":
-        """The same scenario under another seed; it shares the team, which no seed changes once a swarm is written out.
+        """The same scenario under another seed; it shares the team and its vehicles, which no seed changes.
 
         Raises:
             InputError: See `phases`, which are built; or the seed is no whole number of at least 0.
         """
         require_whole("seed", seed, 0)
         other = self.model_copy(update={"seed": seed})
-        other.__dict__["team"] = self.team
+        other.__dict__ |= {"team": self.team, "_compiled": self._compiled}
         _ = other.phases
         return other
+
+    @cached_property
+    def _compiled(self) -> dict[Any, Vehicle]:
+        """Vehicles that were loaded; see `PhysicsOptions.compiled`."""
+        return {}
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
@@ -558,6 +564,7 @@ class Scenario(Section):
                 contacts=self.physics.contacts,
                 surface=self.scene.surface,
                 surface_height=self.scene.height,
+                compiled=self._compiled,
             ),
         )
         system.require_fitting()

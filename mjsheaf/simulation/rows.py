@@ -140,16 +140,18 @@ class Rows:
         self._type = np.dtype(number)
         if self._type not in (np.float64, np.float32):
             raise InputError(f"number: {self._type}; expected float64 or float32")
+        leaves = [leaves_of(run.compiled[0]) for run in runs]
+        _require_one_team(runs, leaves)
         # One row lies in C's order and in Fortran's, and would be compiled otherwise than several: it is there twice.
-        several = list(runs) * (1 + (len(runs) == 1))
-        _require_one_team(runs)
+        several = leaves * (1 + (len(runs) == 1))
         whole, motion = runs[0].compiled
-        own = _own_arrays(whole)
+        self._own = _own_arrays(leaves[0])
+        own = [leaves[0][k].value for k in self._own]
         self._places = list(zip(own, np.cumsum([0, *(part.size for part in own)]).tolist(), strict=False))
-        self.values = np.empty((len(several), _size(whole)), dtype=self._type, order=order)
-        self._seeds = np.empty((sum(is_seed(leaf) for leaf in leaves_of(whole)), len(several)), dtype=np.int64)
-        for w, run in enumerate(several):
-            self._write(w, run)
+        self.values = np.empty((len(several), sum(part.size for part in own)), dtype=self._type, order=order)
+        self._seeds = np.empty((sum(map(is_seed, leaves[0])), len(several)), dtype=np.int64)
+        for w, found in enumerate(several):
+            self._write(w, found)
         columns = iter(self._seeds)
 
         def laid_out(leaf: Leaf) -> Any:
@@ -161,10 +163,9 @@ class Rows:
         self.motion = self._in_type(motion)
         self.take = world_taker(whole)
 
-    def _write(self, w: int, run: Fused) -> None:
-        loop, _ = run.compiled
-        self.values[w] = np.concatenate([part.ravel() for part in _own_arrays(loop)])
-        self._seeds[:, w] = [leaf.value for leaf in leaves_of(loop) if is_seed(leaf)]
+    def _write(self, w: int, leaves: list[Leaf]) -> None:
+        self.values[w] = np.concatenate([leaves[k].value.ravel() for k in self._own])
+        self._seeds[:, w] = [leaf.value for leaf in leaves if is_seed(leaf)]
 
     def put(self, w: int, run: Fused) -> None:
         """Write a copy of a run at its start over world w.
@@ -172,10 +173,11 @@ class Rows:
         Raises:
             InputError: It differs in what worlds share.
         """
-        for ours, other in zip(leaves_of(self.loop), leaves_of(run.compiled[0]), strict=True):
+        leaves = leaves_of(run.compiled[0])
+        for ours, other in zip(leaves_of(self.loop), leaves, strict=True):
             if not other.own and not _same(ours.value, other.value):  # seeds of all worlds are an array: not `own`
                 raise InputError(f"{ours.path}: run {w} has another than the others; expected runs of one team")
-        self._write(w, run)
+        self._write(w, leaves)
 
     def loop_of(self, w: int) -> Loop:
         """Return the Loop of world w, for threads of this machine."""
@@ -214,51 +216,50 @@ def _field(kind: np.dtype[Any], number: np.dtype[Any]) -> tuple[Any, ...]:
     return (number if base == np.float64 else base), shape
 
 
-def _own_arrays(loop: Loop) -> list[Array]:
-    """Return the arrays that a world has of its own, without those that are parts of an earlier one."""
-    found = dict[tuple[int, int], Array]()  # by the addresses where they begin and end
-    for part in (leaf.value for leaf in leaves_of(loop) if leaf.own and isinstance(leaf.value, np.ndarray)):
-        begin = part.ctypes.data
-        if not any(first <= begin < end for first, end in found):
-            found[begin, begin + part.nbytes] = part
+def _own_arrays(leaves: Sequence[Leaf]) -> list[int]:
+    """Return the numbers of the arrays that a world has of its own, without those that are parts of an earlier one."""
+    found = dict[tuple[int, int], int]()  # by the addresses where they begin and end
+    for k, leaf in enumerate(leaves):
+        if leaf.own and isinstance(leaf.value, np.ndarray):
+            begin = leaf.value.ctypes.data
+            if not any(first <= begin < end for first, end in found):
+                found[begin, begin + leaf.value.nbytes] = k
     return list(found.values())
-
-
-def _size(loop: Loop) -> int:
-    """Return how many numbers a world has of its own."""
-    return sum(part.size for part in _own_arrays(loop))
 
 
 def groups_of_one_team(runs: Sequence[Fused]) -> list[list[int]]:
     """Return the numbers of the runs that can be rows together, group by group, each of MAX_NUMBERS at most."""
-    groups: dict[bytes, list[list[int]]] = {}
+    groups: dict[bytes, tuple[int, list[list[int]]]] = {}
     for k, run in enumerate(runs):
-        largest = max(1, MAX_NUMBERS // _size(run.compiled[0]))
-        of_team = groups.setdefault(sha256(pickle.dumps(_shared(run))).digest(), [[]])
+        leaves = leaves_of(run.compiled[0])
+        team = sha256(pickle.dumps(_shared(run, leaves))).digest()
+        if team not in groups:
+            size = sum(leaves[own].value.size for own in _own_arrays(leaves))
+            groups[team] = max(1, MAX_NUMBERS // size), [[]]
+        largest, of_team = groups[team]
         if len(of_team[-1]) == largest:
             of_team.append([])
         of_team[-1].append(k)
-    return [group for of_team in groups.values() for group in of_team]
+    return [group for _, of_team in groups.values() for group in of_team]
 
 
-def _shared(run: Fused) -> dict[str, Any]:
-    """Return what worlds share, by name, and the shapes of what they do not."""
-    loop, motion = run.compiled
-    shared = {leaf.path: np.shape(leaf.value) if leaf.own else leaf.value for leaf in leaves_of(loop)}
-    return shared | {"motion": motion, "team": run.system.team.members, "time": run.system.grid}
+def _shared(run: Fused, leaves: Sequence[Leaf]) -> dict[str, Any]:
+    """Return what worlds share, by name, and the shapes of what they do not; the leaves are those of the run's loop."""
+    shared = {leaf.path: np.shape(leaf.value) if leaf.own else leaf.value for leaf in leaves}
+    return shared | {"motion": run.compiled[1], "team": run.system.team.members, "time": run.system.grid}
 
 
-def _require_one_team(runs: Sequence[Fused]) -> None:
+def _require_one_team(runs: Sequence[Fused], leaves: Sequence[Sequence[Leaf]]) -> None:
     """Refuse runs that have begun, or differ in what worlds share.
 
     Raises:
         InputError: naming the run, and where it differs from the first.
     """
-    common = _shared(runs[0])
-    for w, run in enumerate(runs):
+    common = _shared(runs[0], leaves[0])
+    for w, (run, found) in enumerate(zip(runs, leaves, strict=True)):
         if run.time != run.system.grid.start:
             raise InputError(f"run {w} is at {run.time:g} s; expected one at its start")
-        other = _shared(run)
+        other = _shared(run, found)
         for name in common | other:
             if not _same(common.get(name), other.get(name)):
                 raise InputError(f"{name}: run {w} has another than run 0; expected runs of one team")

@@ -3,10 +3,12 @@
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
-from typing import Any, Literal
+from threading import Event
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,7 +27,7 @@ from mjsheaf.studies.job import TRAFFIC, Job, JobResult, failed_record, new_reco
 from mjsheaf.system import System
 from mjsheaf.threads import usable_processors
 
-_MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; all are prepared before the first one starts
+_MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch, which is prepared whole
 
 
 class Batches:
@@ -46,39 +48,90 @@ class Batches:
         self._run, self._order, self._most = run, order, most
 
     def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
-        """Run jobs and yield the result of each."""
-        waiting = iter(jobs)
-        while several := list(islice(waiting, self._most)):
-            alike = dict[bytes, list[Job]]()
-            for job in several:
-                alike.setdefault(pickle.dumps((job.scenario, _of_team(job))), []).append(job)
-            for group in alike.values():
-                yield from self._together(group)
+        """Run jobs and yield the result of each.
 
-    def _together(self, jobs: list[Job]) -> Iterator[JobResult]:
-        """Yield the results of jobs that may share a team; jobs that do not are split into groups that do."""
-        begun, known = time.perf_counter(), list[tuple[Job, Fused, int]]()
+        While batches run, a thread prepares the next ones: it needs Python, and compiled code does not.
+        """
+        waiting, stop = iter(jobs), Event()
+        with ThreadPoolExecutor(1) as ahead:
+
+            def next_prepared() -> Future[_Prepared]:
+                return ahead.submit(self._prepare, list(islice(waiting, self._most)), stop)
+
+            try:
+                coming = next_prepared()
+                while (prepared := coming.result()).any:
+                    coming = next_prepared()
+                    yield from prepared.refused
+                    for batch, known in prepared.batches:
+                        yield from self._simulate(batch, known)
+            finally:
+                stop.set()
+
+    def _prepare(self, jobs: list[Job], stop: Event) -> "_Prepared":
+        """Return the batches of jobs; only those that differ in seed and gain alone may share one."""
+        alike = dict[bytes, list[Job]]()
         for job in jobs:
-            try:
-                scenario = job.load()
-                _, run = fused_session(scenario)
-                require_world(run)
-                known.append((job, run, scenario.seed))
-            except Exception as error:  # as in `run_job`, one bad point must not end the study
-                yield JobResult(failed_record(job, error))
-        for group in groups_of_one_team([run for _, run, _ in known]):
-            left = {w: known[k] for w, k in enumerate(group)}
-            runs = [run for _, run, _ in left.values()]
-            try:
-                batch = Batch(runs, _bounds_of(runs), order=self._order)
-                for w in self._run(batch):
-                    job, run, seed = left[w]
-                    record = _record_of(job, run.system, seed, batch.outcome(w))
-                    del left[w]
-                    yield JobResult(record, time.perf_counter() - begun)
-                    begun = time.perf_counter()
-            except Exception as error:
-                yield from (JobResult(failed_record(job, error)) for job, _, _ in left.values())
+            alike.setdefault(pickle.dumps((job.scenario, _of_team(job))), []).append(job)
+        prepared = _Prepared([], [])
+        for group in alike.values():
+            known = list[_Known]()
+            for job in group:
+                if stop.is_set():
+                    break
+                try:
+                    scenario = job.load()
+                    _, run = fused_session(scenario)
+                    require_world(run)
+                    known.append(_Known(job, run, scenario.seed))
+                except Exception as error:  # as in `run_job`, one bad point must not end the study
+                    prepared.refused.append(JobResult(failed_record(job, error)))
+            for numbers in groups_of_one_team([run for _, run, _ in known]):
+                self._lay_out([known[k] for k in numbers], prepared)
+        return prepared
+
+    def _lay_out(self, known: "list[_Known]", prepared: "_Prepared") -> None:
+        """Add the batch of runs of one team."""
+        runs = [run for _, run, _ in known]
+        try:
+            batch = Batch(runs, _bounds_of(runs), order=self._order)
+        except Exception as error:
+            prepared.refused.extend(JobResult(failed_record(job, error)) for job, _, _ in known)
+        else:
+            prepared.batches.append((batch, known))
+
+    def _simulate(self, batch: Batch, known: "list[_Known]") -> Iterator[JobResult]:
+        """Run a batch and yield the results of its jobs as they end."""
+        left, begun = dict(enumerate(known)), time.perf_counter()
+        try:
+            for w in self._run(batch):
+                job, run, seed = left[w]
+                record = _record_of(job, run.system, seed, batch.outcome(w))
+                del left[w]
+                yield JobResult(record, time.perf_counter() - begun)
+                begun = time.perf_counter()
+        except Exception as error:
+            yield from (JobResult(failed_record(job, error)) for job, _, _ in left.values())
+
+
+class _Known(NamedTuple):
+    """A job, its run at the start, and the seed of its scenario."""
+
+    job: Job
+    run: Fused
+    seed: int
+
+
+class _Prepared(NamedTuple):
+    """Results of the jobs that cannot run, and batches of the others."""
+
+    refused: list[JobResult]
+    batches: list[tuple[Batch, list[_Known]]]
+
+    @property
+    def any(self) -> bool:
+        """True if there is a job."""
+        return bool(self.refused or self.batches)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ Oracle: counts of the calls that build and compile, by what they are called with
 """
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.studies.job import run_job
+from mjsheaf.vehicles.effects import Effects
 from mjsheaf.video.from_run import film_of
 from tests.builders import small_plan
 
@@ -102,6 +104,15 @@ def test_a_job_of_a_study_does(counts: Counts) -> None:
     assert run_job(job).record["status"] == "finished"
     assert counts.systems == 1
     assert set(counts.vehicles.values()) <= {1}
+
+
+def test_seeds_share_their_vehicles_and_other_effects_do_not() -> None:
+    scenario = load_scenario("paper")
+    first, other = scenario.system, scenario.with_seed(7).system
+    assert first.bodies is not other.bodies
+    assert all(one is another for one, another in zip(first.vehicles, other.vehicles, strict=True))
+    free = replace(first, bodies=replace(first.bodies, effects=Effects(limits=False)))
+    assert not any(vehicle in first.vehicles for vehicle in free.vehicles)
 
 
 def test_a_copy_with_changes_is_built_anew_and_an_equal_one_is_equal() -> None:

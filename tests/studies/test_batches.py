@@ -3,13 +3,16 @@
 A batch runs here on threads of this machine, instead of a GPU.
 """
 
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import pytest
 
 from mjsheaf.errors import ScenarioError
+from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import read_scenario
 from mjsheaf.simulation.batch import Batch
 from mjsheaf.studies import load_plan, run_study
@@ -93,6 +96,29 @@ def test_a_run_with_events_is_refused_and_others_are_not() -> None:
     records = together(jobs_of("certified", [{}, lost], [0]))
     assert [records[k]["status"] for k in (0, 1)] == ["finished", "invalid"]
     assert records[1]["message"].startswith("events")
+
+
+def test_the_next_batch_is_prepared_while_one_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first run does not end before the second is loaded, nor is the third loaded then; a stop loads no more."""
+    loaded, load, second = list[int](), Job.load, Event()
+
+    def noted(job: Job) -> Scenario:
+        loaded.append(job.point.number)
+        if job.point.number == 1:
+            second.set()
+        return load(job)
+
+    def run(batch: Batch) -> Iterator[int]:
+        assert second.wait(60.0)
+        yield from batch.each()
+
+    monkeypatch.setattr(Job, "load", noted)
+    results = Batches(run, "C", most=1).run(jobs_of("certified", [{}], list(range(6))))
+    assert isinstance(results, Generator)
+    assert next(results).record["status"] == "finished"
+    assert loaded == [0, 1]
+    results.close()
+    assert loaded == [0, 1]
 
 
 def test_a_study_on_a_batch_has_its_table_and_plots(tmp_path: Path) -> None:
