@@ -49,9 +49,9 @@ lint: $(TESTS)
 
 # Two workers, one BLAS thread each: the tests are written for two cores. EXAMPLES is a profile of hypothesis:
 # `fast`, `ci` with three times as many examples, or `all`, with more again and with every random case of the long studies,
-# of which `ci` tries a share.
+# of which `ci` tries a share. Modules of tests are kept as pytest has rewritten them, which takes a third of collecting.
 EXAMPLES := fast
-PYTEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --hypothesis-profile $(EXAMPLES)
+PYTEST = PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --hypothesis-profile $(EXAMPLES)
 
 test: lint
 	$(PYTEST) -m "not slow"

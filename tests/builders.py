@@ -5,18 +5,20 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
+import jsonschema
 import mujoco
 import numpy as np
 import pytest
 import xarray as xr
 import yaml
 from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
@@ -65,6 +67,15 @@ FLOW = {
     "sources": [{"centre": [1, 0, 0], "alpha": 1.0}],
     "vortices": [{"centre": [0, 1, 0], "axis": [0, 0, 1], "gamma": 0.8}],
 }
+
+
+@cache
+def validator_of(kind: type[BaseModel]) -> Any:
+    """Return the jsonschema validator of a model, whose schema is checked once."""
+    schema = kind.model_json_schema()
+    validator = jsonschema.validators.validator_for(schema)
+    validator.check_schema(schema)
+    return validator(schema)
 
 
 def make_scenario(fields: dict[str, Any]) -> Scenario:

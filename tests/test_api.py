@@ -45,6 +45,7 @@ print(changed, modules)
 """
 
 
+@pytest.mark.slow
 def test_no_public_name_is_that_of_a_module() -> None:
     """Python replaces a function of a package by a module of the same name as soon as somebody imports that."""
     for name in set(mjsheaf.__all__) - {"__version__", "envs"}:  # `envs` is a module
@@ -53,6 +54,7 @@ def test_no_public_name_is_that_of_a_module() -> None:
     assert done.stdout == "[] []\n"
 
 
+@pytest.mark.slow
 def test_public_functions_work_twice() -> None:
     """Each once before and once after what it imports."""
     scenario = mjsheaf.load_scenario(FIELDS, {"time.end": 0.1})

@@ -128,6 +128,7 @@ def test_one_otter() -> None:
         assert agrees(shown, record["margins"]["bodies"]["largest_gain"])
 
 
+@pytest.mark.slow
 def test_scenarios_of_pages() -> None:
     """Claims of pages about the scenarios that they show."""
 

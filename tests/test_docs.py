@@ -359,6 +359,7 @@ def test_the_figure_of_stalks_shows_the_sheaf_of_its_text(tmp_path: Path) -> Non
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
+@pytest.mark.slow
 def test_figures_of_the_introduction_are_legible_and_show_its_numbers(tmp_path: Path) -> None:
     """Numbers: those of the two pages, whose code gives them."""
     import sheaves

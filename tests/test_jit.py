@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import mjsheaf
 from mjsheaf import jit
 
@@ -100,6 +102,7 @@ print(Slow.count, flush=True)
 """
 
 
+@pytest.mark.slow
 def test_a_second_process_waits_for_the_code_of_the_first(tmp_path: Path) -> None:
     """The first process compiles until it is released; the second one compiles nothing.
 
@@ -121,6 +124,7 @@ def test_a_second_process_waits_for_the_code_of_the_first(tmp_path: Path) -> Non
     assert subprocess.run(both, cwd=tmp_path, env=environment, capture_output=True, text=True).stdout == "0\n"
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_leaves_no_lock(tmp_path: Path) -> None:
     """The second one compiles in place of the first, which was killed."""
     (tmp_path / "two.py").write_text(TWO)

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 PROGRAM = """
 import numpy as np
 from numba.core import event
@@ -44,12 +46,14 @@ def run(folder: Path, functions: str, calls: str) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.slow
 def test_a_function_is_linked_into_its_callers_and_still_callable_from_python(tmp_path: Path) -> None:
     calls = "assert hypotenuse(3.0, 4.0) == 5.0\nassert not square.signatures\nassert square(2.0) == 4.0"
     assert run(tmp_path, FUNCTIONS, calls) == ["hypotenuse", "square", "square"]
     assert run(tmp_path, FUNCTIONS, calls) == []
 
 
+@pytest.mark.slow
 def test_another_caller_takes_the_linked_code_from_disk(tmp_path: Path) -> None:
     assert run(tmp_path, FUNCTIONS + OTHER, "assert hypotenuse(3.0, 4.0) == 5.0") == ["hypotenuse", "square"]
     assert run(tmp_path, FUNCTIONS + OTHER, "assert cube(2.0) == 8.0") == ["cube"]

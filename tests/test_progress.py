@@ -64,6 +64,7 @@ def seen_by_a_terminal(calls: list[str]) -> tuple[str, float]:
     return received.decode(), first
 
 
+@pytest.mark.slow
 def test_a_terminal_has_a_bar_within_a_second() -> None:
     text, after = seen_by_a_terminal(["mjsheaf.simulate(scenario, 'ideal', controller=law)"])
     assert "simulating" in text

@@ -97,6 +97,7 @@ def test_run_leaves_nothing(kilobytes: int, tmp_path: Path) -> None:
     assert all_contents(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_plot_of_a_check_leaves_nothing(tmp_path: Path) -> None:
     assert answer_of("check", "midpoint").code == 0  # compiles, which writes files too
     with files_of_at_most(10_000):

@@ -258,6 +258,7 @@ def mean_delay(world: World, before: Any, after: Any) -> float:
     return float(15.0 - way @ change / (change @ change))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize(
     ("axis", "before", "after"),
@@ -274,6 +275,7 @@ def test_a_step_is_followed_with_its_time_constant(axis: int, before: list[float
         assert delay == pytest.approx(load_vehicle(NAME).reduced_model().tau[axis], rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 def test_a_step_abeam_from_rest_waits_for_the_engines_to_turn() -> None:
     """Later than tau, by no more than twice the time of that turn, atan(1 / 2.31) at 60 degrees/s."""
@@ -281,6 +283,7 @@ def test_a_step_abeam_from_rest_waits_for_the_engines_to_turn() -> None:
     assert tau < mean_delay(alone(NAME, heading=0), [0.0, 0.0], [0.0, 0.05]) < tau + 2 * turn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [90.0, 30.0])
 def test_rate_and_limits_of_the_angle_hold_at_every_step(end: float, tmp_path: Path) -> None:
     """With a new command every half second, some far too high, and narrow limits, the boat still moves ahead."""
@@ -373,6 +376,7 @@ def one_engine(root: ElementTree.Element) -> None:
     engine.set("pos", "-2.3738 0 .2309")
 
 
+@pytest.mark.slow
 def test_a_boat_with_one_outboard_engine_is_steered_at_a_hand_point(tmp_path: Path) -> None:
     """Any steering goes with any actuator: surge and yaw from thrust ahead and to port.
 

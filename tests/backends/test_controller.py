@@ -367,6 +367,7 @@ class Paper:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_a_law_on_the_command_line(tmp_path: Path) -> None:
     (tmp_path / "law.py").write_text(PAPERS_LAW)

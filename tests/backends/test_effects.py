@@ -136,6 +136,7 @@ def test_without_inertia_a_body_is_as_light_as_it_is_told_to_be(name: str) -> No
     np.testing.assert_allclose(vehicle.inertia, real.inertia * vehicle.mass / real.mass)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL)
 def test_without_inertia_a_body_stays_where_trim_has_it(name: str) -> None:
     """Its weight is still carried: multirotors hover, boats float at their draft and trim."""

@@ -313,6 +313,7 @@ def test_a_light_body_follows_the_streamlines(tmp_path: Path) -> None:
     np.testing.assert_allclose(x, [4 * np.cos(angle), 4 * np.sin(angle), 0], atol=0.05)
 
 
+@pytest.mark.slow
 def test_steady_velocity_under_a_command_is_w_plus_g_u(tmp_path: Path) -> None:
     """The reduced model on the body itself: constant extra commands u move it at w + g u, without turning it."""
     world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=LINEAR)

@@ -93,6 +93,7 @@ shares = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8)
 wrenches = st.tuples(*[st.floats(-500.0, 500.0)] * 3).map(np.array)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(places=sets, wanted=wrenches)
 def test_efforts_are_within_their_limits_and_yaw_comes_first(places: Any, wanted: Array) -> None:
@@ -107,6 +108,7 @@ def test_efforts_are_within_their_limits_and_yaw_comes_first(places: Any, wanted
     assert abs(yaw @ effort - np.clip(wanted[2], *reach)) <= 2e-3 * size[2] + 1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(places=sets, share=shares)
 def test_a_wrench_that_is_feasible_is_made(places: Any, share: list[float]) -> None:

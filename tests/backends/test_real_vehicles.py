@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 GRAVITY = 9.81
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", REAL)
 def test_a_vehicle_that_is_asked_for_nothing_goes_with_the_medium(name: str) -> None:
@@ -97,6 +98,7 @@ def energy_and_momenta(world: World) -> Array:
     return np.array([energy, *(m * v), *(R @ J @ omega)])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", BOATS)
 def test_a_boat_floats_upright_at_its_draft(name: str) -> None:
@@ -154,6 +156,7 @@ def mean_delay(name: str, axis: int) -> tuple[float, float, float]:
     return measured, tau, (M + late * D) / (M * vehicle.rate + D)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("axis", [0, 1, 2], ids=["surge", "sway", "heave"])
 @pytest.mark.parametrize("name", REAL)
@@ -215,6 +218,7 @@ def test_g_at_the_hand_point_is_square_and_of_full_rank() -> None:
     np.testing.assert_allclose(model.g(np.eye(3)), [[ahead, ahead], [-turn, turn]], rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 def test_the_hand_point_moves_at_w_plus_g_u() -> None:
     """Steady straight motion through a current; u are the propeller commands."""
@@ -339,6 +343,7 @@ def test_a_boat_comes_back_at_the_period_of_its_restoring_and_inertia(name: str,
     assert np.abs(seen[-200:]).max() < 0.5 * start
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", BOATS)
 def test_a_heeled_boat_returns_while_it_is_controlled(name: str) -> None:

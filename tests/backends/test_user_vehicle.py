@@ -80,6 +80,7 @@ def test_a_raft_goes_where_it_is_told_to_through_the_current() -> None:
     np.testing.assert_allclose(world.data.qvel[dof], [-0.1, 0.3, 0, 0, 0, 0], atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_a_scenario_may_name_a_vehicle_by_its_path(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`mjsheaf run` in the files' folder or elsewhere: rafts keep the formation about as well as points would."""

@@ -76,6 +76,7 @@ def test_threads_give_the_same_bits() -> None:
     assert not any("DIFFER" in row.note for row in rows)
 
 
+@pytest.mark.slow
 def test_assembly_and_peers_count_every_vehicle() -> None:
     (row,) = simulations.assembly(size=5)
     well_formed([row], "assembly")
@@ -125,6 +126,7 @@ def test_a_swarm_has_the_size_and_the_fields_that_are_asked_for() -> None:
     assert system.team.dirichlet.unique
 
 
+@pytest.mark.slow
 def test_the_table_gathers_topics_in_order() -> None:
     seen: list[tuple[str, int, int]] = []
     found = run_bench(["ideal"], progress=lambda *report: seen.append(report))

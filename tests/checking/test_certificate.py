@@ -143,6 +143,7 @@ def test_a_hold_that_rings_is_not_certified() -> None:
     assert "rings" in certify(scenario_from_mapping(_pushed(11.0, 0.1, 1.0)).system).reason
 
 
+@pytest.mark.slow
 def test_nothing_is_certified_beside_an_assumption_that_does_not_hold() -> None:
     for name, number in (("split_team", 5), ("unseen_target", 5)):
         theorem = mjsheaf.check(mjsheaf.load_scenario(name))["theorem"]

@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 
@@ -18,7 +17,7 @@ from mjsheaf.checking.report import report
 from mjsheaf.cli.terminal import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
-from tests.builders import Simulated
+from tests.builders import Simulated, validator_of
 from tests.checking.test_screen import assert_record_fits
 from tests.commands import Answer, call
 from tests.pictures import is_legible
@@ -44,7 +43,7 @@ def test_verdicts_schema_and_exit_code(
 ) -> None:
     code, out, err = checked(name)
     record = json.loads(out, parse_constant=lambda x: pytest.fail(f"{x} is not JSON"))
-    jsonschema.validate(record, CheckRecord.model_json_schema())
+    validator_of(CheckRecord).validate(record)
     failing = {a["number"] for a in record["assumptions"] if a["verdict"] == "fails"}
     assert failing == FAILING.get(name, set())
     assert [a["number"] for a in record["assumptions"]] == [1, 2, 3, 4, 5, 6, 7]
@@ -65,6 +64,7 @@ def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) ->
     assert " nan" not in printed.lower()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["quads_feedforward", "lost_thruster"])
 def test_command_and_function_say_the_same(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     call("check", name, "--json")
@@ -146,6 +146,7 @@ def test_run_compares_with_the_bound(tmp_path: Path, capsys: pytest.CaptureFixtu
             assert "does not exceed rho" in theorem["reason"]
 
 
+@pytest.mark.slow
 def test_margins_speak_of_this_team(simulated: Simulated) -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("paper", {"controller.velocity_limit": 20}))
     hold = record["margins"]["hold"]
@@ -176,6 +177,7 @@ def test_the_plot_is_legible(name: str) -> None:
     assert is_legible(draw_check(examine(mjsheaf.load_scenario(name).phases)))
 
 
+@pytest.mark.slow
 def test_the_plot_s_formats_are_its_suffix_and_those_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.svg"
     assert call("check", "midpoint", "--plot", path, "--format", "pdf,svg", "--no-title") == 0

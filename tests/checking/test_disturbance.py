@@ -93,6 +93,7 @@ def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float,
     assert record["norm"] == "per_agent_rms"
 
 
+@pytest.mark.slow
 def test_a_fast_hold_is_nearly_the_continuous_law_and_a_slow_one_is_not() -> None:
     found = [mjsheaf.check(lone(0.5, h, PM))["disturbance"]["rms"] for h in (0.0, 0.001, 0.5)]
     assert found[1] == pytest.approx(found[0], rel=1e-3)
@@ -164,6 +165,7 @@ def test_predictions_agree_with_long_runs_as_the_guide_has_it(name: str) -> None
         assert numbers[1::2] == pytest.approx(found[1::2], rel=0.01)
 
 
+@pytest.mark.slow
 def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
     agents = [{"id": f"H{z}", "position": [z, 0, z], "vehicle": "hexarotor"} for z in (1, 20, 400)]
     flow = {"air": {"dimension": 3, "gusts": {"kind": "dryden", "wind_speed": 6.0}}}
@@ -177,6 +179,7 @@ def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
     assert mjsheaf.check(team())["disturbance"]["clipped"] == {}
 
 
+@pytest.mark.slow
 def test_the_screen_has_the_error_of_waves_and_who_cannot_hold_station() -> None:
     """Twice the RMS of the velocity of the surface, 2 (1.98166 / 16)^(1/2) = 0.704 m/s, exceeds a limit of 0.5."""
     law = {"gain": 0.5, "control_period": 0.1, "velocity_limit": 0.5}

@@ -114,6 +114,7 @@ def everything_is_as_tried(team: Team) -> None:
     assert found.worst == (harmless[0] if harmless and team.dirichlet.unique else None)
 
 
+@pytest.mark.slow
 @given(shared_teams())
 def test_fragility_is_what_trying_each_loss_shows(team: Team) -> None:
     everything_is_as_tried(team)

@@ -111,6 +111,7 @@ def test_terms_are_found_by_name() -> None:
     assert not extended(*more._replace(feedforward=None)).any
 
 
+@pytest.mark.slow
 def test_no_bound_is_stated_of_a_run_with_a_new_term(monkeypatch: pytest.MonkeyPatch) -> None:
     """The loop is that of the law that runs; the bound, derived term by term, is undecided."""
     before = mjsheaf.check(mjsheaf.load_scenario(SCENARIO))["law"]

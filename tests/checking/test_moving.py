@@ -129,6 +129,7 @@ def test_nothing_that_moves_in_the_medium_exceeds_what_it_adds_to_the_constants(
     assert level.slope == 0.0
 
 
+@pytest.mark.slow
 def test_a_tide_that_all_meet_moves_no_error_and_enters_no_constant() -> None:
     still, tidal = (mjsheaf.check(boats(**water))["theorem"] for water in (dict[str, Any](), {"tide": TIDE}))
     assert tidal["omega_bar"] == 0.0
@@ -179,6 +180,7 @@ def test_the_path_of_targets_in_waves_lies_within_its_cells() -> None:
         assert (np.linalg.norm(where - on_segment, axis=1) <= path.cells.bend[k] + 1e-5).all()
 
 
+@pytest.mark.slow
 def test_the_third_assumption_does_not_apply_under_gusts_and_does_not_count() -> None:
     flow = {"air": {"dimension": 3, "gusts": GUSTS}}
     gusty = mixed_scenario(flow=flow)

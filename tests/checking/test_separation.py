@@ -36,6 +36,7 @@ def escort(**safety: Any) -> dict[str, Any]:
 PIER = {"kind": "sphere", "id": "pier", "centre": [0.0, 6.0], "radius": 0.5}
 
 
+@pytest.mark.slow
 def test_places_in_q_star_that_are_too_close_are_named_with_time_and_gap() -> None:
     found = check(load_scenario(escort(obstacles=[PIER])))["safety"]
     (worst,) = found["unsafe"]

@@ -134,6 +134,7 @@ def test_a_motion_that_is_too_fast_for_so_late_a_time_is_not_known() -> None:
     assert "moves too fast for the resolution of floating-point time" in path.warning
 
 
+@pytest.mark.slow
 def test_a_sensitive_path_is_not_known() -> None:
     """A target between two hyperbolic points of a strong flow: the last digit decides where it goes."""
     vortices = [{"centre": [x, y], "gamma": 100.0 * (-1) ** (x + y)} for x in range(-1, 3) for y in range(-1, 3)]

@@ -67,6 +67,7 @@ def test_at_the_named_gain_the_radius_is_certified_and_kept(radius: float) -> No
     assert there["gain_for_wanted_radius"] <= gain * (1.0 + 1e-9)
 
 
+@pytest.mark.slow
 def test_the_gain_that_was_named_does_not_do_it() -> None:
     """Its run leaves the channel, so no smaller bound than the search's own would be honest."""
     theorem = mjsheaf.check(between_jets(1.0003))["theorem"]

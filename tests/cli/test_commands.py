@@ -104,6 +104,7 @@ def film_again(out: Path) -> None:
     assert {p.name for p in out.iterdir()} - {"vehicles"} == set(FILES)
 
 
+@pytest.mark.slow
 def test_run_replaces_its_own_directory_and_repeats_its_bits(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     out = tmp_path / "out"
     arguments: list[str | Path] = ["run", "local_frames", *QUICK, "--set", "time.end=0.5", "--out", out]
@@ -121,6 +122,7 @@ def test_run_replaces_its_own_directory_and_repeats_its_bits(tmp_path: Path, req
     assert (again / "result.nc").read_bytes() == first["result.nc"]
 
 
+@pytest.mark.slow
 def test_unstable_run_is_published_and_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Thrusters of 1e9 N hold a gain of 60 back to a limit cycle of a kilometre.
     for backend, gain, margin in (("ideal", 60, "3.76"), ("physics", 60, "3.76")):
@@ -294,6 +296,7 @@ def test_run_from_an_empty_directory_goes_to_runs(tmp_path: Path, monkeypatch: p
     assert (tmp_path / "runs" / "midpoint-ideal" / "result.nc").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_output_stays_out_of_the_directories_of_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
@@ -316,6 +319,7 @@ def test_output_stays_out_of_the_directories_of_runs(tmp_path: Path, capsys: pyt
     assert call(*run, "--out", first) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_video_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
@@ -381,6 +385,7 @@ def test_a_run_that_blows_up_prints_one_line(tmp_path: Path, mjsheaf: Callable[.
         json.loads((out / "summary.json").read_text(), parse_constant=pytest.fail)
 
 
+@pytest.mark.slow
 def test_a_bound_beyond_all_measure_is_no_trouble(tmp_path: Path) -> None:
     tiny = ["--set", "controller.gain=1e-300", "--set", "time.end=0.1", "--out", str(tmp_path / "out")]
     assert call("run", "midpoint", *QUICK, *tiny) == 0

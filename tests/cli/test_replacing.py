@@ -46,6 +46,7 @@ def summary(directory: str = "runs/same-ideal") -> dict[str, object]:
     return loaded
 
 
+@pytest.mark.slow
 def test_a_rerun_replaces_its_own_and_says_so(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("a.yaml") == 0
     assert "replaced" not in capsys.readouterr().out

@@ -77,6 +77,7 @@ def test_the_page_has_everything_and_fits(record: CompareRecord) -> None:
     assert "…" not in page
 
 
+@pytest.mark.slow
 def test_no_real_vehicle_follows_what_is_too_fast() -> None:
     """The paper's targets go at 28 m/s; the fastest boat is named, and by how much to slow."""
     told = " ".join(compare(load_scenario("paper", {"time.end": 2.0})).record.verdict)
@@ -85,6 +86,7 @@ def test_no_real_vehicle_follows_what_is_too_fast() -> None:
     assert "x500" in told
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_is_too_slow_is_named() -> None:
     fast = {"kind": "lissajous", "amplitude": [40, 40], "rate": [0.3, 0.3], "phase": [1.57, 0]}
     scenario = two_boats("otter", "otter", targets=[{"id": "T1", "position": [0, 0], "motion": fast}])
@@ -129,6 +131,7 @@ def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     diverging = ["--set", "controller.gain=200", "--set", "controller.control_period=0.02"]
@@ -140,6 +143,7 @@ def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: pytest.
     assert record.rung("all").errors["team"].late.tracking_error is None
 
 
+@pytest.mark.slow
 def test_everything_else_is_there_before_the_video(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -228,6 +232,7 @@ def test_formats_and_title_are_given_on_the_command_line(drawn: list[Figure], tm
     assert not any(figure.get_suptitle() for figure in drawn)
 
 
+@pytest.mark.slow
 def test_a_run_in_other_formats_may_be_replaced(tmp_path: Path) -> None:
     run = ["run", "midpoint", "--backend", "ideal", *SHORT, "--no-video", "--out", str(tmp_path / "a")]
     assert call(*run, "--format", "svg") == 0

@@ -159,6 +159,7 @@ def test_both_films_have_the_stages(comparison: Comparison) -> None:
     assert [[stage.name for stage in film.stages] for film, _ in films] == [["", "lose A3", "join A3, gain = 2.0"]] * 2
 
 
+@pytest.mark.slow
 def test_the_command_publishes_the_phases(tmp_path: Path) -> None:
     path = tmp_path / "three.yaml"
     own = three_boats(vehicles=HULLS, time={"end": 2.2})

@@ -120,6 +120,7 @@ def test_distances_are_those_of_agents_in_common(compared: RunsRecord) -> None:
     assert any("larger has A3 in addition" in note for note in compared.notes)
 
 
+@pytest.mark.slow
 def test_an_absent_agent_has_no_distance(runs: Path, tmp_path: Path) -> None:
     """A2 is lost after 1 s and A1 then sees the target alone; A2 counts up to then."""
     record, _, _ = publish_runs([runs / "ideal", runs / "lost"], tmp_path / "out")
@@ -173,6 +174,7 @@ def test_the_command_writes_and_replaces_its_own(
     assert call("compare-runs", runs / "ideal", runs / "bodies", "--out", out) == 2
 
 
+@pytest.mark.slow
 def test_runs_of_one_name_are_told_apart_and_no_number_is_cut(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -200,6 +202,7 @@ def test_a_comparison_is_no_run(runs: Path, compared: RunsRecord) -> None:
         pass
 
 
+@pytest.mark.slow
 def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
     publish_runs([runs / "lost", runs / "bodies"], tmp_path / "out")
     (figure,) = drawn
@@ -212,6 +215,7 @@ def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_p
     assert "lose A2" in figure.axes[-1].get_xlabel()
 
 
+@pytest.mark.slow
 def test_names_of_directories_are_shown_as_they_are(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
     """Not as mathematics, and those with an underscore in front have a line in the legend, too."""
     names = [r"$\frac{a$", "_later"]

@@ -61,6 +61,7 @@ def with_terms(**odometry: float) -> CompareRecord:
     return compare(two_boats("hull", "hull", controller=law, flow=flow, vehicles=vehicles, time={"end": 12.0})).record
 
 
+@pytest.mark.slow
 def test_what_terms_bring_is_said_with_both_errors() -> None:
     record = with_terms()
     paper, now = (record.rung(key).errors["team"].error("tracking_error") for key in ("all-terms", "all"))
@@ -78,6 +79,7 @@ def test_what_terms_bring_is_said_with_both_errors() -> None:
     assert [rung.key for rung in drawn][-3:] == ["all-terms", "all", "ideal"]
 
 
+@pytest.mark.slow
 def test_terms_that_harm_come_first_with_what_to_change() -> None:
     record = with_terms(noise=3.0)
     assert record.harm
@@ -126,6 +128,7 @@ def test_a_link_without_offset_is_the_sheafs_fault_and_spares_who_has_none(torn:
     assert torn.budget("line_T3", "formation_error", "late").at_q_star_m == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_link_with_the_targets_offset_blames_nobody_for_the_sheaf() -> None:
     system_free = two_groups({"between": ["T11", "T21"], "offset": [-20.0, 0.0]})
     record = compare(system_free).record
@@ -133,6 +136,7 @@ def test_a_link_with_the_targets_offset_blames_nobody_for_the_sheaf() -> None:
     assert not any("the sheaf" in s for s in record.verdict)
 
 
+@pytest.mark.slow
 def test_where_the_law_lags_the_tracking_error_is_told() -> None:
     """A target in uniform motion is followed at a distance of v / (k1 w), which the ideal run has too."""
     motion = {"kind": "lissajous", "amplitude": [3, 3], "rate": [0.5, 0.5], "phase": [1.57, 0]}

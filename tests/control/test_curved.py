@@ -163,6 +163,7 @@ def test_vehicles_in_one_place_give_no_nan(measures: str) -> None:
     assert np.isfinite(run.agent_position.values[..., :2]).all()
 
 
+@pytest.mark.slow
 def test_noise_is_that_of_the_range_and_of_the_bearing() -> None:
     """Of a range in m along it, of a bearing in degrees across it, to 5 % over 4000 samples."""
     for measures, noise in (("range", 0.02), ("bearing", 2.0)):

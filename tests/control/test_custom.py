@@ -56,6 +56,7 @@ def with_term(file: Path, name: str, values: dict[str, float], **changes: Any) -
     return mjsheaf.load_scenario("midpoint", {"time.end": 1.0, f"controller.custom.{name}": section, **changes})
 
 
+@pytest.mark.slow
 def test_a_term_along_eta_is_a_larger_gain(file: Path) -> None:
     scenario = with_term(file, "steeper", {"gain": 0.7})
     gain = scenario.controller.gain + 0.7

@@ -221,6 +221,7 @@ def still(links: dict[str, Any], end: float = 100.0, **fields: Any) -> tuple[Sce
     return scenario, simulate(scenario, "ideal", controller=lambda t, sample: np.zeros((2, 3)))
 
 
+@pytest.mark.slow
 def test_noise_is_white_of_its_deviation_and_the_bias_its_mean() -> None:
     scenario, data = still({"all": {"noise": 0.3, "bias": 0.7}, "sensing": {"noise": 0.1}})
     truth = np.hstack([y for _, _, y, _ in true_measurements(scenario, data)])

@@ -245,6 +245,7 @@ def test_local_form_of_random_teams(seed: int) -> None:
     assert_alike(unlike_team(seed, **ALL), "ideal", 1e-9)
 
 
+@pytest.mark.slow
 def test_local_form_of_the_published_team() -> None:
     law = {"controller.feedforward.rounds": 3, "controller.newton.rounds": 3, "controller.drift.filter": 0.1}
     assert_alike(load_scenario("paper", {"time.end": 2.0, "controller.feedforward.extrapolate": True, **law}), "ideal")
@@ -811,6 +812,7 @@ def test_exchanges_and_numbers_are_counted() -> None:
     assert communication(simulate(paper, "ideal"), T, paper.system.grid.period) == dict.fromkeys(sent, 0.0)
 
 
+@pytest.mark.slow
 def test_a_published_run_of_a_law_in_python_says_what_it_sent(tmp_path: Any) -> None:
     scenario = load_scenario("paper", {"time.end": 0.2})
     law = edited(scenario, NEWTON)

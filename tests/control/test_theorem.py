@@ -237,6 +237,7 @@ def worst_loop(t: Theorem, H: np.ndarray, start: np.ndarray, end: float) -> Any:
     return solve_ivp(slope, (0.0, end), start, rtol=1e-10, atol=1e-12, events=escaped)
 
 
+@pytest.mark.slow
 @examples(30)
 @given(
     st.one_of(st.lists(number, min_size=2, max_size=4).map(PolynomialRho), tables),

@@ -376,6 +376,7 @@ def child(code: str, **variables: str) -> str:
     return run.stdout.strip()
 
 
+@pytest.mark.slow
 def test_only_the_environment_loads_its_library() -> None:
     code = "import sys, mjsheaf; mjsheaf.simulate; mjsheaf.World; mjsheaf.envs; print('dm_control' in sys.modules)"
     assert child(code) == "False"

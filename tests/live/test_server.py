@@ -136,6 +136,7 @@ def test_a_slow_page_gets_the_newest_frame_and_delays_nobody(server: Server) -> 
         assert len(found) < 300
 
 
+@pytest.mark.slow
 def test_closing_the_page_ends_the_server_but_reloading_does_not(server: Server) -> None:
     with joined(server.url):
         until(server, "opened")

@@ -138,6 +138,7 @@ def test_the_bound_of_one_cell_holds(slope: bool, seed: int, space: tuple[int, b
     assert values[0] <= bounds[0]
 
 
+@pytest.mark.slow
 @BOTH
 def test_the_gap_closes(supremum: Callable[..., Supremum]) -> None:
     """Within 50,000 cells, but for a few fields of channels that overlap in space: one in 600 in a longer study."""

@@ -83,6 +83,7 @@ def short() -> Scenario:
     return load_scenario("midpoint", {"time.end": 0.1})
 
 
+@pytest.mark.slow
 def test_the_run_is_there_before_its_video(short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whole: it can be opened, and says that it has no video yet."""
     place = tmp_path / "run"
@@ -120,6 +121,7 @@ def test_what_ends_the_video_leaves_the_run(
         assert summary["video"] is None
 
 
+@pytest.mark.slow
 def test_a_video_that_cannot_be_written_is_an_error_that_names_the_run(
     short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -136,6 +138,7 @@ def test_a_video_that_cannot_be_written_is_an_error_that_names_the_run(
     assert {p.name for p in (tmp_path / "run").iterdir()} == RUN_FILES
 
 
+@pytest.mark.slow
 def test_a_video_for_which_there_is_no_opengl_is_noted(
     short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,6 +27,7 @@ def ends(measures: str, start: Any) -> list[str]:
     return list(describe_reflections(scenario.team, mjsheaf.simulate(scenario, backend="ideal")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("measures", "start", "words"),
     [

@@ -106,6 +106,7 @@ class Frames(HTMLParser):
         self.found.append(dict(attrs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["result", "directory"])
 def test_a_notebook_shows_the_page_in_a_frame(source: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     page = mjsheaf.replay(request.getfixturevalue(source), height=500)

@@ -193,6 +193,7 @@ def whole(place: Path) -> None:
     edit(boats / "raft.xml", "<geom ", '<geom type="mesh" mesh="m" mass="0" contype="0" conaffinity="0"/><geom ')
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_a_run_takes_its_vehicles_along(place: Path, tmp_path: Path) -> None:
     """Moved elsewhere, with the originals gone, the run's directory still runs to the same bits."""

@@ -18,7 +18,7 @@ from mjsheaf.results import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.scenario.load import parse_override
 from mjsheaf.team.edges import ExplicitMaps
-from tests.builders import Simulated
+from tests.builders import Simulated, validator_of
 
 BACKENDS = ("ideal", "physics")
 RUNNABLE = [name for name in list_scenarios() if load_scenario(name).expect.refused is None]
@@ -175,20 +175,20 @@ def test_overrides_may_be_values_of_numpy_and_tuples() -> None:
 def test_schema_accepts_what_ships(name: str, tmp_path: Path) -> None:
     from mjsheaf.runs.publish import dump_scenario
 
-    schema = Scenario.model_json_schema()
-    jsonschema.validate(read_yaml(list_scenarios()[name]), schema)
+    validator = validator_of(Scenario)
+    validator.validate(read_yaml(list_scenarios()[name]))
     resolved = tmp_path / "scenario.yaml"
     resolved.write_text(dump_scenario(load_scenario(name)))
-    jsonschema.validate(read_yaml(resolved), schema)
+    validator.validate(read_yaml(resolved))
 
 
 def test_schema_asks_for_no_name_and_for_what_an_edge_needs() -> None:
-    schema = Scenario.model_json_schema()
+    validator = validator_of(Scenario)
     least = {"agents": [{"id": "A", "position": [0, 0]}], "targets": [{"id": "T", "position": [3, 4]}]}
-    jsonschema.validate({**least, "sensing": [["A", "T"], {"between": ["A", "T"]}]}, schema)
+    validator.validate({**least, "sensing": [["A", "T"], {"between": ["A", "T"]}]})
     for wrong in (["A"], ["A", "T", "A"], {"weight": 2}, 3):
         with pytest.raises(jsonschema.ValidationError):
-            jsonschema.validate({**least, "sensing": [wrong]}, schema)
+            validator.validate({**least, "sensing": [wrong]})
 
 
 @pytest.mark.parametrize(

@@ -176,6 +176,7 @@ def test_the_page_names_the_best_point_and_runs_that_have_not_converged(tmp_path
     assert "<h1>midpoint over controller.gain</h1>" in page
 
 
+@pytest.mark.slow
 def test_the_page_links_to_the_replay_of_the_best_run(tmp_path: Path) -> None:
     plan = load_plan("midpoint", grid={"controller.gain": [0.5, 2.0]}, overrides={"time.end": 0.5}, backend="ideal",
                      trajectories=True)  # fmt: skip

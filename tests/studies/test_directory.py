@@ -242,6 +242,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "-l", place], check=True)
 
 
+@pytest.mark.slow
 def test_a_small_disk_fills_and_is_emptied(small_disk: Path) -> None:
     plan = small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
     with pytest.raises(PlaceError, match="No space left on device"):

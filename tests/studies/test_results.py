@@ -101,6 +101,7 @@ def test_columns_have_the_type_of_their_values() -> None:
     assert table.to_parquet() == table.to_parquet()
 
 
+@pytest.mark.slow
 def test_only_what_did_not_finish_is_retried(tmp_path: Path) -> None:
     plan, out = small_plan(gains=(1.0, -1.0)), tmp_path / "study"
     run_study(plan, out, IN_THREADS)

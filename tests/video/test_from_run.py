@@ -160,6 +160,7 @@ def test_draft_is_of_the_same_size_with_fewer_pixels_and_frames() -> None:
     assert video_options(chase(), quality="draft", fps=60).fps == 60
 
 
+@pytest.mark.slow
 def test_a_swarm_of_hundreds_can_be_drawn() -> None:
     """With five materials a vehicle, 199 of them were more than MuJoCo draws. Oracle: the picture is full of them."""
     backend, reason = mjsheaf.video.available_backend()
