@@ -49,9 +49,9 @@ except ValueError:  # numba reads its environment variables as it is imported
 # Vectors of 256 bits, as LLVM itself prefers on most processors with AVX-512: a loop over 4 lanes has no remainder, and
 # code that reads several numbers right after it wrote them one by one does not wait for them. Gathers and scatters take
 # longer than the loads and stores that they stand for.
-features = get_host_cpu_features()
-if config.CPU_FEATURES is None and "+avx2" in features:  # type: ignore[attr-defined]
-    config.CPU_FEATURES = f"{features},+prefer-256-bit,+prefer-no-gather,+prefer-no-scatter"  # type: ignore[attr-defined]
+_features = get_host_cpu_features()
+if config.CPU_FEATURES is None and "+avx2" in _features:  # type: ignore[attr-defined]
+    config.CPU_FEATURES = f"{_features},+prefer-256-bit,+prefer-no-gather,+prefer-no-scatter"  # type: ignore[attr-defined]
 
 _logger = logging.getLogger("mjsheaf")
 # Thresholds of the garbage collector during compilation. numba makes millions of objects, few of them garbage: with
@@ -60,6 +60,7 @@ _RARELY = 50_000, 20, 20
 _PACKAGE = Path(__file__).resolve().parent
 _SOURCES = (
     "jit.py",
+    "linking.py",
     "system.py",
     "noise.py",
     "sheaf/*.py",

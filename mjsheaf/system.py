@@ -12,7 +12,7 @@ from mjsheaf.control import ControlArrays, LawArrays, edges_of
 from mjsheaf.control.law import new_control
 from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.control.safety import SafetyArrays
-from mjsheaf.control.separation import Crew, Safety, pack_safety
+from mjsheaf.control.separation import FilteredVehicles, Safety, pack_safety
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
@@ -76,8 +76,8 @@ class PhysicsOptions:
         surface_height: Height of the surface, m.
         engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.simulation.fused`.
         threads: Maximum number of threads.
-        compiled: Vehicles as their files describe them by name, and as they are simulated by name, time constant and
-            effects; made on first use and shared by all copies and seeds.
+        compiled: Vehicles as their files describe them by (name,), and as they are simulated by (name, time constant,
+            effects); made on first use and shared by all copies and seeds.
     """
 
     vehicle: list[str]
@@ -90,7 +90,7 @@ class PhysicsOptions:
     surface_height: float
     engine: str = "mujoco"
     threads: int = 1
-    compiled: dict[Any, Vehicle] = field(default_factory=dict, repr=False)
+    compiled: dict[tuple[Any, ...], Vehicle] = field(default_factory=dict, repr=False)
 
     def refuse_contacts(self) -> None:
         """Refuse contacts where bodies are not in one model of MuJoCo's.
@@ -154,11 +154,12 @@ class System:
         Raises:
             InputError: the vehicle is unknown, or its files are not valid.
         """
-        if name not in self.bodies.compiled:
+        known = self.bodies.compiled
+        if (name,) not in known:
             from mjsheaf.vehicles.loading import load_vehicle  # imports MuJoCo, which ideal kinematics can do without
 
-            self.bodies.compiled[name] = load_vehicle(name)
-        return self.bodies.compiled[name]
+            known.setdefault((name,), load_vehicle(name))
+        return known[name,]
 
     @cached_property
     def vehicles(self) -> list[Vehicle]:
@@ -174,7 +175,7 @@ class System:
                 key = name, plan.time_constant, plan.effects
                 if key not in plan.compiled:
                     own = self.described_vehicle(name).with_time_constant(plan.time_constant)
-                    plan.compiled[key] = embody(own, plan.effects)
+                    plan.compiled.setdefault(key, embody(own, plan.effects))  # several threads may be here
                 vehicle = plan.compiled[key]
                 if vehicle.dimension != member.dimension:
                     raise InputError(
@@ -271,7 +272,7 @@ class System:
         speed = self._target_speeds(about)
         if self.waiting is not None:
             speed[self.waiting.holds] = about[self.waiting.holds]
-        crew = Crew(
+        vehicles = FilteredVehicles(
             ids=self.team.agent_ids,
             planar=planar,
             height=self.bodies.surface_height,
@@ -286,7 +287,7 @@ class System:
             start=grid.start,
             end=grid.start + grid.steps * grid.period,
         )
-        return pack_safety(self.safety, crew)
+        return pack_safety(self.safety, vehicles)
 
     def _target_speeds(self, about: Array) -> Array:
         """Bound the speed of targets relative to the medium, which moves at most at `about` (V,), shape (V,), m/s.

@@ -182,7 +182,7 @@ class Safety(Section):
         return self
 
 
-class Crew(NamedTuple):
+class FilteredVehicles(NamedTuple):
     """Data of V vehicles for the filter; see `SafetyArrays` for carried and unsteady.
 
     Attributes:
@@ -213,62 +213,62 @@ class Crew(NamedTuple):
     end: float
 
 
-def pack_safety(safety: Safety, crew: Crew) -> SafetyArrays:
+def pack_safety(safety: Safety, vehicles: FilteredVehicles) -> SafetyArrays:
     """Return the section for compiled code.
 
     Raises:
         InputError: The range is missing, and an agent has no velocity limit from which it follows; or the motion of an
             obstacle does not fit. The message begins with the field.
     """
-    V, N = len(crew.planar), len(crew.ids)
+    V, N = len(vehicles.planar), len(vehicles.ids)
     by_size = safety.distance == "size"
-    own = crew.radius if by_size else np.full(V, 0.5 * float(safety.distance))
-    obstacles = pack_obstacles(safety, crew.height, crew.start, crew.end)
+    own = vehicles.radius if by_size else np.full(V, 0.5 * float(safety.distance))
+    obstacles = pack_obstacles(safety, vehicles.height, vehicles.start, vehicles.end)
     lift = np.zeros((V, 3))
-    lift[crew.planar, 2] = crew.height
-    shares, radius = _shares(safety, crew), own + crew.margin
-    stirred = np.linalg.norm(crew.carried - crew.carried[0], axis=1) + crew.unsteady
-    moving = np.where(crew.yields, 0.0, crew.speed)
+    lift[vehicles.planar, 2] = vehicles.height
+    shares, radius = _shares(safety, vehicles), own + vehicles.margin
+    stirred = np.linalg.norm(vehicles.carried - vehicles.carried[0], axis=1) + vehicles.unsteady
+    moving = np.where(vehicles.yields, 0.0, vehicles.speed)
     arrays = SafetyArrays(
         agents=N,
         radius=radius,
-        clearance=(own if by_size else 2.0 * own) + crew.margin,
+        clearance=(own if by_size else 2.0 * own) + vehicles.margin,
         reach=0.0,
         rate=safety.rate,
-        period=crew.period or 1.0 / safety.rate,
-        pairing=np.column_stack([radius, shares * crew.yields, crew.unsteady + moving]),
-        yields=crew.yields,
-        carried=crew.carried,
-        unsteady=crew.unsteady,
+        period=vehicles.period or 1.0 / safety.rate,
+        pairing=np.column_stack([radius, shares * vehicles.yields, vehicles.unsteady + moving]),
+        yields=vehicles.yields,
+        carried=vehicles.carried,
+        unsteady=vehicles.unsteady,
         lift=lift,
-        planar=crew.planar,
+        planar=vehicles.planar,
         closing=stirred + stirred.max() + moving.max(),
         burden=1.0 + shares.max() / shares,
         widest=float(radius.max()),
-        uniform=bool((crew.carried == crew.carried[0]).all()),
+        uniform=bool((vehicles.carried == vehicles.carried[0]).all()),
         right=safety.tie_break == "right_hand",
         obstacles=obstacles,
     )
-    reach = _farthest(arrays, crew) if safety.range is None else safety.range + 2.0 * float(crew.margin.max())
+    reach = _farthest(arrays, vehicles) if safety.range is None else safety.range + 2.0 * float(vehicles.margin.max())
     return arrays._replace(reach=reach)
 
 
-def _shares(safety: Safety, crew: Crew) -> Array:
+def _shares(safety: Safety, vehicles: FilteredVehicles) -> Array:
     """Return the weight of each vehicle in the division of what a pair must do.
 
     Raises:
         InputError: It is to follow from a velocity limit that an agent does not have.
     """
-    share = np.ones(len(crew.planar))
+    share = np.ones(len(vehicles.planar))
     if safety.authority == "by_speed":
-        for v, id in enumerate(crew.ids):
-            if not np.isfinite(crew.limit[v]):
+        for v, id in enumerate(vehicles.ids):
+            if not np.isfinite(vehicles.limit[v]):
                 raise InputError(f"safety.authority: {id} has no velocity_limit; expected one, or authority equal")
-            share[v] = crew.limit[v] if crew.yields[v] else 1.0
+            share[v] = vehicles.limit[v] if vehicles.yields[v] else 1.0
     return share
 
 
-def _farthest(safety: SafetyArrays, crew: Crew) -> float:
+def _farthest(safety: SafetyArrays, vehicles: FilteredVehicles) -> float:
     """Return the distance beyond which the filter changes no command that is within the velocity limits, m.
 
     The bound of a constraint at distance r is at most q - gamma (r^2 - D^2) / (2 r), taken as a whole for a pair, with
@@ -277,16 +277,16 @@ def _farthest(safety: SafetyArrays, crew: Crew) -> float:
     Raises:
         InputError: An agent has no velocity limit.
     """
-    limit = crew.limit[: len(crew.ids)][crew.yields[: len(crew.ids)]]
+    limit = vehicles.limit[: len(vehicles.ids)][vehicles.yields[: len(vehicles.ids)]]
     if not np.isfinite(limit).all():
-        id = next(id for id, own in zip(crew.ids, crew.limit, strict=False) if not np.isfinite(own))
+        id = next(id for id, own in zip(vehicles.ids, vehicles.limit, strict=False) if not np.isfinite(own))
         raise InputError(f"safety.range: {id} has no velocity_limit from which a range follows; expected either")
     carried = np.linalg.norm(safety.carried, axis=1).max(initial=0.0)
-    others = max(crew.speed.max(initial=0.0), safety.obstacles.speed.max(initial=0.0))
+    others = max(vehicles.speed.max(initial=0.0), safety.obstacles.speed.max(initial=0.0))
     closing = 2.0 * limit.max(initial=0.0) + others + 2.0 * (carried + safety.unsteady.max(initial=0.0))
     D = max(2.0 * float(safety.radius.max()), float(safety.clearance.max()))
     settled = closing / safety.rate
-    return float(max(settled + np.hypot(settled, D), D + closing * crew.period))
+    return float(max(settled + np.hypot(settled, D), D + closing * vehicles.period))
 
 
 def pack_obstacles(safety: Safety, height: float, start: float, end: float) -> ObstacleArrays:

@@ -491,7 +491,7 @@ class Scenario(Section):
         return other
 
     @cached_property
-    def _compiled(self) -> dict[Any, Vehicle]:
+    def _compiled(self) -> dict[tuple[Any, ...], Vehicle]:
         """Vehicles that were loaded; see `PhysicsOptions.compiled`."""
         return {}
 

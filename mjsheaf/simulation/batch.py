@@ -19,7 +19,8 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.fused import Fused, advance_block
-from mjsheaf.simulation.gate import Crew, wait
+from mjsheaf.simulation.gate import ThreadTeam
+from mjsheaf.simulation.gate import wait as meet  # a GPU has its own
 from mjsheaf.simulation.loop import Loop, blow_up_of, run_law
 from mjsheaf.simulation.rows import Rows
 from mjsheaf.simulation.scores import (
@@ -39,12 +40,6 @@ from mjsheaf.simulation.scores import (
 )
 from mjsheaf.simulation.threaded import AT_ONCE, NEVER
 from mjsheaf.simulation.trajectory import new_log
-
-
-@inline_jit
-def meet(gate, meetings, members):
-    """Wait until all members are here, for the `meetings`th time; return False where one will never come."""
-    return wait(gate, meetings, members)
 
 
 @jit
@@ -212,11 +207,11 @@ class Batch:
             pass
 
     def each(self, threads: int = 1, members: int = 1) -> Generator[int]:
-        """Run all worlds, once, on threads of this machine; these change nothing of what comes out.
+        """Run all worlds, once, on threads of this machine; the results do not depend on their number.
 
         Args:
-            threads: worlds at a time.
-            members: threads that share each world.
+            threads: Number of worlds at a time.
+            members: Number of threads that share each world.
 
         Yields:
             The number of each world as it ends, in any order.
@@ -231,23 +226,23 @@ class Batch:
         T, chunk, stop, rows = self.goal.samples, self.chunk, Event(), self.rows
 
         def one(w: int) -> None:
-            loop, crew = rows.loop_of(w), Crew(members)
+            loop, thread_team = rows.loop_of(w), ThreadTeam(members)
             try:
                 for begin in range(0, T, chunk):
                     if stop.is_set():
                         return
-                    crew.run(partial(part, loop, w, begin, min(begin + chunk, T)))
+                    thread_team.run(partial(part, loop, w, begin, min(begin + chunk, T)))
             finally:
-                crew.close()
+                thread_team.close()
 
         def part(loop: Loop, w: int, begin: int, end: int, member: int, gate: IntArray) -> None:
             goal, scores, nothing = self.goal, self.scores, self.nothing
             run_world(loop, rows.motion, goal, scores, nothing, w, True, begin, end, member, members, gate)
 
-        part(rows.loop_of(0), 0, 0, 0, 0, Crew.gate())  # compiles, lest a member does while others wait
+        part(rows.loop_of(0), 0, 0, 0, 0, ThreadTeam.gate())  # compiles, lest a member does while others wait
         with ThreadPoolExecutor(threads) as pool:
-            futures = {pool.submit(one, w): w for w in range(len(self))}
             try:
+                futures = {pool.submit(one, w): w for w in range(len(self))}
                 for future in as_completed(futures):
                     future.result()
                     yield futures[future]

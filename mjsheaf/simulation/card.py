@@ -11,7 +11,7 @@ to within rounding, not bit for bit.
 
 import functools
 import importlib.util
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from importlib import import_module
 from types import FunctionType, SimpleNamespace
 from typing import Any
@@ -128,7 +128,7 @@ def place_of(values: NDArray[Any], rows: NDArray[Any], begin: int) -> dict[str, 
     return {**described, "data": (begin + offset, False)}
 
 
-def run_on_card(batch: Batch) -> Iterator[int]:
+def run_on_card(batch: Batch) -> Generator[int]:
     """Run all worlds of a batch once, like `Batch.each`; all worlds end together.
 
     Args:

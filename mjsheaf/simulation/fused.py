@@ -9,9 +9,10 @@ MuJoCo's step of h is
     v += h R a,   omega += h alpha,   x += h v,   q <- q exp(h omega / 2)
 
 where the free joint integrates the linear damping d and D implicitly (mj_Euler). The loop compensates the explicit part
-of d with a force (see `bodies`), so neither is in f. The matrix depends on the kind only and is inverted once. All
-other code, from the law to the commands, is shared with MuJoCo's loop. `actuators.actuator_force` and `unit_wrench`
-convert commands to forces.
+of d with a force (see `bodies`), so neither is in f. The matrix depends on the kind only and is inverted once. The law
+and the commands of a single vehicle are the code of MuJoCo's loop; `actuators.actuator_force` and `unit_wrench` convert
+commands to forces. `lanes` takes the same steps for several vehicles at a time, from the same elementary functions;
+`tests/backends/test_fused.py` holds it to the bits of this module.
 
 Between two evaluations of the law vehicles are independent: each is moved up to the next evaluation in one call, and
 vehicles are divided among threads. The assignment to threads does not change a bit. Where possible, neighbours of one
@@ -46,7 +47,7 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     kind move in lanes where they fit, which does not change a bit.
 
     Returns:
-        Whether none did; see `ThreadedLoop._work` on `bad`.
+        True if no vehicle became bad; see `ThreadedLoop._work` on `bad`.
     """
     all_good, fleet, helm, qpos = True, loop.params.fleet, loop.params.helm, loop.state.qpos
     begin = first
@@ -107,9 +108,9 @@ def apply_actuators(fleet, ctrl, act, body, force, moment):
 
 
 @jit
-def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate):
-    """See `ThreadedLoop._work`; motion has a MOTION for each kind."""
-    k, end, meetings, blocks = step, step + count, 0, loop.params.fleet.blocks
+def advance(loop, motion, steps, count, recorder, row, bad, thread, threads, gate):
+    """See `ThreadedLoop._work`; motion has a MOTION for each kind, and steps (1,) the number of the first step."""
+    k, end, meetings, blocks = steps[0], steps[0] + count, 0, loop.params.fleet.blocks
     B, joint = blocks.shape[0] - 1, loop.params.control.stages.joint
     while k < end:
         span = min(loop.params.per_law - k % loop.params.per_law, end - k)
@@ -123,7 +124,7 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
             if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
                 fail(gate)
             block = take(gate, thread, threads, B)
-        if not end_span(threads, meetings, gate):
+        if not end_span(steps, k + span, thread, threads, meetings, gate):
             return
         k, row, meetings = k + span, row + (sample >= 0), meetings + 3
 
@@ -160,7 +161,5 @@ class Fused(ThreadedLoop):
     def _command(self) -> None:
         command_all(self._loop, self.time)
 
-    def _work(
-        self, loop: Loop, step: int, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray
-    ) -> None:
-        advance(loop, self._motion, step, count, recorder, row, self._bad, thread, self._crew.count, gate)
+    def _work(self, loop: Loop, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray) -> None:
+        advance(loop, self._motion, self._count, count, recorder, row, self._bad, thread, self._thread_team.count, gate)

@@ -25,11 +25,11 @@ Work = Callable[[int, IntArray], None]
 """Called with (number of the thread, gate)."""
 
 
-class Crew:
+class ThreadTeam:
     """Threads for one run; thread 0 is the caller's.
 
     Args:
-        count: how many.
+        count: Number of threads.
     """
 
     def __init__(self, count: int) -> None:
@@ -107,9 +107,9 @@ def wait(gate, meetings, threads):
     """Arrive at a gate and wait for the others; return False where one of them will never come.
 
     Args:
-        gate: the gate.
-        meetings: how many there were, with this one.
-        threads: how many meet.
+        gate: Barrier of the threads.
+        meetings: Number of times that they have met, including this one.
+        threads: Number of threads.
     """
     if threads > 1:
         _fetch_add(gate, _ARRIVED, 1)

@@ -267,8 +267,10 @@ def _record(run, t, x, k, log):
 
 
 @jit
-def _run(control, follow, run, times, advances, x, log, placed):
+def _run(control, follow, run, times, advances, x, count, log, placed):
     """Record the samples at `times` and advance after the first `advances`: (samples recorded, vehicle that blew up).
+
+    The periods that were taken are added to `count`, shape (1,): Ctrl-C takes effect before Python could count them.
 
     `follow` is `control` where the law is inside the integrator and None where it is held: another type, so that the
     two are compiled apart, and only the one that is used.
@@ -288,6 +290,7 @@ def _run(control, follow, run, times, advances, x, log, placed):
                     return k + 1, v
         elif not _advance(follow, run, times[k], x, 0, V):
             return k + 1, V
+        count[0] += 1
     return times.shape[0], -1
 
 
@@ -378,6 +381,7 @@ class Ideal(Engine):
             self.system.grid.span(step, step + count),
             count if advance else 0,
             self._x,
+            self._count,
             recorder.log.span(row, row + count),
             recorder.placed[row : row + count],
         )

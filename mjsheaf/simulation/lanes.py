@@ -86,6 +86,7 @@ def fits_lanes(fleet, helm, qpos, first, last):
     """Return True if the vehicles from first up to last, of one kind, can be moved in lanes; see `loop.Params`."""
     kind = fleet.kinds[fleet.bodies[first].kind]
     fits = (last - first >= MIN_ALIKE) & (last - first <= LANES)
+    fits &= kind.steering <= HAND_POINT
     fits &= (kind.turning == 0) & (kind.in_flow == 0) & (kind.forward_only == 0) & (kind.count <= _CHANNELS)
     fits &= qpos.itemsize == 8
     for v in range(first, last):
@@ -130,7 +131,6 @@ def _gather(fleet, qpos, qvel, act, command, first, last, lanes, block, activati
             block[_VELOCITY + i, lane] = qvel[body.dof + i]
         for i in range(3):
             block[_COMMAND + i, lane] = command[v, i]
-            block[_MEDIUM + i, lane] = 0.0
         block[_HEADING, lane] = body.heading[0]
         block[_HEADING + 1, lane] = body.heading[1]
         for j in range(kind.count):
@@ -275,9 +275,7 @@ def _limit_thrust(kind, lanes, block):
         beyond += 0 if is_within_thrust(kind, _three(block, _PUSH, lane)) else 1
     if beyond > 0:
         for lane in range(lanes):
-            force = _three(block, _PUSH, lane)
-            share = share_within_thrust(kind, force)
-            block[_SHARE, lane] = 1.0 if is_within_thrust(kind, force) else share
+            block[_SHARE, lane] = share_within_thrust(kind, _three(block, _PUSH, lane))
 
 
 @inline_jit
@@ -506,7 +504,7 @@ def _place(block, lane, planar):
 
 
 @inline_jit
-def _meet_steady(medium, first, t, lanes, waves, block):
+def _read_steady(medium, first, t, lanes, waves, block):
     """Write the velocity of a steady medium with disturbances at each vehicle; see `medium.medium_velocity`.
 
     Args:
@@ -552,7 +550,7 @@ def _meet_steady(medium, first, t, lanes, waves, block):
 
 
 @inline_jit
-def _meet_medium(medium, state, first, last, lanes, block):
+def _read_medium(medium, state, first, last, lanes, block):
     """Write the velocity of the medium at each vehicle, and the surface at each boat; see `loop.sense_and_command`.
 
     Lanes beyond the last meet what the first one does: undefined numbers could bring efforts beyond their limits.
@@ -598,17 +596,15 @@ def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
     _gather(fleet, qpos, qvel, state.act, state.memory.command, first, last, lanes, block, activation)
     if steady:
         _gather_waves(params.medium.harmonics, first, last, lanes, waves)
-    for lane in range(lanes):
-        block[_GOOD, lane] = 1.0
     all_good = True
     for k in range(step, step + count):
         t, recorded = params.start + k * h, k == step and row >= 0
         if recorded or not steady:
             advance_medium(params.medium, t, first, last, state.medium)
         if steady:
-            _meet_steady(params.medium, first, t, lanes, waves, block)
+            _read_steady(params.medium, first, t, lanes, waves, block)
         else:
-            _meet_medium(params.medium, state.medium, first, last, lanes, block)
+            _read_medium(params.medium, state.medium, first, last, lanes, block)
         if kind.steering == HAND_POINT:
             _steer_hand_point(kind, lanes, block)
         else:

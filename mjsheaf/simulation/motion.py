@@ -13,7 +13,7 @@ from mjsheaf.vehicles.vehicle import Vehicle
 # How a kind moves; body axes, about the origin of the body frame.
 MOTION = np.dtype(
     [
-        ("inverse", "f8", (6, 6)),  # of the matrix above
+        ("inverse", "f8", (6, 6)),  # of the matrix in `fused`
         ("inertia", "f8", (3, 3)),  # J, kg m^2
         ("damping", "f8", 3),  # D, N m s/rad
         ("weight", "f8"),  # N

@@ -212,10 +212,10 @@ def engine_of(
         from mjsheaf.simulation.fused import Fused
 
         return Fused(run, controller=called, commanded=commanded)
-    from mjsheaf.simulation.threaded import crew_size
+    from mjsheaf.simulation.threaded import thread_count
     from mjsheaf.simulation.world import SplitWorld, World
 
-    if crew_size(system.bodies, called is not None) > 1:
+    if thread_count(system.bodies, called is not None) > 1:
         return SplitWorld(run, commanded=commanded)
     return World(run, controller=called, commanded=commanded, visible=visible)
 

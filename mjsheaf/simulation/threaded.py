@@ -12,7 +12,7 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.jit import INTERPRETED, inline_jit
 from mjsheaf.simulation.engine import Recorder
-from mjsheaf.simulation.gate import Crew, failed, refill, wait
+from mjsheaf.simulation.gate import ThreadTeam, failed, refill, wait
 from mjsheaf.simulation.loop import (
     ClosedLoop,
     EngineArrays,
@@ -33,7 +33,7 @@ NEVER = int(np.iinfo(np.int64).max)
 """When a vehicle was bad that was not: see `ThreadedLoop._work`."""
 
 
-def crew_size(plan: PhysicsOptions, controlled: bool) -> int:
+def thread_count(plan: PhysicsOptions, controlled: bool) -> int:
     """Return how many threads move a run.
 
     One if a law in Python is in control, which is called too often for more, or if nothing is compiled.
@@ -69,9 +69,16 @@ def begin_span(loop, k, recorder, row, thread, threads, meetings, gate):
 
 
 @inline_jit
-def end_span(threads, meetings, gate):
-    """Wait until all vehicles have moved; return True to continue."""
-    return wait(gate, meetings + 3, threads) and not failed(gate)
+def end_span(steps, k, thread, threads, meetings, gate):
+    """Wait until all vehicles have moved up to step k, which is written to `steps`; return True to continue.
+
+    Ctrl-C takes effect when compiled code returns, before Python could count what it did.
+    """
+    if not wait(gate, meetings + 3, threads) or failed(gate):
+        return False
+    if thread == 0:
+        steps[0] = k
+    return True
 
 
 @inline_jit
@@ -110,7 +117,7 @@ class ThreadedLoop(ClosedLoop):
             gain=channels["gain"].reshape(-1, 1).copy(),
         )
         self._bad = np.empty(V, dtype=np.int64)
-        self._crew = Crew(crew_size(plan, self.controller is not None))
+        self._thread_team = ThreadTeam(thread_count(plan, self.controller is not None))
 
     def reset(self) -> None:
         """Go back to the initial condition; compile what threads run, lest one compiles while others wait."""
@@ -118,22 +125,20 @@ class ThreadedLoop(ClosedLoop):
         for values in (self._count, arrays.qpos, arrays.qvel, arrays.ctrl, arrays.act):
             values[:] = 0
         super().reset()
-        self._work(self._loop, 0, 0, self._unrecorded, 0, 0, self._crew.gate())
+        self._work(self._loop, 0, self._unrecorded, 0, 0, self._thread_team.gate())
 
     def _state_arrays(self) -> EngineArrays:
         return self._arrays
 
     @abstractmethod
-    def _work(
-        self, loop: Loop, step: int, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray
-    ) -> None:
-        """Do one thread's part of `count` steps from step number `step`.
+    def _work(self, loop: Loop, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray) -> None:
+        """Do one thread's part of the next `count` steps, and let the first thread count them in `_count`.
 
-        Whose state or command is bad first gets 2 k or 2 k + 1 in `_bad`: a state after k steps, or a command there.
+        A vehicle's entry of `_bad` is 2 k if its state after k steps is the first that is bad, and 2 k + 1 if its
+        command there is.
 
         Args:
             loop: Loop of the present phase.
-            step: Number of the first step.
             count: Number of steps; with 0, no thread waits for another.
             recorder: Destination of samples.
             row: Row of the next sample.
@@ -156,12 +161,12 @@ class ThreadedLoop(ClosedLoop):
         self._bad[:] = NEVER
 
         def work(thread: int, gate: IntArray) -> None:
-            self._work(self._loop, step, count, recorder, row, thread, gate)
+            self._work(self._loop, count, recorder, row, thread, gate)
 
-        self._crew.run(work)
+        self._thread_team.run(work)
         self._count[0] = step + count
         return first_bad(self._bad)
 
     def close(self) -> None:
         """End the threads."""
-        self._crew.close()
+        self._thread_team.close()

@@ -21,7 +21,7 @@ from mjsheaf.media.medium import advance
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Commanded, Recorder
-from mjsheaf.simulation.gate import Crew, fail
+from mjsheaf.simulation.gate import ThreadTeam, fail
 from mjsheaf.simulation.loop import (
     HUGE,
     ClosedLoop,
@@ -184,9 +184,12 @@ def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
 
 
 @jit
-def _advance_part(loop, arrays, own, first, last, step, count, recorder, row, bad, thread, threads, gate):
-    """Do a thread's part, see `ThreadedLoop._work`, with vehicles from first up to last; return False if one is bad."""
-    k, end, meetings = step, step + count, 0
+def _advance_part(loop, arrays, own, first, last, steps, count, recorder, row, bad, thread, threads, gate):
+    """Do a thread's part, see `ThreadedLoop._work`, with vehicles from first up to last; return False if one is bad.
+
+    The number of the first step is in `steps`, shape (1,).
+    """
+    k, end, meetings = steps[0], steps[0] + count, 0
     while k < end:
         span = min(loop.params.per_law - k % loop.params.per_law, end - k)
         sample = next_row(loop.params.per_sample, k, recorder.log.positions, row)
@@ -195,17 +198,17 @@ def _advance_part(loop, arrays, own, first, last, step, count, recorder, row, ba
         finish_law(loop.params.control.stages.joint, loop, k, first, last)
         if not _step_part(loop, arrays, own, first, last, k, span, recorder.log, sample, bad):
             fail(gate)
-        if not end_span(threads, meetings, gate):
+        if not end_span(steps, k + span, thread, threads, meetings, gate):
             return False
         k, row, meetings = k + span, row + (sample >= 0), meetings + 3
     return True
 
 
 @jit
-def _advance(loop, arrays, step, count, recorder, bad, gate):
-    """Take `count` steps from step number `step` with all vehicles in one model; return False if one becomes bad."""
+def _advance(loop, arrays, steps, count, recorder, bad, gate):
+    """Take `count` steps from step number steps[0] with all vehicles in one model; return False if one becomes bad."""
     V, row = loop.params.fleet.bodies.shape[0], recorder.written[0]
-    return _advance_part(loop, arrays, None, 0, V, step, count, recorder, row, bad, 0, 1, gate)
+    return _advance_part(loop, arrays, None, 0, V, steps, count, recorder, row, bad, 0, 1, gate)
 
 
 class World(ClosedLoop):
@@ -258,7 +261,7 @@ class World(ClosedLoop):
         touched = self.system.obstacles if self.system.bodies.contacts else None
         self._arrays = mujoco_arrays(self.model, self.data, movers_of(touched))
         self._bad = np.full(len(self._vehicles), NEVER)
-        self._gate = Crew.gate()
+        self._gate = ThreadTeam.gate()
 
     def _state_arrays(self) -> EngineArrays:
         return engine_arrays(self.model, self.data)
@@ -310,11 +313,11 @@ class World(ClosedLoop):
         mujoco.mj_setState(self.model, self.data, values, _STATE)
 
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
-        if _advance(self._loop, self._arrays, step, count, recorder, self._bad, self._gate):
+        if _advance(self._loop, self._arrays, np.full(1, step), count, recorder, self._bad, self._gate):
             return None
         found = first_bad(self._bad)
         self._bad[:] = NEVER
-        self._gate = Crew.gate()
+        self._gate = ThreadTeam.gate()
         return found
 
     def actuators(self, id: str) -> IntArray:
@@ -354,7 +357,7 @@ class SplitWorld(ThreadedLoop):
 
     def _prepare(self) -> None:
         super()._prepare()
-        ends = np.arange(self._crew.count + 1) * len(self._vehicles) // self._crew.count
+        ends = np.arange(self._thread_team.count + 1) * len(self._vehicles) // self._thread_team.count
         self._parts = [self._part(int(first), int(last)) for first, last in pairwise(ends)]
 
     def _part(self, first: int, last: int) -> "_Part":
@@ -368,12 +371,10 @@ class SplitWorld(ThreadedLoop):
         for part in self._parts:  # forces are written too, which the next step overwrites
             apply_forces(self._loop, part.arrays, self.time, part.first, part.last)
 
-    def _work(
-        self, loop: Loop, step: int, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray
-    ) -> None:
+    def _work(self, loop: Loop, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray) -> None:
         first, last, arrays, own, _, _ = self._parts[thread]
-        threads = self._crew.count
-        _advance_part(loop, arrays, own, first, last, step, count, recorder, row, self._bad, thread, threads, gate)
+        steps, threads = self._count, self._thread_team.count
+        _advance_part(loop, arrays, own, first, last, steps, count, recorder, row, self._bad, thread, threads, gate)
 
 
 def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:

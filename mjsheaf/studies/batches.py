@@ -2,9 +2,9 @@
 
 import pickle
 import time
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from itertools import islice
 from threading import Event
@@ -17,6 +17,7 @@ from mjsheaf.checking.finished import bound_ahead
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
+from mjsheaf.media import disturbance
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.many import fused_session
@@ -43,25 +44,23 @@ class Batches:
     """
 
     def __init__(
-        self, run: Callable[[Batch], Iterable[int]], order: Literal["C", "F"], most: int = _MOST_ON_THREADS
+        self, run: Callable[[Batch], Generator[int]], order: Literal["C", "F"], most: int = _MOST_ON_THREADS
     ) -> None:
         self._run, self._order, self._most = run, order, most
 
-    def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
+    def run(self, jobs: Iterable[Job]) -> Generator[JobResult]:
         """Run jobs and yield the result of each.
 
         While batches run, a thread prepares the next ones: it needs Python, and compiled code does not.
         """
         waiting, stop = iter(jobs), Event()
         with ThreadPoolExecutor(1) as ahead:
-
-            def next_prepared() -> Future[_Prepared]:
-                return ahead.submit(self._prepare, list(islice(waiting, self._most)), stop)
-
+            coming = [ahead.submit(self._prepare, [], stop)]
             try:
-                coming = next_prepared()
-                while (prepared := coming.result()).any:
-                    coming = next_prepared()
+                while coming:
+                    prepared = coming.pop().result()
+                    if several := list(islice(waiting, self._most)):
+                        coming.append(ahead.submit(self._prepare, several, stop))
                     yield from prepared.refused
                     for batch, known in prepared.batches:
                         yield from self._simulate(batch, known)
@@ -75,63 +74,50 @@ class Batches:
             alike.setdefault(pickle.dumps((job.scenario, _of_team(job))), []).append(job)
         prepared = _Prepared([], [])
         for group in alike.values():
-            known = list[_Known]()
+            known = list[tuple[Job, Fused]]()
             for job in group:
                 if stop.is_set():
-                    break
+                    return prepared
                 try:
-                    scenario = job.load()
-                    _, run = fused_session(scenario)
+                    _, run = fused_session(job.load())
                     require_world(run)
-                    known.append(_Known(job, run, scenario.seed))
+                    known.append((job, run))
                 except Exception as error:  # as in `run_job`, one bad point must not end the study
                     prepared.refused.append(JobResult(failed_record(job, error)))
-            for numbers in groups_of_one_team([run for _, run, _ in known]):
+            for numbers in groups_of_one_team([run for _, run in known]):
                 self._lay_out([known[k] for k in numbers], prepared)
         return prepared
 
-    def _lay_out(self, known: "list[_Known]", prepared: "_Prepared") -> None:
+    def _lay_out(self, known: list[tuple[Job, Fused]], prepared: "_Prepared") -> None:
         """Add the batch of runs of one team."""
-        runs = [run for _, run, _ in known]
+        runs = [run for _, run in known]
         try:
             batch = Batch(runs, _bounds_of(runs), order=self._order)
         except Exception as error:
-            prepared.refused.extend(JobResult(failed_record(job, error)) for job, _, _ in known)
+            prepared.refused.extend(JobResult(failed_record(job, error)) for job, _ in known)
         else:
             prepared.batches.append((batch, known))
 
-    def _simulate(self, batch: Batch, known: "list[_Known]") -> Iterator[JobResult]:
+    def _simulate(self, batch: Batch, known: list[tuple[Job, Fused]]) -> Iterator[JobResult]:
         """Run a batch and yield the results of its jobs as they end."""
         left, begun = dict(enumerate(known)), time.perf_counter()
         try:
-            for w in self._run(batch):
-                job, run, seed = left[w]
-                record = _record_of(job, run.system, seed, batch.outcome(w))
-                del left[w]
-                yield JobResult(record, time.perf_counter() - begun)
-                begun = time.perf_counter()
+            with closing(self._run(batch)) as ended:
+                for w in ended:
+                    job, run = left[w]
+                    record = _record_of(job, run.system, batch.outcome(w))
+                    del left[w]
+                    yield JobResult(record, time.perf_counter() - begun)
+                    begun = time.perf_counter()
         except Exception as error:
-            yield from (JobResult(failed_record(job, error)) for job, _, _ in left.values())
-
-
-class _Known(NamedTuple):
-    """A job, its run at the start, and the seed of its scenario."""
-
-    job: Job
-    run: Fused
-    seed: int
+            yield from (JobResult(failed_record(job, error)) for job, _ in left.values())
 
 
 class _Prepared(NamedTuple):
     """Results of the jobs that cannot run, and batches of the others."""
 
     refused: list[JobResult]
-    batches: list[tuple[Batch, list[_Known]]]
-
-    @property
-    def any(self) -> bool:
-        """True if there is a job."""
-        return bool(self.refused or self.batches)
+    batches: list[tuple[Batch, list[tuple[Job, Fused]]]]
 
 
 @contextmanager
@@ -159,7 +145,7 @@ def _bounds_of(runs: list[Fused]) -> list[Array]:
     found, alike = list[Array](), dict[bytes, Array]()
     for run in runs:
         usual = _rounded_up(run.system)
-        key = pickle.dumps((usual.initial, usual.gain, usual.law.limit, usual.harmonics))
+        key = pickle.dumps((usual.initial, usual.gain, usual.law.limit, usual.harmonics, usual.moving))
         if key not in alike:
             bound = bound_ahead(usual)
             alike[key] = np.full(run.system.grid.steps + 1, np.inf) if bound is None else bound
@@ -170,18 +156,19 @@ def _bounds_of(runs: list[Fused]) -> list[Array]:
 def _rounded_up(system: System) -> System:
     """Return the system with the agents' disturbances replaced by their sizes, rounded up; the theorem needs no more.
 
+    What moves in the medium apart from them (tides, waves, gusts) stays as it is, and `bound_ahead` adds it.
     The components that seeds draw add up to the requested bound except for rounding, which would make every bound
     different. The rounding also keeps a record independent of the other runs in its batch.
     """
     N, harmonics = len(system.team.agents), np.zeros_like(system.harmonics)
     harmonics[N:] = system.harmonics[N:]
     if harmonics.shape[1]:
-        size = system.largest_disturbance[:N]
+        size = disturbance.bounds(system.harmonics)[:N]
         harmonics[:N, 0, 0] = np.round(size, 9) + 1e-9 * (size > 0.0)
     return replace(system, harmonics=harmonics)
 
 
-def _record_of(job: Job, system: System, seed: int, outcome: Outcome) -> dict[str, Any]:
+def _record_of(job: Job, system: System, outcome: Outcome) -> dict[str, Any]:
     """Make the record of a run from its scores; see `job.new_record`."""
     unknown = dict.fromkeys(MEASURES)
     grid, traffic = system.grid, traffic_of(system.law.terms, system.team)
@@ -199,4 +186,4 @@ def _record_of(job: Job, system: System, seed: int, outcome: Outcome) -> dict[st
         for name, ratio in (("bound_ratio", outcome.ratio), ("late_bound_ratio", outcome.settled_ratio)):
             found[name] = finite(ratio)
     found[TRAFFIC] = traffic.numbers / (grid.period * len(system.team.agents))
-    return new_record(job.point, seed, "unstable" if outcome.message else "finished", outcome.message, **found)
+    return new_record(job.point, system.seed, "unstable" if outcome.message else "finished", outcome.message, **found)

@@ -6,7 +6,7 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -116,11 +116,11 @@ def _simulate(
     try:
         with workers() as runner:
             report("running", count - len(missing), count)
-            results = runner.run(plan.job(point) for point in missing)
-            for done, result in enumerate(results, count - len(missing) + 1):
-                place.save(result)
-                records[result.record["run"]] = result.record
-                report("running", done, count)
+            with closing(runner.run(plan.job(point) for point in missing)) as results:
+                for done, result in enumerate(results, count - len(missing) + 1):
+                    place.save(result)
+                    records[result.record["run"]] = result.record
+                    report("running", done, count)
     except (SchedulerError, ForeignWorkerError):
         place.leave()
         raise

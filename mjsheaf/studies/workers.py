@@ -5,7 +5,7 @@ import logging
 import multiprocessing as mp
 import os
 import signal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import partial
@@ -39,7 +39,7 @@ Work = Callable[[Job], JobResult]
 class Runner(Protocol):
     """Interface for running jobs."""
 
-    def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
+    def run(self, jobs: Iterable[Job]) -> Generator[JobResult]:
         """Run jobs and yield each result when it is available."""
 
 
@@ -59,7 +59,7 @@ class Workers:
     def __init__(self, submit: Callable[[Work, Job], Future[JobResult]], ahead: int, cause: Callable[[], str]) -> None:
         self._submit, self._ahead, self._cause = submit, ahead, cause
 
-    def run(self, jobs: Iterable[Job], work: Work = run_job) -> Iterator[JobResult]:
+    def run(self, jobs: Iterable[Job], work: Work = run_job) -> Generator[JobResult]:
         """Run jobs and yield each result when it is available.
 
         If a worker dies, all jobs that were submitted are repeated one at a time. A job whose workers die again gets a

@@ -7,7 +7,8 @@
 - `ThrustVector`: A multirotor with parallel rotors. Its thrust along its z axis is weight + F, and it turns the axis
   into that direction (Lee, Leok and McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010).
 
-A new kind subclasses `Steering` and has a code with a branch in `steer`.
+A new kind subclasses `Steering` and has a code above the others with a branch in `steer`. Its vehicles are not moved in
+lanes until `simulation/lanes.py` has a branch too.
 """
 
 from abc import ABC, abstractmethod

@@ -23,7 +23,7 @@ from mjsheaf.simulation import card
 from mjsheaf.simulation.batch import Batch, run_world
 from mjsheaf.simulation.card import arguments, kernel_function, place_of, require_card
 from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.gate import Crew
+from mjsheaf.simulation.gate import ThreadTeam
 from mjsheaf.simulation.rows import leaves_of
 from tests.backends.test_batch import WILD, linked
 from tests.builders import refused
@@ -108,15 +108,15 @@ class Card:
             *trees, begin, end = given
             loop, motion, goal, scores, nothing = map(here, trees)
             self.launches.append(((blocks, worlds, members), begin, end))
-            crew = Crew(members)
+            thread_team = ThreadTeam(members)
             for w in range(len(scores.bound)):
                 own = self.take(loop, w)
 
                 def work(member: int, gate: Any, w: int = w, own: Any = own) -> None:
                     run_world(own, motion, goal, scores, nothing, w, True, begin, end, member, members, gate)
 
-                crew.run(work)
-            crew.close()
+                thread_team.run(work)
+            thread_team.close()
 
         return launch
 

@@ -1,8 +1,10 @@
 """Bodies on several threads: the same bits on any number of threads, and no thread waits forever."""
 
+import signal
 import threading
 import time
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,11 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.jit import jit
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.engine import Engine
 from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.gate import Crew, refill, take, wait
+from mjsheaf.simulation.gate import ThreadTeam, refill, take, wait
 from mjsheaf.simulation.loop import finish_law, run_law, share_law
-from mjsheaf.simulation.session import ENGINES, moved_by
+from mjsheaf.simulation.session import ENGINES, Session, moved_by
 from mjsheaf.simulation.world import SplitWorld
 from mjsheaf.system import on_engine
 from mjsheaf.tiers import Tiered
@@ -34,22 +37,22 @@ def bits(result: Any) -> dict[str, bytes]:
 
 
 @pytest.fixture
-def crews(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Record the number of threads of each crew made inside the block."""
+def thread_teams(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Record the number of threads of each thread_team made inside the block."""
     counts: list[int] = []
 
-    class Counted(Crew):
+    class Counted(ThreadTeam):
         def __init__(self, count: int) -> None:
             super().__init__(count)
             counts.append(count)
 
-    monkeypatch.setattr("mjsheaf.simulation.threaded.Crew", Counted)
+    monkeypatch.setattr("mjsheaf.simulation.threaded.ThreadTeam", Counted)
     return counts
 
 
 @pytest.mark.parametrize("name", ["swarm_radio_shadow", "swarm"])
 @pytest.mark.parametrize("engine", ENGINES)
-def test_threads_do_not_change_a_bit(engine: str, name: str, crews: list[int]) -> None:
+def test_threads_do_not_change_a_bit(engine: str, name: str, thread_teams: list[int]) -> None:
     """Of a swarm over links that fail, with events in mid-run, and of one whose law is divided among threads.
 
     MuJoCo's one thread is `World`.
@@ -57,7 +60,7 @@ def test_threads_do_not_change_a_bit(engine: str, name: str, crews: list[int]) -
     scenario = load_scenario(name, SWARM)
     one, *more = (bits(simulate(scenario, engine=engine, threads=threads)) for threads in (1, 2, 3))
     assert all(other == one for other in more)
-    assert crews == ([1, 2, 3] if engine == "fused" else [2, 3])
+    assert thread_teams == ([1, 2, 3] if engine == "fused" else [2, 3])
 
 
 @pytest.mark.parametrize(("name", "held"), [("paper", False), ("harbour", True)])
@@ -153,8 +156,8 @@ def meet(count, threads, gate):
 
 @pytest.mark.slow
 def test_threads_meet_as_often_as_asked_and_leave_when_one_will_not_come() -> None:
-    crew, came = Crew(3), [False] * 3
-    crew.run(lambda thread, gate: came.__setitem__(thread, meet(10_000, 3, gate)))
+    thread_team, came = ThreadTeam(3), [False] * 3
+    thread_team.run(lambda thread, gate: came.__setitem__(thread, meet(10_000, 3, gate)))
     assert came == [True] * 3
 
     for lost in range(3):  # the caller's own thread too, as by Ctrl-C
@@ -166,11 +169,11 @@ def test_threads_meet_as_often_as_asked_and_leave_when_one_will_not_come() -> No
             came[thread] = meet(10_000, 3, gate)
 
         with pytest.raises(KeyboardInterrupt):
-            crew.run(work)
+            thread_team.run(work)
         assert not any(value for thread, value in enumerate(came) if thread != lost)
         came[:] = [True] * 3
     before = threading.active_count()
-    crew.close()
+    thread_team.close()
     assert threading.active_count() == before - 2
 
 
@@ -183,22 +186,57 @@ def take_all(times, thread, threads, gate):
 
 
 def take_all_of(times: Array, threads: int, thread: int, gate: IntArray) -> None:
-    """Take part as a thread of a crew does."""
+    """Take part as a thread of a thread_team does."""
     take_all(times, thread, threads, gate)
 
 
 def test_every_unit_of_work_is_taken_once_whoever_comes() -> None:
     """All threads at once, or one that finds the others missing; also where some have no share."""
     for threads, units in ((1, 5), (2, 7), (3, 100), (4, 3)):
-        times, gate = np.zeros(units), Crew.gate(threads)
+        times, gate = np.zeros(units), ThreadTeam.gate(threads)
         for thread in range(threads):
             refill(gate, threads)
             take_all(times, thread, threads, gate)
             np.testing.assert_array_equal(times, thread + 1.0)
-        crew = Crew(threads)
-        crew.run(partial(take_all_of, times, threads))
-        crew.close()
+        thread_team = ThreadTeam(threads)
+        thread_team.run(partial(take_all_of, times, threads))
+        thread_team.close()
         np.testing.assert_array_equal(times, threads + 1.0)
+
+
+def step_on(engine: Engine) -> None:
+    """Take 20 periods after 20 periods."""
+    while True:
+        engine.step(20 * engine.steps_per_sample)
+
+
+@pytest.mark.skipif(threading.current_thread() is not threading.main_thread(), reason="signals need the main thread")
+@pytest.mark.parametrize(
+    ("backend", "engine", "threads"), [("ideal", "mujoco", 1), *product(["physics"], ENGINES, [1, 2])]
+)
+def test_steps_are_counted_that_were_taken_before_ctrl_c(backend: str, engine: str, threads: int) -> None:
+    """A timer's signal arrives in compiled code; what is counted is where a run is that nobody interrupted."""
+    scenario = load_scenario("swarm", {"swarm.size": 30, "time.end": 4.0})
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    with (
+        Session(scenario, backend, engine=engine, threads=threads) as run,
+        Session(scenario, backend, engine=engine, threads=threads) as other,
+    ):
+        try:
+            for one in (run, other):
+                one.engine.step(1)
+            signal.setitimer(signal.ITIMER_REAL, 5e-3)
+            with pytest.raises(KeyboardInterrupt):
+                step_on(run.engine)
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+        other.engine.step(run.engine.steps_taken - 1)
+        np.testing.assert_array_equal(run.engine.positions(), other.engine.positions())
 
 
 def test_an_interrupted_run_leaves_no_thread_behind(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,9 +251,9 @@ def test_an_interrupted_run_leaves_no_thread_behind(monkeypatch: pytest.MonkeyPa
             simulate(load_scenario("swarm_radio_shadow", SWARM), engine=engine, threads=3, progress=interrupted)
         assert threading.active_count() == before
 
-    crew, handed = Crew(3), list[Any]()
-    assert crew._pool
-    submit = crew._pool.submit
+    thread_team, handed = ThreadTeam(3), list[Any]()
+    assert thread_team._pool
+    submit = thread_team._pool.submit
 
     def once(*work: Any) -> Any:
         if handed:
@@ -223,11 +261,11 @@ def test_an_interrupted_run_leaves_no_thread_behind(monkeypatch: pytest.MonkeyPa
         handed.append(submit(*work))
         return handed[0]
 
-    monkeypatch.setattr(crew._pool, "submit", once)
+    monkeypatch.setattr(thread_team._pool, "submit", once)
     with pytest.raises(RuntimeError, match="start new thread"):
-        crew.run(lambda thread, gate: meet(10_000, 3, gate))
+        thread_team.run(lambda thread, gate: meet(10_000, 3, gate))
     assert handed[0].done()
-    crew.close()
+    thread_team.close()
 
 
 # -- what is refused ---------------------------------------------------------------------------------------------------

@@ -48,7 +48,7 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     subprocess.run([str(REPOSITORY / ".ci" / "run")], env=environment, capture_output=True, check=True)
     assert called.exists() != installed
     assert made.read_text().splitlines() == [
-        "-j 2 .venv/.docs web/node_modules",
+        "web/node_modules",
         ".venv/.docs",
         "-j 2 --output-sync docs lint check-bundle",
         "test EXAMPLES=ci",

@@ -3,7 +3,7 @@
 A batch runs here on threads of this machine, instead of a GPU.
 """
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
@@ -23,6 +23,7 @@ from tests.builders import refused
 from tests.commands import answer_of, call, is_refusal
 
 SHORT = {"time.end": 1.0, "physics.contacts": False, "disturbance": {"agents": {"bound": 0.2}}}
+SEA = {"significant_height": 0.2, "peak_period": 6.0, "spreading": "cos2"}
 KNOWN = "tracking_error", "mean_disagreement"
 
 
@@ -91,6 +92,24 @@ def test_a_record_does_not_depend_on_the_runs_beside_it() -> None:
         assert together([job]) == {job.point.number: several[job.point.number]}
 
 
+@pytest.mark.parametrize(
+    "moving",
+    [
+        {"flow.agents.tide": {"amplitude": 0.3, "period": 60.0}},
+        {"flow": {"water": {"dimension": 2, "waves": {"kind": "jonswap", **SEA}}}},
+    ],
+    ids=["tide", "waves"],
+)
+def test_what_moves_in_the_medium_counts_once_in_the_bound_and_for_its_own_run(moving: dict[str, Any]) -> None:
+    jobs = jobs_of("certified", [moving], [0, 3])
+    several = together(jobs)
+    for job in jobs:
+        alone = run_job(job).record
+        assert alone["bound_ratio"] is not None
+        assert several[job.point.number]["bound_ratio"] == pytest.approx(alone["bound_ratio"], rel=1e-6)
+        assert together([job]) == {job.point.number: several[job.point.number]}
+
+
 def test_a_run_with_events_is_refused_and_others_are_not() -> None:
     lost = {"events": [{"time": 0.5, "lose": "A1"}]}
     records = together(jobs_of("certified", [{}, lost], [0]))
@@ -108,13 +127,12 @@ def test_the_next_batch_is_prepared_while_one_runs(monkeypatch: pytest.MonkeyPat
             second.set()
         return load(job)
 
-    def run(batch: Batch) -> Iterator[int]:
+    def run(batch: Batch) -> Generator[int]:
         assert second.wait(60.0)
         yield from batch.each()
 
     monkeypatch.setattr(Job, "load", noted)
     results = Batches(run, "C", most=1).run(jobs_of("certified", [{}], list(range(6))))
-    assert isinstance(results, Generator)
     assert next(results).record["status"] == "finished"
     assert loaded == [0, 1]
     results.close()

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -104,7 +104,7 @@ class Greedy:
     def __init__(self, workers: Workers) -> None:
         self._workers = workers
 
-    def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
+    def run(self, jobs: Iterable[Job]) -> Generator[JobResult]:
         return self._workers.run(jobs, takes_all_memory_of_the_second)
 
 
