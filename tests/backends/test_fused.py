@@ -246,7 +246,7 @@ def test_lanes_beyond_the_last_boat_meet_the_same_waves_as_the_first() -> None:
     params, state = Fused(scenario.phases)._loop
     block = np.full((lanes._ROWS, LANES), np.nan)
     block[:7] = [[0.0], [1.0], [0.1], [1.0], [0.0], [0.0], [0.0]]
-    in_python(lanes._meet_medium)(params.medium, state.medium, 0, 3, 4, block)
+    in_python(lanes._read_medium)(params.medium, state.medium, 0, 3, 4, block)
     met = block[[*range(lanes._MEDIUM, lanes._MEDIUM + 3), *range(lanes._HEIGHT, lanes._HEIGHT + 3)]]
     assert np.isfinite(met[:, :4]).all()
     np.testing.assert_array_equal(met[:, 3], met[:, 0])
