@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, takewhile
 from threading import Event
 from typing import Any, Literal, NamedTuple
 
@@ -52,6 +52,9 @@ class Batches:
         """Run jobs and yield the result of each.
 
         While batches run, a thread prepares the next ones: it needs Python, and compiled code does not.
+
+        Raises:
+            ForeignWorkerError: A file has changed since the study began.
         """
         waiting, stop = iter(jobs), Event()
         with ThreadPoolExecutor(1) as ahead:
@@ -75,6 +78,7 @@ class Batches:
         prepared = _Prepared([], [])
         for group in alike.values():
             known = list[tuple[Job, Fused]]()
+            group[0].require_unchanged()
             for job in group:
                 if stop.is_set():
                     return prepared
@@ -84,15 +88,19 @@ class Batches:
                     known.append((job, run))
                 except Exception as error:  # as in `run_job`, one bad point must not end the study
                     prepared.refused.append(JobResult(failed_record(job, error)))
+            group[0].require_unchanged()
             for numbers in groups_of_one_team([run for _, run in known]):
-                self._lay_out([known[k] for k in numbers], prepared)
+                self._lay_out([known[k] for k in numbers], prepared, stop)
         return prepared
 
-    def _lay_out(self, known: list[tuple[Job, Fused]], prepared: "_Prepared") -> None:
-        """Add the batch of runs of one team."""
+    def _lay_out(self, known: list[tuple[Job, Fused]], prepared: "_Prepared", stop: Event) -> None:
+        """Add the batch of runs of one team, unless the study stops."""
         runs = [run for _, run in known]
         try:
-            batch = Batch(runs, _bounds_of(runs), order=self._order)
+            bounds = _bounds_of(runs, stop)
+            if stop.is_set():
+                return
+            batch = Batch(runs, bounds, order=self._order)
         except Exception as error:
             prepared.refused.extend(JobResult(failed_record(job, error)) for job, _ in known)
         else:
@@ -140,10 +148,13 @@ def _of_team(job: Job) -> list[tuple[str, Any]]:
     return [(path, value) for path, value in job.changes.items() if path not in ("seed", "controller.gain")]
 
 
-def _bounds_of(runs: list[Fused]) -> list[Array]:
-    """Compute Theorem 1's bound for each run, once for all runs that differ only in the agents' disturbances."""
+def _bounds_of(runs: list[Fused], stop: Event) -> list[Array]:
+    """Compute Theorem 1's bound for each run, once for all runs that differ only in the agents' disturbances.
+
+    Once the study stops, no more bounds are computed.
+    """
     found, alike = list[Array](), dict[bytes, Array]()
-    for run in runs:
+    for run in takewhile(lambda _: not stop.is_set(), runs):
         usual = _rounded_up(run.system)
         key = pickle.dumps((usual.initial, usual.gain, usual.law.limit, usual.harmonics, usual.moving))
         if key not in alike:

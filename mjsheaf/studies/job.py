@@ -23,6 +23,7 @@ from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
 from mjsheaf.results.netcdf import thin
+from mjsheaf.results.store import digest
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import map_vehicles
@@ -44,7 +45,7 @@ def versions() -> dict[str, str]:
 
 
 class ForeignWorkerError(InputError):
-    """A worker of an existing scheduler has another version of mjsheaf or of a library."""
+    """A worker has another version of mjsheaf or of a library, or other files, than those that the study began with."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class Job:
         trajectories: True to keep result.nc.
         versions: Versions of mjsheaf and its libraries in the process that submits the job.
         law: Law in Python that controls the agents, or None.
+        files: SHA-256 digests of the user's files that the scenario refers to, by path.
     """
 
     point: Point
@@ -74,6 +76,19 @@ class Job:
     trajectories: bool = False
     versions: dict[str, str] = field(default_factory=versions)
     law: LawFile | None = None
+    files: dict[str, str] = field(default_factory=dict)
+
+    def require_unchanged(self) -> None:
+        """Refuse a job once a file is no longer the one that its study began with.
+
+        Raises:
+            ForeignWorkerError: The message names the file.
+        """
+        changed = [path for path, known in self.files.items() if digest(Path(path)) != known]
+        if self.law is not None and self.law.changed:
+            changed.append(self.law.label)
+        for path in changed:
+            raise ForeignWorkerError(f"{path}: the file has changed since the study began; choose another --out")
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -153,19 +168,19 @@ def run_job(job: Job) -> JobResult:
     """Simulate a point. An error in it becomes the status and message of its record.
 
     Raises:
-        ForeignWorkerError: This worker has another version of mjsheaf or of a library.
+        ForeignWorkerError: This worker has another version of mjsheaf or of a library, or a file has changed.
     """
     for name, here in versions().items():
         if job.versions[name] != here:
             raise ForeignWorkerError(f"a worker has {name} {here}; expected {job.versions[name]}")
-    if job.law is not None and job.law.changed:
-        raise ForeignWorkerError(f"{job.law.label}: the file has changed since the study began; choose another --out")
+    job.require_unchanged()
     begun = time.perf_counter()
     dataset = page = None
     try:
         record, dataset, page = _run(job)
     except Exception as error:  # one bad point must not end the study: the table reports it
         record = failed_record(job, error)
+    job.require_unchanged()
     return JobResult(record, time.perf_counter() - begun, dataset, page)
 
 

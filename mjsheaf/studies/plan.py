@@ -3,6 +3,7 @@
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -12,7 +13,7 @@ from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping, require_type
 from mjsheaf.control.source import LawFile, find_law
-from mjsheaf.errors import InputError, ScenarioError, in_field, joined, raise_first
+from mjsheaf.errors import InputError, NotUniqueError, ScenarioError, in_field, joined, raise_first
 from mjsheaf.io.files import confined, list_studies, naming
 from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
@@ -94,6 +95,7 @@ class Plan:
             study.engine,
             study.trajectories,
             law=self.law,
+            files=self.files,
         )
 
 
@@ -312,7 +314,7 @@ def parse_seeds(text: str) -> tuple[int, int]:
 
 
 def _a_valid_point(plan: Plan) -> Scenario:
-    """Return the scenario of the first valid point among those tried.
+    """Return the scenario of the first point among those tried that is valid, and fits a batch if it must.
 
     Raises:
         ScenarioError: None of them is valid. The message is about the first.
@@ -321,7 +323,14 @@ def _a_valid_point(plan: Plan) -> Scenario:
     tried = _tried(plan)
     for point in tried:
         try:
-            return replace(plan.job(point), source=plan.source).load()
+            scenario = replace(plan.job(point), source=plan.source).load()
+            if plan.study.batch or plan.study.device == "gpu":
+                from mjsheaf.runs.many import fused_session
+                from mjsheaf.simulation.batch import require_world
+
+                with suppress(NotUniqueError):  # becomes the status of the run
+                    require_world(fused_session(scenario)[1])
+            return scenario
         except InputError as error:
             first = first or error
     which = f"{len(tried)} points" + (" from all over the study" if len(tried) < len(plan.points) else "")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from mjsheaf.errors import ScenarioError
+from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import read_scenario
 from mjsheaf.simulation.batch import Batch
@@ -19,7 +19,7 @@ from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.batches import Batches
 from mjsheaf.studies.job import Job, run_job
 from mjsheaf.studies.schema import Point
-from tests.builders import refused
+from tests.builders import REPOSITORY, refused
 from tests.commands import answer_of, call, is_refusal
 
 SHORT = {"time.end": 1.0, "physics.contacts": False, "disturbance": {"agents": {"bound": 0.2}}}
@@ -137,6 +137,32 @@ def test_the_next_batch_is_prepared_while_one_runs(monkeypatch: pytest.MonkeyPat
     assert loaded == [0, 1]
     results.close()
     assert loaded == [0, 1]
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_a_file_that_changes_during_a_study_ends_it(gone: bool, tmp_path: Path) -> None:
+    """Runs that ended before are kept; none is made of another file than study.json names."""
+    for path in sorted((REPOSITORY / "models").glob("hull.*")):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    own = tmp_path / "hull.xml"
+    overrides = {**SHORT, "vehicles.agents": str(tmp_path / "hull.yaml")}
+    plan = load_plan("midpoint", seeds=(0, 4), overrides=overrides, batch=True)
+    assert str(own) in plan.files
+    results = Batches(Batch.each, "C", most=1).run(plan.job(point) for point in plan.points)
+    assert next(results).record["status"] == "finished"
+    if gone:
+        own.unlink()
+    else:
+        own.write_text(own.read_text() + "<!-- edited -->")
+    with refused(InputError, "hull.xml", "changed"):
+        list(results)
+    with refused(InputError, "hull.xml", "changed"):
+        run_job(plan.job(plan.points[3]))
+
+
+def test_a_study_that_no_batch_takes_is_refused_before_it_begins() -> None:
+    with refused(ScenarioError, "range, bearing or directed edges"):
+        load_plan("range_formation", seeds=(0, 3), batch=True)
 
 
 def test_a_study_on_a_batch_has_its_table_and_plots(tmp_path: Path) -> None:
