@@ -40,6 +40,7 @@ from mjsheaf.simulation.scores import (
 )
 from mjsheaf.simulation.threaded import AT_ONCE, NEVER
 from mjsheaf.simulation.trajectory import new_log
+from mjsheaf.system import Phase
 
 
 @jit
@@ -131,13 +132,22 @@ def require_world(run: Fused) -> None:
         InputError: it has events or another phase, a law in Python, or a team that is too large to be scored this way.
     """
     require_type("run", run, Fused, "a Fused run, at its start")
-    first, *later = run.phases
+    require_phases(run.phases)
+    if run.controller:
+        raise InputError("controller: a law in Python; expected the agents' own in a batch, which calls no Python")
+
+
+def require_phases(phases: Sequence[Phase]) -> None:
+    """Refuse the phases of a run that no batch takes.
+
+    Raises:
+        InputError: There is more than one or an event, or the team is too large to be scored this way.
+    """
+    first, *later = phases
     if later or first.events:
         what = first.events[0] if first.events else f"{later[0].name} at {later[0].time:g} s"
         raise InputError(f"events: {what}; expected none in a batch, whose runs keep their edges")
-    if run.controller:
-        raise InputError("controller: a law in Python; expected the agents' own in a batch, which calls no Python")
-    require_scorable(run.system)
+    require_scorable(first.system)
 
 
 class Batch:

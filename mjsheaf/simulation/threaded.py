@@ -164,7 +164,7 @@ class ThreadedLoop(ClosedLoop):
             self._work(self._loop, count, recorder, row, thread, gate)
 
         self._thread_team.run(work)
-        self._count[0] = step + count
+        self._count[0] = step + count  # also where a vehicle is bad and its span does not count
         return first_bad(self._bad)
 
     def close(self) -> None:

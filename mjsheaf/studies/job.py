@@ -15,7 +15,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.checking.finished import Ending, bound_of_run, ending_of_run, judge
 from mjsheaf.control.source import LawFile
-from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.errors import InputError, NotUniqueError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
 from mjsheaf.remember import remember_last
@@ -84,11 +84,11 @@ class Job:
         Raises:
             ForeignWorkerError: The message names the file.
         """
-        changed = [path for path, known in self.files.items() if digest(Path(path)) != known]
-        if self.law is not None and self.law.changed:
-            changed.append(self.law.label)
-        for path in changed:
-            raise ForeignWorkerError(f"{path}: the file has changed since the study began; choose another --out")
+        changed = {path: digest(Path(path)) != known for path, known in self.files.items()}
+        if self.law is not None:
+            changed[self.law.label] = self.law.changed
+        what = "the file has changed since the study began; choose another --out"
+        raise_first(ForeignWorkerError, {f"{name}: {what}": is_changed for name, is_changed in changed.items()})
 
     @property
     def changes(self) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
+from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.studies.job import Job, versions
 from mjsheaf.studies.schema import Point, StudyFile, points_of
 
@@ -325,11 +326,12 @@ def _a_valid_point(plan: Plan) -> Scenario:
         try:
             scenario = replace(plan.job(point), source=plan.source).load()
             if plan.study.batch or plan.study.device == "gpu":
-                from mjsheaf.runs.many import fused_session
-                from mjsheaf.simulation.batch import require_world
+                from mjsheaf.simulation.batch import require_phases
 
+                phases = moved_by(scenario.phases, plan.study.backend, plan.study.engine, 1)
                 with suppress(NotUniqueError):  # becomes the status of the run
-                    require_world(fused_session(scenario)[1])
+                    require_simulable(phases, plan.study.backend)
+                require_phases(phases)
             return scenario
         except InputError as error:
             first = first or error

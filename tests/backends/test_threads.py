@@ -38,7 +38,7 @@ def bits(result: Any) -> dict[str, bytes]:
 
 @pytest.fixture
 def thread_teams(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Record the number of threads of each thread_team made inside the block."""
+    """Record the number of threads of each thread team made inside the block."""
     counts: list[int] = []
 
     class Counted(ThreadTeam):
@@ -186,7 +186,7 @@ def take_all(times, thread, threads, gate):
 
 
 def take_all_of(times: Array, threads: int, thread: int, gate: IntArray) -> None:
-    """Take part as a thread of a thread_team does."""
+    """Take part as a thread of a thread team does."""
     take_all(times, thread, threads, gate)
 
 
@@ -210,7 +210,6 @@ def step_on(engine: Engine) -> None:
         engine.step(20 * engine.steps_per_sample)
 
 
-@pytest.mark.skipif(threading.current_thread() is not threading.main_thread(), reason="signals need the main thread")
 @pytest.mark.parametrize(
     ("backend", "engine", "threads"), [("ideal", "mujoco", 1), *product(["physics"], ENGINES, [1, 2])]
 )
