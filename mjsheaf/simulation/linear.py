@@ -192,7 +192,7 @@ class _Bench:
         self.loop = new_loop(fleet, control, medium, engine_arrays(self.model, self.data), timestep=timestep)
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]
-        lagging = np.add.reduceat((self.model.actuator_actadr >= 0).astype(int), arena.thruster[:-1])
+        lagging = np.diff(np.append(0, np.cumsum(self.model.actuator_actadr >= 0))[arena.thruster])
         self.activated = np.arange(lagging.max()) < lagging[:, None]
         # Of each vehicle's row: its states, and its command or position.
         self.entries = [
