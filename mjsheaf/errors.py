@@ -142,3 +142,7 @@ def expected(name: str, names: Collection[str]) -> str:
 
 class UndecidedError(Exception):
     """Nothing can be claimed; the message says why."""
+
+
+class OverpoweredError(UndecidedError):
+    """A vehicle cannot hold its place in the medium; the message names it, with the speeds."""

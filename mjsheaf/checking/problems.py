@@ -184,6 +184,17 @@ def _round(gain: float) -> float:
 def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
     """Yield that agents fall behind their places, as their vehicles or their velocity limits are too slow."""
     slow = [demand for demand in part.margins.speed if (demand.deficit or 0.0) > _MAX_DEFICIT]
+    carried = part.disturbance.carried_off
+    if part.margins.bodies.overpowered and not slow:
+        yield Problem(what="a vehicle cannot hold its place in the flow", why=part.margins.bodies.reason)
+    if carried:
+        worst_id = max(carried, key=carried.__getitem__)
+        others = f" and {len(carried) - 1} other{'s' if len(carried) > 2 else ''}" if len(carried) > 1 else ""
+        yield Problem(
+            what=f"{worst_id}{others} cannot hold against gusts and waves",
+            why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be",
+            fix="a calmer medium, faster vehicles, or a higher velocity_limit if the vehicle allows it",
+        )
     for limited in (False, True):
         some = [demand for demand in slow if limited == ((demand.limit or math.inf) <= (demand.able or math.inf))]
         if not some:

@@ -57,7 +57,8 @@ _OFTEN = 0.1  # fraction of the second half for which a vehicle is at a limit, f
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
 _SHORTFALL = 0.2  # fraction of the commanded velocity that a vehicle does not make, above which it is at a limit
 _GROWTH = 1.5  # mean error of the last quarter over that about the middle, above which it has grown
-_SLOW_GROWTH = 1.1  # mean error of the last quarter over that of the second, above which steady growth counts
+_FASTER = 2.0  # growth of one quarter over that of the last, above which the error grows without bound
+_SLOW = 1.1  # mean error of the last quarter over that of the second, above which steady growth counts
 _FAR = 3.0  # times the error that the analysis foresees
 _FAR_BY = 1.0  # m: further than that
 _SMALL = 0.2  # m: errors that grow by less do not count
@@ -231,10 +232,9 @@ def _about_distance(closest: TooClose) -> TrialProblem:
 
 
 def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield agents whose error grows to the end of the last phase, those at a limit and those that are not.
+    """Yield agents whose error grows to the end of the last phase while they are at a limit, or ever faster.
 
-    An error that grows is no fault by itself: it also follows a target that speeds up. It is one where it grows at the
-    same pace or faster, quarter by quarter, or where the agent is at a limit for a good part of the time.
+    An error that grows is no fault by itself: it also follows a target that speeds up.
     """
     system, last = of_phase(phases, data, -1)
     errors, time = last["tracking_error"].values, last["time"].values
@@ -243,25 +243,21 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
     _, second, third, fourth = (part.mean(axis=0) for part in np.array_split(errors, 4))
     eighth = len(errors) // 8
     middle = errors[len(errors) // 2 - eighth : len(errors) // 2 + eighth + 1].mean(axis=0)
-    steadily = (third > second) & (fourth - third > _STEADY * (third - second))
     limited = _limited(system, last)
-    grown = fourth > _GROWTH * middle + _SMALL
-    grows = steadily & (fourth > _SLOW_GROWTH * second + _SMALL)
-    failed = np.flatnonzero((limited > _OFTEN) & (grown | grows) | grown & grows)
+    steadily = (third > second) & (fourth - third > _STEADY * (third - second)) & (fourth > _SLOW * second + _SMALL)
+    grown = (fourth > _GROWTH * middle + _SMALL) | steadily
+    faster = (third > second) & (fourth - third > _FASTER * (third - second)) & (fourth > _GROWTH * middle + _FAR_BY)
+    failed = np.flatnonzero((limited > _OFTEN) & grown | faster)
     if not len(failed):
         return
-    worst = failed[int(fourth[failed].argmax())]
+    worst = int(failed[int(fourth[failed].argmax())])
     name = system.team.agent_ids[worst]
     names, verb = _and_others(name, len(failed) - 1)
     at_limit = limited[worst] > _OFTEN
-    why = (
-        f", at a limit of its vehicle or its speed for {100.0 * limited[worst]:.0f} % of the second half"
-        if at_limit
-        else ""
-    )
+    limits = f"at a limit of its vehicle or its speed for {100.0 * limited[worst]:.0f} % of the second half"
     text = (
         f"{names} {verb} left behind: the error of {name} grows from {middle[worst]:.3g} m to "
-        f"{errors[-1, worst]:.3g} m at t = {time[-1]:.6g} s{why}"
+        f"{errors[-1, worst]:.3g} m at t = {time[-1]:.6g} s" + (f", {limits}" if at_limit else "")
     )
     kind = "saturated" if at_limit else "diverging"
     yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(errors[-1, worst]))

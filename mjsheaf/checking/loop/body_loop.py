@@ -28,7 +28,7 @@ from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
 from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
-from mjsheaf.errors import InputError, UndecidedError, raise_first
+from mjsheaf.errors import InputError, OverpoweredError, UndecidedError, raise_first
 from mjsheaf.io.section import Record
 from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
@@ -81,6 +81,7 @@ class BodyLoop(Record):
     largest_gain: float | None = Field(description="from which on a mode grows, 1/s; null: undecided, or none found")
     least_damped: Swing | None = Field(description="the mode with the smallest damping ratio; null where undecided")
     reason: str = Field(description="why it is undecided, or empty")
+    overpowered: bool = Field(False, description="undecided as an agent cannot hold its place in the mean flow")
 
     def verdict(self) -> str:
         """The loop in a few words."""
@@ -128,7 +129,8 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
         unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
         stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
         reason = f"the vehicles cannot be linearised: {error}" if stiff else str(error)
-        return BodyLoop(**unknown, period=period, reason=reason)
+        overpowered = isinstance(error, OverpoweredError)
+        return BodyLoop(**unknown, period=period, reason=reason, overpowered=overpowered)
     none = NEUTRAL_RATE * period
     modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
     size = np.hypot(modes.factor.real, modes.factor.imag)
@@ -257,7 +259,8 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     models = {}
     for key, model in zip(chosen, found, strict=True):
         if isinstance(model, str):
-            raise UndecidedError(_why_no_model(system.team.agents[keys.index(key)].id, stations[key], model))
+            kind = UndecidedError if np.linalg.norm(stations[key].medium) < _STILL else OverpoweredError
+            raise kind(_why_no_model(system.team.agents[keys.index(key)].id, stations[key], model))
         models[key] = model
     if not many:
         return [models[key] for key in keys]
@@ -279,7 +282,7 @@ def _stations(system: System, medium: Array) -> tuple[list[StationKey], dict[Sta
     for i, agent in enumerate(system.team.agents):
         speed = float(np.linalg.norm(medium[i]))
         if speed > system.law.limit[i]:
-            raise UndecidedError(
+            raise OverpoweredError(
                 f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
             )
         station = station_in(system, i, medium[i])

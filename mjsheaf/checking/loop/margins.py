@@ -1,5 +1,7 @@
 """Effects outside the theory: sampling, inertia, the loop of the real vehicles, speed limits, lag."""
 
+from dataclasses import replace
+
 import numpy as np
 from pydantic import Field
 from scipy import linalg
@@ -7,7 +9,8 @@ from scipy import linalg
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import BodyLoop, held_modes, loop_on_path
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.checking.theorem.constants import Difference
+from mjsheaf.checking.theorem.constants import Difference, velocities_along
+from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control import disagreement
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
@@ -112,7 +115,7 @@ def margins(system: System, certificate: Certificate) -> Margins:
     return Margins(
         hold=hold_margin(system, spectrum),
         bodies=BodyMargins(**dict(inertia), **dict(loop)),
-        speed=_speed_demands(system, certificate.constants.path.time, difference, able, forward),
+        speed=_speed_demands(system, certificate, able, forward),
         lag=_lags(system, difference),
         one_sided=_one_sided(system),
     )
@@ -175,13 +178,10 @@ def _damping_of_unlike(system: System, spectrum: Spectrum, tau: Array) -> Array:
     return np.asarray((-roots.real / np.abs(roots))[np.argsort(np.abs(roots))])
 
 
-def _speed_demands(
-    system: System, time: Array, difference: Difference, able: Array, forward: Array
-) -> list[SpeedDemand]:
+def _speed_demands(system: System, certificate: Certificate, able: Array, forward: Array) -> list[SpeedDemand]:
     """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
-    # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
-    along = np.linalg.norm(team.unpack(difference.values + difference.shaken), axis=2)
+    time, along = _speeds_along(system, certificate)
     steady = along.max(axis=0)
     # The distance by which an agent is behind grows by what it lacks, and shrinks by its reserve, but not below 0.
     lacking = along - np.minimum(system.law.limit[: len(team.agents)], able)
@@ -205,6 +205,23 @@ def _speed_demands(
         )
         for i in order.tolist()
     ]
+
+
+def _speeds_along(system: System, certificate: Certificate) -> tuple[Array, Array]:
+    """Return instants of the path, shape (T,), s, and the speeds |q*' - f_q(q*)| there, shape (T, N), m/s.
+
+    Targets that meet gusts have no certain path. Theirs is the one without gusts.
+    """
+    constants = certificate.constants
+    path = constants.path
+    relative = constants.difference.values + constants.difference.shaken  # f_B + H^-1 B omega
+    if path.cells is None and not np.isfinite(system.moving_bounds.speed).all():
+        calm = replace(system, flows=[flow.model_copy(update={"gusts": None}) for flow in system.flows])
+        carrier = Carrier(calm, certificate.spectrum)
+        path = follow_targets(calm, carrier)
+        carried, own, shaken = velocities_along(calm, path, carrier)
+        relative = carried - own + shaken if path.cells is not None else np.full_like(carried, np.nan)
+    return path.time, np.linalg.norm(system.team.unpack(relative), axis=2)
 
 
 def _lags(system: System, difference: Difference) -> list[Lag]:

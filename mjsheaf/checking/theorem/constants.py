@@ -76,13 +76,19 @@ class Difference:
 
 def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Difference:
     """Bound |f_B| along a path, and evaluate f_B at its instants."""
-    carried, own = carrier.carry(np.nan_to_num(path.drift)), agent_drift(system, path.q_star)
+    carried, own, shaken = velocities_along(system, path, carrier)
     values = carried - own
-    shaken = carrier.carry(_shaking(system, path)) - agent_motion(system, path.time, path.q_star, GAUSSIAN)
     if path.cells is None:
         return Difference(np.inf, float(path.time[0]), carried, own, np.full_like(values, np.nan), shaken)
     bound, time = _largest(system, path.cells, carrier)
     return Difference(bound * (1.0 + _ROUNDING), time, carried, own, values, shaken)
+
+
+def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tuple[Array, Array, Array]:
+    """Return H^-1 B f_p, f_q(q*), and what disturbances add to their difference; see `Difference`."""
+    carried = carrier.carry(np.nan_to_num(path.drift))
+    shaken = carrier.carry(_shaking(system, path)) - agent_motion(system, path.time, path.q_star, GAUSSIAN)
+    return carried, agent_drift(system, path.q_star), shaken
 
 
 def _shaking(system: System, path: TargetPath) -> Array:

@@ -1,0 +1,206 @@
+"""The trial at the end of `check`: missions that fail, each for a reason of its own, and missions that work.
+
+Oracle: pencil and paper, and the run itself as `simulate` gives it.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.checking import trial as trials
+from mjsheaf.checking.check import CheckRecord
+from mjsheaf.checking.problems import headline
+from mjsheaf.checking.screen import screen
+from mjsheaf.scenario import Scenario
+from tests.builders import DATA
+from tests.commands import answer_of
+from tests.media import double_gyre
+
+STILL = {"kind": "static", "pull": 1}
+
+
+def lone(vehicle: str, place: list[float], target: dict[str, Any], **fields: Any) -> Scenario:
+    """One agent that tracks one target."""
+    return mjsheaf.load_scenario(
+        {
+            "time": {"end": 40},
+            "controller": {"gain": 0.5},
+            "agents": [{"id": "A", "position": place, "vehicle": vehicle}],
+            "targets": [{"id": "T", "position": [0.0] * len(place), "motion": STILL, **target}],
+            "sensing": [["A", "T"]],
+            "physics": {"timestep": 0.01},
+            **fields,
+        }
+    )
+
+
+def circling(speed: float, *, axes: int = 2, radius: float = 100.0) -> dict[str, Any]:
+    """A target that moves on a circle at a constant speed, m/s."""
+    rate = speed / radius
+    amplitude = [radius, radius, 0.0][:axes]
+    return {
+        "motion": {"kind": "lissajous", "amplitude": amplitude, "rate": [rate] * axes, "phase": [0, 1.5708, 0][:axes]}
+    }
+
+
+def kinds(scenario: Scenario) -> set[str]:
+    trial = mjsheaf.check(scenario)["trial"]
+    assert trial["ok"] == (not trial["problems"])
+    return {problem["kind"] for problem in trial["problems"]}
+
+
+def test_a_mission_that_works_is_ok_with_the_error_of_its_run() -> None:
+    scenario = lone("otter", [5.0, 0.0], {})
+    record = mjsheaf.check(scenario)
+    run = mjsheaf.simulate(scenario, engine="fused")["tracking_error"].values
+    half = run[np.arange(len(run)) * 2 >= len(run) - 1]
+    assert record["ok"]
+    assert record["trial"]["ok"]
+    assert record["trial"]["seconds"] == 40.0
+    assert record["trial"]["tracking_error"] == pytest.approx(np.sqrt((half**2).mean()), rel=1e-12)
+
+
+def test_without_a_trial_nothing_is_tried() -> None:
+    record = mjsheaf.check(lone("otter", [5.0, 0.0], {}), trial=False)
+    assert record["ok"]
+    assert record["trial"] is None
+    assert headline(CheckRecord(**record)).endswith("not tried")
+
+
+def test_a_target_that_is_faster_leaves_its_agent_behind() -> None:
+    """An Otter makes 3.09 m/s: it follows a target at 1 m/s, and none at 4 m/s."""
+    assert kinds(lone("otter", [0.0, 0.0], circling(1.0))) == set()
+    record = mjsheaf.check(lone("otter", [0.0, 0.0], circling(4.0)))
+    assert record["problems"][-1]["what"] == "1 of 1 agents are slower than their places (3.09 of 4 m/s)"
+    (failure,) = record["trial"]["problems"]
+    assert (failure["kind"], failure["agent"], failure["time"]) == ("saturated", "A", 40.0)
+    assert failure["number"] > 20.0
+
+
+def test_a_limit_that_is_too_low_is_raised_and_that_is_tried() -> None:
+    law = {"gain": 0.5, "velocity_limit": 1.0}
+    scenario = lone("x500", [0.0, 0.0, 0.0], circling(2.0, axes=3), controller=law, scene={"surface": "none"})
+    record = mjsheaf.check(scenario)
+    (problem,) = record["problems"]
+    assert not record["ok"]
+    assert problem["changes"] == {"controller.velocity_limit": pytest.approx(2.4)}
+    assert problem["tried"]["ok"]
+    assert problem["tried"]["tracking_error"] < 0.2 * problem["tried"]["without"]
+    assert problem["tried"]["without"] == record["trial"]["tracking_error"]
+
+
+def test_a_gain_that_turns_vehicles_over_blows_up_or_is_left_behind() -> None:
+    scenario = lone("quadrotor", [3.0, 0.0, 20.0], {"position": [0.0, 0.0, 20.0]}, controller={"gain": 20.0})
+    record = mjsheaf.check(scenario)
+    (problem,) = record["problems"]
+    assert "the vehicles' loop is unstable" in problem["what"]
+    assert problem["tried"]["ok"]
+
+
+def test_a_team_with_a_free_direction_is_refused_and_its_fix_is_tried() -> None:
+    record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"))
+    assert [problem["kind"] for problem in record["trial"]["problems"]] == ["refused"]
+    assert record["trial"]["seconds"] == 0.0
+    fix = record["problems"][0]
+    assert fix["additions"] == {"anchors": [{"agent": "A1", "axes": ["z"], "value": [0.0]}]}
+    assert fix["tried"]["tracking_error"] < 2.0
+    assert fix["tried"]["without"] is None
+
+
+def test_drones_in_a_swap_without_a_rule_deadlock() -> None:
+    scenario = mjsheaf.load_scenario("swap", {"safety.tie_break": "none"})
+    assert "deadlock" in kinds(scenario)
+
+
+def test_a_boat_that_cannot_go_astern_is_stuck() -> None:
+    scenario = lone(
+        str(DATA / "skiff.yaml"), [0.0, 0.0], {"position": [-1.0, 0.0]}, controller={"gain": 0.2, "velocity_limit": 2}
+    )
+    assert kinds(scenario) == {"stuck"}
+
+
+def test_a_boat_runs_aground(tmp_path: Path) -> None:
+    path = tmp_path / "land.nc"
+    double_gyre.write(path, 40, 41, 400.0, land=True)
+    scenario = lone(
+        "otter",
+        [60.0, 50.0],
+        {"position": [60.0, 50.0], "motion": {"kind": "waypoints", "points": [[140, 50]], "speed": 1.0}},
+        time={"end": 90},
+        flow={
+            "water": {
+                "kind": "gridded",
+                "path": str(path),
+                "origin": [double_gyre.LATITUDE, double_gyre.LONGITUDE],
+            }
+        },
+    )
+    (problem,) = mjsheaf.check(scenario)["trial"]["problems"]
+    assert problem["kind"] == "blow_up"
+    assert "ran aground" in problem["text"]
+
+
+def test_a_bound_for_bodies_that_is_missed_fails_and_one_that_is_met_does_not() -> None:
+    for bound, expected in ((0.0, {"expectation"}), (1.0, set[str]())):
+        scenario = lone("otter", [5.0, 0.0], {}, expect={"physics": {"tracking_error": bound}})
+        assert kinds(scenario) == expected
+
+
+def test_vehicles_that_come_closer_than_they_may_are_named_with_the_time() -> None:
+    """A target without a filter of its own runs into an agent that is slower."""
+    scenario = lone(
+        "otter",
+        [20.0, 0.0],
+        {"position": [0.0, 0.0], "motion": {"kind": "waypoints", "points": [[1000, 0]], "speed": 5.0}},
+        safety={"distance": 4.0, "range": 30.0},
+        controller={"gain": 0.01, "velocity_limit": 1.0},
+    )
+    found = mjsheaf.check(scenario)["trial"]["problems"]
+    (problem,) = [one for one in found if one["kind"] == "too_close"]
+    assert problem["text"].startswith("A and T come ")
+    run = mjsheaf.simulate(scenario, engine="fused")
+    gaps = run["separation"].values
+    assert problem["number"] == pytest.approx(-gaps.min(), rel=1e-12)
+    assert problem["time"] == pytest.approx(float(run["time"][int(gaps.argmin())]))
+
+
+def test_an_error_far_beyond_the_foreseen_one_at_a_limit_fails() -> None:
+    """Noise of odometry keeps the commands of these drones at their speed limit, which no linear analysis sees."""
+    assert kinds(mjsheaf.load_scenario("noisy_odometry")) == {"far_off"}
+
+
+def test_a_mission_that_is_too_large_is_tried_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = lone("otter", [5.0, 0.0], {}, expect={"physics": {"tracking_error": 1e-9}})
+    monkeypatch.setattr(trials, "MAX_VEHICLE_STEPS", 2 * 2000)  # two vehicles, steps of 0.01 s
+    record = mjsheaf.check(scenario)
+    assert record["trial"]["seconds"] == pytest.approx(20.0)
+    assert not record["trial"]["complete"]
+    assert record["trial"]["ok"]  # what is expected at the end is not asked of a part
+    assert "20 s, the part that fits" in " ".join(screen(CheckRecord(**record), "lone"))
+
+
+def test_thinning_changes_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = lone("otter", [0.0, 0.0], circling(4.0))
+    whole = mjsheaf.check(scenario)["trial"]
+    monkeypatch.setattr(trials, "_MAX_KEPT", 200)
+    part = mjsheaf.check(scenario)["trial"]
+    assert [p["kind"] for p in part["problems"]] == [p["kind"] for p in whole["problems"]]
+    assert part["tracking_error"] == pytest.approx(whole["tracking_error"], rel=0.05)
+
+
+def test_the_command_tells_the_verdict_in_its_first_line(tmp_path: Path) -> None:
+    file = tmp_path / "slow.json"
+    scenario = lone("otter", [0.0, 0.0], circling(4.0))
+    file.write_text(json.dumps(scenario.model_dump(mode="json", exclude_none=True)))
+    path = file.rename(tmp_path / "slow.yaml")
+    result = answer_of("check", str(path))
+    assert result.code == 1
+    assert result.out.startswith("scenario: NOT OK: ")
+    assert "trial on bodies       40 s" in result.out
+    left = answer_of("check", str(path), "--no-trial", "--json")
+    assert left.code == 1
+    assert json.loads(left.out)["trial"] is None
