@@ -109,7 +109,7 @@ def random_mission(seed: int) -> Raw:
     _choose_law(rng, raw, period, causes, flow_speed + target_speed, slowest)
     _choose_medium(rng, raw, flow_speed, slowest, "gusts" in causes)
     if "room" in causes or rng.random() < 0.15:
-        _keep_apart(rng, raw, groups, "room" in causes)
+        _keep_apart(rng, raw, groups, "room" in causes, flow_speed + target_speed)
     if "links" in causes or rng.random() < 0.25:
         _choose_links(rng, raw, period, "links" in causes)
     if rng.random() < 0.15:
@@ -303,9 +303,13 @@ def _choose_medium(rng: Rng, raw: Raw, speed: float, slowest: float, gusty: bool
         raw["disturbance"] = {"agents": {"bound": float(_round(bound))}}
 
 
-def _keep_apart(rng: Rng, raw: Raw, groups: list[_Group], tight: bool) -> None:
-    """Add a safety distance that the formations leave room for, or not, and at times an obstacle near the target."""
+def _keep_apart(rng: Rng, raw: Raw, groups: list[_Group], tight: bool, demand: float) -> None:
+    """Add a safety distance that the formations leave room for, or not, and at times an obstacle near the target.
+
+    The filter on bodies adds stopping distances: most teams with room are slow ones.
+    """
     spacing = min(group.spacing for group in groups)
+    slow = not tight and rng.random() < 0.6
     ratio = rng.uniform(0.8, 1.6) if tight else rng.uniform(0.2, 0.6)
     safety: Raw = {"distance": float(_round(max(0.3, ratio * spacing)))}
     if not tight and rng.random() < 0.3:
@@ -319,7 +323,11 @@ def _keep_apart(rng: Rng, raw: Raw, groups: list[_Group], tight: bool) -> None:
         safety["obstacles"] = [{"kind": "sphere", "centre": _round([*way, group.height]), "radius": 1.0}]
     raw["safety"] = safety
     # The range within which an agent sees others follows from its velocity limit.
-    raw["controller"].setdefault("velocity_limit", float(_round(0.8 * min(group.slowest for group in groups))))
+    controller = raw["controller"]
+    controller.setdefault("velocity_limit", float(_round(0.8 * min(group.slowest for group in groups))))
+    if slow:
+        safety["distance"] = float(_round(max(0.3, rng.uniform(0.1, 0.3) * spacing)))
+        controller["velocity_limit"] = min(controller["velocity_limit"], float(_round(1.4 * demand + 0.5)))
 
 
 def _choose_links(rng: Rng, raw: Raw, period: float, poor: bool) -> None:
@@ -350,7 +358,7 @@ def _add_event(rng: Rng, raw: Raw, groups: list[_Group], end: float) -> None:
 MIN_ERROR = 3.0
 """Tracking error of an agent that matters, as a mean over a quarter of a run, m."""
 MIN_STUCK_ERROR = 1.5
-"""Tracking error that matters of an agent that does not move, m."""
+"""Tracking error that matters of an agent that does not move or that swings, m."""
 APPROACHING = 0.85
 """An error whose mean over the last quarter is a smaller fraction of the mean over the one before still decays."""
 MAX_SHORTFALL = 0.35
@@ -362,7 +370,8 @@ UNFORESEEN = 3.0
 MIN_UNFORESEEN = 2.0
 """Difference of these errors that matters, m."""
 
-_BLOCK = 3.0  # s, over which commands and velocities are compared
+_BLOCK = 6.0  # s, over which commands and velocities are compared
+_CALM = 0.3  # of the speed of a swing, that of the medium which does not drive it
 
 
 @dataclass(frozen=True)
@@ -404,8 +413,8 @@ def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
 
     After the last event, for agents that are present to the end, in this order: the run blew up; an agent turned over,
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
-    filter, diverges, or stays far off at its limits. An error that the law itself leaves, as it lags behind a moving
-    target, is no failure: there the vehicle does what it is commanded.
+    filter, diverges, stays far off at its limits, or swings where neither q* nor the medium does. An error that the law
+    itself leaves, as it lags behind a moving target, is no failure: there the vehicle does what it is commanded.
     """
     if isinstance(run, Exception):
         return f"refused: {run}"
@@ -469,6 +478,9 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
     if last.error > MIN_ERROR and last.incapable:
         return f"{'diverges' if _grows(run, i, cuts[0]) else 'stays far off'}: {last.incapable}, {tail}"
+    before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (0, 1))
+    if after > MIN_STUCK_ERROR and after > APPROACHING * before:
+        return f"swings by {after:.1f} m RMS about a mean that neither q* nor the medium drives"
     return None
 
 
@@ -489,7 +501,7 @@ def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> 
         error=float(np.nanmean(part["tracking_error"].values)),
         commanded=size,
         made=float((made * wanted).sum(axis=1).mean() / max(size, 1e-9)),
-        shortfall=float(np.linalg.norm(wanted - made, axis=1).mean() / max(size, 1e-9)),
+        shortfall=float(1.0 - (made * wanted).sum() / max((wanted**2).sum(), 1e-9)),
         limited=float((np.linalg.norm(command, axis=1) > 0.999 * limit).mean()),
         saturated=float(part["agent_saturation"].values.mean()),
         corrected=float(corrected),
@@ -501,6 +513,26 @@ def _grows(run: xr.Dataset, i: int, begin: float) -> bool:
     error = run["tracking_error"].isel(agent=i).sel(time=slice(begin, None)).values
     means = np.array([np.nanmean(part) for part in np.array_split(error, 8)])
     return bool((np.diff(means) > 0.0).sum() >= 6 and means[-1] > 1.5 * means[0])
+
+
+def _swing(run: xr.Dataset, i: int, begin: float, end: float) -> float:
+    """Measure the RMS swing of an agent's error between two times in s, m; 0 if q* swings too, or the medium drives it."""
+    part = run.isel(agent=i).sel(time=slice(begin, end))
+    time = part["time"].values
+    place, q_star = (np.nan_to_num(part[name].values) for name in ("agent_position", "harmonic_extension"))
+    error, wanted = _detrend(time, place - q_star), _detrend(time, q_star)
+    medium = _detrend(time, np.nan_to_num(part["agent_flow"].values))
+    speed = np.gradient(error, time, axis=0)
+    swing, of_q_star, of_medium, of_speed = (
+        float(np.sqrt((each**2).sum(axis=1).mean())) for each in (error, wanted, medium, speed)
+    )
+    return swing if swing > 3.0 * of_q_star and of_medium < _CALM * of_speed else 0.0
+
+
+def _detrend(time: Array, values: Array) -> Array:
+    """Subtract the linear trend of values, shape (K, 3), over time in s."""
+    basis = np.column_stack([np.ones(len(time)), time])
+    return values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
 
 
 def unforeseen_error(mission: Raw, record: Raw, run: xr.Dataset) -> str | None:
