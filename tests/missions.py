@@ -1,7 +1,7 @@
 """Random missions of shipped vehicles as a user would write them, and an oracle that judges runs of them.
 
 About half of the missions are within the capabilities of their vehicles; the others ask for more in one or two of the
-ways in `CAUSES`. The oracle judges a run by its dataset alone and shares no code with `check` or with the notes of `run`.
+ways in `CAUSES`. The oracle judges a run by its dataset alone, without code of `check` or of the notes of `run`.
 """
 
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ SPEEDS = {
     "x500": 16.0,
     "submersible": 2.0,
 }
-"""Rounded steady speed of each vehicle in its slowest direction, m/s; of those without limits one that users ask for."""
+"""Rounded steady speed of each vehicle in its slowest direction, m/s; a common demand of those without limits."""
 BOATS = ("wamv", "otter", "wamv_azimuth", "otter_rudder", "hull")
 DRONES = ("hexarotor", "quadrotor", "x500", "aerial")
 CAUSES = ("speed", "current", "limit", "gusts", "gain", "turns", "room", "links", "crowding")
@@ -64,6 +64,13 @@ class _Group:
     def slowest(self) -> float:
         """Speed of the slowest vehicle, m/s."""
         return min(SPEEDS[vehicle] for vehicle in self.vehicles)
+
+    @property
+    def strongest(self) -> str:
+        """Vehicle without limits that moves where its target does."""
+        if self.target_dimension == 2:
+            return "hull"
+        return "aerial" if self.height > 0.0 else "submersible"
 
     @property
     def ids(self) -> list[str]:
@@ -205,8 +212,9 @@ def _move(rng: Rng, raw: Raw, group: _Group, speed: float, flow: float, end: flo
         target["vehicle"] = ("buoy" if adrift else "hull") if n == 2 else "aerial"
         return
     able = [name for name in (BOATS if n == 2 else DRONES) if SPEEDS[name] > 1.3 * (speed + flow)]
-    strong = {2: "hull", 3: "aerial" if group.height > 0 else "submersible"}[n]
-    target["vehicle"] = str(rng.choice(able)) if able and group.height >= 0 and rng.random() < 0.5 else strong
+    target["vehicle"] = group.strongest
+    if able and group.height >= 0 and rng.random() < 0.5:
+        target["vehicle"] = str(rng.choice(able))
     kind = "circle" if tight else str(rng.choice(["circle", "lissajous", "path", "tour", "line", "random"]))
     radius = rng.uniform(1.0, 4.0) if tight else rng.uniform(8.0, 30.0)
     flat = np.array([1.0, 1.0, 0.0])[:n]
@@ -243,9 +251,10 @@ def _link_groups(rng: Rng, raw: Raw, groups: list[_Group]) -> None:
         raw["communication"].append(edge)
     if rng.random() < 0.12:
         group = groups[0]
-        place = np.array(raw["targets"][0]["position"]) + np.append(rng.uniform(-20, 20, 2), [0.0] * (group.target_dimension - 2))
-        vehicle = {"vehicle": "hull" if group.target_dimension == 2 else "aerial" if group.height > 0 else "submersible"}
-        raw["targets"].append({"id": "mark", "position": _round(place), "motion": {"kind": "static", "pull": 0.5}, **vehicle})
+        place = np.array(raw["targets"][0]["position"])
+        place[:2] += rng.uniform(-20, 20, 2)
+        mark = {"id": "mark", "position": _round(place), "vehicle": group.strongest}
+        raw["targets"].append(mark | {"motion": {"kind": "static", "pull": 0.5}})
         raw["sensing"].append({"between": [group.ids[-1], "mark"], "weight": 0.5})
 
 
@@ -288,14 +297,20 @@ def _choose_medium(rng: Rng, raw: Raw, speed: float, slowest: float, gusty: bool
             vortex = {"centre": _round(centre), "gamma": float(_round(strength * 8.0))}
             part |= {"core": 4, "vortices": [vortex | ({"axis": [0, 0, 1]} if n == 3 else {})]}
         if rng.random() < 0.15:
-            channel = {"centre": _round(rng.uniform(-20, 20, n)), "direction": _round([1.0, rng.uniform(-1, 1), 0.0][:n])}
+            channel = {
+                "centre": _round(rng.uniform(-20, 20, n)),
+                "direction": _round([1.0, rng.uniform(-1, 1), 0.0][:n]),
+            }
             part["channels"] = [channel | {"beta": float(_round(strength)), "width": 8, "length": 40}]
         if name == "air" and spatial and (gusty or rng.random() < 0.2):
             wind = rng.uniform(12, 30) if gusty else rng.uniform(2, 9)
             part["gusts"] = {"kind": "dryden", "wind_speed": float(_round(wind))}
         if name == "water" and (gusty or rng.random() < 0.2):
             height = float(_round(rng.uniform(1.5, 4.0) if gusty else rng.uniform(0.1, 0.8)))
-            waves = {"significant_height": height, "peak_period": float(_round(rng.uniform(4, 6) * np.sqrt(height) + 1))}
+            waves = {
+                "significant_height": height,
+                "peak_period": float(_round(rng.uniform(4, 6) * np.sqrt(height) + 1)),
+            }
             part["waves"] = {"kind": str(rng.choice(["jonswap", "pierson_moskowitz"])), **waves, "direction": 30}
     raw["flow"] = flow
     if rng.random() < 0.4:
@@ -366,7 +381,7 @@ MAX_SHORTFALL = 0.35
 MAX_LIMITED = 0.5
 """Fraction of the time at the velocity limit, or of thrusters at their limits, above which limits decide."""
 UNFORESEEN = 3.0
-"""Ratio of the error of a run to the one that was foreseen above which the prediction was wrong, with MIN_UNFORESEEN."""
+"""Ratio of the error of a run to the foreseen one above which the prediction is wrong, with MIN_UNFORESEEN."""
 MIN_UNFORESEEN = 2.0
 """Difference of these errors that matters, m."""
 
@@ -409,7 +424,7 @@ class _Motion:
 
 
 def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
-    """Say why a run contradicts a check that said OK, by its dataset, or by what `simulate` raised; None if it does not.
+    """Say why a run, or what `simulate` raised, contradicts a check that said OK; None if it does not.
 
     After the last event, for agents that are present to the end, in this order: the run blew up; an agent turned over,
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
@@ -509,14 +524,14 @@ def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> 
 
 
 def _grows(run: xr.Dataset, i: int, begin: float) -> bool:
-    """Return True if the error of an agent grows from eighth to eighth of the run from `begin`, s, by a half and more."""
+    """Return True if an agent's error grows from eighth to eighth of the run from `begin`, s, by a half and more."""
     error = run["tracking_error"].isel(agent=i).sel(time=slice(begin, None)).values
     means = np.array([np.nanmean(part) for part in np.array_split(error, 8)])
     return bool((np.diff(means) > 0.0).sum() >= 6 and means[-1] > 1.5 * means[0])
 
 
 def _swing(run: xr.Dataset, i: int, begin: float, end: float) -> float:
-    """Measure the RMS swing of an agent's error between two times in s, m; 0 if q* swings too, or the medium drives it."""
+    """Measure the RMS swing of an agent's error between two times in s, m; 0 if q* or the medium drives it."""
     part = run.isel(agent=i).sel(time=slice(begin, end))
     time = part["time"].values
     place, q_star = (np.nan_to_num(part[name].values) for name in ("agent_position", "harmonic_extension"))
@@ -536,7 +551,7 @@ def _detrend(time: Array, values: Array) -> Array:
 
 
 def unforeseen_error(mission: Raw, record: Raw, run: xr.Dataset) -> str | None:
-    """Say that the error of a run is far from the one that `check` foresaw; None if it is near, or nothing was foreseen.
+    """Say that the error of a run is far from the one that `check` foresaw; None if it is near, or not foreseen.
 
     Both are RMS over agents and over the second half of the run, up to the first event. An error that still decays is
     not compared.
