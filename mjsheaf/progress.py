@@ -8,7 +8,7 @@ import contextvars
 import html
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from threading import Event, Lock, Thread
 from typing import Protocol, TextIO
@@ -70,14 +70,20 @@ class View(Protocol):
 
 
 class Terminal:
-    """A bar on stderr."""
+    """A bar on stderr, below lines that disappear with it."""
 
-    def __init__(self) -> None:
-        from rich.console import Console
+    def __init__(self, above: Sequence[str] = ()) -> None:
+        from rich.console import Console, RenderableType
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.text import Text
+
+        class Below(Progress):
+            def get_renderables(self) -> Iterator[RenderableType]:
+                yield from map(Text, above)
+                yield from super().get_renderables()
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        self._bars = Progress(*columns, console=Console(stderr=True), transient=True, auto_refresh=False)
+        self._bars = Below(*columns, console=Console(stderr=True), transient=True, auto_refresh=False)
         self._task = self._bars.add_task("", total=None)
         self._bars.start()
 

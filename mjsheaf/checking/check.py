@@ -1,11 +1,10 @@
-"""`check`: analyse a scenario without running it."""
+"""`check`: analyse a scenario, and try it."""
 
 import math
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from numbers import Real
 from typing import Any
 
@@ -18,39 +17,40 @@ from mjsheaf.checking.loop.body_loop import medium_on_path
 from mjsheaf.checking.loop.directed import held_eigenvalues
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord, predict_rms
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
-from mjsheaf.checking.loop.links import UNSTABLE_LINKS, LinkRecord, link_answers
+from mjsheaf.checking.loop.links import LinkRecord, link_answers
 from mjsheaf.checking.loop.margins import Margins, margins
-from mjsheaf.checking.loop.modelled import because_of
 from mjsheaf.checking.loop.steady import SteadyError, steady_error
 from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
+from mjsheaf.checking.problems import Problem, TriedFix, problems_of
 from mjsheaf.checking.proposals import Proposal, propose
 from mjsheaf.checking.separation import SafetyRecord, safety_record
 from mjsheaf.checking.theorem.certificate import (
     Assumption,
     Certificate,
     Search,
-    Verdict,
     certificate_of,
     obstacle_of_team,
 )
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
-from mjsheaf.checking.topology.connecting import suggest_edges
+from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
 from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
 from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
+from mjsheaf.checking.trial import TrialRecord, try_mission
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho
-from mjsheaf.errors import InputError, UndecidedError, listed, select_true
+from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.progress import shown
-from mjsheaf.scenario import Scenario
+from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.slips import slips_of
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
 
+_MAX_FIXES = 3  # that are tried
 _ZERO = 1e-9  # of the largest eigenvalue: one that is no larger is zero
 
 
@@ -130,7 +130,36 @@ class TheoremSummary(Record):
     weaker: WeakerBound
 
 
-class PhaseRecord(Record):
+class PartRecord(Record):
+    """What a check says of a team and its law while neither changes."""
+
+    ok: bool = Field(
+        description="every numbered assumption that applies holds (none fails, none is undecided), check has a model "
+        "of the whole law, neither the held law, alone and over its links, nor the targets' own, nor the vehicles' "
+        "loop is unstable, and the vehicles can do what is asked of them: `problems` is empty"
+    )
+    problems: list[Problem] = Field([], description="why the analysis is not ok, each with a fix")
+    assumptions: list[Assumption]
+    relative_cohomology: ExplainedCohomology
+    theorem: TheoremSummary = Field(description="of the paper's law, whatever terms the scenario's has")
+    law: LawLoop
+    links: LinkRecord | None = Field(description="what links do to the law; null without a held law")
+    targets: TargetsLoop = Field(description="the targets' own law, on ideal kinematics and on their vehicles")
+    margins: Margins
+    rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
+    safety: SafetyRecord | None = Field(
+        description="what keeps vehicles apart, null without it; with it, what is said of the law and of loops is "
+        "about the team while the filter does not act"
+    )
+    disturbance: DisturbanceRecord
+    fragility: Fragility = Field(description="which single event more breaks an assumption")
+    topology_fix: str = Field(
+        description="edges that would make assumption 5 hold, the shortest ones; empty if it holds"
+    )
+    topology_edges: dict[str, list[list[str]]] = Field(description="the same edges, as the scenario's lists have them")
+
+
+class PhaseRecord(PartRecord):
     """A check of one phase of a run with events, of the present agents alone and the time until the next event.
 
     Its |e(t0)| is at most the smallest bound of the phase before at its end, and the jump of q* more. An agent that
@@ -147,52 +176,22 @@ class PhaseRecord(Record):
     jump: Finite = Field(description="|q*_new - q*_old| at its start, of the agents present before and after, m")
     norm: Norm = Field(TEAM_NORM, description="which norm `jump` is")
     jumps: dict[str, Finite] = Field(description="the same of each of these agents, m")
-    ok: bool = Field(description="as of the whole check")
-    assumptions: list[Assumption]
-    relative_cohomology: ExplainedCohomology
-    theorem: TheoremSummary
-    law: LawLoop
-    links: LinkRecord | None
-    targets: TargetsLoop
-    margins: Margins
-    rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
-    safety: SafetyRecord | None = Field(description="what keeps vehicles apart; null without it")
-    disturbance: DisturbanceRecord
-    fragility: Fragility = Field(description="which single event more breaks an assumption")
 
 
-class CheckRecord(Record):
-    """A check of a scenario; of a run with events it is about the first phase, and `phases` about each of them."""
+class CheckRecord(PartRecord):
+    """A check of a scenario; of a run with events it is about the first phase, and `phases` about each of them.
+
+    `ok` and `problems` are about all phases, and `ok` about the trial too.
+    """
 
     scenario: str
-    ok: bool = Field(
-        description="every numbered assumption that applies holds (none fails, none is undecided), check has a model "
-        "of the whole law, and neither the held law, alone and over its links, nor the targets' own, nor the vehicles' "
-        "loop is unstable, in any phase"
-    )
     region: RegionSummary
-    assumptions: list[Assumption]
-    relative_cohomology: ExplainedCohomology
-    theorem: TheoremSummary = Field(description="of the paper's law, whatever terms the scenario's has")
-    law: LawLoop
-    links: LinkRecord | None = Field(description="what links do to the law; null without a held law")
     steady: SteadyError
-    topology_fix: str = Field(
-        description="edges that would make assumption 5 hold, the shortest ones; empty if it holds"
-    )
     proposals: list[Proposal] = Field(
         description="laws whose bound is at most the desired radius, the cheapest of each kind"
     )
-    targets: TargetsLoop = Field(description="the targets' own law, on ideal kinematics and on their vehicles")
-    margins: Margins
-    disturbance: DisturbanceRecord
-    fragility: Fragility
-    rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
-    safety: SafetyRecord | None = Field(
-        description="what keeps vehicles apart, null without it; with it, what is said of the law and of loops is "
-        "about the team while the filter does not act"
-    )
     phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
+    trial: TrialRecord | None = Field(None, description="the mission, tried on bodies; null where it was not tried")
     notes: list[str] = Field(
         default_factory=list, description="values in the files that look like mistakes, in sentences"
     )
@@ -202,46 +201,6 @@ class CheckRecord(Record):
         """True if links delay, lose or disturb measurements, or have a range."""
         return self.links is not None and not self.links.exact
 
-    def verdict(self) -> str:
-        """The check in a few words: what holds, where, and what does not."""
-        problems = "".join(f"; {problem}" for problem in self._problems())
-        if self.theorem.holds is None:
-            return self._local_verdict() + problems
-        region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
-        counts = Counter(a.verdict for a in self.assumptions)
-        held = counts["holds"]
-        if held == len(self.assumptions):
-            return f"all {held} assumptions hold, the 7th {region}{problems}"
-        words: dict[Verdict, str] = {
-            "fails": "FAIL" if counts["fails"] > 1 else "FAILS",
-            "undecided": "undecided",
-            "does not apply": "does not apply",
-        }
-        named = ", ".join(f"{counts[kind]} {word}" for kind, word in words.items() if counts[kind])
-        return f"{held} assumptions hold, {named}; the 7th is taken {region}{problems}"
-
-    def _problems(self) -> list[str]:
-        """Name the loops that are undecided or unstable, and the later phases that are not ok."""
-        bodies = self.margins.bodies
-        later = [f"from {p.start:g} s on ({', '.join(p.events)})" for p in self.phases[1:] if not p.ok]
-        problems = {
-            f"the law is undecided, {because_of(self.law.unmodelled)}": bool(self.law.unmodelled),
-            "the held law is unstable": self.law.stable is False,
-            UNSTABLE_LINKS: self.links is not None and self.links.stable is False,
-            self.targets.verdict(): self.targets.unstable,
-            bodies.verdict(): bodies.stable is False,
-            f"NOT SO in {len(later)} of {len(self.phases)} phases: {listed(later)}": bool(later),
-        }
-        return select_true(problems)
-
-    def _local_verdict(self) -> str:
-        """The verdict on a team that Theorem 1 is not about."""
-        shape = self.rigidity
-        held = {True: "localizable", False: "NOT localizable", None: "without targets"}[shape.localizable]
-        rigid = {True: "rigid", False: "NOT rigid", None: "of unknown rigidity"}[shape.rigid]
-        stable = {True: "stable", False: "unstable", None: "undecided"}[self.law.stable]
-        return f"the team is {rigid} and {held}, its law {stable}; Theorem 1 {self.theorem.reason}"
-
 
 def check(
     scenario: Scenario,
@@ -249,9 +208,10 @@ def check(
     rate: float | None = None,
     radius: float = 1.0,
     rho: RhoLike | None = None,
+    trial: bool = True,
     progress: bool | None = True,
 ) -> dict[str, Any]:
-    """Check a scenario: the paper's assumptions, Theorem 1, margins and fragility.
+    """Check a scenario: the paper's assumptions, Theorem 1, margins, fragility, and a trial of the mission.
 
     Args:
         scenario: Scenario returned by `load_scenario`.
@@ -259,6 +219,7 @@ def check(
         radius: Desired ultimate radius of |e|, m; the smallest gain and other laws that reach it are reported.
         rho: |f_q(q*) - f_q(q)| <= rho(|e|) |e|, as the caller claims: a number, coefficients c_0, c_1, ... of a
             polynomial, pairs (radius, value) or a function; None takes the flow's largest slope over the region.
+        trial: True to run the mission once on bodies at the end, False to analyse it only.
         progress: True shows a bar on a terminal or in a notebook, False and None nothing.
 
     Returns:
@@ -272,8 +233,59 @@ def check(
     if rate is not None:
         require_number("rate", rate, positive=True)
     own = None if rho is None else as_rho(rho)
-    with shown(progress, "checking"):
-        return examine_scenario(scenario, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
+    with shown(progress, "checking") as bar:
+        record = examine_scenario(scenario, rate=rate, radius=radius, rho=own).record
+        if trial:
+            record = try_out(record, scenario, partial(bar, "trying the mission") if bar else None)
+        return record.model_dump(mode="json")
+
+
+def try_out(record: CheckRecord, scenario: Scenario, progress: Callable[[int, int], None] | None = None) -> CheckRecord:
+    """Return the record of a scenario's analysis with a trial of the mission, and of the fixes that it proposes.
+
+    Args:
+        record: Record of the analysis.
+        scenario: The scenario.
+        progress: Called with the samples done and the number of samples.
+    """
+    trial = try_mission(scenario, foreseen_error(record), progress)
+    problems = list(record.problems)
+    fixes = [k for k, problem in enumerate(problems) if problem.changes or problem.additions][:_MAX_FIXES]
+    for k in fixes:
+        problems[k] = problems[k].model_copy(update={"tried": _try_fix(scenario, problems[k], trial, progress)})
+    return record.model_copy(update={"trial": trial, "problems": problems, "ok": record.ok and trial.ok})
+
+
+def _try_fix(
+    scenario: Scenario, problem: Problem, trial: TrialRecord, progress: Callable[[int, int], None] | None
+) -> TriedFix:
+    """Try the mission with a fix; an anchor holds its agent at the coordinate with which it begins."""
+    fields = scenario.model_dump(mode="json", exclude_none=True, exclude={"expect"})  # that is about the unchanged one
+    places = dict(zip(scenario.team.index, scenario.system.initial.tolist(), strict=True))
+    for kind, entries in problem.additions.items():
+        own = fields.setdefault(kind, [])
+        for entry in entries:
+            anchored = {"value": [places[entry["agent"]]["xyz".index(entry["axes"][0])]]} if kind == "anchors" else {}
+            own.append({**entry, **anchored} if isinstance(entry, dict) else entry)
+    try:
+        mended = try_mission(scenario_from_mapping(fields, problem.changes), None, progress)
+    except InputError as error:
+        return TriedFix(ok=False, tracking_error=None, without=trial.tracking_error, problem=str(error))
+    return TriedFix(
+        ok=mended.ok,
+        tracking_error=mended.tracking_error,
+        without=trial.tracking_error,
+        problem=mended.problems[0].text if mended.problems else "",
+    )
+
+
+def foreseen_error(record: CheckRecord) -> float | None:
+    """Return the error on the vehicles that the analysis foresees, RMS over agents, m; None if it is not known."""
+    parts = [record.steady.bodies, record.disturbance.rms_on_bodies]
+    if record.links is not None and record.links.noise is not None:
+        parts.append(record.links.noise.error_per_agent)
+    known = [part for part in parts if part is not None]
+    return math.hypot(*known) if len(known) == len(parts) else None
 
 
 @dataclass(frozen=True)
@@ -330,8 +342,14 @@ def examine(
         system = during(phases, k, _settled(old, phase.system, targets))
         before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
         records.append(_phase_record(phase, before.record, jumps))
-    ok = all(record.ok for record in records)
-    return replace(first, record=first.record.model_copy(update={"ok": ok, "phases": records}))
+    later = [
+        problem.model_copy(update={"what": f"{problem.what} from {record.start:g} s on ({', '.join(record.events)})"})
+        for record in records[1:]
+        for problem in record.problems
+    ]
+    problems = [*first.record.problems, *later]
+    update = {"ok": not problems, "problems": problems, "phases": records}
+    return replace(first, record=first.record.model_copy(update=update))
 
 
 def _require_positive(name: str, value: float) -> None:
@@ -347,24 +365,8 @@ def _phase_record(phase: Phase, record: CheckRecord, jumps: dict[str, float] | N
         absent=sorted(phase.system.team.absent, key=phase.system.team.index.__getitem__),
         jump=None if jumps is None else math.hypot(*jumps.values()),
         jumps=dict(jumps or {}),
-        **{name: getattr(record, name) for name in _OF_PHASE},
+        **{name: getattr(record, name) for name in PartRecord.model_fields},
     )
-
-
-_OF_PHASE = (
-    "ok",
-    "assumptions",
-    "relative_cohomology",
-    "theorem",
-    "law",
-    "links",
-    "targets",
-    "margins",
-    "disturbance",
-    "fragility",
-    "rigidity",
-    "safety",
-)
 
 
 def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
@@ -434,14 +436,13 @@ def _examine_one(
     practice = margins(system, certificate)
     law = law_loop(system, certificate, carried=start is not None)
     links = link_answers(system, path)
-    loops = (practice.bodies.stable, law.stable, None if links is None else links.stable)
     targets = with_bodies(targets_loop(system), system, path)
-    stable = all(each is not False for each in loops) and not targets.unstable
     rigidity = _rigidity(system, original)
     mending = None if system.team.free else plan_augmentation(system.team)
+    edges = suggest_edges(system.team, system.initial)
     record = CheckRecord(
         scenario=system.name,
-        ok=stable and not law.unmodelled and _team_holds(system, certificate, law, rigidity),
+        ok=True,
         region=_region(certificate),
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=mending),
@@ -450,7 +451,8 @@ def _examine_one(
         theorem=_theorem(search, certificate, radius),
         law=law,
         links=links,
-        topology_fix=suggest_edges(system.team, system.initial),
+        topology_fix=describe_edges(edges),
+        topology_edges=edges,
         steady=steady_error(system, certificate, law.rate),
         proposals=propose(system, certificate, radius),
         targets=targets,
@@ -458,19 +460,9 @@ def _examine_one(
         disturbance=predict_rms(system, search.spectrum, medium_on_path(system, certificate)),
         fragility=fragility(system.team),
     )
+    problems = problems_of(record, stable=_is_stable(system, law))
+    record = record.model_copy(update={"ok": not problems, "problems": problems})
     return Examination(record, certificate, system)
-
-
-def _team_holds(system: System, certificate: Certificate, law: LawLoop, rigidity: Rigidity) -> bool:
-    """Return True if every assumption that applies holds.
-
-    Of a team that Theorem 1 is not about, this requires assumptions 5 and 6, a stable law, and a shape that is held.
-    """
-    team = system.team
-    if not obstacle_of_team(team):
-        return all(a.holds or not a.applies for a in certificate.assumptions)
-    connected = all(a.holds or not a.applies for a in certificate.assumptions if a.number in (5, 6))
-    return connected and _is_stable(system, law) and (rigidity.rigid is True or not team.free)
 
 
 def _is_stable(system: System, law: LawLoop) -> bool:

@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.checking.check import CheckRecord, Examination
+from mjsheaf.checking.problems import headline
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.plotting import (
@@ -41,7 +42,7 @@ _TARGET_KEY = key("target", color=TARGET, marker="*")
 def draw_check(examination: Examination, options: FigureOptions = AS_USUAL) -> Figure:
     """Draw a check: a figure for `write_figure`."""
     record, system = examination.record, examination.system
-    figure = new_figure(WIDTH, 7.4, f"{record.scenario}: {record.verdict()}", options)
+    figure = new_figure(WIDTH, 7.4, f"{record.scenario}: {headline(record)}", options)
     ((spectrum, graph), (difference, corner)) = figure.subplots(2, 2)
     keys = {
         "spectrum": _spectrum(spectrum, system, record),

@@ -15,9 +15,11 @@ from mjsheaf.checking.loop.links import LinkRecord
 from mjsheaf.checking.loop.loss import LossAnswer
 from mjsheaf.checking.loop.margins import BodyMargins, OneSided, SpeedDemand
 from mjsheaf.checking.loop.targets_loop import TargetsLoop
+from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
+from mjsheaf.checking.trial import TrialRecord
 
 Row = tuple[str, str, str]
 """Name, value, remark."""
@@ -38,8 +40,9 @@ _MOST = 12  # null directions, and losses, that are listed
 def report(record: CheckRecord) -> Group:
     """The record as a readable report."""
     return Group(
-        Text(f"{record.scenario}: {record.verdict()}", style="bold"),
+        Text(f"{record.scenario}: {headline(record)}", style="bold"),
         *(Text(f"note: {note}", style="yellow") for note in record.notes),
+        *_problems(record),
         _assumptions(record),
         *_cohomology(record.relative_cohomology),
         _theorem(record),
@@ -51,7 +54,27 @@ def report(record: CheckRecord) -> Group:
         _margins(record),
         *_fragility(record.fragility),
         *_phases(record),
+        *_trial(record.trial),
     )
+
+
+def _problems(record: CheckRecord) -> list[Table]:
+    """Return why the analysis is not ok, and what came of the fixes that were tried."""
+    rows = [(problem.what, problem.why, f"fix: {problem.fix} {describe_tried(problem)}") for problem in record.problems]
+    return [_pairs("problems", rows)] if rows else []
+
+
+def _trial(trial: TrialRecord | None) -> list[Table]:
+    """Return what came of the trial of the mission."""
+    if trial is None:
+        return []
+    rows = [
+        ("verdict", "ok" if trial.ok else "failed", f"{trial.seconds:g} s{'' if trial.complete else ', a part of it'}"),
+        ("tracking error", _number(trial.tracking_error, "m"), "RMS over agents, second half"),
+        ("ending", trial.ending or "-", ""),
+        *((problem.kind, _number(problem.number, "m"), problem.text) for problem in trial.problems),
+    ]
+    return [_pairs("trial of the mission on bodies", rows)]
 
 
 def _number(value: float | None, unit: str = "") -> str:
@@ -456,23 +479,16 @@ def _speed_of_bodies(speeds: list[SpeedDemand]) -> Row:
     able = "its thrusters have no limits"
     if first.able is not None:
         able = f"its all-way speed is {first.able:.4g} m/s, forward {_number(first.able_forward, 'm/s')}"
-    short = sum(s.able is not None and required > s.able for s, required in known)
-    slow = f", TOO SLOW, as are {short} of {len(known)}" if short else ""
-    return "speed along q*", _number(steady, "m/s"), f"of {first.agent}; {able}{slow}"
+    return "speed along q*", _number(steady, "m/s"), f"of {first.agent}; {able}"
 
 
 def _speed_of_limits(speeds: list[SpeedDemand]) -> list[Row]:
-    """Return rows for velocity limits below the speed required to follow q*."""
-    known = [(s.steady, s.limit, s.agent) for s in speeds if s.steady is not None and s.limit is not None]
-    short = [(steady, limit, agent) for steady, limit, agent in known if steady > limit]
-    if not short:
+    """Return a row on the agent whose velocity limit leaves the least reserve along q*."""
+    known = [(s.steady / s.limit, s.limit, s) for s in speeds if s.steady is not None and s.limit is not None]
+    if not known:
         return []
-    steady, limit, agent = max(short, key=lambda demand: demand[0] - demand[1])
-    others = f", as are those of {len(short) - 1} more" if len(short) > 1 else ""
-    remark = (
-        f"of {agent}, BELOW the {steady:.4g} m/s that q* requires{others}: the error cannot stay at 0; "
-        f"set a limit above {max(short)[0]:.4g} m/s plus the disturbance"
-    )
+    _, limit, worst = max(known, key=lambda demand: demand[0])
+    remark = f"of {worst.agent}, whose q* takes up to {_number(worst.steady, 'm/s')}"
     return [("velocity limit", _number(limit, "m/s"), remark)]
 
 

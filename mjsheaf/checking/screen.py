@@ -3,13 +3,15 @@
 from collections.abc import Iterator
 from textwrap import wrap
 
-from mjsheaf.checking.check import CheckRecord, PhaseRecord
+from mjsheaf.checking.check import CheckRecord, TheoremSummary
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.steady import SteadyError
+from mjsheaf.checking.problems import Problem, describe_tried, headline
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
-from mjsheaf.errors import select_true
+from mjsheaf.checking.trial import TrialRecord
+from mjsheaf.errors import select_true, shortened
 
 MAX_LINES = 45
 """Largest number of lines of the answer."""
@@ -17,11 +19,6 @@ MAX_LINES = 45
 WIDTH = 100
 """Largest width of a line."""
 
-_FIXES = {
-    1: "give singular parts of the flow a `core` radius",
-    2: "give this vehicle thrusters, or `steering`, that push along every axis",
-    4: "as for assumption 2",
-}
 _MAX_FAILURES = 6
 _MAX_LINES_OF_A_FAILURE = 5
 _MAX_NOTES = 4
@@ -35,98 +32,26 @@ def screen(record: CheckRecord, name: str) -> list[str]:
         record: Record of the check.
         name: Scenario as the user named it, for the last line.
     """
-    lines = _wrapped(f"{record.scenario}: {_headline(record)}", "")
-    failures = list(_failures(record))
-    for failure in failures[:_MAX_FAILURES]:
-        lines += ["", *failure[:_MAX_LINES_OF_A_FAILURE]]
-    if len(failures) > _MAX_FAILURES:
-        lines += ["", f"... and {len(failures) - _MAX_FAILURES} more"]
+    lines = _wrapped(f"{record.scenario}: {headline(record)}", "")
+    for problem in record.problems[:_MAX_FAILURES]:
+        lines += ["", *_told(problem)[:_MAX_LINES_OF_A_FAILURE]]
+    if len(record.problems) > _MAX_FAILURES:
+        lines += ["", f"... and {len(record.problems) - _MAX_FAILURES} more"]
     lines += ["", *_numbers(record)]
-    if later := [p for p in record.phases[1:] if not p.ok]:
-        lines += ["", *_phases(later, len(record.phases))]
-    notes = [line for note in record.notes[:_MAX_NOTES] for line in _wrapped(f"note: {note}", "  ")[:2]]
+    notes = [line for note in record.notes[:_MAX_NOTES] for line in _cut(_wrapped(f"note: {note}", "  "), 2)]
     lines += ["", *notes] if notes else []
     ending = ["", f"mjsheaf check {name} --full prints the whole report."]
     return lines[: MAX_LINES - len(ending)] + ending
 
 
-def _headline(record: CheckRecord) -> str:
-    problems = [*_unsettled(record), *(text for text, _ in _unstable(record))]
-    if problems:
-        return "NOT OK: " + "; ".join(problems)
-    if not record.ok:
-        return "NOT OK in a later phase" if record.phases else "NOT OK"
-    all_apply = all(a.applies for a in record.assumptions)
-    every = "all 7 assumptions hold" if all_apply else "all assumptions that apply hold"
-    on_vehicles = " and on the vehicles" if record.margins.bodies.stable else ""
-    loop = f", and the loop is stable on ideal kinematics{on_vehicles}" if record.law.stable else ""
-    return f"OK: {every}{loop}"
-
-
-def _unsettled(record: CheckRecord) -> Iterator[str]:
-    """Yield which assumptions fail, and which are undecided."""
-    for verdict, singular, plural in (("fails", "fails", "fail"), ("undecided", "undecided", "undecided")):
-        numbers = [str(a.number) for a in record.assumptions if a.applies and a.verdict == verdict]
-        if len(numbers) == 1:
-            yield f"assumption {numbers[0]} {singular}"
-        elif numbers:
-            yield f"assumptions {', '.join(numbers)} {plural}"
-
-
-def _unstable(record: CheckRecord) -> Iterator[tuple[str, str]]:
-    """Yield what is not rigid or not stable, each with a fix."""
-    shape = record.rigidity
-    if shape.localizable is None and shape.rigid is False:
-        fix = f"edges have rank {shape.rank}, and {shape.needed} is needed"
-        yield "the formation is not rigid", fix if shape.bracing is None else shape.bracing.describe()
-    if record.law.unmodelled:
-        yield "the law is undecided", f"check has no model of {', '.join(record.law.unmodelled)}"
-    yield from _unstable_loops(record)
-
-
-def _unstable_loops(record: CheckRecord) -> Iterator[tuple[str, str]]:
-    """Yield the loops that are unstable, each with a fix."""
-    if record.law.stable is False:
-        gains = record.law.stable_gains
-        fix = f"set controller.gain between {gains[0]:.3g} and {gains[1]:.3g} 1/s" if gains else "no gain is stable"
-        yield "the sampled loop is unstable", fix
-    if record.links is not None and record.links.stable is False:
-        margin = record.links.delay_margin
-        fix = "lower controller.gain, or use links with less delay and loss"
-        yield "the loop over the links is unstable", fix if margin is None else f"{fix} (margin {margin:.3g} s)"
-    if record.margins.bodies.stable is False:
-        largest = record.margins.bodies.largest_gain
-        fix = "lower controller.gain" if largest is None else f"set controller.gain below {largest:.3g} 1/s"
-        yield "the loop of the vehicles is unstable", fix
-    if record.targets.unstable:
-        yield "the targets' own law is unstable", record.targets.verdict()
-
-
-def _failures(record: CheckRecord) -> Iterator[list[str]]:
-    """Yield what fails or is undecided, each with the reason and the smallest fix."""
-    for a in record.assumptions:
-        if a.verdict not in ("fails", "undecided"):
-            continue
-        fix = _fix(record, a.number)
-        yield [
-            *_wrapped(f"Assumption {a.number} {a.verdict}: {a.name}.", "  "),
-            *_wrapped(f"Why: {a.witness}.", "    ", "  "),
-            *(_wrapped(f"Fix: {fix}.", "    ", "  ") if fix else ()),
-        ]
-    for problem, fix in _unstable(record):
-        yield [*_wrapped(problem[0].upper() + problem[1:] + ".", "  "), *_wrapped(f"Fix: {fix}.", "    ", "  ")]
-
-
-def _fix(record: CheckRecord, number: int) -> str:
-    """Return the smallest change that makes an assumption hold, or nothing."""
-    plan = record.relative_cohomology.mending
-    if number == 5:
-        return record.topology_fix
-    if number == 6 and plan is not None:
-        repairs = "; ".join(repair.description for repair in plan.repairs)
-        others = [f"; or {'; '.join(other)}" for other in plan.alternatives[:1]]
-        return repairs + "".join(others)
-    return _FIXES.get(number, "")
+def _told(problem: Problem) -> list[str]:
+    """Return a problem with its reason, and its fix with what came of it."""
+    lines = _wrapped(problem.what[0].upper() + problem.what[1:] + ".", "  ", "  ")
+    if problem.why:
+        lines += _cut(_wrapped(f"Why: {problem.why}.", "      ", "    "), 3)
+    if problem.fix:
+        lines += _cut(_wrapped(f"Fix: {problem.fix}. {describe_tried(problem)}", "      ", "    "), 4)
+    return lines
 
 
 def _numbers(record: CheckRecord) -> Iterator[str]:
@@ -141,9 +66,36 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
     margin = None if record.links is None else record.links.delay_margin
     yield from _row("delay margin", "not known" if margin is None else f"{margin:.3g} s, equal on all links")
     yield from _row("better law", _better(record.proposals, record.theorem.wanted_radius, as_if))
+    yield from _row("Theorem 1", _theorem(record.theorem))
     if record.safety is not None:
         yield from _row("separation", _separation(record.safety))
     yield from _row("fragility", _fragile(record.fragility))
+    if record.trial is not None:
+        yield from _row("trial on bodies", _trial(record.trial))
+
+
+def _theorem(theorem: TheoremSummary) -> str:
+    """Return whether Theorem 1 applies, with which bound, or why not."""
+    if theorem.holds is None:
+        return f"is not about this team: {theorem.reason}"
+    if not theorem.applies:
+        return f"does not apply: {theorem.reason}"
+    held = " approximately (the law is held)" if theorem.approximate else ""
+    return (
+        f"applies{held}: k_min = {theorem.k_min:.3g} 1/s exceeds rho = {theorem.rho or 0.0:.3g} 1/s, and the error "
+        f"ends below {theorem.radius_U_per_agent:.3g} m (RMS over agents)"
+    )
+
+
+def _trial(trial: TrialRecord) -> str:
+    """Return what came of the trial of the mission."""
+    if not trial.seconds:
+        return trial.problems[0].text if trial.problems else "not run"
+    error = "" if trial.tracking_error is None else f": tracking error {trial.tracking_error:.3g} m"
+    part = "" if trial.complete else ", the part that fits into 1e8 vehicle-steps"
+    failed = "; ".join(problem.text for problem in trial.problems)
+    ending = failed or {"moving": "still changing", None: "too short to judge"}.get(trial.ending, trial.ending)
+    return f"{trial.seconds:g} s{part}{error} (RMS over agents, second half); {ending}"
 
 
 def _error(steady: SteadyError, as_if: str) -> str:
@@ -219,15 +171,6 @@ def _value(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else f"{value}"
 
 
-def _phases(later: list[PhaseRecord], count: int) -> Iterator[str]:
-    """Yield the phases in which the check does not hold."""
-    yield f"Not ok in {len(later)} of {count} phases:"
-    for phase in later[:3]:
-        failed = [str(a.number) for a in phase.assumptions if a.verdict in ("fails", "undecided")]
-        what = f"assumption {', '.join(failed)}" if failed else "a loop is unstable or undecided"
-        yield from _wrapped(f"from {phase.start:g} s ({', '.join(phase.events)}): {what}", "    ", "  ")[:2]
-
-
 def _listed(ids: list[str]) -> str:
     shown = ", ".join(ids[:3])
     more = "1 other" if len(ids) == 4 else f"{len(ids) - 3} others"
@@ -235,7 +178,12 @@ def _listed(ids: list[str]) -> str:
 
 
 def _row(label: str, text: str) -> list[str]:
-    return _wrapped(text, " " * _LABEL, f"{label:<{_LABEL}}")[:3]
+    return _cut(_wrapped(text, " " * _LABEL, f"{label:<{_LABEL}}"), 3)
+
+
+def _cut(lines: list[str], most: int) -> list[str]:
+    """Return the first lines; the last one ends in '...' if some are left out."""
+    return lines if len(lines) <= most else [*lines[: most - 1], shortened(lines[most - 1] + "....", WIDTH)]
 
 
 def _wrapped(text: str, indent: str, first: str = "") -> list[str]:

@@ -66,8 +66,8 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
     about = arrays.unsteady + np.linalg.norm(arrays.carried, axis=1)
     moving = system.largest_disturbance + [system.flows[k].kernel_speed for k in system.field]
     return SafetyRecord(
-        unsafe=_too_close(arrays, names, times, places),
-        initial=_too_close(arrays, names, times[:1], initial),
+        unsafe=find_too_close(arrays, names, times, places),
+        initial=find_too_close(arrays, names, times[:1], initial),
         guaranteed=not reasons,
         reasons=reasons,
         range=arrays.reach,
@@ -91,7 +91,7 @@ def _places(system: System, certificate: Certificate) -> tuple[Array, Array]:
     return times, np.concatenate([q_star, samples], axis=1) + lift
 
 
-def _too_close(safety: SafetyArrays, names: list[str], times: Array, places: Array) -> list[TooClose]:
+def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places: Array) -> list[TooClose]:
     """List the pairs of an agent and something else that are too close at some time, the closest first."""
     worst = dict[tuple[int, int], tuple[float, float]]()
     N, V = safety.agents, len(safety.radius)

@@ -1,5 +1,6 @@
 """`mjsheaf check`."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,11 +19,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from mjsheaf.checking.check import CheckRecord, Examination, PhaseRecord
-    from mjsheaf.checking.loop.held_law import LawLoop
-    from mjsheaf.checking.loop.links import LinkRecord
+    from mjsheaf.checking.check import CheckRecord, Examination
     from mjsheaf.control.theorem import Rho
 
 
@@ -33,6 +30,9 @@ def check(
         bool, typer.Option("--json", help="Print the results as JSON (see mjsheaf schema --check).")
     ] = False,
     full: Annotated[bool, typer.Option("--full", help="Print the whole report instead of one screen.")] = False,
+    trial: Annotated[
+        bool, typer.Option("--trial/--no-trial", help="Run the mission once on bodies, and judge how it ends.")
+    ] = True,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -58,19 +58,26 @@ def check(
         ),
     ] = None,
 ) -> None:
-    """Check whether the law can work for a team; if not, name the agents responsible and suggest a fix.
+    """Check whether a mission can work, and try it; if not, name the agents responsible and suggest a fix.
 
     Decides the paper's assumptions and predicts the tracking error, the largest stable gain and the delay margin. With
     --full it also prints the constants and bounds of Theorem 1, the sampled loop over its links, and better laws.
 
+    At the end the mission is run once on bodies, without files. OK means that the assumptions hold, and that it worked
+    when tried.
+
     The exit code is 1 if an assumption fails or is undecided, if the loop of the law, of the vehicles or of the targets
-    is unstable, or if the law has a term that check cannot model. Errors are the RMS over agents, in metres.
+    is unstable, if the law has a term that check cannot model, if vehicles cannot do what is asked of them, or if the
+    mission failed when it was tried. Errors are the RMS over agents, in metres.
     """
     figures = _figures_of(plot, formats, title)
     import json
 
     with progress_bars("loading", lines=None):
         from mjsheaf.checking import examine_scenario
+        from mjsheaf.checking.check import try_out
+        from mjsheaf.checking.problems import reasons_of
+        from mjsheaf.checking.screen import screen
         from mjsheaf.scenario import load_scenario
 
         loaded = load_scenario(scenario, changes_of(overrides))
@@ -78,6 +85,10 @@ def check(
     with progress_bars("checking", lines=None if as_json else "stderr"):  # the answer alone is on stdout
         examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
     record = examination.record
+    if trial:
+        above = [] if as_json or full else [*screen(record, scenario)[:-2], ""]
+        with progress_bars("trying the mission", lines=None if as_json else "stderr", above=above) as report:
+            record = try_out(record, loaded, partial(report, "trying the mission"))
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:
@@ -85,7 +96,8 @@ def check(
     drawn = [] if plot is None else _draw(examination, figures, plot)
     if not as_json:
         print_lines(*drawn)
-    _require_ok(scenario, record)
+    if not record.ok:
+        raise NotHeldError(f"{scenario}: {'; '.join(reasons_of(record))}")
 
 
 def _print_record(record: "CheckRecord", scenario: str, *, full: bool) -> None:
@@ -143,75 +155,3 @@ def _draw(examination: "Examination", figures: FigureOptions, plot: Path) -> lis
         with naming(f"--plot {path}"), whole_file(path) as part:
             write_figure(figure, part, path.suffix[1:])
     return paths
-
-
-def _require_ok(scenario: str, record: "CheckRecord") -> None:
-    """Refuse a scenario whose check, or that of one of its phases, is not ok.
-
-    Raises:
-        NotHeldError: A check is not ok; the message gives the reasons.
-    """
-    failures = [
-        f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
-        for part in record.phases
-        for why in _failures(part)
-    ]
-    failures = failures or _failures(record)
-    if failures:
-        raise NotHeldError(f"{scenario}: {'; '.join(failures)}")
-
-
-def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
-    """Return why a check, or that of a phase, is not ok, in sentences."""
-    failures = [
-        *_failures_of_assumptions(part),
-        *(_failures_of_shape(part) if part.theorem.holds is None else ()),
-        *_failures_of_law(part.law),
-        *_failures_of_links(part.links),
-    ]
-    if part.targets.unstable:
-        failures = [why for why in failures if part.targets.failure not in why or not part.targets.failure]
-        failures.append(part.targets.verdict())
-    if part.margins.bodies.stable is False:
-        failures.append(part.margins.bodies.verdict())
-    return failures
-
-
-def _failures_of_assumptions(part: "CheckRecord | PhaseRecord") -> "Iterator[str]":
-    """Yield which assumptions do not hold, of a team outside the scope of Theorem 1 those on topology."""
-    for a in part.assumptions:
-        if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6)):
-            yield f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
-
-
-def _failures_of_shape(part: "CheckRecord | PhaseRecord") -> "Iterator[str]":
-    """Yield why a team outside the scope of Theorem 1 does not, or may not, hold its shape."""
-    shape = part.rigidity
-    if shape.localizable is None and shape.rigid is not True:
-        why = f": {shape.bracing.describe()}" if shape.bracing is not None else ""
-        yield f"the formation is not rigid, its edges have rank {shape.rank} of {shape.needed}{why}"
-    if shape.localizable is False and part.law.stable is not None:
-        yield "targets and anchors do not hold every agent's place"
-    if part.law.stable is None and not part.ok:
-        yield f"the law is undecided: {part.law.reason}"
-
-
-def _failures_of_law(law: "LawLoop") -> "Iterator[str]":
-    """Yield why the loop of the held law is not known to be stable."""
-    from mjsheaf.checking.loop.modelled import because_of
-
-    if law.unmodelled:
-        yield f"the law is undecided, {because_of(law.unmodelled)}"
-    if law.stable is False:
-        gains = " to ".join(f"{gain:.4g}" for gain in law.stable_gains or [])
-        expected = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
-        yield f"the held law is unstable{expected}"
-
-
-def _failures_of_links(links: "LinkRecord | None") -> "Iterator[str]":
-    """Yield why the loop of the law over its links is unstable."""
-    from mjsheaf.checking.loop.links import UNSTABLE_LINKS
-
-    if links is not None and links.stable is False:
-        known = links.delay_margin is not None and not links.delay.stable
-        yield UNSTABLE_LINKS + (f"; it tolerates {links.delay_margin:.6g} s of delay" if known else "")

@@ -162,7 +162,7 @@ def print_note(text: str) -> None:
 
 @contextmanager
 def progress_bars(
-    what: str = "loading", *, lines: Literal["stdout", "stderr"] | None = "stdout"
+    what: str = "loading", *, lines: Literal["stdout", "stderr"] | None = "stdout", above: Sequence[str] = ()
 ) -> Iterator[Callable[[str, int, int], None]]:
     """Yield a function of (activity, done, total) that shows progress.
 
@@ -172,12 +172,13 @@ def progress_bars(
     Args:
         what: Activity until the first call.
         lines: Stream for lines; None writes none.
+        above: Lines that a terminal shows above the bar, as long as it is there.
     """
     from mjsheaf.progress import Lines, Terminal, View, displaying
 
     view: Callable[[], View] | None = partial(Lines, getattr(sys, lines)) if lines else None
     if sys.stderr.isatty():
-        view = Terminal
+        view = partial(Terminal, above)
     with displaying(view, what) as show:
 
         def report(what: str, done: int, total: int) -> None:

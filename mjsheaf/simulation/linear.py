@@ -192,8 +192,7 @@ class _Bench:
         self.loop = new_loop(fleet, control, medium, engine_arrays(self.model, self.data), timestep=timestep)
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]
-        with_state = np.cumsum(np.append(0, self.model.actuator_actadr >= 0))
-        lagging = np.diff(with_state[arena.thruster])  # 0 of a vehicle without thrusters
+        lagging = np.diff(np.append(0, np.cumsum(self.model.actuator_actadr >= 0))[arena.thruster])
         self.activated = np.arange(lagging.max()) < lagging[:, None]
         # Of each vehicle's row: its states, and its command or position.
         self.entries = [

@@ -154,6 +154,7 @@ def test_the_failing_example_of_the_paper_needs_one_altimeter() -> None:
     assert plan.repairs[0].model_dump() == {
         "kind": "anchor",
         "description": "give U2 an altimeter (anchor along z)",  # the middle of the chain holds it best
+        "entry": {"agent": "U2", "axes": ["z"], "value": [0.0]},
         "removes": 1,
         "lambda_min_alone": plan.lambda_min,
         "lambda_min_without": 0.0,

@@ -64,6 +64,10 @@ class SpeedDemand(Record):
         description="all-way speed: steady speed of its body through the medium in the horizontal direction in which "
         "it is slowest; null: unlimited thrusters"
     )
+    deficit: Finite = Field(
+        description="how far behind q* the agent is at least, over the last quarter of the time, if it moves at "
+        "`limit` or `able`, the smaller one, wherever q* asks for more, m; null where `steady` is"
+    )
     able_forward: Finite = Field(
         description="forward speed: steady speed of its body through the medium at full thrust forward; null: "
         "unlimited thrusters"
@@ -108,7 +112,7 @@ def margins(system: System, certificate: Certificate) -> Margins:
     return Margins(
         hold=hold_margin(system, spectrum),
         bodies=BodyMargins(**dict(inertia), **dict(loop)),
-        speed=_speed_demands(system, difference, able, forward),
+        speed=_speed_demands(system, certificate.constants.path.time, difference, able, forward),
         lag=_lags(system, difference),
         one_sided=_one_sided(system),
     )
@@ -171,11 +175,20 @@ def _damping_of_unlike(system: System, spectrum: Spectrum, tau: Array) -> Array:
     return np.asarray((-roots.real / np.abs(roots))[np.argsort(np.abs(roots))])
 
 
-def _speed_demands(system: System, difference: Difference, able: Array, forward: Array) -> list[SpeedDemand]:
+def _speed_demands(
+    system: System, time: Array, difference: Difference, able: Array, forward: Array
+) -> list[SpeedDemand]:
     """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
     # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
-    steady = np.linalg.norm(team.unpack(difference.values + difference.shaken), axis=2).max(axis=0)
+    along = np.linalg.norm(team.unpack(difference.values + difference.shaken), axis=2)
+    steady = along.max(axis=0)
+    # The distance by which an agent is behind grows by what it lacks, and shrinks by its reserve, but not below 0.
+    lacking = along - np.minimum(system.law.limit[: len(team.agents)], able)
+    sums = np.zeros_like(along)
+    np.cumsum(np.where(np.isinf(lacking[1:]), 0.0, lacking[1:]) * np.diff(time)[:, None], axis=0, out=sums[1:])
+    behind = sums - np.minimum.accumulate(sums)
+    deficit = behind[time >= time[0] + 0.75 * (time[-1] - time[0])].min(axis=0)
     asked = system.gain * np.linalg.norm(disagreement(system.law, system.initial)[: len(team.agents)], axis=1)
     limits = system.law.limit[: len(asked)]
     most = np.fmax(asked, steady)  # a singular field leaves no steady speed
@@ -187,6 +200,7 @@ def _speed_demands(system: System, difference: Difference, able: Array, forward:
             limit=limits[i],
             steady=steady[i],
             able=able[i],
+            deficit=deficit[i],
             able_forward=forward[i],
         )
         for i in order.tolist()

@@ -1,6 +1,6 @@
 """The smallest set of edges that connects the agents and lets every target be sensed (Assumption 5)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from scipy import sparse
@@ -14,8 +14,8 @@ _MAX_AGENTS = 1500  # largest team whose pairwise distances are computed
 _MAX_LISTED = 3
 
 
-def suggest_edges(team: Team, positions: Array) -> str:
-    """Return edges that would make Assumption 5 hold, the shortest ones, as a sentence; empty where it holds.
+def suggest_edges(team: Team, positions: Array) -> dict[str, list[list[str]]]:
+    """Return the shortest edges that would make Assumption 5 hold, by kind; empty if it holds.
 
     Args:
         team: The team.
@@ -23,15 +23,20 @@ def suggest_edges(team: Team, positions: Array) -> str:
     """
     N = len(team.agents)
     if N > _MAX_AGENTS:
-        return ""
+        return {}
     places = np.nan_to_num(positions)
     distances = cdist(places, places)
-    edges = _between_parts(team, distances[:N, :N])
-    unseen = unsensed_targets(team, team.sensing)
     agents = np.flatnonzero(team.present)
-    senses = [f"[{team.agents[agents[distances[team.index[t], agents].argmin()]].id}, {t}]" for t in unseen]
-    parts = [f"add communication {_listed(edges)}" if edges else "", f"add sensing {_listed(senses)}" if senses else ""]
-    return " and ".join(part for part in parts if part)
+    unseen = unsensed_targets(team, team.sensing)
+    senses = [[team.agents[agents[distances[team.index[t], agents].argmin()]].id, t] for t in unseen]
+    edges = {"communication": _between_parts(team, distances[:N, :N]), "sensing": senses}
+    return {kind: found for kind, found in edges.items() if found}
+
+
+def describe_edges(edges: Mapping[str, Sequence[Sequence[str]]]) -> str:
+    """Return the suggestion to add edges, by kind, as a sentence; empty if there are none."""
+    pairs = {kind: [f"[{tail}, {head}]" for tail, head in own] for kind, own in edges.items()}
+    return " and ".join(f"add {kind} {_listed(own)}" for kind, own in pairs.items())
 
 
 def unsensed_targets(team: Team, sensing: Iterable[Edge]) -> list[str]:
@@ -49,7 +54,7 @@ def label_parts(team: Team, edges: Iterable[Edge]) -> IntArray:
     return connected_components(graph, directed=False)[1]
 
 
-def _between_parts(team: Team, distances: Array) -> list[str]:
+def _between_parts(team: Team, distances: Array) -> list[list[str]]:
     """Return the shortest edges that connect the parts of the agents' graph: one fewer than there are parts."""
     part = label_parts(team, team.communication)
     count = part.max() + 1
@@ -65,7 +70,7 @@ def _between_parts(team: Team, distances: Array) -> list[str]:
         lengths[a, b] = length + 1e-9
     tree = minimum_spanning_tree(lengths.tocsr()).tocoo()
     chosen = [nearest[min(a, b), max(a, b)] for a, b in zip(tree.row.tolist(), tree.col.tolist(), strict=True)]
-    return [f"[{team.agents[i].id}, {team.agents[j].id}]" for _, i, j in sorted(chosen)]
+    return [[team.agents[i].id, team.agents[j].id] for _, i, j in sorted(chosen)]
 
 
 def _listed(edges: list[str]) -> str:

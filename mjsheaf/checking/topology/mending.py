@@ -15,7 +15,7 @@ import itertools
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -94,6 +94,13 @@ class Candidate:
         verb = "talk to" if self.kind == "communication" else "sense"
         about = f" and compare {', '.join(_AXES[: len(edge.F_tail)])}" if (edge.tail, edge.head) in linked else ""
         return f"let {edge.tail} {verb} {edge.head}{about}"
+
+    def entry(self, team: Team) -> dict[str, Any]:
+        """Return the edge or anchor as a scenario has it; an anchor is at the value 0."""
+        edge = self.edge(team)
+        if self.kind == "anchor":
+            return {"agent": edge.tail, "axes": [_AXES[self.end]], "value": [0.0]}
+        return {"between": [edge.tail, edge.head]}
 
 
 def edge_rows(team: Team, candidates: Sequence[Candidate]) -> sparse.csr_array:
@@ -203,6 +210,7 @@ class Repair(Record):
     description: str = Field(
         description='such as "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2"'
     )
+    entry: Any = Field(description="the edge or anchor as the scenario's list has it")
     nullity_reduction: int = Field(alias="removes", description="number of free directions that it holds by itself")
     lambda_min_alone: float = Field(description="of H with this repair alone")
     lambda_min_without: float = Field(description="of H with all repairs but this one; 0, as none can be spared")
@@ -239,6 +247,7 @@ def plan_augmentation(team: Team) -> Augmentation | None:
         Repair(
             kind=x.kind,
             description=x.describe(team, linked),
+            entry=x.entry(team),
             nullity_reduction=int(np.linalg.matrix_rank((edge_rows(team, [x]) @ free).toarray(), tol=_RANK)),
             lambda_min_alone=lambda_min if len(chosen) == 1 else 0.0,
             lambda_min_without=0.0,

@@ -1,0 +1,203 @@
+"""Problems that a check found, each with its reason and the smallest change that removes it.
+
+There is one list. The screen, the title of plots, the message of exit code 1 and the JSON are made from it, and a check
+is ok if it is empty.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from pydantic import Field
+
+from mjsheaf.checking.loop.links import UNSTABLE_LINKS
+from mjsheaf.checking.loop.modelled import because_of
+from mjsheaf.io.section import Finite, Record
+
+if TYPE_CHECKING:
+    from mjsheaf.checking.check import CheckRecord, PartRecord
+
+_FIXES = {
+    1: "give singular parts of the flow a `core` radius",
+    2: "give this vehicle thrusters, or `steering`, that push along every axis",
+    4: "as for assumption 2",
+}
+_RESERVE = 0.5  # of the largest gain, that is proposed
+_SPARE = 1.2  # times the speed that is required, that is proposed as a velocity limit
+_MAX_DEFICIT = 0.5  # m, by which a vehicle that is too slow for a while may fall behind
+
+
+class TriedFix(Record):
+    """A fix that was tried on bodies."""
+
+    ok: bool = Field(description="nothing failed")
+    tracking_error: Finite = Field(description="with it, RMS over agents and the second half, m; null: none")
+    without: Finite = Field(description="the same without it, m; null: none")
+    problem: str = Field(description="what still failed, or empty")
+
+
+class Problem(Record):
+    """A reason why a check is not ok."""
+
+    what: str = Field(description="what is wrong, in a few words")
+    why: str = Field("", description="the reason, with numbers, or empty")
+    fix: str = Field("", description="the smallest change that removes it, or empty")
+    changes: dict[str, Any] = Field({}, description="fields of the scenario that the fix sets, as for --set")
+    additions: dict[str, list[Any]] = Field({}, description="entries that the fix adds to lists of the scenario")
+    tried: TriedFix | None = Field(None, description="the fix, tried on bodies; null if it was not")
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.why}" if self.why else self.what
+
+
+def problems_of(part: "PartRecord", *, stable: bool) -> list[Problem]:
+    """Return why the analysis of a team and its law is not ok.
+
+    Args:
+        part: Record of the analysis.
+        stable: True if the law is known to be stable; it counts for teams that Theorem 1 is not about.
+    """
+    return [
+        *_of_assumptions(part),
+        *(_of_shape(part, stable=stable) if part.theorem.holds is None else ()),
+        *_of_loops(part),
+        *_of_speeds(part),
+    ]
+
+
+def reasons_of(record: "CheckRecord") -> list[str]:
+    """Return why a check is not ok, in sentences; a refused run adds nothing to what the analysis found."""
+    found = [str(problem) for problem in record.problems]
+    tried = [] if record.trial is None else record.trial.problems
+    return found + [problem.text for problem in tried if not (found and problem.kind == "refused")]
+
+
+def describe_tried(problem: Problem) -> str:
+    """Return what came of trying a fix, in a sentence."""
+    tried = problem.tried
+    if tried is None:
+        return "(Not tried.)"
+    before = "" if tried.without is None else f" instead of {tried.without:.3g} m"
+    if tried.tracking_error is None:
+        return f"Tried: {tried.problem}."
+    error = f"Tried: the tracking error is {tried.tracking_error:.3g} m{before}"
+    return f"{error}." if tried.ok else f"{error}, but {tried.problem}."
+
+
+def headline(record: "CheckRecord") -> str:
+    """Return a check in one sentence: OK or NOT OK, and why."""
+    if not record.ok:
+        known = {str(problem): problem.what for problem in record.problems}
+        return "NOT OK: " + "; ".join(known.get(reason, reason) for reason in reasons_of(record))
+    counts = Counter(a.verdict for a in record.assumptions)
+    every = "all 7 assumptions hold" if counts["holds"] == 7 else "all assumptions that apply hold"
+    every += ", the formation is rigid" if record.theorem.holds is None and record.rigidity.rigid else ""
+    on_vehicles = " and on the vehicles" if record.margins.bodies.stable else ""
+    stable = f", the loop is stable on ideal kinematics{on_vehicles}" if record.law.stable else ""
+    tried = "; not tried" if record.trial is None else ", and the mission worked when tried"
+    return f"OK: {every}{stable}{tried}"
+
+
+def _of_assumptions(part: "PartRecord") -> Iterator[Problem]:
+    """Yield the assumptions that do not hold; of a team that Theorem 1 is not about, those on topology."""
+    for a in part.assumptions:
+        if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6)):
+            word = "fails" if a.verdict == "fails" else "is undecided"
+            fix, additions = _fix_of_assumption(part, a.number)
+            yield Problem(
+                what=f"assumption {a.number} {word}", why=f"{a.name}: {a.witness}", fix=fix, additions=additions
+            )
+
+
+def _fix_of_assumption(part: "PartRecord", number: int) -> tuple[str, dict[str, list[Any]]]:
+    """Return the smallest change that makes an assumption hold, in words and as additions; empty if there is none."""
+    plan = part.relative_cohomology.mending
+    if number == 5:
+        return part.topology_fix, part.topology_edges
+    if number == 6 and plan is not None:
+        additions: dict[str, list[Any]] = {}
+        for repair in plan.repairs:
+            additions.setdefault("anchors" if repair.kind == "anchor" else repair.kind, []).append(repair.entry)
+        sets = ["; ".join(repair.description for repair in plan.repairs), *map("; ".join, plan.alternatives[:1])]
+        return "; or ".join(sets), additions
+    return _FIXES.get(number, ""), {}
+
+
+def _of_shape(part: "PartRecord", *, stable: bool) -> Iterator[Problem]:
+    """Yield why a team that Theorem 1 is not about does not, or may not, hold its shape."""
+    shape = part.rigidity
+    if shape.localizable is None and shape.rigid is not True:
+        why = (
+            "the rank of its edges is not known"
+            if shape.rank is None
+            else f"its edges have rank {shape.rank} of {shape.needed}"
+        )
+        edges = shape.bracing.edges if shape.bracing else []
+        fix = shape.bracing.describe() if shape.bracing else ""
+        additions = {"communication": [edge.model_dump(mode="json") for edge in edges]} if edges else {}
+        yield Problem(what="the formation is not rigid", why=why, fix=fix, additions=additions)
+    if shape.localizable is False and part.law.stable is not None:
+        yield Problem(what="targets and anchors do not hold every agent's place")
+    if not stable and part.law.stable is None and not part.law.unmodelled:
+        yield Problem(what="the law is undecided", why=part.law.reason)
+
+
+def _of_loops(part: "PartRecord") -> Iterator[Problem]:
+    """Yield the loops that are undecided or unstable."""
+    law = part.law
+    links = part.links
+    bodies = part.margins.bodies
+    if law.unmodelled:
+        yield Problem(what="the law is undecided", why=because_of(law.unmodelled))
+    if law.stable is False:
+        gains = law.stable_gains
+        if gains is None:
+            yield Problem(what="the held law is unstable", why="at any controller.gain")
+        else:
+            gain = _round(gains[0] + _RESERVE * (gains[1] - gains[0]))
+            why = f"controller.gain is stable between {gains[0]:.3g} and {gains[1]:.3g} 1/s"
+            fix = f"set controller.gain to {gain:g} 1/s"
+            yield Problem(what="the held law is unstable", why=why, fix=fix, changes={"controller.gain": gain})
+    if links is not None and links.stable is False:
+        known = links.delay_margin is not None and not links.delay.stable
+        why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
+        fix = "lower controller.gain, or use links with less delay and loss"
+        yield Problem(what=UNSTABLE_LINKS, why=why, fix=fix)
+    if bodies.stable is False:
+        largest = bodies.largest_gain
+        if largest is None:
+            yield Problem(what=bodies.verdict(), fix="lower controller.gain")
+        else:
+            gain = _round(_RESERVE * largest)
+            fix = f"set controller.gain to {gain:g} 1/s"
+            yield Problem(what=bodies.verdict(), fix=fix, changes={"controller.gain": gain})
+    if part.targets.unstable:
+        yield Problem(what=part.targets.verdict())
+
+
+def _round(gain: float) -> float:
+    """Return a positive number with two significant digits."""
+    return float(f"{gain:.2g}")
+
+
+def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
+    """Yield that agents fall behind their places, as their vehicles or their velocity limits are too slow."""
+    slow = [demand for demand in part.margins.speed if (demand.deficit or 0.0) > _MAX_DEFICIT]
+    for limited in (False, True):
+        some = [demand for demand in slow if limited == ((demand.limit or math.inf) <= (demand.able or math.inf))]
+        if not some:
+            continue
+        worst = max(some, key=lambda demand: demand.deficit or 0.0)
+        speed = worst.limit if limited else worst.able
+        limit = _round(_SPARE * max(demand.steady or 0.0 for demand in some))
+        raised = limited and limit <= min(demand.able or math.inf for demand in some)
+        what = "its velocity limit is" if limited else "in its slowest direction its vehicle makes"
+        yield Problem(
+            what=f"{len(some)} of {len(part.margins.speed)} agents are slower than their places "
+            f"({speed:.3g} of {worst.steady:.3g} m/s)",
+            why=f"{worst.agent} falls {worst.deficit:.3g} m behind: relative to the medium, q* moves at up to "
+            f"{worst.steady:.3g} m/s, and {what} {speed:.3g} m/s",
+            fix=f"set controller.velocity_limit to {limit:g} m/s" if raised else "slow targets, or faster vehicles",
+            changes={"controller.velocity_limit": limit} if raised else {},
+        )

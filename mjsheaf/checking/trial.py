@@ -1,0 +1,308 @@
+"""Trial of a mission: the scenario is run once on bodies, without files, and its end is judged.
+
+The analysis of `check` is about linear loops and bounds. The trial is about everything else that a run contains: limits
+of thrusters, large angles, the safety filter, losses, gusts. It runs on the fused engine, and on MuJoCo where contacts
+are on, with the scenario's seed. Its verdict is the same on every machine: the part that is tried depends on the
+number of vehicle-steps alone.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from mjsheaf.arrays import Array
+from mjsheaf.checking.finished import ROUNDING, ending_of_run
+from mjsheaf.checking.separation import TooClose, find_too_close
+from mjsheaf.checking.stuck import MIN_SPEED, find_stuck
+from mjsheaf.errors import NotUniqueError, RankError
+from mjsheaf.io.norms import PER_AGENT_RMS, Norm
+from mjsheaf.io.section import Finite, Record
+from mjsheaf.results.dataset import join, make_datasets, of_phase
+from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
+from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.session import engine_of, moved_by, require_simulable
+from mjsheaf.simulation.trajectory import samples_in_piece
+from mjsheaf.system import Phase, System
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MAX_VEHICLE_STEPS = 100_000_000
+"""Largest number of vehicles times physics steps of a trial; of a larger mission the beginning is tried."""
+
+_MAX_KEPT = 1_000_000  # agents times samples that are judged; more are thinned evenly
+_KEPT = (
+    "agent_position",
+    "target_position",
+    "harmonic_extension",
+    "tracking_error",
+    "disagreement",
+    "formation_error",
+    "centering_error",
+    "group_formation_error",
+    "group_centering_error",
+    "velocity_command",
+    "agent_velocity",
+    "agent_flow",
+    "agent_saturation",
+    "separation",
+    "safety_correction",
+    "safety_violation",
+)
+_MIN_SAMPLES = 8  # of a phase whose end is judged
+_ROUNDING = 1e-6  # m, of distances
+_OFTEN = 0.1  # fraction of the second half for which a vehicle is at a limit, from which on that matters
+_AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
+_SHORTFALL = 0.2  # fraction of the commanded velocity that a vehicle does not make, above which it is at a limit
+_GROWTH = 1.5  # mean error of the last quarter over that about the middle, above which it has grown
+_SLOW_GROWTH = 1.1  # mean error of the last quarter over that of the second, above which steady growth counts
+_FAR = 3.0  # times the error that the analysis foresees
+_FAR_BY = 1.0  # m: further than that
+_SMALL = 0.2  # m: errors that grow by less do not count
+_STEADY = 0.9  # of the growth of one quarter over the last: growth that slows down by more is a transient
+
+
+class TrialProblem(Record):
+    """A reason why a mission failed when it was tried."""
+
+    kind: str = Field(
+        description="refused, blow_up, diverging, saturated, deadlock, stuck, too_close, far_off, or expectation"
+    )
+    text: str = Field(description="a sentence with agent, time and number")
+    agent: str | None = Field(description="id of the agent with the worst value; null for the team")
+    time: Finite = Field(description="when, s; null where that has no meaning")
+    number: Finite = Field(description="severity in m; null where the text has it alone")
+
+
+class TrialRecord(Record):
+    """A run of the scenario on bodies with its seed, and how it ended."""
+
+    ok: bool = Field(description="nothing failed")
+    seconds: float = Field(description="simulated time that was tried, s")
+    complete: bool = Field(description="false if the mission is too large to be tried to its end")
+    tracking_error: Finite = Field(
+        description="RMS over agents and the second half of the time that was tried, m; null: none"
+    )
+    norm: Norm = Field(PER_AGENT_RMS, description="which norm `tracking_error` is")
+    ending: str | None = Field(
+        description="settled, moving, growing, circling or stuck, as in summary.json; null: see `problems`"
+    )
+    problems: list[TrialProblem] = Field(description="why the mission failed, the most important first")
+
+
+def try_mission(
+    scenario: Scenario, foreseen: float | None = None, progress: Callable[[int, int], None] | None = None
+) -> TrialRecord:
+    """Run a scenario on bodies and judge the run.
+
+    Args:
+        scenario: The scenario.
+        foreseen: Tracking error that the analysis foresees, RMS over agents and the second half, m; None if unknown.
+        progress: Called with the samples done and the number of samples.
+
+    Raises:
+        InputError: The scenario cannot be simulated for a reason that is not one of the theory's assumptions.
+    """
+    contacts = scenario.whole.bodies.contacts
+    phases = moved_by(scenario.phases, "physics", "mujoco" if contacts else "fused")
+    try:
+        require_simulable(phases, "physics")
+    except (NotUniqueError, RankError) as error:
+        problem = TrialProblem(kind="refused", text=f"the run is refused: {error}", agent=None, time=None, number=None)
+        return TrialRecord(ok=False, seconds=0.0, complete=False, tracking_error=None, ending=None, problems=[problem])
+    run = _run(scenario, phases, progress)
+    data = run.data
+    finished = data.attrs["status"] == "finished"
+    late = late_errors(phases[0].system.team, data)["tracking_error"]
+    problems = list(_problems(scenario, phases, run))
+    if not problems and foreseen is not None and late is not None and late > _FAR * foreseen + _FAR_BY:
+        problems += _far_off(phases, data, late, foreseen)
+    return TrialRecord(
+        ok=not problems,
+        seconds=float(data["time"][-1] - data["time"][0]),
+        complete=run.complete,
+        tracking_error=late,
+        ending=ending_of_run(phases, data) if finished else None,
+        problems=problems,
+    )
+
+
+class _Run(NamedTuple):
+    """A run in memory.
+
+    Attributes:
+        data: The variables that are judged, at samples that may be thinned.
+        complete: True if the run reaches the end of the mission, or blew up before it.
+        closest: Pair that comes closest to the required distance, over all samples; None without a safety filter, or if
+            every pair keeps its distance.
+    """
+
+    data: "xr.Dataset"
+    complete: bool
+    closest: TooClose | None
+
+
+def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, int], None] | None) -> _Run:
+    """Run the part of a mission that fits."""
+    system = phases[0].system
+    end = system.grid.steps + 1
+    kept: list[xr.Dataset] = []
+    done, closest = 0, None
+    with engine_of(phases, "physics", seed=scenario.seed) as engine:
+        samples = min(end, MAX_VEHICLE_STEPS // (len(system.team.members) * engine.steps_per_sample) + 1)
+        stride = -(-samples * len(system.team.agents) // _MAX_KEPT)
+        recorded = engine.record(min(samples_in_piece(system), samples))
+        for piece in make_datasets(recorded, "physics", scenario.seed, phases):
+            part = piece.isel(time=slice(0, samples - done))
+            closest = _closer(system, part, closest)
+            length = part.sizes["time"]
+            ends = done + length == samples or part.attrs["status"] != "finished"
+            chosen = sorted({*range(-done % stride, length, stride), *([length - 1] if ends else [])})
+            kept.append(part[[name for name in _KEPT if name in part]].isel(time=chosen))
+            done += length
+            if progress:
+                progress(done, samples)
+            if done == samples:
+                break
+    data = join(part for part in kept if part.sizes["time"])
+    return _Run(data, samples == end or data.attrs["status"] != "finished", closest)
+
+
+def _closer(system: System, part: "xr.Dataset", closest: TooClose | None) -> TooClose | None:
+    """Return the pair that is closest in a piece of a run, if it is too close and closer than the closest so far."""
+    if "separation" not in part:
+        return closest
+    gaps = part["separation"].values
+    k = int(gaps.argmin())
+    if not gaps[k] < (closest.gap if closest else 0.0):
+        return closest
+    safety = system.separation(np.zeros(len(system.planar)))
+    places = np.concatenate([part[f"{kind}_body_position"][[k]].values for kind in ("agent", "target")], axis=1)
+    names = [member.id for member in system.team.members] + (system.safety.obstacle_ids if system.safety else [])
+    found = find_too_close(safety, names, part["time"].values[[k]], places)
+    return found[0] if found else closest
+
+
+def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterator[TrialProblem]:
+    """Yield why a run fails, the most important first."""
+    data = run.data
+    team = phases[0].system.team
+    end = float(data["time"][-1])
+    if data.attrs["status"] != "finished":
+        yield TrialProblem(kind="blow_up", text=data.attrs["message"], agent=None, time=end, number=None)
+        return
+    safety = safety_of(data)
+    if run.closest is not None and run.closest.gap < min(0.0, float(data["separation"][0])) - _ROUNDING:
+        yield _about_distance(run.closest)
+    off = dict(zip(team.agent_ids, np.nan_to_num(data["tracking_error"].values[-1]).tolist(), strict=True))
+    deadlocked = sorted(safety["deadlocked"] if safety else [], key=off.__getitem__, reverse=True)
+    if deadlocked:
+        first = deadlocked[0]
+        names, verb = _and_others(first, len(deadlocked) - 1)
+        text = f"{names} {verb} deadlocked: the safety filter keeps {first} {off[first]:.3g} m off at t = {end:.6g} s"
+        yield TrialProblem(kind="deadlock", text=text, agent=first, time=end, number=off[first])
+    stuck = [one for one in find_stuck(phases, data) if one.end >= end and one.error > ROUNDING]
+    if stuck:
+        first = team.agent_ids[stuck[0].agent]
+        names, verb = _and_others(first, len(stuck) - 1)
+        text = (
+            f"{names} {verb} stuck: {first} does not move from t = {stuck[0].start:.6g} s to the end, "
+            f"{stuck[0].error:.3g} m off: {stuck[0].reason}"
+        )
+        yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
+    yield from _diverging(phases, data)
+    if run.complete and scenario.expect.controller is None:
+        final, own = summarize(team, data), summarize_phases(team, data)
+        checks = check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]
+        for check in checks:
+            if not check["met"] and check["measure"] != "refused":
+                value = "none" if check["found"] is None else f"{check['found']:.4g} m"
+                text = f"expect.physics.{check['measure']} is {value} at t = {end:.6g} s, bound {check['bound']:g} m"
+                yield TrialProblem(kind="expectation", text=text, agent=None, time=end, number=check["found"])
+
+
+def _about_distance(closest: TooClose) -> TrialProblem:
+    """Return the problem that a pair comes closer than it may."""
+    pair = " and ".join(closest.pair)
+    text = f"{pair} come {-closest.gap:.3g} m closer than the required distance at t = {closest.time:.6g} s"
+    return TrialProblem(kind="too_close", text=text, agent=closest.pair[0], time=closest.time, number=-closest.gap)
+
+
+def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
+    """Yield agents whose error grows to the end of the last phase, those at a limit and those that are not.
+
+    An error that grows is no fault by itself: it also follows a target that speeds up. It is one where it grows at the
+    same pace or faster, quarter by quarter, or where the agent is at a limit for a good part of the time.
+    """
+    system, last = of_phase(phases, data, -1)
+    errors, time = last["tracking_error"].values, last["time"].values
+    if len(errors) < _MIN_SAMPLES:
+        return
+    _, second, third, fourth = (part.mean(axis=0) for part in np.array_split(errors, 4))
+    eighth = len(errors) // 8
+    middle = errors[len(errors) // 2 - eighth : len(errors) // 2 + eighth + 1].mean(axis=0)
+    steadily = (third > second) & (fourth - third > _STEADY * (third - second))
+    limited = _limited(system, last)
+    grown = fourth > _GROWTH * middle + _SMALL
+    grows = steadily & (fourth > _SLOW_GROWTH * second + _SMALL)
+    failed = np.flatnonzero((limited > _OFTEN) & (grown | grows) | grown & grows)
+    if not len(failed):
+        return
+    worst = failed[int(fourth[failed].argmax())]
+    name = system.team.agent_ids[worst]
+    names, verb = _and_others(name, len(failed) - 1)
+    at_limit = limited[worst] > _OFTEN
+    why = (
+        f", at a limit of its vehicle or its speed for {100.0 * limited[worst]:.0f} % of the second half"
+        if at_limit
+        else ""
+    )
+    text = (
+        f"{names} {verb} left behind: the error of {name} grows from {middle[worst]:.3g} m to "
+        f"{errors[-1, worst]:.3g} m at t = {time[-1]:.6g} s{why}"
+    )
+    kind = "saturated" if at_limit else "diverging"
+    yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(errors[-1, worst]))
+
+
+def _far_off(phases: Sequence[Phase], data: "xr.Dataset", error: float, foreseen: float) -> Iterator[TrialProblem]:
+    """Yield that the error is far beyond what was foreseen, if limits, which the analysis leaves out, are the cause."""
+    system, last = of_phase(phases, data, -1)
+    limited = _limited(system, last)
+    v = int(limited.argmax())
+    if limited[v] > _OFTEN:
+        name = system.team.agent_ids[v]
+        text = (
+            f"the error is {error:.3g} m (RMS over agents, second half), and the analysis foresees {foreseen:.3g} m: "
+            f"{name} is at a limit of its vehicle or its speed for {100.0 * limited[v]:.0f} % of that time"
+        )
+        yield TrialProblem(kind="far_off", text=text, agent=name, time=float(last["time"][-1]), number=error)
+
+
+def _limited(system: System, data: "xr.Dataset") -> Array:
+    """Return the fraction of the second half for which each agent is at a limit, shape (N,).
+
+    That is: a thruster saturates, the command is at the velocity limit, or the vehicle, averaged over the second half,
+    makes less of its commanded velocity than it should, as one whose tilt is limited.
+    """
+    half = slice(data.sizes["time"] // 2, None)
+    command, velocity, flow, saturation = (
+        np.nan_to_num(data[name].values[half])
+        for name in ("velocity_command", "agent_velocity", "agent_flow", "agent_saturation")
+    )
+    limit = system.law.limit[: command.shape[1]]
+    at_limit = (saturation > 0.0) | (np.linalg.norm(command, axis=2) >= _AT_LIMIT * limit)
+    planar = np.isnan(data["velocity_command"].values[0, :, 2])
+    made = velocity - flow
+    made[:, planar, 2] = 0.0
+    commanded = np.linalg.norm(command.mean(axis=0), axis=1)
+    missing = np.linalg.norm((command - made).mean(axis=0), axis=1)
+    short = (commanded > MIN_SPEED) & (missing > _SHORTFALL * commanded)
+    return np.where(short, 1.0, at_limit.mean(axis=0))
+
+
+def _and_others(name: str, others: int) -> tuple[str, str]:
+    """Return a name with the number of others, and the verb that goes with it."""
+    return (name, "is") if not others else (f"{name} and {others} other{'s' if others > 1 else ''}", "are")
