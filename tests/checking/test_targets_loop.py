@@ -130,3 +130,13 @@ def test_targets_that_nothing_holds_are_none_of_it() -> None:
     assert targets["rate"] == 0.0
     assert targets["stable"] is True
     assert targets["bodies"] is None
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_a_target_without_thrusters_beside_one_that_is_pulled(place: int) -> None:
+    """A buoy drifts, in whichever place of the list it is, and leaves the loop of the other target as stable."""
+    fields = pulled(5.0, physics={"timestep": 0.01}, sensing=[["A", "T"], ["A", "B"]])
+    fields["targets"].insert(place, {"id": "B", "position": [3, 0], "vehicle": "buoy", "motion": {"kind": "static"}})
+    bodies = mjsheaf.check(mjsheaf.load_scenario(fields))["targets"]["bodies"]
+    assert bodies["stable"] is True
+    assert bodies["spectral_radius"] == pytest.approx(1.0)

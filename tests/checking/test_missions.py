@@ -1,0 +1,160 @@
+"""`check` judged by runs on bodies: missions that it calls OK work, and those that work it calls OK.
+
+The slow studies print a table of their missions; see it with `-s`.
+"""
+
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.errors import NotUniqueError, UnstableError
+from tests.builders import make_scenario
+from tests.missions import CAUSES, SPEEDS, failure_of_run, random_mission, unforeseen_error
+
+MISSIONS = 300
+MAX_CONTRADICTED = 0.05
+"""Fraction of the missions OK by analysis alone whose runs may fail."""
+MAX_FALSE_ALARMS = 0.1
+"""Fraction of the missions whose runs are fine that may be NOT OK for other reasons than a team or loop that fails."""
+
+
+class Judged(NamedTuple):
+    """A mission as `check` and its run judge it.
+
+    Attributes:
+        seed: Seed of the mission.
+        summary: What it is about.
+        ok: Verdict of `check`.
+        problems: What the analysis finds wrong; without any, it is OK by analysis alone.
+        tried: What the trial finds wrong.
+        proven: True if an assumption fails or a loop is unstable, whatever the run looks like.
+        failure: Failure of the run, or None.
+        unforeseen: How far the error of the run is from the prediction, or None.
+    """
+
+    seed: int
+    summary: str
+    ok: bool
+    problems: list[str]
+    tried: list[str]
+    proven: bool
+    failure: str | None
+    unforeseen: str | None
+
+    def __str__(self) -> str:
+        reasons = "; ".join([*self.problems, *(f"tried: {each}" for each in self.tried)])
+        verdict = "OK" if self.ok else f"NOT OK ({reasons})"
+        return f"{self.seed:4d}  {self.summary:32s} {verdict} | run: {self.failure or self.unforeseen or 'fine'}"
+
+
+def judge(seed: int) -> Judged:
+    """Check a mission and run it."""
+    mission = random_mission(seed)
+    scenario = make_scenario(mission)
+    record = mjsheaf.check(scenario, progress=False)
+    unforeseen = None
+    try:
+        run = mjsheaf.simulate(scenario, engine="mujoco", progress=False)
+    except (NotUniqueError, UnstableError) as error:
+        failure = failure_of_run(mission, error)
+    else:
+        failure = failure_of_run(mission, run)
+        unforeseen = unforeseen_error(mission, record, run)
+    return Judged(
+        seed=seed,
+        summary=mission["summary"],
+        ok=record["ok"],
+        problems=[problem["what"] for problem in record["problems"]],
+        tried=[problem["text"] for problem in record["trial"]["problems"]],
+        proven=_is_proven(record),
+        failure=failure,
+        unforeseen=unforeseen,
+    )
+
+
+def _is_proven(record: dict[str, Any]) -> bool:
+    """Return True if an assumption fails or a loop is unstable in a phase: that is NOT OK even if errors stay small."""
+    for part in record["phases"] or [record]:
+        loops = [part["law"], part["links"] or {}, part["targets"], part["targets"]["bodies"] or {}]
+        stable = [each.get("stable") for each in (*loops, part["margins"]["bodies"])]
+        if False in stable or any(each["verdict"] in ("fails", "undecided") for each in part["assumptions"]):
+            return True
+    return False
+
+
+@pytest.fixture(scope="module")
+def studied() -> list[Judged]:
+    """Judge missions on two processes, and print the table."""
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        judged = list(pool.map(judge, range(MISSIONS)))
+    print("\n" + "\n".join(map(str, judged)))
+    print(Counter(("OK" if each.ok else "NOT OK", "fails" if each.failure else "fine") for each in judged))
+    return judged
+
+
+def test_missions_are_those_of_their_seeds_and_diverse():
+    missions = [random_mission(seed) for seed in range(60)]
+    assert missions == [random_mission(seed) for seed in range(60)]
+    for mission in missions:
+        assert make_scenario(mission).phases
+    assert {agent["vehicle"] for mission in missions for agent in mission["agents"]} == set(SPEEDS)
+    assert {len(mission["agents"]) for mission in missions} == set(range(1, 7))
+    assert {target["motion"]["kind"] for mission in missions for target in mission["targets"]} == {
+        "static",
+        "lissajous",
+        "waypoints",
+        "recorded",
+    }
+    asked = [cause for mission in missions for cause in CAUSES if cause in mission["summary"]]
+    assert set(asked) == set(CAUSES)
+    assert 0.3 < np.mean([mission["summary"].endswith("within") for mission in missions]) < 0.7
+    for name in ("safety", "links", "events", "disturbance"):
+        assert 0 < sum(name in mission for mission in missions) < 60
+
+
+@pytest.mark.parametrize(("limit", "failure"), [(2.0, None), (0.5, "velocity limit")])
+def test_the_oracle_sees_a_boat_that_falls_behind(limit, failure):
+    mission = {
+        "name": "chase",
+        "time": {"end": 60.0},
+        "controller": {"gain": 1.0, "control_period": 0.05, "velocity_limit": limit},
+        "agents": [{"id": "B", "position": [0, -5], "vehicle": "wamv"}],
+        "targets": [{"id": "T", "position": [0, 0], "motion": {"kind": "waypoints", "points": [[90, 0]], "speed": 1}}],
+        "sensing": [["B", "T"]],
+        "physics": {"timestep": 0.005},
+    }
+    found = failure_of_run(mission, mjsheaf.simulate(make_scenario(mission), progress=False))
+    assert found is None if failure is None else failure in found and "diverges" in found
+
+
+@pytest.mark.parametrize(("seed", "ok"), [(70, False), (205, False), (27, False), (187, False), (6, True), (164, True)])
+def test_missions_that_fail_are_told_from_those_that_work(seed, ok):
+    """A current too fast for the drone, no room for safety, a loop over links that swings, gusts; and two that work."""
+    judged = judge(seed)
+    assert judged.ok is ok, judged
+    assert (judged.failure is None) is ok, judged
+    assert mjsheaf.check(make_scenario(random_mission(seed)), trial=False)["ok"] is (not judged.problems)
+
+
+@pytest.mark.slow
+def test_no_mission_that_is_ok_fails(studied):
+    assert [str(each) for each in studied if each.ok and each.failure] == []
+
+
+@pytest.mark.slow
+def test_few_missions_that_are_ok_by_analysis_alone_fail(studied):
+    ok = [each for each in studied if not each.problems]
+    contradicted = [str(each) for each in ok if each.failure]
+    assert len(contradicted) <= MAX_CONTRADICTED * len(ok), contradicted
+
+
+@pytest.mark.slow
+def test_most_missions_that_work_are_ok(studied):
+    fine = [each for each in studied if not each.failure and not each.proven]
+    alarms = [str(each) for each in fine if not each.ok]
+    assert len(alarms) <= MAX_FALSE_ALARMS * len(fine), alarms
