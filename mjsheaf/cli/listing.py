@@ -85,9 +85,8 @@ def _list_vehicles(files: list[str]) -> None:
         )
         slips += [f"note: {slip}" for slip in slips_of_vehicle(vehicle)]
         if vehicle.left_out:
-            slips.append(
-                f"note: {vehicle.name} is without {listed(list(vehicle.left_out))} of its file, which belong to a scene"
-            )
+            elements = listed(list(vehicle.left_out))
+            slips.append(f"note: {vehicle.name} leaves out what its file has of a scene: {elements}")
     note = (
         "size is the longest side; thrust is forward, at constant height; forward is the steady speed of full thrust "
         "forward, all-way that in the horizontal direction in which the vehicle is slowest (of a boat that turns "

@@ -1,6 +1,7 @@
-"""Warnings about valid but suspicious values: angles in radians, static targets in a flow. `check` and `run` print them.
+"""Warnings about valid but suspicious values: angles in radians, static targets in a flow.
 
-They also cover vehicles that cannot do what their description asks of them; see `mjsheaf.vehicles.authority`.
+`check` and `run` print them, also about vehicles that cannot do what their description asks of them; see
+`mjsheaf.vehicles.authority`.
 """
 
 import math

@@ -181,13 +181,13 @@ def shortfalls_of(vehicle: Vehicle) -> list[Shortfall]:
 
     with T = 2 zeta / omega - lag the lead of the attitude loop, k_v the rate of the autopilot, d = D / m, and k_1 =
     (k_v + d) / 4 for the law around it. (Without d, Omega^2 = k_v / T.) It is unstable: smaller swings decay, larger
-    ones grow until the vehicle turns over. So a vehicle needs a = pi y theta_max / 4, with which no lean that is asked
-    for is beyond A. In 84 simulated missions of drones of 25 kinds (omega 5 to 40 rad/s, lean 10 to 60 degrees, k_v 0
-    to 6 1/s, zeta 0.5 to 1.5, lag 0 to 0.07 s, D / m 0.04 to 2 1/s) that follow a moving target, the largest a with
-    which the drone falls is 0.13 to 0.93 times that with an autopilot and 0.24 to 1.5 times without one; in 75 it is
-    0.25 to 1 times. So less than a quarter falls, and in between it depends on how hard the mission leans. What is available is the share of a turn that
-    the allocation leaves within the limits of the actuators while they carry the weight. Attitude loops that lag alone
-    makes unstable (T <= 0) are not covered; their linear loop says so.
+    ones grow until the vehicle turns over. So a vehicle needs a = pi y theta_max / 4, with which no lean that is
+    asked for is beyond A. In 84 simulated missions of drones of 25 kinds (omega 5 to 40 rad/s, lean 10 to 60 degrees,
+    k_v 0 to 6 1/s, zeta 0.5 to 1.5, lag 0 to 0.07 s, D / m 0.04 to 2 1/s) that follow a moving target, the largest a
+    with which the drone falls is 0.13 to 0.93 times that with an autopilot and 0.24 to 1.5 times without one; in 75
+    it is 0.25 to 1 times. So less than a quarter falls, and in between it depends on how hard the mission leans. What
+    is available is the share of a turn that the allocation leaves within the limits of the actuators while they carry
+    the weight. Attitude loops that lag alone makes unstable (T <= 0) are not covered; their linear loop says so.
 
     Thrust: a lean of theta_max at constant height takes weight / cos(theta_max). A vehicle with less leans less,
     and is slower, but does not fall: its force is scaled to its thrust.
