@@ -386,7 +386,7 @@ class System:
         """
         if all(flow.is_steady for flow in self.flows):
             return ()
-        met = np.array([self.flow_names[k] != STILL for k in self.field])
+        met = np.array(self.flow_names)[self.field] != STILL
         wind = np.zeros((len(self.field), 3))
         for k, flow in enumerate(self.flows):
             wind[self.field == k] = flow.velocity(self.initial[self.field == k])

@@ -196,10 +196,11 @@ def shortfalls_of(vehicle: Vehicle) -> list[Shortfall]:
     if not isinstance(steering, ThrustVector):
         return []
     shortfalls, tilt = [], math.radians(steering.largest_tilt)
-    needed, asked = _needed_turning(vehicle, tilt), vehicle.hold.frequency**2 * tilt
+    asked = vehicle.hold.frequency**2 * tilt
+    needed = min(_needed_turning(vehicle, tilt), asked)
     available = {axis: _available_turning(vehicle, row) for axis, row in (("roll", 3), ("pitch", 4))}
     axis = min(available, key=available.__getitem__)
-    if available[axis] < min(needed, asked):
+    if available[axis] < needed:
         falls = available[axis] < _FALLS * needed
         outcome = "it turns over and falls once it leans to its limit" if falls else "it may turn over and fall"
         sentence = (
