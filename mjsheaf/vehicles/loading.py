@@ -206,8 +206,8 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
 def _load(path: Path) -> Vehicle:
     description = read_description(path)
     mjcf = path.parent / description.mjcf
-    spec, left_out = read_spec(mjcf)
-    return replace(_from_model(path.stem, description, mjcf, _compile(mjcf, spec)), left_out=left_out)
+    model, left_out = _compile(mjcf)
+    return replace(_from_model(path.stem, description, mjcf, model), left_out=left_out)
 
 
 _shipped = cache(_load)  # the runs of a study share it
@@ -265,8 +265,9 @@ def read_spec(path: Path) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     return spec, left_out
 
 
-def _compile(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile a vehicle's file alone."""
+def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+    """Compile a vehicle's file alone; also return what is left out, as `read_spec` does."""
+    spec, left_out = read_spec(path)
     with refusing(str(path)):
         spec.compiler.fusestatic = False  # fusing would merge the vehicle into the world, which has no mass
         model = spec.compile()
@@ -277,7 +278,7 @@ def _compile(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
             raise InputError(
                 f'{path}: {name} with mass is directly in <worldbody>; put it into a <body>, or set mass="0"'
             )
-    return model
+    return model, left_out
 
 
 def _require_supported(model: mujoco.MjModel, path: Path) -> None:
