@@ -94,7 +94,10 @@ def _list_vehicles(files: list[str]) -> None:
         "its hand point: of surge and yaw); pushes says in which directions thrusters make a force or moment "
         "without any other"
     )
-    make_console().print(table, "", summaries, "", note, *slips)
+    console = make_console()
+    console.print(table, "", summaries, "", note)
+    for slip in slips:
+        console.print(slip)
 
 
 def _limit(value: float) -> str:
