@@ -57,6 +57,9 @@ class TimeGrid:
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 _STOP = 0.01  # s; resolution of the responses of vehicles under a continuous law
 
+STILL = "still"
+"""Name of a flow field that is at rest, whatever else moves."""
+
 DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
 """Vehicle of an agent or target of each dimension unless the scenario names another; it takes any effects and tau."""
 
@@ -124,7 +127,8 @@ class System:
         tolerance: Relative and absolute tolerance of the ideal backend's integrator for each step.
         bodies: Options of the physics backend.
         stopped: True for each vehicle whose thrusters have stopped, shape (V,); None if all of them run.
-        waiting: Station of the vehicles that hold their position until they join; None if there are none.
+        waiting: Station of the vehicles that hold their position: agents until they join, and fixed targets; None if
+            there are none.
         seed: Seed of gusts and waves.
         safety: What keeps vehicles apart; None if nothing does.
     """
@@ -198,9 +202,12 @@ class System:
             {
                 f"{name!r} has no thrusters and cannot be an agent; expected it on a target": v < len(self.team.agents),
                 (
-                    f"{name!r} has no thrusters and cannot follow a path; expected a target with motion static, or "
+                    f"{name!r} has no thrusters and cannot follow a path; expected a target with motion adrift, or "
                     "with none, which drifts"
                 ): self.motion.path[v, 1] > 0 or self.motion.amplitude[v].any(),
+                f"{name!r} has no thrusters and cannot stay where it is; expected a target with motion adrift": (
+                    self.waiting is not None and bool(self.waiting.holds[v])
+                ),
             },
         )
 
@@ -379,7 +386,7 @@ class System:
         """
         if all(flow.is_steady for flow in self.flows):
             return ()
-        met = np.ones(len(self.field), dtype=np.bool_)
+        met = np.array(self.flow_names)[self.field] != STILL
         wind = np.zeros((len(self.field), 3))
         for k, flow in enumerate(self.flows):
             wind[self.field == k] = flow.velocity(self.initial[self.field == k])
@@ -433,7 +440,29 @@ class System:
 
     @cached_property
     def remaining(self) -> "System":
-        """The system of the present agents and all targets alone; itself where no agent is absent."""
+        """The system that checks are about: of the present agents and all targets alone, with fixed targets at rest.
+
+        A target that holds its position moves as one that no medium moves. It is the system itself where no agent is
+        absent and no target fixed.
+        """
+        return self._without_absent()._with_fixed_at_rest()
+
+    def _with_fixed_at_rest(self) -> "System":
+        """Return the same system with no medium about the vehicles that hold their position, which then stay there."""
+        if self.waiting is None:
+            return self
+        holds, flows = self.waiting.holds, [*self.flows, FlowField(dimension=2)]
+        return replace(
+            self,
+            flows=flows,
+            flow_names=(*self.flow_names, STILL),
+            field=np.where(holds, len(flows) - 1, self.field),
+            harmonics=np.where(holds[:, None, None], 0.0, self.harmonics),
+            waiting=None,
+        )
+
+    def _without_absent(self) -> "System":
+        """Return the system of the present agents and all targets alone; itself where no agent is absent."""
         team, g, plan = self.team, self.effectiveness, self.bodies
         if not team.absent:
             return self
@@ -451,7 +480,7 @@ class System:
             field=self.field[rows],
             bodies=replace(plan, vehicle=[plan.vehicle[v] for v in rows], heading=plan.heading[rows]),
             stopped=None if self.stopped is None else self.stopped[rows],
-            waiting=None,
+            waiting=None if self.waiting is None else Station(*(part[rows] for part in self.waiting)),
         )
 
     @cached_property

@@ -152,6 +152,7 @@ def bound_ahead(system: System) -> Array | None:
 
     It is known before the run, as far as its targets keep to their path.
     """
+    system = system.remaining
     certificate = certify(system)
     if _other_law(system, "") or certificate.reason:
         return None

@@ -35,7 +35,7 @@ from mjsheaf.control.links import LinkArrays
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.media import FlowField
 from mjsheaf.simulation.session import engine_of
-from mjsheaf.system import System
+from mjsheaf.system import STILL, System
 from mjsheaf.vehicles.effects import Effects, capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -244,7 +244,7 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
         ),
         harmonics=np.zeros_like(system.harmonics),
         flows=[FlowField(dimension=3)],
-        flow_names=("still",),
+        flow_names=(STILL,),
         field=np.zeros(V, dtype=np.int64),
     )
 

@@ -510,7 +510,7 @@ def disagreement(law: LawArrays, positions: Array) -> Array:
 def pack_law(
     team: Team,
     gain: float,
-    target_gain: float,
+    target_gain: float | Array,
     limits: Array,
     terms: TermArrays | None = None,
     links: LinkArrays | None = None,
@@ -521,13 +521,13 @@ def pack_law(
     Args:
         team: the team.
         gain: k1 of the agents, 1/s.
-        target_gain: gain of the targets' own consensus, 1/s; 0 where they have none.
+        target_gain: Gain of the targets' own consensus, 1/s, or that of each, shape (M,); 0 where they have none.
         limits: largest commanded speed of each vehicle, m/s, shape (V,).
         terms: beyond the paper's law.
         links: Links of its edges; exact unless given.
         custom: registered terms.
     """
-    gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])
+    gains = np.concatenate([np.full(len(team.agents), gain), np.broadcast_to(target_gain, len(team.targets))])
     terms = terms or no_terms()
     if team.directed:
         require_symmetric(terms)

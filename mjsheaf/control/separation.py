@@ -4,13 +4,13 @@ from abc import ABC, abstractmethod
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.obstacles import KINDS, ObstacleArrays
 from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.dynamics import motion as motions
-from mjsheaf.dynamics.motion import Motion
+from mjsheaf.dynamics.motion import Adrift, Motion
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.io.section import Id, Number, Point, Positive, Section, Tagged
 
@@ -22,6 +22,13 @@ class Obstacle(Tagged, ABC):
 
     id: Id | None = Field(None, description="name that results and pictures show; kind and number unless given")
     motion: Motion | None = Field(None, description="motion of the centre, without turning; at rest unless given")
+
+    @field_validator("motion")
+    @classmethod
+    def _not_carried(cls, motion: Motion | None) -> Motion | None:
+        if isinstance(motion, Adrift):
+            raise ValueError("no flow carries an obstacle; expected a motion other than adrift, or none")
+        return motion
 
     @property
     @abstractmethod

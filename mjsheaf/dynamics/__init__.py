@@ -5,6 +5,6 @@ that evaluates them. How they are integrated is not known here.
 """
 
 from mjsheaf.dynamics.effectiveness import ControlEffectiveness
-from mjsheaf.dynamics.motion import Lissajous, Motion, Static, Waypoints
+from mjsheaf.dynamics.motion import Adrift, Fixed, Lissajous, Motion, Static, Waypoints
 
-__all__ = ["ControlEffectiveness", "Lissajous", "Motion", "Static", "Waypoints"]
+__all__ = ["Adrift", "ControlEffectiveness", "Fixed", "Lissajous", "Motion", "Static", "Waypoints"]

@@ -5,7 +5,7 @@ is the paper's: the flow carries the target away from its reference. The consens
 """
 
 from math import factorial
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -253,14 +253,37 @@ class File(Tagged):
         return Recorded(samples=read_positions(self.path), pull=self.pull)
 
 
+class Fixed(Tagged):
+    """No motion at all: it stays where it begins, whatever flows.
+
+    On ideal kinematics it does not move. A body holds the position by itself: it compensates for the medium that it
+    measures, as far as its thrusters can. Neither disturbance nor `target_formation` moves it.
+    """
+
+    pull: ClassVar[float] = 0.0
+
+    kind: Literal["fixed"] = Field("fixed", description="always fixed")
+
+
+class Adrift(Tagged):
+    """No motion of its own: flow and disturbance carry it."""
+
+    pull: ClassVar[float] = 0.0
+
+    kind: Literal["adrift"] = Field("adrift", description="always adrift")
+
+
 class Static(Tagged):
-    """No motion of its own; flow and disturbance still move it, unless it is pulled back."""
+    """No motion of its own; flow and disturbance still move it, unless it is pulled back.
+
+    Without a pull it is the same as `adrift`, which says so; `fixed` is a target that stays.
+    """
 
     kind: Literal["static"] = Field("static", description="always static")
     pull: NonNegative = Field(0.0, description="return to the initial position [1/s]")
 
 
-Motion = Annotated[Lissajous | Waypoints | Recorded | File | Static, Field(discriminator="kind")]
+Motion = Annotated[Lissajous | Waypoints | Recorded | File | Fixed | Adrift | Static, Field(discriminator="kind")]
 
 
 def pack(

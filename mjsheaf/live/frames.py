@@ -44,7 +44,7 @@ def outlook(system: System) -> Array:
     They are the targets' path without disturbance, and the harmonic extension of it. Where the path is not known, they
     are those of the start.
     """
-    path = follow_targets(system)
+    path = follow_targets(system.remaining)
     some = slice(None, None, 1 + path.positions[..., 0].size // _MOST)
     points = path.positions[some].copy()
     points[:, : len(system.team.agents)] = system.team.unpack(path.q_star[some])

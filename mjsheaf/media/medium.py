@@ -91,7 +91,7 @@ def pack_parts(
     """
     parts: list[Any] = []
     for k, (flow, name) in enumerate(zip(flows, names, strict=True)):
-        met = exposed._replace(met=field == k)
+        met = exposed._replace(met=exposed.met & (field == k))
         numbers = met.met.astype(np.int64)
         if flow.varies:
             parts.append(pack_varying(flow.tide, flow.ramp, flow.moving_vortices, numbers))
@@ -103,7 +103,7 @@ def pack_parts(
             with in_field(f"{name}: gusts"):
                 parts.append(pack_frozen(flow.gusts, met, name) if flow.gusts.frozen else pack_gusts(flow.gusts, met))
         if flow.waves is not None:
-            reached = np.where(planar, numbers, 2)
+            reached = np.where(planar, numbers, 2 * exposed.met)
             parts.append(pack_waves(flow.waves.components_of(exposed.seed), reached, exposed.level))
     return tuple(parts)
 

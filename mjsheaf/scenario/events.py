@@ -395,9 +395,11 @@ def _stopped(system: System, state: State) -> System:
     limit = np.where([id in state.absent for id in ids], 0.0, system.law.limit)
     lost, holding = state.lost & state.absent, (state.waiting & state.absent) - state.drifting
     stopped = np.array([id in lost for id in ids]) if lost else None
-    waiting = None
+    waiting = system.waiting  # of fixed targets
     if holding:
         holds = np.array([id in holding for id in ids])
+        if waiting is not None:
+            holds |= waiting.holds
         waiting = Station(holds, system.initial, np.zeros(len(ids)), system.law.limit)
     return replace(system, law=system.law._replace(limit=limit), stopped=stopped, waiting=waiting)
 

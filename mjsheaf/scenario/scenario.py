@@ -13,13 +13,14 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.arguments import require_whole
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.curved import bound_slopes
 from mjsheaf.control.custom import CustomTerm, pack_custom
 from mjsheaf.control.law import LawArrays, pack_law
 from mjsheaf.control.links import pack_links
 from mjsheaf.control.rounds import pack_rounds
 from mjsheaf.control.separation import Safety
+from mjsheaf.control.station import Station
 from mjsheaf.control.terms import (
     Drift,
     Feedforward,
@@ -523,6 +524,16 @@ class Scenario(Section):
         system.require_fitting()
         return system
 
+    @property
+    def target_motions(self) -> list[Motion | None]:
+        """Motion of each target; None if it has none."""
+        return [target.motion or self.target_motion for target in self.targets]
+
+    @property
+    def _fixed(self) -> BoolArray:
+        """True for each target that is fixed, shape (M,)."""
+        return np.array([isinstance(motion, motions.Fixed) for motion in self.target_motions], dtype=np.bool_)
+
     @cached_property
     def whole(self) -> System:
         """The closed-loop system that this scenario describes, whatever happens to it; built once.
@@ -536,24 +547,27 @@ class Scenario(Section):
             grid = self.time.grid(law.control_period, law.record_period)
         initial, heading = self.spread.place(agents, targets, self.seed)
         harmonics = self.disturbance.draw(team, max(abs(self.time.start), abs(self.time.end)), self.seed)
-        moves = [*[None] * len(agents), *(target.motion or self.target_motion for target in targets)]
+        moves = [*[None] * len(agents), *self.target_motions]
         with in_field("targets"):
             motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
         with in_field("agents"):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
+        packed = self._pack_law(team, law, self.links, initial, heading)
+        fixed = np.concatenate([np.zeros(len(agents), dtype=np.bool_), self._fixed])
         system = System(
             name=self.name,
             team=team,
             initial=initial,
             grid=grid,
             gain=law.gain,
-            law=self._pack_law(team, law, self.links, initial, heading),
+            law=packed,
             motion=motion,
             harmonics=harmonics,
             effectiveness=g,
             **self.flow.parts(team),
             seed=self.seed,
             safety=self.safety,
+            waiting=Station(fixed, initial, np.zeros(len(fixed)), packed.limit) if fixed.any() else None,
             tolerance=(self.ideal.rtol, self.ideal.atol),
             bodies=PhysicsOptions(
                 vehicle=self.vehicles.names(agents, targets),
@@ -590,7 +604,7 @@ class Scenario(Section):
         return pack_law(
             team,
             law.gain,
-            self.target_formation.gain if self.target_formation else 0.0,
+            np.where(self._fixed, 0.0, self.target_formation.gain if self.target_formation else 0.0),
             np.array(limits),
             pack_terms(law.terms, team, period, self.seed, rounds, slopes),
             packed_links,

@@ -1,9 +1,18 @@
-"""Warnings about valid but suspicious values: an angle that was written in radians. `check` and `run` print them."""
+"""Warnings about valid but suspicious values: angles in radians, static targets in a flow.
+
+`check` and `run` print them, also about vehicles that cannot do what their description asks of them; see
+`mjsheaf.vehicles.authority`.
+"""
 
 import math
 
+import numpy as np
+
+from mjsheaf.dynamics.motion import Adrift, Motion, Static
 from mjsheaf.errors import listed
+from mjsheaf.media.probe import mean_flow
 from mjsheaf.scenario.scenario import Agent, Scenario, Target
+from mjsheaf.vehicles.authority import shortfalls_of
 from mjsheaf.vehicles.steering import ThrustVector
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -13,17 +22,23 @@ _LEAST_TILT = 2.0  # degrees; a multirotor that tilts less hardly moves, and 2 r
 def slips_of(scenario: Scenario) -> list[str]:
     """Return a warning for each suspicious value in a scenario and its vehicles, in sentences."""
     vehicles = {id(vehicle): vehicle for vehicle in scenario.system.vehicles}
-    return [*_headings(scenario), *(slip for vehicle in vehicles.values() for slip in slips_of_vehicle(vehicle))]
+    return [
+        *_headings(scenario),
+        *_static_in_flow(scenario),
+        *(slip for vehicle in vehicles.values() for slip in slips_of_vehicle(vehicle)),
+    ]
 
 
 def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
     """Return a warning for each suspicious value in a vehicle's description, in sentences."""
+    slips = [shortfall.sentence for shortfall in shortfalls_of(vehicle)]
     if not isinstance(vehicle.steering, ThrustVector) or vehicle.steering.largest_tilt >= _LEAST_TILT:
-        return []
+        return slips
     tilt = vehicle.steering.largest_tilt
     return [
+        *slips,
         f"steering.largest_tilt of {vehicle.name} is {tilt:g} degrees, so that it hardly leans; "
-        f"{tilt:g} rad are {math.degrees(tilt):.3g} degrees"
+        f"{tilt:g} rad are {math.degrees(tilt):.3g} degrees",
     ]
 
 
@@ -37,3 +52,56 @@ def _headings(scenario: Scenario) -> list[str]:
     heading = next(iter(small.values()))
     example = f"{heading:g} rad are {math.degrees(heading):.4g} degrees"
     return [f"headings are in degrees, and of {listed(small)} they look like radians: {example}"]
+
+
+_STEPS = 200  # of the estimate of a drift
+_STAYS = 1e-3  # m; a target that drifts less stays
+
+
+def drifts_of(scenario: Scenario) -> dict[str, float]:
+    """Estimate how far the flow carries each target without a motion or a pull by the end of the run, m.
+
+    The targets move with the mean medium, without gusts, waves and disturbance, up to where it is known. Those that
+    stay are left out.
+    """
+    phases, N = scenario.phases, len(scenario.agents)
+    free = [k for k, motion in enumerate(scenario.target_motions) if _is_free(motion)]
+    first, grid = phases[0].system, phases[0].system.grid
+    if not free or all(flow.is_steady and not flow.table.any() for phase in phases for flow in phase.system.flows):
+        return {}
+    v = N + np.array(free)
+    x = first.initial[v].copy()
+    times = np.linspace(grid.start, grid.start + grid.steps * grid.period, _STEPS + 1)
+    h = float(times[1] - times[0])
+    for t in times[:-1]:
+        system = [phase for phase in phases if phase.time <= t + 1e-9][-1].system
+        for field, planar in {(int(system.field[i]), bool(system.planar[i])) for i in v}:
+            own = (system.field[v] == field) & (system.planar[v] == planar)
+            vehicle = int(v[own][0])
+            middle = x[own] + 0.5 * h * mean_flow(system, vehicle, float(t), x[own])
+            known = np.isfinite(middle).all(axis=1)
+            step = h * mean_flow(system, vehicle, float(t) + 0.5 * h, np.where(known[:, None], middle, x[own]))
+            x[own] += np.where(np.isfinite(step) & known[:, None], step, 0.0)
+    away = np.linalg.norm(x - first.initial[v], axis=1)
+    return {scenario.targets[k].id: float(far) for k, far in zip(free, away, strict=True) if far > _STAYS}
+
+
+def _is_free(motion: Motion | None) -> bool:
+    """Return True for the motion of a target that goes where the flow carries it."""
+    return motion is None or isinstance(motion, Adrift) or (isinstance(motion, Static) and motion.pull == 0.0)
+
+
+def _static_in_flow(scenario: Scenario) -> list[str]:
+    """Name static targets that the flow carries away."""
+    motions = dict(zip([target.id for target in scenario.targets], scenario.target_motions, strict=True))
+    if not any(isinstance(motion, Static) and motion.pull == 0.0 for motion in motions.values()):
+        return []
+    far = {id: away for id, away in drifts_of(scenario).items() if isinstance(motions[id], Static)}
+    if not far:
+        return []
+    farthest = max(far, key=far.__getitem__)
+    distance = f"{far[farthest]:.3g} m by the end" if len(far) == 1 else f"{farthest} {far[farthest]:.3g} m by the end"
+    return [
+        f"motion static does not hold a target: the flow carries {listed(list(far))} away, {distance}; expected fixed "
+        "for a target that stays where it is, or adrift for one that floats"
+    ]

@@ -23,7 +23,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
 from mjsheaf.simulation.walls import add_obstacles
 from mjsheaf.vehicles.body import GRAVITY
-from mjsheaf.vehicles.loading import mass_properties
+from mjsheaf.vehicles.loading import mass_properties, read_spec
 from mjsheaf.vehicles.vehicle import Vehicle
 
 
@@ -36,8 +36,7 @@ def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
     Raises:
         InputError: the file has changed since the vehicle was loaded.
     """
-    with refusing(str(vehicle.path)):
-        spec = mujoco.MjSpec.from_file(str(vehicle.path))
+    spec, _ = read_spec(vehicle.path)
     on_actuators = [sensor for sensor in spec.sensors if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR]
     for element in [*on_actuators, *spec.actuators, *spec.keys]:
         spec.delete(element)

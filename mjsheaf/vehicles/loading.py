@@ -9,6 +9,7 @@ accepts with only a warning.
 
 import math
 import os
+from dataclasses import replace
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -205,7 +206,8 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
 def _load(path: Path) -> Vehicle:
     description = read_description(path)
     mjcf = path.parent / description.mjcf
-    return _from_model(path.stem, description, mjcf, _compile(mjcf))
+    model, left_out = _compile(mjcf)
+    return replace(_from_model(path.stem, description, mjcf, model), left_out=left_out)
 
 
 _shipped = cache(_load)  # the runs of a study share it
@@ -225,22 +227,58 @@ def read_description(path: Path) -> VehicleDescription:
         raise InputError(*validation_problems(error, VehicleDescription)).within(path) from None
 
 
-def _compile(path: Path) -> mujoco.MjModel:
-    """Compile a vehicle's file alone."""
+def read_spec(path: Path) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+    """Read a vehicle's file without what belongs to a scene.
+
+    That is its ground (planes and height fields), and the lights and cameras of its world, with the sensors and contact
+    pairs that refer to them.
+
+    Returns:
+        The specification, and the names of the elements that are left out.
+
+    Raises:
+        InputError: The file is not valid, or has an element that cannot move with a vehicle; the message names it.
+    """
     with refusing(str(path)):
         spec = mujoco.MjSpec.from_file(str(path))
+    for body in spec.bodies:
+        if body.mocap:
+            raise InputError(
+                f'{path}: body {body.name!r} has mocap="true", so it would not move with the vehicle; remove it, or '
+                "the attribute"
+            )
+    ground = {mujoco.mjtGeom.mjGEOM_PLANE: "plane", mujoco.mjtGeom.mjGEOM_HFIELD: "height field"}
+    world = spec.worldbody
+    scene = [(ground[geom.type], geom) for geom in spec.geoms if geom.type in ground]
+    scene += [("light", light) for light in world.lights] + [("camera", camera) for camera in world.cameras]
+    left_out = tuple(f"{kind} {element.name!r}" if element.name else f"a {kind}" for kind, element in scene)
+    geom, camera = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_CAMERA
+    gone = {(camera if kind == "camera" else geom, element.name) for kind, element in scene if kind != "light"}
+    for sensor in list(spec.sensors):
+        if gone & {(sensor.objtype, sensor.objname), (sensor.reftype, sensor.refname)}:
+            spec.delete(sensor)
+    for pair in list(spec.pairs):
+        if gone & {(geom, pair.geomname1), (geom, pair.geomname2)}:
+            spec.delete(pair)
+    for _, element in scene:
+        spec.delete(element)
+    return spec, left_out
+
+
+def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+    """Compile a vehicle's file alone; also return what is left out, as `read_spec` does."""
+    spec, left_out = read_spec(path)
+    with refusing(str(path)):
         spec.compiler.fusestatic = False  # fusing would merge the vehicle into the world, which has no mass
         model = spec.compile()
     # Geoms of the world have no mass, but they would get one when the world becomes the vehicle's frame.
-    plate = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     for geom in spec.worldbody.geoms:
-        heavy = geom.density > 0.0 if np.isnan(geom.mass) else geom.mass > 0.0
-        if heavy and geom.type not in plate:
+        if geom.density > 0.0 if np.isnan(geom.mass) else geom.mass > 0.0:
             name = f"geom {geom.name!r}" if geom.name else "a geom"
             raise InputError(
                 f'{path}: {name} with mass is directly in <worldbody>; put it into a <body>, or set mass="0"'
             )
-    return model
+    return model, left_out
 
 
 def _require_supported(model: mujoco.MjModel, path: Path) -> None:

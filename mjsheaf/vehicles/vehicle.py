@@ -133,6 +133,7 @@ class Vehicle(Body):
         path: Path of its MJCF file.
         steering: Conversion of a desired velocity into wrenches.
         rate: Rate k_v of the autopilot, 1/s; 0 without one.
+        left_out: Names of the elements of its MJCF file that belong to a scene, and are not part of it.
     """
 
     name: str
@@ -140,6 +141,7 @@ class Vehicle(Body):
     path: Path
     steering: Steering
     rate: float
+    left_out: tuple[str, ...] = ()
 
     @property
     def controlled_rows(self) -> list[int]:

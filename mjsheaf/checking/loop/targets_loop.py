@@ -106,13 +106,17 @@ def targets_loop(system: System) -> TargetsLoop:
 
 
 def stiffness(system: System) -> sparse.csr_array:
-    """S = k_T L_T + P on the stacked positions of the targets, shape (n_p, n_p), 1/s."""
+    """S = k_T L_T + P on the stacked positions of the targets, shape (n_p, n_p), 1/s.
+
+    Rows and columns of targets without consensus, such as fixed ones, are 0: they move no other target's poles.
+    """
     team, N = system.team, len(system.team.agents)
     if not team.targets:
         return sparse.csr_array((0, 0))
     pull = np.repeat(system.motion.pull[N:], [target.dimension for target in team.targets])
     gain = float(system.law.gain[N:].max(initial=0.0))
-    return sparse.csr_array(gain * team.target_sheaf.laplacian() + sparse.diags_array(pull))
+    acts = sparse.diags_array(np.repeat(system.law.gain[N:] > 0.0, [target.dimension for target in team.targets]) * 1.0)
+    return sparse.csr_array(gain * (acts @ team.target_sheaf.laplacian() @ acts) + sparse.diags_array(pull))
 
 
 def _largest(S: sparse.csr_array) -> tuple[float, Array]:

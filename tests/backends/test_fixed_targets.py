@@ -1,0 +1,158 @@
+"""Targets that are fixed, adrift or static in a flow. Oracles: they stay, or go as far as the water does."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import check, load_scenario, simulate
+from mjsheaf.errors import InputError
+from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.slips import drifts_of, slips_of
+
+MOVING: dict[str, Any] = {
+    "water": {
+        "dimension": 2,
+        "drift": [1.0, 0.2],
+        "waves": {"kind": "jonswap", "significant_height": 0.3, "peak_period": 4, "direction": 30},
+    },
+    "air": {"dimension": 3, "drift": [2, 0, 0], "gusts": {"kind": "dryden", "wind_speed": 4, "altitude": 12}},
+}
+STEADY: dict[str, Any] = {"water": {"dimension": 2, "drift": [3.5, 0.0]}}
+SWIRL: dict[str, Any] = {"water": {"dimension": 2, "vortices": [{"centre": [10, 0], "gamma": 20}], "core": 1}}
+
+
+def team(motion: dict[str, Any] | None, flow: dict[str, Any], **fields: Any) -> Scenario:
+    """A boat and a drone, each with a target."""
+    own = {} if motion is None else {"motion": motion}
+    return load_scenario(
+        {
+            "time": {"end": 20},
+            "controller": {"gain": 0.5},
+            "agents": [
+                {"id": "B", "position": [0, 0], "vehicle": "wamv"},
+                {"id": "D", "position": [0, 0, 9], "vehicle": "x500"},
+            ],
+            "targets": [
+                {"id": "S", "position": [4, 1], "vehicle": "wamv", **own},
+                {"id": "U", "position": [3, 1, 12], "vehicle": "x500", **own},
+            ],
+            "sensing": [["B", "S"], ["D", "U"]],
+            "flow": flow,
+            **fields,
+        }
+    )
+
+
+def excursion(scenario: Scenario, **options: Any) -> np.ndarray:
+    """Return how far each target gets from where it begins, m."""
+    path = np.nan_to_num(simulate(scenario, **options)["target_position"].values)
+    return np.asarray(np.linalg.norm(path - path[0], axis=2).max(axis=0))
+
+
+@pytest.mark.parametrize("period", [0.1, 0])
+def test_a_fixed_target_does_not_move_on_ideal_kinematics(period: float) -> None:
+    """Not by a bit, in current, waves, wind, gusts and disturbance, also where another target would pull it along."""
+    fields = {"disturbance": {"targets": {"bound": 0.2}}, "controller": {"gain": 0.5, "control_period": period}}
+    fields |= {"target_formation": {"gain": 1.0}, "target_edges": [["S", "U"]]}
+    if period == 0:
+        fields["controller"]["record_period"] = 0.5
+    flow = MOVING if period else STEADY
+    assert (excursion(team({"kind": "fixed"}, flow, **fields), backend="ideal") == 0.0).all()
+
+
+@pytest.mark.parametrize("engine", ["fused", "mujoco"])
+def test_a_fixed_body_holds_its_place_in_a_current(engine: str) -> None:
+    """A boat in 1 m/s and waves, a drone in 2 m/s and gusts: adrift they go 20 and 40 m."""
+    assert (excursion(team({"kind": "fixed"}, MOVING), engine=engine) < 0.5).all()
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_adrift_is_static_and_no_motion(backend: str) -> None:
+    """The three are one, to the bit."""
+    runs = [
+        simulate(team(motion, MOVING), backend=backend) for motion in ({"kind": "static"}, {"kind": "adrift"}, None)
+    ]
+    for run in runs[1:]:
+        for name in ("target_position", "agent_position"):
+            np.testing.assert_array_equal(run[name].values, runs[0][name].values)
+
+
+def test_agents_reach_a_fixed_target_and_theory_knows_that_it_rests() -> None:
+    """q* rests, so f_B and the disturbance that targets carry to q* are those of the agents alone."""
+    scenario = team({"kind": "fixed"}, {"agents": {"dimension": 2}, "targets": {"dimension": 2, "drift": [1.0, 0.0]}})
+    record = check(scenario)
+    assert record["theorem"]["f_bar"] == 0.0
+    assert check(team({"kind": "adrift"}, {"targets": {"dimension": 2, "drift": [1.0, 0.0]}}))["theorem"]["f_bar"] > 0.9
+    result = simulate(scenario, backend="ideal")
+    np.testing.assert_allclose(result["agent_position"].values[-1, 0, :2], [4.0, 1.0], atol=1e-3)
+
+
+def test_a_buoy_cannot_be_fixed() -> None:
+    scenario = team(
+        {"kind": "fixed"},
+        {},
+        targets=[{"id": "S", "position": [4, 1], "vehicle": "buoy", "motion": {"kind": "fixed"}}],
+        agents=[{"id": "B", "position": [0, 0]}],
+        sensing=[["B", "S"]],
+    )
+    with pytest.raises(InputError, match=r"targets\.S\.vehicle: 'buoy' has no thrusters and cannot stay where it is"):
+        simulate(scenario)
+
+
+def test_a_fixed_target_stays_when_agents_are_lost_and_join() -> None:
+    """Events change who holds a position; the fixed targets always do."""
+    events = [
+        {"time": 5, "lose": "D"},
+        {"time": 10, "set": {"flow.water.drift": [0.5, 1.0]}},
+        {"time": 15, "join": "C"},
+    ]
+    agents = [{"id": id, "position": place} for id, place in {"B": [0, 0], "C": [9, 9], "D": [0, 0, 9]}.items()]
+    sensing = [["B", "S"], ["C", "S"], ["D", "U"]]
+    scenario = team({"kind": "fixed"}, STEADY, events=events, agents=agents, sensing=sensing)
+    assert [phase.system.waiting is not None for phase in scenario.phases] == [True] * 4
+    assert (excursion(scenario, backend="ideal") == 0.0).all()
+    assert all(phase.system.remaining.waiting is None for phase in scenario.phases)
+
+
+@pytest.mark.parametrize("flow", [STEADY, SWIRL])
+def test_a_static_target_in_a_flow_is_noted_with_how_far_it_drifts(flow: dict[str, Any]) -> None:
+    scenario = team({"kind": "static"}, flow)
+    path = simulate(scenario, backend="ideal")["target_position"].values[:, 0, :2]
+    far = drifts_of(scenario)
+    assert far == {"S": pytest.approx(np.linalg.norm(path[-1] - path[0]), rel=1e-3)}
+    (slip,) = slips_of(scenario)
+    for word in ("S away", f"{far['S']:.3g} m", "fixed", "adrift"):
+        assert word in slip
+    assert slip in check(scenario)["notes"]
+
+
+@pytest.mark.parametrize(
+    ("motion", "flow"),
+    [
+        ({"kind": "static"}, {}),
+        ({"kind": "static", "pull": 1}, STEADY),
+        ({"kind": "adrift"}, STEADY),
+        ({"kind": "fixed"}, STEADY),
+        (None, STEADY),
+        ({"kind": "static"}, {"agents": {"dimension": 2, "drift": [1, 0]}}),
+    ],
+)
+def test_other_targets_are_not_noted(motion: dict[str, Any] | None, flow: dict[str, Any]) -> None:
+    assert slips_of(team(motion, flow)) == []
+
+
+def test_drifts_follow_events() -> None:
+    scenario = team(None, STEADY, events=[{"time": 10, "set": {"flow.water.drift": [0.0, 0.0]}}])
+    assert drifts_of(scenario) == {"S": pytest.approx(35.0)}
+
+
+def test_an_obstacle_cannot_be_adrift() -> None:
+    obstacle = {"kind": "sphere", "centre": [50, 50, 0], "radius": 1}
+    for kind, right in (("fixed", True), ("static", True), ("adrift", False)):
+        safety = {"distance": 1, "range": 5, "obstacles": [{**obstacle, "motion": {"kind": kind}}]}
+        if right:
+            team(None, {}, safety=safety)
+        else:
+            with pytest.raises(InputError, match="no flow carries an obstacle"):
+                team(None, {}, safety=safety)
