@@ -153,6 +153,20 @@ class Components(NamedTuple):
         """Amplitudes of the horizontal velocity at the undisturbed surface, shape (N,), m/s."""
         return self.amplitude * self.rate / np.tanh(self.number * (self.depth or np.inf))
 
+    def speeds_at(self, height: Array) -> tuple[Array, Array]:
+        """Return the amplitudes of the velocity along the wave and upwards, shapes (N, V), m/s.
+
+        Args:
+            height: Heights above the undisturbed surface, 0 or below, shape (V,), m.
+        """
+        k = self.number[:, None]
+        bottom = np.inf if self.depth is None else self.depth
+        z = np.maximum(height, -bottom)
+        direct, mirrored, twice = np.exp(k * z), np.exp(-k * (z + 2.0 * bottom)), np.exp(-2.0 * k * bottom)
+        along = self.speed[:, None] * (direct + mirrored) / (1.0 + twice)
+        up = (self.amplitude * self.rate)[:, None] * (direct - mirrored) / (1.0 - twice)
+        return along, up
+
 
 def _quadrature(enhancement: object) -> tuple[Array, Array, Array]:
     """Return edges of panels in s, and the integrals up to each of S and omega^2 S over m_0 and omega_p^2, all (P,)."""
