@@ -89,13 +89,15 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
     ideal = bodies = None
     reason = reason_on_bodies = ""
     limit = system.law.limit[: len(system.team.agents)]
-    sheared = False
+    sheared = unsettled = False
+    turns = [False]
     limited = saturates = slow = np.zeros(len(limit), dtype=np.bool_)
     try:
         require_model(system)
         path = _path_of(system, certificate, rate)
         ideal, speed, places = _follow(system, certificate, system.law, _ideal_vehicles(system), limit, path)
         sheared = _shear(system, places, path) > _LEFT_OUT * ideal * (rate or 0.0)
+        unsettled = _initial_part(system, path, rate) > _LEFT_OUT * ideal
         limited, saturates = (speed > limit)[-path.counted :].any(axis=0), (speed > limit).any(axis=0)
     except UndecidedError as error:
         reason = reason_on_bodies = str(error)
@@ -105,7 +107,9 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
             able = [capability_of(vehicle) for vehicle in system.vehicles[: len(limit)]]
             fastest = np.minimum(limit, [one.forward_speed for one in able])
             bodies, speed, _ = _follow(system, certificate, _law_on_bodies(system), vehicles, fastest, path)
-            slow = (np.minimum(speed, limit) > [one.least_speed for one in able])[-path.counted :].any(axis=0)
+            strained = np.minimum(speed, limit) > [one.least_speed for one in able]
+            slow = strained[0 if unsettled else -path.counted :].any(axis=0)
+            turns = [unsettled and one.dimension == 2 and not one.steering.attitude for one in system.vehicles]
         except UndecidedError as error:
             reason_on_bodies = str(error)
     exact = not len(system.law.links.table)
@@ -115,6 +119,7 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
         "the curvature of range and bearing edges": system.team.linearised_at is not None,
         "effects of speed limits on terms of the law": system.law.extended and saturates.any(),
         "thrust limits": slow.any(),
+        "turns of boats that hold no heading": any(turns[: len(limit)]),
     }
     return SteadyError(
         ideal=ideal,
@@ -174,6 +179,13 @@ def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
     for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
         flow += 0.5 * agent_motion(system, instant, middle)
     return flow
+
+
+def _initial_part(system: System, path: _Path, rate: float | None) -> float:
+    """Estimate the part of the RMS error, over agents, that is left of the initial error where samples count, m."""
+    begins = system.grid.period * (len(path.q_star) - path.counted)
+    error = float(np.linalg.norm(path.initial - path.q_star[0])) / np.sqrt(len(system.team.agents))
+    return error * float(np.exp(-(rate or 0.0) * begins))
 
 
 def _shear(system: System, places: Array, path: _Path) -> float:
