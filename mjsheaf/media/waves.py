@@ -73,6 +73,13 @@ class Waves(Section):
         """omega_p, rad/s."""
         return 2.0 * math.pi / self.peak_period
 
+    @property
+    def steepness(self) -> float:
+        """Significant height over the wave length at the peak of the spectrum."""
+        return float(
+            self.significant_height * wave_numbers(np.array([self.peak_rate]), self.depth)[0] / (2.0 * math.pi)
+        )
+
     def spectrum(self, rate: Array) -> Array:
         """Return S at frequencies in rad/s, m^2 s: the variance of the elevation is its integral."""
         s = (self.peak_rate / rate) ** 2

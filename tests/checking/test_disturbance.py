@@ -155,6 +155,13 @@ PULLED = {
 """Two boats about a target that is pulled back, in waves whose height is 1/200 of their length."""
 
 
+def test_steep_waves_are_named_as_beyond_a_linear_prediction() -> None:
+    """The waves of PM are 2 pi 9.81 m long."""
+    for height, beyond in ((0.9, []), (1.2, ["slow drift in groups of steep waves"])):
+        record = mjsheaf.check(lone(0.5, 0.1, {**PM, "significant_height": height}))["disturbance"]
+        assert record["leaves_out"] == beyond
+
+
 @pytest.mark.slow
 def test_boats_about_a_pulled_target_move_as_predicted() -> None:
     waves = {"kind": "pierson_moskowitz", "significant_height": 0.066, "peak_period": 3.0, "components": 120}

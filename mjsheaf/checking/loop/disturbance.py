@@ -33,7 +33,7 @@ from mjsheaf.checking.loop.body_loop import linear_team, whole_loop
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.errors import InputError, UndecidedError, raise_first
+from mjsheaf.errors import InputError, UndecidedError, raise_first, select_true
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.gusts import FrozenArrays, GustArrays
@@ -50,6 +50,7 @@ _MOST_STATES = 300
 
 _FREQUENCIES = 240  # of the spectra of gusts, evenly in the logarithm
 _NEUTRAL = 1.0 + 1e-6  # of a heading that nothing holds, rounded
+_STEEP = 1.0 / 60.0  # significant height over the peak's wave length, beyond which drift in groups adds some percent
 _LOWEST = 1e-3  # of the slowest rate of gusts and loop
 
 
@@ -70,6 +71,7 @@ class DisturbanceRecord(Record):
         description="vehicles that begin below or above the altitudes for which the model of the gusts holds: altitude "
         "of the gusts that they meet, m",
     )
+    leaves_out: list[str] = Field([], description="what acts in the run and is not in the prediction")
     reason: str = Field("", description="why it is not known, or empty")
     bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
 
@@ -146,7 +148,15 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
         bodies_reason = str(error)
     rms = float(np.sqrt(np.mean(ideal**2)))
     agents = dict(zip(ids, ideal.tolist(), strict=True))
-    return DisturbanceRecord(rms=rms, agents=agents, bodies=bodies, **known, bodies_reason=bodies_reason)
+    left_out = {
+        "slow drift in groups of steep waves": any(
+            flow.waves is not None and flow.waves.steepness > _STEEP for flow in system.flows
+        ),
+        "the safety filter": system.safety is not None,
+    }
+    return DisturbanceRecord(
+        rms=rms, agents=agents, bodies=bodies, **known, leaves_out=select_true(left_out), bodies_reason=bodies_reason
+    )
 
 
 def _clipped(system: System) -> dict[str, float]:
