@@ -113,7 +113,7 @@ def test_what_boats_far_from_their_places_do_is_left_out_and_named() -> None:
     """Otters turn towards their places first, so that they arrive later than linear ones."""
     scenario = slow(vehicles={"agents": "otter"})
     steady = mjsheaf.check(scenario)["steady"]
-    assert steady["leaves_out"] == ["turns of boats that hold no heading"]
+    assert steady["leaves_out"] == ["thrust limits", "turns of boats that hold no heading"]
     assert steady["bodies"] < measured(scenario, "physics")
     near = mjsheaf.load_scenario("otters")
     assert mjsheaf.check(near)["steady"]["leaves_out"] == []
