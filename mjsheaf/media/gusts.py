@@ -13,7 +13,8 @@ rounding at any h. So the process is stationary from the first sample, and its s
 
 Scale lengths and intensities are those of MIL-F-8785C for low altitude, h in ft, with W20 the wind speed at 20 ft:
 L_w = h, L_u = L_v = h / (0.177 + 0.000823 h)^1.2, sigma_w = 0.1 W20, sigma_u = sigma_v =
-sigma_w / (0.177 + 0.000823 h)^0.4. MIL-HDBK-1797 halves the lengths, and its filters of v and w have a = V / (2 L).
+sigma_w / (0.177 + 0.000823 h)^0.4. MIL-HDBK-1797 halves L_v and L_w, and its filters of v and w have a = V / (2 L): at
+low altitude its gusts are those of MIL-F-8785C.
 
 Gusts change at control periods and are held between. What a vehicle meets is a function of the seed, the vehicle's id
 and the number of the period alone; the state is what that function has reached, and goes back by starting over.
@@ -44,6 +45,11 @@ _MAX_NODES = 8_000_000  # of a frozen field: 200 MB
 _MARGIN = 20.0  # scale lengths beyond what vehicles meet from where they begin
 _STATES = 5  # u, and two each for v and w
 _ROUNDING = 1e-6  # of a period
+
+
+def _shape(altitude: float) -> float:
+    """Return 0.177 + 0.000823 h at an altitude in m, h in ft."""
+    return 0.177 + 0.000823 * altitude / FOOT
 
 
 class Gusts(Section):
@@ -79,19 +85,17 @@ class Gusts(Section):
 
     def scales(self, altitude: float) -> tuple[Array, Array]:
         """Return the standard deviations (3,), m/s, and scale lengths (3,), m, of u, v and w at an altitude, m."""
-        feet = altitude / FOOT
-        shape = 0.177 + 0.000823 * feet
         vertical = 0.1 * self.wind_speed
-        horizontal = vertical / shape**0.4
-        lengths = np.array([altitude / shape**1.2, altitude / shape**1.2, altitude])
+        horizontal = vertical / _shape(altitude) ** 0.4
+        lengths = self.decay_lengths(altitude)
         if self.standard == "MIL-HDBK-1797":
-            lengths = 0.5 * lengths
+            lengths = lengths * np.array([1.0, 0.5, 0.5])
         return np.array([horizontal, horizontal, vertical]), lengths
 
     def decay_lengths(self, altitude: float) -> Array:
-        """Return V / a of u, v and w at an altitude in m: lengths over which they decay by 1 / e, shape (3,), m."""
-        lengths = self.scales(altitude)[1]
-        return lengths * np.array([1.0, 2.0, 2.0]) if self.standard == "MIL-HDBK-1797" else lengths
+        """Return V / a of u, v and w at an altitude in m, the same of both standards, shape (3,), m."""
+        horizontal = altitude / _shape(altitude) ** 1.2
+        return np.array([horizontal, horizontal, altitude])
 
     def wind(self, velocity: Array) -> tuple[Array, float]:
         """Return the direction (2,) of a mean wind (3,), m/s, and the speed at which gusts pass, m/s."""

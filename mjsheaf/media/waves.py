@@ -73,6 +73,13 @@ class Waves(Section):
         """omega_p, rad/s."""
         return 2.0 * math.pi / self.peak_period
 
+    @property
+    def steepness(self) -> float:
+        """Significant height over the wave length at the peak of the spectrum."""
+        return float(
+            self.significant_height * wave_numbers(np.array([self.peak_rate]), self.depth)[0] / (2.0 * math.pi)
+        )
+
     def spectrum(self, rate: Array) -> Array:
         """Return S at frequencies in rad/s, m^2 s: the variance of the elevation is its integral."""
         s = (self.peak_rate / rate) ** 2
@@ -152,6 +159,20 @@ class Components(NamedTuple):
     def speed(self) -> Array:
         """Amplitudes of the horizontal velocity at the undisturbed surface, shape (N,), m/s."""
         return self.amplitude * self.rate / np.tanh(self.number * (self.depth or np.inf))
+
+    def speeds_at(self, height: Array) -> tuple[Array, Array]:
+        """Return the amplitudes of the velocity along the wave and upwards, shapes (N, V), m/s.
+
+        Args:
+            height: Heights above the undisturbed surface, 0 or below, shape (V,), m.
+        """
+        k = self.number[:, None]
+        bottom = np.inf if self.depth is None else self.depth
+        z = np.maximum(height, -bottom)
+        direct, mirrored, twice = np.exp(k * z), np.exp(-k * (z + 2.0 * bottom)), np.exp(-2.0 * k * bottom)
+        along = self.speed[:, None] * (direct + mirrored) / (1.0 + twice)
+        up = (self.amplitude * self.rate)[:, None] * (direct - mirrored) / (1.0 - twice)
+        return along, up
 
 
 def _quadrature(enhancement: object) -> tuple[Array, Array, Array]:

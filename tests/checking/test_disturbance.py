@@ -117,6 +117,129 @@ def test_a_hull_on_the_slopes_of_short_waves_moves_as_predicted(peak_period: flo
     assert measured(scenario, "physics", 200.0, 1, "fused")["A"] == pytest.approx(predicted, rel=0.02)
 
 
+def lone_wave(period: float, rate: float, law: float, pull: float) -> float:
+    """Return the RMS distance of a drone from its place above a boat that is pulled back in one small wave, m.
+
+    Both are held: p+ = p - h pull p + h w, q+ = q + h k (p - q), w the mean over a period of the water's velocity.
+    """
+    a, count = 0.02 / np.sqrt(8.0), 200_000
+    phase = rate * period * np.arange(count + 1) + 0.3
+    mean = a * (np.sin(phase[1:]) - np.sin(phase[:-1])) / period  # of a omega cos
+    p, q, error = 0.0, 0.0, np.empty(count)
+    for k in range(count):
+        error[k] = q - p
+        p, q = p - period * pull * p + period * mean[k], q + period * law * (p - q)
+    return float(error[count // 2 :].std())
+
+
+@pytest.mark.parametrize("pull", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("period", [0.05, 0.4])
+def test_the_pull_of_a_target_is_held_as_the_law_is(period: float, pull: float) -> None:
+    wave = {"kind": "jonswap", "significant_height": 0.02, "peak_period": 3.0, "components": 1}
+    agents = [{"id": "A", "position": [5, 0, 10]}]
+    targets = [{"id": "T", "position": [5, 0], "motion": {"kind": "static", "pull": pull}}]
+    anchor = [{"agent": "A", "axes": ["z"], "value": [10]}]
+    scenario = lone(1.1, period, wave, agents=agents, targets=targets, anchors=anchor, physics={"timestep": 0.01})
+    record = mjsheaf.check(scenario)["disturbance"]
+    (rate,) = scenario.flow.water.waves.components_of(0).rate
+    assert record["rms"] == pytest.approx(lone_wave(period, rate, 1.1, pull), rel=2e-3)
+
+
+PULLED = {
+    "agents": [{"id": "B0", "position": [-13.8, -3.3]}, {"id": "B1", "position": [-10.8, 3.2]}],
+    "targets": [{"id": "T", "position": [0, 0], "motion": {"kind": "static", "pull": 1.0}}],
+    "communication": [{"between": ["B1", "B0"], "offset": [3.0, 6.5], "weight": 1.31}],
+    "sensing": [{"between": ["B0", "T"], "offset": [-13.8, -3.3]}],
+    "physics": {"timestep": 0.05, "contacts": False},
+}
+"""Two boats about a target that is pulled back, in waves whose height is 1/200 of their length."""
+
+
+def test_steep_waves_are_named_as_beyond_a_linear_prediction() -> None:
+    """The waves of PM are 2 pi 9.81 m long."""
+    for height, beyond in ((0.9, []), (1.2, ["slow drift in groups of steep waves"])):
+        record = mjsheaf.check(lone(0.5, 0.1, {**PM, "significant_height": height}))["disturbance"]
+        assert record["leaves_out"] == beyond
+
+
+@pytest.mark.slow
+def test_boats_about_a_pulled_target_move_as_predicted() -> None:
+    waves = {"kind": "pierson_moskowitz", "significant_height": 0.066, "peak_period": 3.0, "components": 120}
+    scenario = lone(1.0645, 0.2, waves, **PULLED)
+    record = mjsheaf.check(scenario)["disturbance"]
+    assert measured(scenario, "ideal", 1500.0, 6) == pytest.approx(record["agents"], rel=0.015)
+    assert measured(scenario, "physics", 800.0, 4, "fused") == pytest.approx(record["bodies"], rel=0.03)
+
+
+def under_water(depth: float | None, **fields: Any) -> Scenario:
+    """Return a submersible, a drone and a boat about a submerged target in small waves; fields replace fields."""
+    waves = {"kind": "pierson_moskowitz", "significant_height": 0.2, "peak_period": 5.0, "components": 120}
+    sea = {**waves, "spreading": "cos2"} | ({} if depth is None else {"depth": depth})
+    agents = [
+        {"id": "S", "position": [3, 0, -2]},
+        {"id": "D", "position": [-3, 0, 3]},
+        {"id": "B", "position": [0, 4]},
+    ]
+    offsets = [{"between": [id, "T"], "offset": place} for id, place in (("S", [3, 0, -1]), ("B", [0, 4]))]
+    return lone(
+        1.0,
+        0.1,
+        sea,
+        **{
+            "agents": agents,
+            "targets": [{"id": "T", "position": [0, 0, -1]}],
+            "sensing": offsets,
+            "communication": [{"between": ["S", "D"], "offset": [6, 0, -5]}],
+            "physics": {"timestep": 0.02, "contacts": False},
+            **fields,
+        },
+    )
+
+
+@pytest.mark.parametrize("depth", [None, 4.0])
+def test_water_moves_as_airy_s_waves_do_at_any_depth(depth: float | None) -> None:
+    """Amplitudes as cosh and sinh over sinh, typed in from the theory."""
+    sea = under_water(depth).flow.water.waves.components_of(0)
+    z, h = -1.5, 200.0 if depth is None else depth
+    k = sea.number
+    ratios = [np.exp(k * z)] * 2 if depth is None else [f(k * (z + h)) / np.sinh(k * h) for f in (np.cosh, np.sinh)]
+    found = sea.speeds_at(np.array([z]))
+    for amplitudes, ratio in zip(found, ratios, strict=True):
+        assert amplitudes[:, 0] == pytest.approx(sea.amplitude * sea.rate * ratio, rel=1e-9)
+
+
+@pytest.mark.parametrize("pull", [0.0, 0.5])
+def test_a_drone_above_a_submerged_target_moves_as_one_wave_moves_the_target(pull: float) -> None:
+    """The target goes round a circle of radius a e^(kz), held by its pull; the drone lags by 1 / (i omega + k1)."""
+    wave = {"kind": "jonswap", "significant_height": 0.1, "peak_period": 4.0, "components": 1}
+    targets = [{"id": "T", "position": [5, 0, -2], "motion": {"kind": "static", "pull": pull}}]
+    agents = [{"id": "A", "position": [5, 0, 3]}]
+    offset = [{"between": ["A", "T"], "offset": [0, 0, 5]}]
+    record = mjsheaf.check(lone(0.8, 0.0, wave, targets=targets, agents=agents, sensing=offset))["disturbance"]
+    (rate,) = lone(0.8, 0.0, wave).flow.water.waves.components_of(0).rate
+    radius = 0.1 / np.sqrt(8.0) * np.exp(-2.0 * rate**2 / 9.81)
+    follows = rate / np.hypot(rate, pull)
+    assert record["rms"] == pytest.approx(radius * follows * rate / np.hypot(rate, 0.8), rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("depth", [None, 4.0])
+def test_what_is_under_water_or_above_it_moves_as_predicted(depth: float | None) -> None:
+    scenario = under_water(depth)
+    record = mjsheaf.check(scenario)["disturbance"]
+    assert measured(scenario, "ideal", 1000.0, 4) == pytest.approx(record["agents"], rel=0.02)
+    assert measured(scenario, "physics", 600.0, 3, "fused") == pytest.approx(record["bodies"], rel=0.05)
+
+
+def test_what_passes_through_the_surface_has_no_prediction() -> None:
+    motion = {"kind": "lissajous", "amplitude": [0, 0, 2], "rate": [0, 0, 0.5]}
+    diving = under_water(None, targets=[{"id": "T", "position": [0, 0, -1], "motion": motion}], time={"end": 20.0})
+    record = mjsheaf.check(diving)["disturbance"]
+    assert record["rms"] is None
+    assert "T passes through the surface of the waves" in record["reason"]
+    assert set(record["agents"].values()) == {None}
+
+
 def over_seeds(name: str, backend: str, runs: int) -> dict[str, float]:
     """Return the RMS of each agent's error about the mean of runs that differ in their seeds, after a third, m."""
     found = []

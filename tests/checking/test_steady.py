@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
+from tests.builders import make_scenario
 
 
 def measured(scenario: Any, backend: str) -> float:
@@ -46,6 +47,78 @@ def test_shipped_scenarios_make_what_is_predicted(name: str) -> None:
     assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.15)
 
 
+def slow(**fields: Any) -> Any:
+    """Return two agents far from their places about a target that swings, with a loop of 10 s and a run of 30 s."""
+    return make_scenario(
+        {
+            "time": {"end": 30.0},
+            "controller": {"gain": 0.1, "control_period": 0.05} | fields.pop("controller", {}),
+            "agents": [{"id": "A", "position": [-12, 4]}, {"id": "B", "position": [3, -20]}],
+            "targets": [
+                {
+                    "id": "T",
+                    "position": [0, 0],
+                    "motion": {"kind": "lissajous", "amplitude": [1, 2], "rate": [0.3, 0.2]},
+                }
+            ],
+            "communication": [["A", "B"]],
+            "sensing": [["A", "T"], {"between": ["B", "T"], "offset": [2, 0]}],
+            "physics": {"timestep": 0.05, "contacts": False},
+            **fields,
+        }
+    )
+
+
+def test_what_is_left_of_the_initial_error_is_in_the_prediction() -> None:
+    """A lone agent's error is (1 - k h)^n times its 10 m."""
+    agents = {"agents": [{"id": "A", "position": [0, 0]}], "communication": []}
+    still = {"targets": [{"id": "T", "position": [10, 0]}], "sensing": [["A", "T"]]}
+    steady = mjsheaf.check(slow(**agents, **still))["steady"]
+    error = 10.0 * (1.0 - 0.1 * 0.05) ** np.arange(300, 601)
+    assert steady["ideal"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
+    assert steady["leaves_out"] == []
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"controller": {"velocity_limit": 0.5}},
+        {"controller": {"newton": {"rounds": 2}}},
+        {"controller": {"feedforward": {"rounds": 3}}},
+        {"controller": {"feedforward": {"rounds": 2, "filter": 0.1}}},
+        {"controller": {"integral": {"gain": 0.002}}},
+        {"controller": {"drift": {"filter": 0.05}}, "flow": {"water": {"dimension": 2, "drift": [0.4, -0.2]}}},
+        {"communication": [], "sensing": [["A", "T"], {"between": ["B", "T"], "offset": [2, 0], "weight": 0.3}]},
+    ],
+    ids=["paper", "limit", "newton", "feedforward", "filtered", "integral", "drift", "weights"],
+)
+def test_a_run_that_has_not_settled_makes_what_is_predicted(fields: dict[str, Any]) -> None:
+    scenario = slow(**fields)
+    steady = mjsheaf.check(scenario)["steady"]
+    assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=5e-3)
+    assert steady["ideal"] > 0.5
+    assert steady["leaves_out"] == []
+
+
+@pytest.mark.slow
+def test_bodies_that_have_not_settled_make_what_is_predicted() -> None:
+    scenario = slow()
+    steady = mjsheaf.check(scenario)["steady"]
+    assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.03)
+
+
+@pytest.mark.slow
+def test_what_boats_far_from_their_places_do_is_left_out_and_named() -> None:
+    """Otters turn towards their places first, so that they arrive later than linear ones."""
+    scenario = slow(vehicles={"agents": "otter"})
+    steady = mjsheaf.check(scenario)["steady"]
+    assert steady["leaves_out"] == ["thrust limits", "turns of boats that hold no heading"]
+    assert steady["bodies"] < measured(scenario, "physics")
+    near = mjsheaf.load_scenario("otters")
+    assert mjsheaf.check(near)["steady"]["leaves_out"] == []
+
+
 def test_limits_of_speed_are_named() -> None:
     limited = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"controller.velocity_limit": 0.5}))["steady"]
     assert limited["limited"] == ["A1"]
@@ -61,3 +134,4 @@ def test_what_is_not_known_has_a_reason() -> None:
     noisy = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"links.all.noise": 0.1}))["steady"]
     assert not noisy["exact_links"]
     assert noisy["ideal"] > 0.0
+    assert noisy["leaves_out"] == ["noise, delays and losses of links"]

@@ -1,9 +1,11 @@
 """Dryden gusts: covariances against Van Loan's integral and the standards' formulas, samples against covariances."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 import mjsheaf
@@ -74,11 +76,32 @@ def test_intensities_and_lengths_are_those_of_the_standards() -> None:
             assert lengths == pytest.approx([length, length, altitude], abs=1e-3)
 
 
-def test_the_handbook_halves_the_lengths_and_doubles_those_of_its_filters() -> None:
-    mil, handbook = (Gusts(kind="dryden", wind_speed=10.0, standard=s) for s in ("MIL-F-8785C", "MIL-HDBK-1797"))
-    assert handbook.scales(30.0)[1] == pytest.approx(0.5 * mil.scales(30.0)[1])
-    # (1 + 2 sqrt(3) L s / V) / (1 + 2 L s / V)^2 has its poles at V / 2 L.
-    assert handbook.decay_lengths(30.0) == pytest.approx(handbook.scales(30.0)[1] * [1.0, 2.0, 2.0])
+def printed_spectrum(standard: str, component: int, slip: float, rate: float) -> float:
+    """Return the spectrum over positive frequencies in rad/s as a standard prints it, with L / V, at sigma = 1, s."""
+    s2 = (slip * rate) ** 2
+    if component == 0:
+        return 2.0 * slip / np.pi / (1.0 + s2)
+    if standard == "MIL-F-8785C":
+        return slip / np.pi * (1.0 + 3.0 * s2) / (1.0 + s2) ** 2
+    return 2.0 * slip / np.pi * (1.0 + 12.0 * s2) / (1.0 + 4.0 * s2) ** 2
+
+
+@pytest.mark.parametrize("standard", ["MIL-F-8785C", "MIL-HDBK-1797"])
+def test_autocorrelations_are_the_transforms_of_the_printed_spectra(standard: str) -> None:
+    """Lengths and spectra are typed in from the standards, h in ft, and integrated numerically."""
+    altitude, period, speed = 30.0, 0.25, 5.0
+    feet = altitude / 0.3048
+    length = 0.3048 * feet / (0.177 + 0.000823 * feet) ** 1.2
+    lengths = [length, length, altitude] if standard == "MIL-F-8785C" else [length, 0.5 * length, 0.5 * altitude]
+    model = Gusts.model_validate({**FIXED, "standard": standard})
+    assert model.scales(altitude)[1] == pytest.approx(lengths, rel=1e-12)
+    rates = speed / model.decay_lengths(altitude)
+    for k in range(3):
+        lags = np.exp(-rates[0] * period * np.arange(21)) if k == 0 else covariance(rates[k], period, 20)
+        for lag in (0, 1, 4, 20):
+            options = {"weight": "cos", "wvar": lag * period} if lag else {}
+            shape = partial(printed_spectrum, standard, k, lengths[k] / speed)
+            assert lags[lag] == pytest.approx(quad(shape, 0.0, np.inf, **options)[0], abs=1e-7)
 
 
 @pytest.mark.parametrize("altitude", [10.0 * FOOT, 1000.0 * FOOT])

@@ -4,8 +4,14 @@ The loop from one sample to the next, on errors e = q - q* and all else that it 
 mean velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h), and the
 variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so that their spectrum is
 that of their discrete filter; a wave's mean over a period is sin(omega h / 2) / (omega h / 2) of it. Waves and frozen
-gusts meet all vehicles with a phase, each at q* as it is at the start; gusts of each vehicle's own are independent. A
-target that the medium moves takes q* along. Where the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
+gusts meet all vehicles with a phase, each at q* as it is at the start; gusts of each vehicle's own are independent.
+Vehicles in the plane meet the waves' velocity at the surface, those below it that at their depth. A target that the
+medium moves takes q* along. Where the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
+
+A target of time constant tau follows the medium by 1 / (1 + i omega tau), less what its pull takes back. With
+r = e^(-h / tau) and l = tau (1 - r), a command that is held over h moves it by
+
+    G = ((h - l) + l (1 - r) / (z - r)) / (z - 1),    so that it follows by 1 / ((1 + i omega tau) (1 + pull G)).
 
 On bodies the loop is that of the linear vehicles. In axes that move with the medium a vehicle does not know that it
 moves; so with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w.
@@ -22,12 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import linear_team, whole_loop
 from mjsheaf.checking.loop.modelled import require_model
-from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.errors import InputError, UndecidedError, raise_first
+from mjsheaf.errors import InputError, UndecidedError, raise_first, select_true
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.gusts import FrozenArrays, GustArrays
@@ -44,6 +50,7 @@ _MOST_STATES = 300
 
 _FREQUENCIES = 240  # of the spectra of gusts, evenly in the logarithm
 _NEUTRAL = 1.0 + 1e-6  # of a heading that nothing holds, rounded
+_STEEP = 1.0 / 60.0  # significant height over the peak's wave length, beyond which drift in groups adds some percent
 _LOWEST = 1e-3  # of the slowest rate of gusts and loop
 
 
@@ -64,6 +71,7 @@ class DisturbanceRecord(Record):
         description="vehicles that begin below or above the altitudes for which the model of the gusts holds: altitude "
         "of the gusts that they meet, m",
     )
+    leaves_out: list[str] = Field([], description="what acts in the run and is not in the prediction")
     reason: str = Field("", description="why it is not known, or empty")
     bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
 
@@ -126,6 +134,7 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
     known = {"carried_off": _carried_off(system, medium), "clipped": _clipped(system)}
     try:
         _require_known(system)
+        _require_one_side(system)
         ideal = _rms(system, _ideal_loop(system, spectrum), np.zeros(len(system.team.targets)))
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         reason = str(error)
@@ -139,7 +148,15 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
         bodies_reason = str(error)
     rms = float(np.sqrt(np.mean(ideal**2)))
     agents = dict(zip(ids, ideal.tolist(), strict=True))
-    return DisturbanceRecord(rms=rms, agents=agents, bodies=bodies, **known, bodies_reason=bodies_reason)
+    left_out = {
+        "slow drift in groups of steep waves": any(
+            flow.waves is not None and flow.waves.steepness > _STEEP for flow in system.flows
+        ),
+        "the safety filter": system.safety is not None,
+    }
+    return DisturbanceRecord(
+        rms=rms, agents=agents, bodies=bodies, **known, leaves_out=select_true(left_out), bodies_reason=bodies_reason
+    )
 
 
 def _clipped(system: System) -> dict[str, float]:
@@ -157,8 +174,8 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
     variance = np.zeros(len(system.field))
     for number, flow in enumerate(system.flows):
         if flow.waves is not None:
-            met = (system.field == number) & system.planar
-            variance += met * 0.5 * np.sum(flow.waves.sampled(system.seed).speed ** 2)
+            along, up = _speeds(system, flow.waves.sampled(system.seed), number, system.initial[:, 2])
+            variance += 0.5 * np.sum(along**2 + up**2, axis=0)
     for gusts in of_kind(system.moving, GustArrays):
         variance += np.square(gusts.filters[:, 4]) * (1.0 + (gusts.streams[:, 0] > 0))
     for frozen in of_kind(system.moving, FrozenArrays):
@@ -193,6 +210,26 @@ def _require_known(system: System) -> None:
             "g is the scenario's own": system.effectiveness.given.any(),
         },
     )
+
+
+def _require_one_side(system: System) -> None:
+    """Refuse waves if a vehicle in space passes through their surface, where the velocity that it meets jumps.
+
+    Raises:
+        UndecidedError: A target or an agent's q* does, or it is not known whether one does.
+    """
+    waves = any(flow.waves is not None for flow in system.flows)
+    if not waves or system.planar.all():
+        return
+    N = len(system.team.agents)
+    path = follow_targets(system)
+    if path.cells is None and np.isfinite(system.moving_bounds.speed[N:]).all():
+        raise UndecidedError(f"the targets' path in the waves is not known: {path.warning}")
+    height = path.positions[..., 2].copy()
+    height[:, :N] = system.team.unpack(path.q_star)[..., 2]
+    sides = _below(system, height)
+    for v in np.flatnonzero(sides.any(axis=0) & ~sides.all(axis=0)):
+        raise UndecidedError(f"{list(system.team.index)[v]} passes through the surface of the waves")
 
 
 def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
@@ -297,10 +334,17 @@ def _rms(system: System, loop: _Loop, tau: Array) -> Array:
     return np.sqrt(np.square(system.team.unpack(np.sqrt(variance))).sum(axis=1))
 
 
-def _follow(system: System, tau: Array, rate: float) -> Complex:
-    """Return how targets follow the medium at a frequency: their pull holds them, and bodies lag, shape (M,)."""
+def _follow(system: System, loop: _Loop, tau: Array, rate: float) -> Complex:
+    """Return how targets follow the medium at a frequency, rad/s: their pull holds them, and bodies lag, shape (M,)."""
     pull = system.motion.pull[len(system.team.agents) :]
-    return 1j * rate / (1j * rate + pull) / (1.0 + 1j * rate * tau)
+    lag = 1.0 + 1j * rate * tau
+    if loop.continuous is not None:
+        return 1.0 / (lag + pull / (1j * rate))
+    h, z = loop.period, np.exp(1j * rate * loop.period)
+    r = np.exp(-h / np.maximum(tau, np.finfo(float).tiny))
+    way = tau * (1.0 - r)
+    moved = ((h - way) + way * (1.0 - r) / (z - r)) / (z - 1.0)
+    return 1.0 / (lag * (1.0 + pull * moved))
 
 
 def _places(system: System) -> Array:
@@ -320,24 +364,43 @@ def _source(system: System, carrier: Carrier, velocity: Complex, follow: Complex
 
 def _of_waves(system: System, loop: _Loop, carrier: Carrier, tau: Array, waves: Components, number: int) -> Array:
     """Return the variances by waves, stacked, shape (n_q,), m^2."""
-    met = (system.field == number) & system.planar
     places = _places(system)
+    along, up = _speeds(system, waves, number, places[:, 2])
+    steep = (waves.number * waves.amplitude)[:, None] * (system.planar & (system.field == number))
     variance = np.zeros(loop.shown.shape[0])
     slots = system.team.slots[: len(variance)]
     answers: dict[float, Complex] = {}
-    for rate, number_, unit, speed, height in zip(
-        waves.rate, waves.number, waves.unit, waves.speed, waves.amplitude, strict=True
-    ):
-        phase = np.exp(-1j * number_ * (places[:, :2] @ unit))
-        velocity = np.zeros((len(met), 3), dtype=np.complex128)
-        velocity[met, :2] = speed * phase[met, None] * unit
+    for j, (rate, unit) in enumerate(zip(waves.rate, waves.unit, strict=True)):
+        phase = np.exp(-1j * waves.number[j] * (places[:, :2] @ unit))
+        velocity = phase[:, None] * np.column_stack([along[j, :, None] * unit, 1j * up[j]])
         if rate not in answers:
             answers[rate] = loop.response_to_waves(rate)
-        source = _source(system, carrier, velocity, _follow(system, tau, rate))
+        source = _source(system, carrier, velocity, _follow(system, loop, tau, rate))
         moved, carried, tilted = answers[rate]
-        slope = -1j * number_ * height / speed * velocity[: len(system.team.agents)].reshape(-1)[slots]
+        slope = np.zeros_like(velocity)
+        slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
+        slope = slope[: len(system.team.agents)].reshape(-1)[slots]
         variance += 0.5 * np.abs(moved @ source.agents + carried @ source.targets + tilted @ slope) ** 2
     return variance
+
+
+def _below(system: System, height: Array) -> BoolArray:
+    """Return which vehicles are in space and below the undisturbed surface at heights (..., V), m."""
+    return ~system.planar & (height < system.bodies.surface_height)
+
+
+def _speeds(system: System, waves: Components, number: int, height: Array) -> tuple[Array, Array]:
+    """Return the amplitudes, along the wave and upwards, of the velocities that vehicles meet, shapes (W, V), m/s.
+
+    Args:
+        system: The system.
+        waves: The waves.
+        number: Number of the flow field that has them.
+        height: Height of each vehicle, shape (V,), m.
+    """
+    below = _below(system, height)
+    along, up = waves.speeds_at(np.where(below, height - system.bodies.surface_height, 0.0))
+    return along * (below | (system.planar & (system.field == number))), up * below
 
 
 def _angles(loop: _Loop, slowest: float) -> Iterator[tuple[float, float]]:
@@ -406,7 +469,7 @@ def _integrated(
     for angle, weight in _angles(loop, slowest):
         rate = angle / loop.period
         met, carried, _ = loop.response(angle)
-        follow = _follow(system, tau, rate)
+        follow = _follow(system, loop, tau, rate)
         for velocity, size in sources(np.exp(1j * angle), rate):
             source = _source(system, carrier, velocity, follow)
             variance += weight * size * np.abs(met @ source.agents + carried @ source.targets) ** 2

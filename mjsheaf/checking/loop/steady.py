@@ -1,4 +1,4 @@
-"""Predicted steady tracking error: the linear loop, driven along the targets' path.
+"""Predicted tracking error: the linear loop, driven along the targets' path from the initial positions.
 
 With q and q* measured from q* at the start, s = H q* is what the targets add to eta = H q - s. The law in the
 eigenvectors of H (see `linear_law`) has the inputs q, -s as an error of eta, s as what sensing edges report, and the
@@ -7,8 +7,8 @@ commands u and the velocity of the medium at q*, with its disturbance, gusts, wa
 
     z_{k+1} = M z_k + E (s_k, f_k),    z = (q, states of the vehicles, what the law remembers)
 
-from rest. The prediction leaves out limits of speed and thrust, how the flow differs at q from q*, noise, and what
-delays and losses do.
+where the vehicles begin, at rest. Commands are shortened to the speed limits and, on the vehicles, to their speeds
+ahead. The prediction leaves out how the flow differs at q from q*, noise, and what delays and losses do.
 """
 
 from typing import NamedTuple
@@ -26,30 +26,37 @@ from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.control import LawArrays
-from mjsheaf.errors import UndecidedError, raise_first
+from mjsheaf.errors import UndecidedError, raise_first, select_true
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.simulation.linear import LinearVehicle
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
+from mjsheaf.vehicles.effects import capability_of
 
 MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
 
 _MAX_NUMBERS = 4_000_000  # samples times states
 _GAUSS = 0.5 / np.sqrt(3.0)  # of a period, from its middle
-_SETTLING = 12.0  # times 1 / rate before the second half from which the loop is followed
+_SETTLING = 12.0  # times 1 / rate before the second half from which the loop is followed, if no speed is limited
+_LEAST_SPEED = 1e-300  # m/s
+_LEFT_OUT = 0.05  # of the error: effects that may be larger are named
 
 
 class SteadyError(Record):
-    """Tracking error that the linear loop predicts along the targets' path, over the second half of the run."""
+    """Tracking error that the linear loop predicts from the initial positions, over the second half of the run.
+
+    Of a run with events it is about the time before the first of them.
+    """
 
     ideal: Finite = Field(description="on ideal kinematics, m; null: see reason")
     bodies: Finite = Field(description="on the vehicles, m; null: see reason_on_bodies")
     norm: Norm = Field(PER_AGENT_RMS, description="which norm the errors are")
     exact_links: bool = Field(description="true if links are exact; if not, the prediction is as if they were")
-    limited: list[str] = Field(description="agents whose predicted commands exceed their speed limits")
+    limited: list[str] = Field(description="agents whose predicted commands exceed their speed limits in that half")
+    leaves_out: list[str] = Field([], description="what acts in the run and is not in the prediction")
     reason: str = Field(description="why there is no prediction on ideal kinematics, or empty")
     reason_on_bodies: str = Field(description="why there is none on the vehicles, or empty")
 
@@ -58,11 +65,13 @@ class _Path(NamedTuple):
     """Inputs of the loop at the samples from which it is followed.
 
     Attributes:
+        initial: Positions of the agents there, shape (n_q,), m: at q* unless the run starts there.
         q_star: Harmonic extension, shape (K + 1, n_q), m.
         flow: Velocity of the medium at q* over each period, shape (K, n_q), m/s.
         counted: Number of samples at the end that count.
     """
 
+    initial: Array
     q_star: Array
     flow: Array
     counted: int
@@ -77,26 +86,47 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
         certificate: Certificate of the system, which knows the targets' path.
         rate: Slowest decay of the loop, 1/s; None if it is not known.
     """
-    limited: list[str] = []
     ideal = bodies = None
     reason = reason_on_bodies = ""
+    limit = system.law.limit[: len(system.team.agents)]
+    sheared = unsettled = False
+    turns = [False]
+    limited = saturates = slow = np.zeros(len(limit), dtype=np.bool_)
     try:
         require_model(system)
         path = _path_of(system, certificate, rate)
-        ideal, limited = _follow(system, certificate, system.law, _ideal_vehicles(system), path)
+        ideal, speed, places = _follow(system, certificate, system.law, _ideal_vehicles(system), limit, path)
+        sheared = _shear(system, places, path) > _LEFT_OUT * ideal * (rate or 0.0)
+        unsettled = _initial_part(system, path, rate) > _LEFT_OUT * ideal
+        limited, saturates = (speed > limit)[-path.counted :].any(axis=0), (speed > limit).any(axis=0)
     except UndecidedError as error:
         reason = reason_on_bodies = str(error)
     else:
         try:
             vehicles = linear_vehicles(system, certificate)
-            bodies, limited = _follow(system, certificate, _law_on_bodies(system), vehicles, path)
+            able = [capability_of(vehicle) for vehicle in system.vehicles[: len(limit)]]
+            fastest = np.minimum(limit, [one.forward_speed for one in able])
+            bodies, speed, _ = _follow(system, certificate, _law_on_bodies(system), vehicles, fastest, path)
+            strained = np.minimum(speed, limit) > [one.least_speed for one in able]
+            slow = strained[0 if unsettled else -path.counted :].any(axis=0)
+            turns = [unsettled and one.dimension == 2 and not one.steering.attitude for one in system.vehicles]
         except UndecidedError as error:
             reason_on_bodies = str(error)
+    exact = not len(system.law.links.table)
+    left_out = {
+        "noise, delays and losses of links": not exact,
+        "differences in flow between agents and their places": sheared,
+        "the curvature of range and bearing edges": system.team.linearised_at is not None,
+        "effects of speed limits on terms of the law": system.law.extended and saturates.any(),
+        "thrust limits": slow.any(),
+        "turns of boats that hold no heading": any(turns[: len(limit)]),
+    }
     return SteadyError(
         ideal=ideal,
         bodies=bodies,
-        exact_links=not len(system.law.links.table),
-        limited=limited,
+        exact_links=exact,
+        limited=[id for id, often in zip(system.team.agent_ids, limited, strict=True) if often],
+        leaves_out=[] if ideal is None else select_true(left_out),
         reason=reason,
         reason_on_bodies=reason_on_bodies,
     )
@@ -123,8 +153,9 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
         },
     )
     last = len(path.samples) - 1
-    counted = max(1, last - last // 2)
-    settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and rate > 0.0 else last
+    counted = last + 1 - (last + 1) // 2
+    decays = rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any()
+    settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and decays else last
     first = max(0, last - counted - settling)
     q_star = Carrier(system, certificate.spectrum).extend(path.samples[first:])
     if q_star.size > _MAX_NUMBERS:
@@ -132,7 +163,8 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
     flow = _mean_flow(system, q_star, first, last)
     if not np.isfinite(flow).all():
         raise UndecidedError("q* leaves the file of the flow")
-    return _Path(q_star, flow, min(counted, last - first))
+    start = system.initial.reshape(-1)[system.team.slots[: q_star.shape[1]]]
+    return _Path(q_star[0] if first else start, q_star, flow, counted)
 
 
 def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
@@ -147,6 +179,19 @@ def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
     for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
         flow += 0.5 * agent_motion(system, instant, middle)
     return flow
+
+
+def _initial_part(system: System, path: _Path, rate: float | None) -> float:
+    """Estimate the part of the RMS error, over agents, that is left of the initial error where samples count, m."""
+    begins = system.grid.period * (len(path.q_star) - path.counted)
+    error = float(np.linalg.norm(path.initial - path.q_star[0])) / np.sqrt(len(system.team.agents))
+    return error * float(np.exp(-(rate or 0.0) * begins))
+
+
+def _shear(system: System, places: Array, path: _Path) -> float:
+    """Return the RMS over agents of the difference in steady flow between places (counted, n_q), m, and q*, m/s."""
+    difference = agent_drift(system, places) - agent_drift(system, path.q_star[-path.counted :])
+    return float(np.sqrt((difference**2).sum(axis=1).mean() / len(system.team.agents)))
 
 
 def _ideal_vehicles(system: System) -> list[LinearVehicle]:
@@ -210,9 +255,26 @@ def _of_directed(law: LinearLaw, H: Array) -> _Physical:
 
 
 def _follow(
-    system: System, certificate: Certificate, law_arrays: LawArrays, vehicles: list[LinearVehicle], path: _Path
-) -> tuple[float, list[str]]:
-    """Return the RMS error over agents and samples, m, and the agents whose commands exceed their speed limits.
+    system: System,
+    certificate: Certificate,
+    law_arrays: LawArrays,
+    vehicles: list[LinearVehicle],
+    limit: Array,
+    path: _Path,
+) -> tuple[float, Array, Array]:
+    """Follow the loop along a path.
+
+    Args:
+        system: The system.
+        certificate: Its certificate.
+        law_arrays: The law.
+        vehicles: Linear vehicle of each agent.
+        limit: Largest speed of each agent through the medium, shape (N,), m/s.
+        path: Inputs of the loop.
+
+    Returns:
+        The RMS error over agents and the samples that count, m, the speeds that the law commands, before limits, at all
+        samples but the last, shape (K, N), m/s, and the positions at the samples that count, shape (counted, n_q), m.
 
     Raises:
         UndecidedError: The loop has too many states, or is unstable.
@@ -239,18 +301,27 @@ def _follow(
     q_star = path.q_star - path.q_star[0]
     s = q_star @ H.T
     carried = system.grid.period * path.flow
-    seen = np.vstack([carried[:1], carried])  # over the period before, as an agent knows it
+    seen = np.vstack([0.0 * carried[:1], carried])  # over the period before, as an agent knows it
     by_inputs = s @ physical.targets.T + seen @ physical.flow.T
     inputs = np.hstack(
         [by_inputs @ D.T, by_inputs @ B.T, s @ physical.learnt[1].T + seen @ physical.learnt[2].T],
     )[:-1]
     inputs[:, :n] += carried
     followed = np.zeros((len(inputs) + 1, size))
-    for k, driven in enumerate(inputs):
-        followed[k + 1] = M @ followed[k] + driven
-    error = (q_star - followed[:, :n])[-path.counted :]
+    followed[0, :n] = path.initial - path.q_star[0]
+    copied = ~physical.kept.any(axis=1)  # what the next sample compares with; before the first, nothing has moved
+    followed[0, n + states :][copied] = physical.learnt[0][copied] @ followed[0, :n]
     commands = np.hstack([physical.position, np.zeros((n, states)), physical.memory])
-    u = (followed @ commands.T + by_inputs)[-path.counted :]
-    speed = np.linalg.norm(system.team.unpack(u), axis=2).max(axis=0)
-    limited = [id for id, v, limit in zip(system.team.agent_ids, speed, system.law.limit, strict=False) if v > limit]
-    return float(np.sqrt((error**2).sum(axis=1).mean() / len(speed))), limited
+    moved = np.vstack([D, B])
+    agent = np.repeat(np.arange(len(limit)), [member.dimension for member in system.team.agents])
+    speed = np.empty((len(inputs), len(limit)))
+    for k, driven in enumerate(inputs):
+        u = commands @ followed[k] + by_inputs[k]
+        speed[k] = np.sqrt(np.bincount(agent, u**2))
+        followed[k + 1] = M @ followed[k] + driven
+        if (speed[k] > limit).any():
+            excess = np.maximum(1.0 - limit / np.maximum(speed[k], _LEAST_SPEED), 0.0)
+            followed[k + 1, : n + states] -= moved @ (excess[agent] * u)
+    error = (q_star - followed[:, :n])[-path.counted :]
+    places = followed[-path.counted :, :n] + path.q_star[0]
+    return float(np.sqrt((error**2).sum(axis=1).mean() / len(limit))), speed, places
