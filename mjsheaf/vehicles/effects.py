@@ -59,12 +59,15 @@ def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) ->
 
 
 def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
-    """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s."""
+    """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s.
+
+    The root is written without a difference, because abeam Q is the rounding of a cosine, and not 0.
+    """
     D = float(vehicle.drag[:2] @ direction**2)
     Q = float(vehicle.quadratic_drag[:2] @ np.abs(direction) ** 3)
     if not np.isfinite(thrust):
         return float("inf")
-    return thrust / D if Q == 0.0 else (np.sqrt(D**2 + 4.0 * Q * thrust) - D) / (2.0 * Q)
+    return float(2.0 * thrust / (D + np.sqrt(D**2 + 4.0 * Q * thrust)))
 
 
 class Effects(Section):
