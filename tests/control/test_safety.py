@@ -18,7 +18,7 @@ from mjsheaf.control.separation import FilteredVehicles, Safety, pack_safety
 from mjsheaf.errors import MjsheafError
 from mjsheaf.results.metrics import safety_of
 from mjsheaf.scenario import Scenario
-from tests.builders import refused
+from tests.builders import DATA, refused
 from tests.strategies import tried
 
 
@@ -408,3 +408,31 @@ def test_results_say_what_the_filter_did() -> None:
     free = simulate(load_scenario(swap(tie_break="right_hand")), backend="ideal")
     assert safety_of(free)["deadlocked"] == []  # type: ignore[index]
     assert safety_of(simulate(load_scenario("midpoint", {"time.end": 1}), backend="ideal")) is None
+
+
+def test_a_limited_command_that_satisfies_all_constraints_is_the_laws_to_the_bit() -> None:
+    """Also where a constraint demands motion, so that the limit is part of the problem: its integral term sees that."""
+    raw = swap(2)
+    raw["agents"][1]["position"] = [9.0, 0.0, 5.0]  # closer than the distance: both have to part
+    scenario, rng, same = load_scenario(raw), np.random.default_rng(3), 0
+    law, places = scenario.system.control.law, np.array([[10.0, 0.0, 5.0], [9.0, 0.0, 5.0]])
+    for _ in range(100):
+        memory = new_memory(law, 2)
+        memory.command[:] = wanted = 9.0 * rng.normal(size=(2, 3))
+        keep_apart((1,), law, 0.0, places, memory)
+        limited = 2.0 * wanted / np.linalg.norm(wanted, axis=1)[:, None]
+        satisfied = limited @ [1.0, 0.0, 0.0] * [1.0, -1.0] >= 0.75  # -gamma h / (4 |z|) = 3 / 4
+        np.testing.assert_array_equal(memory.command[satisfied], wanted[satisfied])
+        np.testing.assert_array_equal(memory.safety.found[:, 0] > 0.0, ~satisfied)
+        same += int(satisfied.sum())
+    assert 20 < same < 180
+
+
+@pytest.mark.slow
+def test_engines_agree_where_the_filter_acts_at_the_speed_limit_under_an_integral_term() -> None:
+    """Agents that must part at less than the limit, under commands beyond it: the integral waits on both engines."""
+    scenario = load_scenario(DATA / "filter_at_limit.yaml")
+    runs = [simulate(scenario, engine=engine, threads=1, allow_drift=True) for engine in ("mujoco", "fused")]
+    for name in ("agent_position", "velocity_command", "safety_correction"):
+        one, other = (np.nan_to_num(run[name].values) for run in runs)
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8)
