@@ -126,6 +126,12 @@ def _reasons(system: System, safety: SafetyArrays, names: list[str]) -> list[str
         f"{unlimited} has no velocity_limit": unlimited,
     }
     of_targets = {"the targets' own consensus moves them at a speed for which there is no bound here": moved}
+    if not grid.continuous:
+        of_targets |= {
+            f"motion.pull of {name} times the control period is {pull * grid.period:.3g}, not below 2: nothing bounds "
+            "its distance from its path": pull * grid.period >= 2.0
+            for name, pull in zip(names[N:], system.motion.pull[N:].tolist(), strict=False)
+        }
     return [
         *select_true(of_law),
         *_of_medium(system, names),

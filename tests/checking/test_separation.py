@@ -64,6 +64,7 @@ def test_pairs_that_begin_too_close_are_named() -> None:
         ({"safety.rate": 30}, "above 1"),
         ({"safety.range": 2.05}, "safety.range"),
         ({"controller.velocity_limit": 1.0}, "T may come at"),
+        ({"targets.T.motion.pull": 40.0}, "motion.pull of T times the control period is 2, not below 2"),
         (
             {"flow.water": {"dimension": 2, "core": 1, "vortices": [{"centre": [9, 9], "gamma": 20}]}},
             "towards B1",

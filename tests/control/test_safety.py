@@ -1,5 +1,6 @@
 """The filter that keeps vehicles apart: the theorem in its docstring, on random teams, and what must not change."""
 
+from collections.abc import Callable
 from itertools import combinations
 from typing import Any, cast
 
@@ -15,9 +16,11 @@ from mjsheaf.control.law import new_memory
 from mjsheaf.control.obstacles import distances
 from mjsheaf.control.safety import keep_apart
 from mjsheaf.control.separation import FilteredVehicles, Safety, pack_safety
+from mjsheaf.dynamics.motion import add_reference, position_at
 from mjsheaf.errors import MjsheafError
 from mjsheaf.results.metrics import safety_of
 from mjsheaf.scenario import Scenario
+from mjsheaf.system import phases_of
 from tests.builders import DATA, refused
 from tests.strategies import tried
 
@@ -297,6 +300,103 @@ def test_targets_are_avoided_whatever_they_do() -> None:
     run = simulate(load_scenario(raw), backend="ideal")
     away = np.linalg.norm(positions_of(run)[:, 0] - run["target_position"].values[:, 0], axis=1)
     assert 2.0 - 1e-9 <= away.min() < 8.0
+
+
+def pulled(pull: float, hold: float, motion: dict[str, Any], drift: float, away: float = 0.0) -> Scenario:
+    """An agent that keeps away from one target, which begins off its path."""
+    raw = swap(1)
+    raw["controller"]["control_period"] = hold
+    raw["targets"] = [{"id": "T", "position": [away, 0.0, 0.0], "motion": motion | {"pull": pull}}]
+    raw["flow"] = {"air": {"dimension": 3, "drift": [drift, 0.0, 0.0]}}
+    return load_scenario(raw | {"safety": {"distance": 1.0, "range": 30.0}})
+
+
+def held_speed(scenario: Scenario, end: float, medium: Callable[[int, Array], Array]) -> float:
+    """The largest speed that a held target commands, by its definition; medium(k, e) is the velocity in period k."""
+    motion, h = scenario.system.motion, scenario.controller.control_period
+    p, fastest = scenario.system.initial[1].copy(), 0.0
+    for k in range(int(end / h)):
+        command = np.zeros(3)
+        add_reference(motion, 1, k * h, p, command)
+        fastest = max(fastest, float(np.linalg.norm(command)))
+        e = p - np.array(position_at(motion, 1, k * h))
+        p += h * (command + medium(k, e))
+    return fastest
+
+
+def largest_speed_of(scenario: Scenario) -> float:
+    """Bound on the commanded speed of the target that the filter uses."""
+    packed = scenario.system.control.law.safety
+    return float(packed.pairing[1, 2] - packed.unsteady[1])
+
+
+def test_no_held_target_is_faster_than_the_bound() -> None:
+    """Random paths, pulls, holds and offsets, in a medium within its bound that pushes away, back, or at random."""
+    rng = np.random.default_rng(8)
+    closest = 0.0
+    for k in range(60):
+        hold = float(rng.choice([0.02, 0.1, 0.5]))
+        rates = rng.uniform(0.2, 4.0, 3) / hold * rng.choice([0.05, 0.3, 1.0])
+        motion = {"kind": "lissajous", "amplitude": rng.uniform(0.0, 2.0, 3).tolist(), "rate": rates.tolist()}
+        if k % 3 == 0:
+            points = (5.0 * rng.normal(size=(3, 3))).tolist()
+            motion = {"kind": "waypoints", "points": points, "speed": float(rng.uniform(0.3, 3.0))}
+        W = float(rng.choice([0.0, 0.1, 1.0]))
+        scenario = pulled(float(rng.uniform(0.05, 1.95)) / hold, hold, motion, W, away=float(rng.choice([0.0, 2.0])))
+        bound = largest_speed_of(scenario)
+        push = [lambda k, e: W * e / (np.linalg.norm(e) + 1e-300)]
+        push.append(lambda k, e: -W * e / (np.linalg.norm(e) + 1e-300))
+        push.append(lambda k, e: W * (lambda w: w / np.linalg.norm(w))(rng.normal(size=3)))
+        for medium in push:
+            fastest = held_speed(scenario, 200.0 * hold, medium)
+            assert fastest <= bound * (1.0 + 1e-9)
+            closest = max(closest, fastest / bound)
+    assert closest > 0.9
+
+
+@pytest.mark.parametrize("product", [0.2, 1.0, 1.6])
+def test_the_bound_of_a_held_target_is_nearly_reached(product: float) -> None:
+    """A path of constant acceleration under a constant push; above pull h = 1, pushes and errors change sides."""
+    h, W, fast = 0.2, 0.5, np.pi / 0.2
+    if product <= 1.0:
+        samples = [[t, 0.5 * t * t, 0.0, 0.0] for t in (0.0, 15.0, 30.0)]
+        motion: dict[str, Any] = {"kind": "recorded", "samples": samples}
+        scenario, push = pulled(product / h, h, motion, W), np.array([-W, 0.0, 0.0])
+        fastest = held_speed(scenario, 30.0, lambda k, e: push)
+    else:
+        motion = {"kind": "lissajous", "amplitude": [0.02, 0, 0], "rate": [fast, 0, 0], "phase": [0.57, 0, 0]}
+        scenario = pulled(product / h, h, motion, W)
+        fastest = held_speed(scenario, 30.0, lambda k, e: np.array([W * (-1) ** k, 0.0, 0.0]))
+    bound = largest_speed_of(scenario)
+    assert 0.8 * bound < fastest <= bound * (1.0 + 1e-9)
+
+
+def test_a_swinging_target_that_is_held_does_not_come_too_near() -> None:
+    """It lags its reference and is faster than that, 2.2 of 2 m/s; and a flow that was stronger has carried it off."""
+    raw = {
+        "name": "swinging",
+        "time": {"end": 30.0},
+        "controller": {"gain": 1.0, "control_period": 0.2, "velocity_limit": 6.0},
+        "agents": [{"id": "A", "position": [4.0, 0.0]}],
+        "targets": [
+            {
+                "id": "T",
+                "position": [0.0, 0.0],
+                "motion": {"kind": "lissajous", "amplitude": [1.0, 0.0], "rate": [2.0, 2.0], "pull": 2.0},
+            }
+        ],
+        "sensing": [["A", "T"]],
+        "safety": {"distance": 2.0, "rate": 5.0},
+    }
+    run = simulate(load_scenario(raw), backend="ideal")
+    apart = run["agent_position"].values[:, 0, :2] - run["target_position"].values[:, 0, :2]
+    away = np.linalg.norm(apart, axis=1)
+    assert away.min() >= 2.0 - 1e-9
+    assert not run["safety_violation"].values.any()
+    raw["flow"] = {"water": {"dimension": 2, "drift": [0.0, 1.0]}}
+    raw["events"] = [{"time": 10.0, "set": {"flow.water.drift": [0.0, 0.0]}}]
+    first, second = phases_of(load_scenario(raw).phases)
+    assert second.system.target_speeds[1] == first.system.target_speeds[1]
 
 
 def test_flow_and_disturbance_within_their_bounds_do_not_bring_vehicles_together() -> None:
