@@ -24,7 +24,7 @@ from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
 from mjsheaf.media.moving import Parts, bounds_of
 from mjsheaf.team import Team
-from mjsheaf.vehicles.effects import Effects, embody
+from mjsheaf.vehicles.effects import Effects, capability_of, embody, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
 
@@ -346,12 +346,26 @@ class System:
         """Distance that each body needs in addition to the separation, shape (V,), m.
 
         After the command to stop, which is delayed by at most one period, a vehicle travels at most its speed v times
-        `stopping_times`. The point that the law moves is a hand length ahead of its origin.
+        `stopping_times`. The point that the law moves is a hand length ahead of its origin. The speed is at most the
+        velocity limit of an agent, or its vehicle's top speed if it has none. See `without_margin`.
         """
-        top = np.where(np.isfinite(self.law.limit), self.law.limit, 0.0)
-        top = np.maximum(top, self.target_speeds)
+        top = np.where(self.without_margin, 0.0, np.maximum(self._top_speeds, self.target_speeds))
         hand = np.array([vehicle.steering.hand for vehicle in self.vehicles])
         return np.asarray(top * (self.stopping_times + self._hold) + hand)
+
+    @cached_property
+    def without_margin(self) -> BoolArray:
+        """True for agents with neither a velocity limit nor a top speed, for which no margin suffices, shape (V,)."""
+        return ~np.isfinite(self._top_speeds)
+
+    @cached_property
+    def _top_speeds(self) -> Array:
+        """Largest speed of each agent through the medium, shape (V,), m/s; targets have 0."""
+        top = self.law.limit.copy()
+        top[len(self.team.agents) :] = 0.0
+        unlimited = np.flatnonzero(np.isinf(top))
+        top[unlimited] = of_each([self.vehicles[v] for v in unlimited], lambda one: capability_of(one).top_speed)
+        return top
 
     @cached_property
     def stopping_times(self) -> Array:

@@ -52,6 +52,10 @@ class SafetyRecord(Record):
     margins: dict[str, float] = Field(
         description="addition to the distance for each vehicle on bodies: its stopping distance, m"
     )
+    without_margin: list[str] = Field(
+        description="agents with neither a velocity_limit nor a vehicle with a top speed: their margin leaves out how "
+        "far they travel until they stop"
+    )
 
 
 def safety_record(system: System, certificate: Certificate) -> SafetyRecord | None:
@@ -74,6 +78,7 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
         rate=arrays.rate,
         parting=2.0 * float(np.max(about)) if np.isfinite(moving).all() else None,
         margins=dict(zip(names, system.safety_margins.tolist(), strict=False)),
+        without_margin=[names[v] for v in np.flatnonzero(system.without_margin)],
     )
 
 

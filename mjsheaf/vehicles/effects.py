@@ -35,12 +35,14 @@ class Capability:
         least_thrust: Maximum thrust in the weakest horizontal direction, N; the forward thrust of a boat at its hand
             point, which turns first.
         least_speed: Maximum speed through the medium in the slowest horizontal direction, m/s.
+        top_speed: Maximum speed through the medium in the fastest horizontal direction, m/s.
     """
 
     forward_thrust: float
     forward_speed: float
     least_thrust: float
     least_speed: float
+    top_speed: float
 
 
 def capability_of(vehicle: Vehicle) -> Capability:
@@ -48,7 +50,7 @@ def capability_of(vehicle: Vehicle) -> Capability:
     directions = vehicle.steering.directions
     thrust = np.array([vehicle.steering.largest_force(vehicle, d) for d in directions])
     speed = np.array([_speed(vehicle, d, F) for d, F in zip(directions, thrust, strict=True)])
-    return Capability(float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()))
+    return Capability(float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()), float(speed.max()))
 
 
 def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) -> Array:
