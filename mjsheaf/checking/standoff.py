@@ -92,12 +92,14 @@ def standoffs(
     rows = np.unique(np.linspace(0, T - 1, count).astype(np.int64))
     each = [_constraints(system, safety, least, times[k], places[k], velocity[k]) for k in rows]
     sample = np.repeat(rows, [len(found.agent) for found in each])
-    c = _Constraints(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
+    c = _Constraints._make(np.concatenate(parts) for parts in zip(*each, strict=True))
     gamma, room = safety.rate, c.away**2 - c.keep**2
     misfit = (c.closing > gamma * room / (2.0 * c.away) + _ROUNDING) & (c.away >= c.least - _ROUNDING)
     if not misfit.any():
         return []
-    c, sample, room = _Constraints(*(part[misfit] for part in c)), sample[misfit], room[misfit]
+    c = _Constraints._make(part[misfit] for part in c)
+    sample = sample[misfit]
+    room = room[misfit]
     kept = np.minimum((c.closing + np.hypot(c.closing, gamma * c.keep)) / gamma, safety.reach)
     rate = np.divide(2.0 * c.away * c.closing, room, out=np.full(len(room), np.inf), where=room > 0.0)
     if not system.grid.continuous:

@@ -25,7 +25,7 @@ from mjsheaf.jit import inline_jit, jit
 
 _ROUNDING = 1e-13  # m/s, for velocities and bounds of about 1: a constraint is violated beyond it
 _PARALLEL = 1e-20  # square of the sine of the angle between two planes, below which they do not meet
-_THICKNESS = 1e-10  # m/s, for bounds of about 1; of the thinnest set in which a velocity is looked for, far above rounding
+_THICKNESS = 1e-10  # m/s, for bounds of about 1; far above _ROUNDING
 _BISECTIONS = 60
 
 

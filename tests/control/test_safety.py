@@ -344,10 +344,12 @@ def test_no_held_target_is_faster_than_the_bound() -> None:
         W = float(rng.choice([0.0, 0.1, 1.0]))
         scenario = pulled(float(rng.uniform(0.05, 1.95)) / hold, hold, motion, W, away=float(rng.choice([0.0, 2.0])))
         bound = largest_speed_of(scenario)
-        push = [lambda k, e: W * e / (np.linalg.norm(e) + 1e-300)]
-        push.append(lambda k, e: -W * e / (np.linalg.norm(e) + 1e-300))
-        push.append(lambda k, e: W * (lambda w: w / np.linalg.norm(w))(rng.normal(size=3)))
-        for medium in push:
+        for along, at_random in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0)):
+
+            def medium(k: int, e: Array, along: float = along, at_random: float = at_random, W: float = W) -> Array:
+                push = along * e + at_random * rng.normal(size=3)
+                return np.asarray(W * push / (np.linalg.norm(push) + 1e-300))
+
             fastest = held_speed(scenario, 200.0 * hold, medium)
             assert fastest <= bound * (1.0 + 1e-9)
             closest = max(closest, fastest / bound)

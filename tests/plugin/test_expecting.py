@@ -265,7 +265,7 @@ def test_vehicles_that_come_too_close_are_no_expectation(tmp_path: Path, capsys:
     assert "nothing is written" in told
     assert path.read_text() == text
     path.write_text(text + "expect: {ideal: {smallest_separation: -1.46}}\n")
-    with pytest.raises(ScenarioError, match="expect.ideal.smallest_separation"):
+    with pytest.raises(ScenarioError, match=r"expect\.ideal\.smallest_separation"):
         load_scenario(path)
     trial = Trial("ideal", "finished", "", {"smallest_separation": -1e-10})
     assert expectation_from([trial], 0.05, {}) == {"ideal": {"smallest_separation": 0.0}}
