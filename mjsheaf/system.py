@@ -24,7 +24,7 @@ from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
 from mjsheaf.media.moving import Parts, bounds_of
 from mjsheaf.team import Team
-from mjsheaf.vehicles.effects import Effects, embody
+from mjsheaf.vehicles.effects import Effects, capability_of, embody, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
 
@@ -131,6 +131,8 @@ class System:
             there are none.
         seed: Seed of gusts and waves.
         safety: What keeps vehicles apart; None if nothing does.
+        earlier_medium: Bound on the medium's speed around each vehicle in earlier phases, shape (V,), m/s; 0 if there
+            are none.
     """
 
     name: str
@@ -151,6 +153,7 @@ class System:
     waiting: Station | None = None
     seed: int = 0
     safety: Safety | None = None
+    earlier_medium: Array | float = 0.0
 
     def described_vehicle(self, name: str) -> Vehicle:
         """A vehicle as its files describe it; they are compiled once for a system and all copies of it.
@@ -271,14 +274,11 @@ class System:
         N, planar, grid = len(self.team.agents), self.planar, self.grid
         yields = np.arange(len(planar)) < N
         yields[:N] &= self.team.present
-        carried = np.array([self.flows[k].table[0, 2:5] for k in self.field]).reshape(-1, 3)
-        carried[planar, 2] = 0.0
-        kernels = np.array([self.flows[k].kernel_speed for k in self.field])
-        unsteady = np.nan_to_num(kernels + self.largest_disturbance, posinf=0.0)
-        about = np.linalg.norm(carried, axis=1) + unsteady
-        speed = self._target_speeds(about)
-        if self.waiting is not None:
-            speed[self.waiting.holds] = about[self.waiting.holds]
+        carried, unsteady = self._medium_parts
+        speed = self.target_speeds.copy()
+        if self.waiting is not None:  # these command the medium's velocity, as it was up to a period ago
+            holds = self.waiting.holds
+            speed[holds] = (self.medium_speeds + (0.0 if grid.continuous else 2.0) * unsteady)[holds]
         vehicles = FilteredVehicles(
             ids=self.team.agent_ids,
             planar=planar,
@@ -296,17 +296,41 @@ class System:
         )
         return pack_safety(self.safety, vehicles)
 
-    def _target_speeds(self, about: Array) -> Array:
-        """Bound the speed of targets relative to the medium, which moves at most at `about` (V,), shape (V,), m/s.
+    @cached_property
+    def target_speeds(self) -> Array:
+        """Bound on the commanded speed of each target, shape (V,), m/s; agents have 0.
 
-        With a pull to its reference, a target is at most |p - r| <= |p_0 - r_0| + sup |w| / pull away from it. Agents
-        have 0.
+        A target commands v + pull (r - p) at each sample and holds it for h. Let e = p - r, W a bound on the medium's
+        speed, and A one on |r''|. From one sample to the next, e_(k+1) = (1 - pull h) e_k + d, where d is the integral
+        of the medium's velocity, at most h W, less r_(k+1) - r_k - h r'_k, at most h^2 A / 2. So for pull h < 2
+        |e_k| <= b = max(|e_0|, (h W + h^2 A / 2) / (1 - |1 - pull h|)), by induction, because for this b
+        |1 - pull h| b + h W + h^2 A / 2 <= b. The command is at most sup |r'| + pull b, also between samples. With
+        h -> 0, it is max(|e_0|, W / pull), which is the bound of a continuous law.
+
+        For pull h >= 2 there is no bound: errors do not decay. Then |e_0| counts, and `check` gives no guarantee.
         """
-        speed, _ = reference_bounds(self.motion, parts=_PARTS)
-        pull = self.motion.pull
+        speed, acceleration = reference_bounds(self.motion, parts=_PARTS)
+        pull, hold = self.motion.pull, self._hold
         starts = np.array([position_at(self.motion, v, self.grid.start) for v in range(len(pull))]).reshape(-1, 3)
-        behind = np.linalg.norm(starts - self.initial, axis=1)
-        return np.asarray(speed + np.where(pull > 0.0, pull * behind + about, 0.0))
+        away = np.linalg.norm(starts - self.initial, axis=1)
+        pushed = np.maximum(self.medium_speeds, self.earlier_medium) + 0.5 * hold * acceleration
+        decay = np.minimum(pull, 2.0 / hold - pull) if hold > 0.0 else pull  # (1 - |1 - pull h|) / h
+        away = np.maximum(away, np.divide(pushed, decay, out=np.zeros_like(pull), where=decay > 0.0))
+        return np.asarray(speed + pull * away)
+
+    @cached_property
+    def medium_speeds(self) -> Array:
+        """Bound on the medium's speed around each vehicle, shape (V,), m/s; without the parts that have no bound."""
+        carried, unsteady = self._medium_parts
+        return np.asarray(np.linalg.norm(carried, axis=1) + unsteady)
+
+    @property
+    def _medium_parts(self) -> tuple[Array, Array]:
+        """Return the uniform part of the medium's velocity, shape (V, 3), and a bound on the rest, shape (V,), m/s."""
+        carried = np.array([self.flows[k].table[0, 2:5] for k in self.field]).reshape(-1, 3)
+        carried[self.planar, 2] = 0.0
+        kernels = np.array([self.flows[k].kernel_speed for k in self.field])
+        return carried, np.nan_to_num(kernels + self.largest_disturbance, posinf=0.0)
 
     @property
     def obstacles(self) -> ObstacleArrays | None:
@@ -329,12 +353,26 @@ class System:
         """Distance that each body needs in addition to the separation, shape (V,), m.
 
         After the command to stop, which is delayed by at most one period, a vehicle travels at most its speed v times
-        `stopping_times`. The point that the law moves is a hand length ahead of its origin.
+        `stopping_times`. The point that the law moves is a hand length ahead of its origin. The speed is at most the
+        velocity limit of an agent, or its vehicle's top speed if it has none. See `without_margin`.
         """
-        top = np.where(np.isfinite(self.law.limit), self.law.limit, 0.0)
-        top = np.maximum(top, reference_bounds(self.motion, parts=_PARTS)[0])
+        top = np.where(self.without_margin, 0.0, np.maximum(self._top_speeds, self.target_speeds))
         hand = np.array([vehicle.steering.hand for vehicle in self.vehicles])
         return np.asarray(top * (self.stopping_times + self._hold) + hand)
+
+    @cached_property
+    def without_margin(self) -> BoolArray:
+        """True for agents with neither a velocity limit nor a top speed, for which no margin suffices, shape (V,)."""
+        return ~np.isfinite(self._top_speeds)
+
+    @cached_property
+    def _top_speeds(self) -> Array:
+        """Largest speed of each agent through the medium, shape (V,), m/s; targets have 0."""
+        top = self.law.limit.copy()
+        top[len(self.team.agents) :] = 0.0
+        unlimited = np.flatnonzero(np.isinf(top))
+        top[unlimited] = of_each([self.vehicles[v] for v in unlimited], lambda one: capability_of(one).top_speed)
+        return top
 
     @cached_property
     def stopping_times(self) -> Array:
@@ -481,6 +519,7 @@ class System:
             bodies=replace(plan, vehicle=[plan.vehicle[v] for v in rows], heading=plan.heading[rows]),
             stopped=None if self.stopped is None else self.stopped[rows],
             waiting=None if self.waiting is None else Station(*(part[rows] for part in self.waiting)),
+            earlier_medium=np.broadcast_to(self.earlier_medium, len(self.planar))[rows],
         )
 
     @cached_property
@@ -570,7 +609,19 @@ def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
     systems = list({id(phase.system): phase.system for phase in phases}.values())
     covering = zip(systems, cover([system.law.terms for system in systems]), strict=True)
     known = {id(system): _with_terms(system, terms) for system, terms in covering}
-    return tuple(replace(phase, system=known[id(phase.system)]) for phase in phases)
+    return tuple(_after_earlier([replace(phase, system=known[id(phase.system)]) for phase in phases]))
+
+
+def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
+    """Yield phases whose safety filter knows how far earlier media may have carried targets that are pulled back."""
+    earlier = np.zeros(len(phases[0].system.planar))
+    for phase in phases:
+        system = phase.system
+        matters = system.safety is not None and (system.motion.pull > 0.0).any()
+        if matters and (earlier > np.maximum(system.medium_speeds, system.earlier_medium)).any():
+            system = replace(system, earlier_medium=earlier)
+        yield replace(phase, system=system)
+        earlier = np.maximum(earlier, system.medium_speeds)
 
 
 def _require_in_order(phases: Sequence[Phase]) -> None:

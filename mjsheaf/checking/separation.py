@@ -1,7 +1,8 @@
 """Check of the safety filter; see `mjsheaf.control.safety`.
 
-The harmonic extension is compared with the distances that the scenario requires. If vehicles at q* are too close,
-filter and law contradict each other. The requirements of the filter's theorem are decided one by one.
+The harmonic extension is compared with the distances that the scenario requires, and with those that the filter keeps
+at the scenario's rate (`mjsheaf.checking.standoff`). If vehicles at q* are too close, filter and law contradict each
+other. The requirements of the filter's theorem are decided one by one.
 
 All other results of `check` assume that the filter does not act. Bounds on errors are undecided, because they do not
 include the velocities that the filter adds.
@@ -14,6 +15,7 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array
+from mjsheaf.checking.standoff import Standoff, standoffs
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.control.obstacles import distances
@@ -38,6 +40,11 @@ class SafetyRecord(Record):
     """Guarantees of the safety filter, which do not depend on links."""
 
     unsafe: list[TooClose] = Field(description="pairs whose places in q* are too close, at samples of the run")
+    standoff: list[Standoff] = Field(
+        description="agents that the filter keeps farther from something than their places in q*, on ideal kinematics; "
+        "none are listed if the targets' path is not known"
+    )
+    standoff_on_bodies: list[Standoff] = Field(description="the same on bodies, which keep larger distances")
     initial: list[TooClose] = Field(description="pairs that begin too close; the filter drives them apart")
     guaranteed: bool = Field(
         description="true if, on ideal kinematics, a pair that keeps its distance never loses it as long as every "
@@ -52,6 +59,14 @@ class SafetyRecord(Record):
     margins: dict[str, float] = Field(
         description="addition to the distance for each vehicle on bodies: its stopping distance, m"
     )
+    without_margin: list[str] = Field(
+        description="agents with neither a velocity_limit nor a vehicle with a top speed: their margin leaves out how "
+        "far they travel until they stop"
+    )
+
+    def out_of_reach(self, *, on_bodies: bool = False) -> list[Standoff]:
+        """Return the standoffs that are larger than the formation at most samples, so that it cannot be reached."""
+        return [one for one in (self.standoff_on_bodies if on_bodies else self.standoff) if one.lasts]
 
 
 def safety_record(system: System, certificate: Certificate) -> SafetyRecord | None:
@@ -63,10 +78,15 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
     times, places = _places(system, certificate)
     initial = system.initial[None] + arrays.lift
     reasons = _reasons(system, arrays, names)
+    wide = system.separation(system.safety_margins)
+    known = not system.team.targets or certificate.constants.path.cells is not None
+    ideal, bodies = (standoffs(system, of, arrays, names, times, places) if known else [] for of in (arrays, wide))
     about = arrays.unsteady + np.linalg.norm(arrays.carried, axis=1)
     moving = system.largest_disturbance + [system.flows[k].kernel_speed for k in system.field]
     return SafetyRecord(
         unsafe=find_too_close(arrays, names, times, places),
+        standoff=ideal,
+        standoff_on_bodies=bodies,
         initial=find_too_close(arrays, names, times[:1], initial),
         guaranteed=not reasons,
         reasons=reasons,
@@ -74,6 +94,7 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
         rate=arrays.rate,
         parting=2.0 * float(np.max(about)) if np.isfinite(moving).all() else None,
         margins=dict(zip(names, system.safety_margins.tolist(), strict=False)),
+        without_margin=[names[v] for v in np.flatnonzero(system.without_margin)],
     )
 
 
@@ -126,6 +147,12 @@ def _reasons(system: System, safety: SafetyArrays, names: list[str]) -> list[str
         f"{unlimited} has no velocity_limit": unlimited,
     }
     of_targets = {"the targets' own consensus moves them at a speed for which there is no bound here": moved}
+    if not grid.continuous:
+        of_targets |= {
+            f"motion.pull of {name} times the control period is {pull * grid.period:.3g}, not below 2: nothing bounds "
+            "its distance from its path": pull * grid.period >= 2.0
+            for name, pull in zip(names[N:], system.motion.pull[N:].tolist(), strict=False)
+        }
     return [
         *select_true(of_law),
         *_of_medium(system, names),

@@ -223,7 +223,8 @@ def expect(
         if trial.status == "unstable":
             raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
     before = loaded.expect.model_dump(exclude_none=True) | ({} if law_name is None else {"controller": law_name})
-    block = expecting.expectation_from(trials, margin, before)
+    with in_field(scenario):
+        block = expecting.expectation_from(trials, margin, before)
     expecting.replace_expectation(path, data, scenario, block, margin)
     print_lines(f"wrote expect: of {path}")
 

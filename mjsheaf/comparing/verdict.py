@@ -490,11 +490,12 @@ def _speeds(record: CompareRecord) -> list[str]:
         asked = f"{d.role} of kind {d.vehicle} are commanded up to {d.asked_m_s:.3g} m/s ({d.who} at {d.time_s:.4g} s)"
         if d.least_speed_m_s is not None:
             if d.asked_m_s > d.least_speed_m_s:
-                times = f"{d.asked_m_s / d.least_speed_m_s:.2g} times"
+                slower = "; none is slow enough"
+                if d.least_speed_m_s > 0.0:
+                    slower = f"; slow the motion{_and_gain(record)} {d.asked_m_s / d.least_speed_m_s:.2g} times"
                 sentences.append(
                     f"{asked}, beyond their {d.least_speed_m_s:.3g} m/s (at full thrust in the slowest direction) for "
-                    f"{100 * d.share_beyond:.0f}% of the time: tuning does not help; slow the "
-                    f"motion{_and_gain(record)} {times}"
+                    f"{100 * d.share_beyond:.0f}% of the time: tuning does not help{slower}"
                 )
         elif (best := fastest.get(d.moves_in)) is not None and d.asked_m_s > best.speed_m_s:
             sentences.append(

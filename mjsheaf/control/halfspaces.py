@@ -12,7 +12,11 @@ limit, with s = 1 / (1 + m) in (0, 1]. |u| does not decrease with s, so bisectio
 is allowed, and the caller may scale u down instead, because the set of allowed velocities is convex.
 
 If no velocity satisfies all constraints, c_k is replaced by c_k - t with the smallest t that makes the problem
-feasible: t is the minimum of the largest violation.
+feasible: t is the minimum of the largest violation. At this t the set of allowed velocities has no interior: it is a
+point where a plane touches the ball, or part of a plane between two that face each other. Rounding decides whether such
+a set is found at all, and a ball and a plane that overlap by delta meet in a disc of radius sqrt(2 limit delta), which
+has an unbounded derivative at 0. Hence a set that is thinner than `_THICKNESS` is made that thick: t is the smallest
+one plus `_THICKNESS`, or 0 if that is negative. The minimum is then a Lipschitz function of the constraints.
 """
 
 import numpy as np
@@ -21,6 +25,7 @@ from mjsheaf.jit import inline_jit, jit
 
 _ROUNDING = 1e-13  # m/s, for velocities and bounds of about 1: a constraint is violated beyond it
 _PARALLEL = 1e-20  # square of the sine of the angle between two planes, below which they do not meet
+_THICKNESS = 1e-10  # m/s, for bounds of about 1; far above _ROUNDING
 _BISECTIONS = 60
 
 
@@ -129,25 +134,27 @@ def nearest_within(rows, count, limit, wx, wy, wz):
         largest = max(largest, rows[k, 3])
     if found and (largest <= 0.0 or x * x + y * y + z * z <= limit * limit):
         return x, y, z, 0.0
-    violation = 0.0
-    if not _is_feasible(rows, count, 0.0, limit):
-        low, violation = 0.0, max(largest, 0.0)  # at which zero satisfies all
+    shift, violation, thickness = 0.0, 0.0, _THICKNESS * (1.0 + abs(largest))
+    if not _is_feasible(rows, count, -thickness, limit):
+        low, high = -thickness, max(largest, 0.0)  # at the upper end, zero satisfies all
         for _ in range(_BISECTIONS):
-            middle = 0.5 * (low + violation)
+            middle = 0.5 * (low + high)
             if _is_feasible(rows, count, middle, limit):
-                violation = middle
+                high = middle
             else:
                 low = middle
-    found, x, y, z = nearest(rows, count, violation, wx, wy, wz)
+        violation = max(high, 0.0)
+        shift = high + thickness
+    found, x, y, z = nearest(rows, count, shift, wx, wy, wz)
     if found and x * x + y * y + z * z <= limit * limit:
         return x, y, z, violation
     low, high = 0.0, 1.0
     for _ in range(_BISECTIONS):
         share = 0.5 * (low + high)
-        found, x, y, z = nearest(rows, count, violation, share * wx, share * wy, share * wz)
+        found, x, y, z = nearest(rows, count, shift, share * wx, share * wy, share * wz)
         if found and x * x + y * y + z * z <= limit * limit:
             low = share
         else:
             high = share
-    found, x, y, z = nearest(rows, count, violation, low * wx, low * wy, low * wz)
+    found, x, y, z = nearest(rows, count, shift, low * wx, low * wy, low * wz)
     return x, y, z, violation

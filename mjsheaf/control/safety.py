@@ -306,6 +306,12 @@ def _give_way(safety, v, count, limit, wanted, command, work):
     work.found[v, WANTED] = scale * wanted
     if worst == 0.0 and (largest <= 0.0 or wanted <= limit):
         return
+    if largest > 0.0 and wanted > limit and (worst == 0.0 or not safety.right):
+        most = -np.inf
+        for k in range(count):
+            most = max(most, _shortfall(work.rows, k, scale * wx, scale * wy, scale * wz))
+        if most <= 0.0:  # then this is the nearest one, and the speed limit applies to the law's command as it is
+            return
     aside_x, aside_y = 0.0, 0.0
     for k in range(count if safety.right else 0):
         short = _shortfall(work.rows, k, wx, wy, wz)

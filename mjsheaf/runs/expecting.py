@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from mjsheaf.control.source import LawFile, find_law
-from mjsheaf.errors import NotUniqueError, RankError, select_true
+from mjsheaf.errors import InputError, NotUniqueError, RankError, select_true
 from mjsheaf.io.files import replace_file
 from mjsheaf.io.yaml import with_field
-from mjsheaf.results.metrics import MEASURES, check_expectation, safety_of, summarize, summarize_phases
+from mjsheaf.results.metrics import MEASURES, ROUNDING_ERROR, check_expectation, safety_of, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
 
@@ -23,8 +23,8 @@ BACKEND_ORDER = ("ideal", "physics")
 _AT_LEAST = "smallest_separation"  # the one measure with a lower bound
 _ROUNDED = 1e-3  # m: margins of smaller separations are those of this one
 
-SMALLEST_BOUND = 1e-9
-"""Errors below this are rounding, which differs between machines, m."""
+SMALLEST_BOUND = ROUNDING_ERROR
+"""Smallest bound on an error, m."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def bounds_from(trial: Trial, margin: float) -> dict[str, Any]:
             phases += [{} for _ in range(int(phase[1]) + 1 - len(phases))]
             own = phases[int(phase[1])]
         if found is not None and measure == _AT_LEAST:
-            own[measure] = round(found - margin * max(abs(found), _ROUNDED), 6)
+            own[measure] = max(round(found - margin * max(abs(found), _ROUNDED), 6), 0.0)
         elif found is not None:
             own[measure] = round_up(max(found * (1.0 + margin), SMALLEST_BOUND))
     if "phases" in bounds:
@@ -169,7 +169,18 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
 
     Returns:
         {"refused": ...} if the team is refused, else bounds by backend.
+
+    Raises:
+        InputError: Vehicles came closer in a trial than `safety` allows: no bound should accept that.
     """
+    for trial in trials:
+        gap = trial.final.get(_AT_LEAST)
+        if gap is not None and gap < -ROUNDING_ERROR:
+            raise InputError(
+                f"expect.{trial.backend}.{_AT_LEAST}: a distance on {trial.backend} is {-gap:.3g} m below the required "
+                "one, and a bound is not negative; nothing is written. Take a lower velocity_limit, a smaller "
+                "safety.rate, or initial positions that are farther apart, or leave out the section safety"
+            )
     refusals = [trial.message for trial in trials if trial.status == "refused"]
     if refusals:
         return {"refused": _refusal(refusals, old.get("refused"))}

@@ -353,9 +353,10 @@ class PhaseBounds(Section):
 class Bounds(PhaseBounds):
     """Largest final errors that are expected, those at the end of each phase, and the smallest separation."""
 
-    smallest_separation: Number | None = Field(
+    smallest_separation: NonNegative | None = Field(
         None,
-        description="with `safety`: what distances exceed the required ones by, at least, over the whole run [m]",
+        description="with `safety`: what distances exceed the required ones by, at least, over the whole run; not "
+        "negative, because vehicles that come too close are no regression to keep [m]",
     )
     phases: list[PhaseBounds] | None = Field(
         None, description="at the last sample of each phase of a run with events, but for the last phase"

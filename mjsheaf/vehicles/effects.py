@@ -35,12 +35,14 @@ class Capability:
         least_thrust: Maximum thrust in the weakest horizontal direction, N; the forward thrust of a boat at its hand
             point, which turns first.
         least_speed: Maximum speed through the medium in the slowest horizontal direction, m/s.
+        top_speed: Maximum speed through the medium in the fastest horizontal direction, m/s.
     """
 
     forward_thrust: float
     forward_speed: float
     least_thrust: float
     least_speed: float
+    top_speed: float
 
 
 def capability_of(vehicle: Vehicle) -> Capability:
@@ -48,7 +50,7 @@ def capability_of(vehicle: Vehicle) -> Capability:
     directions = vehicle.steering.directions
     thrust = np.array([vehicle.steering.largest_force(vehicle, d) for d in directions])
     speed = np.array([_speed(vehicle, d, F) for d, F in zip(directions, thrust, strict=True)])
-    return Capability(float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()))
+    return Capability(float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()), float(speed.max()))
 
 
 def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) -> Array:
@@ -59,12 +61,15 @@ def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) ->
 
 
 def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
-    """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s."""
+    """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s.
+
+    The root is written without a difference, because abeam Q is the rounding of a cosine, and not 0.
+    """
     D = float(vehicle.drag[:2] @ direction**2)
     Q = float(vehicle.quadratic_drag[:2] @ np.abs(direction) ** 3)
     if not np.isfinite(thrust):
         return float("inf")
-    return thrust / D if Q == 0.0 else (np.sqrt(D**2 + 4.0 * Q * thrust) - D) / (2.0 * Q)
+    return float(2.0 * thrust / (D + np.sqrt(D**2 + 4.0 * Q * thrust)))
 
 
 class Effects(Section):

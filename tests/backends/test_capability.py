@@ -5,7 +5,7 @@ import pytest
 
 from mjsheaf.vehicles.effects import Effects, capability_of, embody
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import POWERED, alone, ask, body, largest_tilt
+from tests.builders import DATA, POWERED, alone, ask, body, largest_tilt
 
 
 def test_an_otter_is_as_fast_as_its_source_says() -> None:
@@ -29,6 +29,13 @@ def test_a_wamv_pushes_along_its_thrusters_axes() -> None:
     full = 2 * 2353.5 * np.sqrt(0.5)
     sideways = full * (1 + min(stern, bow) / max(stern, bow))
     assert found.least_thrust <= sideways * (1 + 1e-9)
+
+
+def test_a_bow_thruster_moves_a_boat_abeam() -> None:
+    """150 v = 50 N: there is no quadratic drag abeam, but for the rounding of the direction's cosine."""
+    found = capability_of(load_vehicle(str(DATA / "catamaran.yaml")))
+    assert found.least_thrust == pytest.approx(50.0, rel=1e-9)
+    assert found.least_speed == pytest.approx(50.0 / 150.0, rel=1e-9)
 
 
 def test_a_tilted_hexarotor_pushes_sideways_by_about_its_tilt() -> None:

@@ -64,6 +64,7 @@ def test_pairs_that_begin_too_close_are_named() -> None:
         ({"safety.rate": 30}, "above 1"),
         ({"safety.range": 2.05}, "safety.range"),
         ({"controller.velocity_limit": 1.0}, "T may come at"),
+        ({"targets.T.motion.pull": 40.0}, "motion.pull of T times the control period is 2, not below 2"),
         (
             {"flow.water": {"dimension": 2, "core": 1, "vortices": [{"centre": [9, 9], "gamma": 20}]}},
             "towards B1",
@@ -95,3 +96,20 @@ def test_everything_else_is_about_the_team_while_the_filter_does_not_act() -> No
     assert "filter" in found["law"]["reason"]
     assert not found["theorem"]["applies"]
     assert without["safety"] is None
+
+
+def test_without_a_velocity_limit_the_margin_is_that_of_the_vehicles_top_speed() -> None:
+    """An Otter makes 3.09 m/s, and its limit counts if it has one; a hull without limits has no margin."""
+    raw = escort(range=15)
+    del raw["controller"]["velocity_limit"]
+    raw["agents"][0] |= {"vehicle": "otter", "velocity_limit": 3.0}
+    raw["agents"][1] |= {"vehicle": "otter"}
+    system = load_scenario(raw).system
+    limited, free, _ = system.safety_margins
+    hand = system.vehicles[0].steering.hand
+    assert (free - hand) / (limited - hand) == pytest.approx(3.0865 / 3.0, rel=1e-3)
+    assert check(load_scenario(raw))["safety"]["without_margin"] == []
+    raw["agents"][1] |= {"vehicle": "hull"}
+    found = check(load_scenario(raw))["safety"]
+    assert found["without_margin"] == ["B2"]
+    assert found["margins"]["B2"] == 0.0

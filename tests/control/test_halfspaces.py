@@ -135,3 +135,81 @@ def test_planes_that_are_parallel_or_nearly_so() -> None:
     found, *u = nearest(tilted, 2, 0.0, 0.0, 0.0, 0.0)
     assert found
     assert slack(tilted, np.array(u)).min() > -1e-9
+
+
+def nearly_degenerate(rng: np.random.Generator, dimension: int) -> tuple[Array, Array]:
+    """Planes that are repeated, nearly parallel, through one line, all upright, or that w nearly lies on.
+
+    Sets of allowed velocities are no thinner than 1e-8, because quadprog takes thinner ones for empty.
+    """
+    rows = random_rows(rng, int(rng.integers(3, 9)), dimension)
+    wanted = np.zeros(3)
+    wanted[:dimension] = 3.0 * rng.normal(size=dimension)
+    kind = rng.integers(5)
+    if kind == 0:
+        rows[1] = rows[0]
+    elif kind == 1:
+        rows[1, :3] = rows[0, :3]
+        rows[1, :dimension] += 1e-3 * rng.normal(size=dimension)
+        rows[1, :3] /= np.linalg.norm(rows[1, :3])
+        rows[1, 3] = rows[0, 3] + 1e-3 * rng.normal()
+    elif kind == 2:
+        at = rng.normal(size=3)
+        at[dimension:] = 0.0
+        rows[:3, 3] = rows[:3, :3] @ at - 10.0 ** rng.uniform(-8, -3, 3)
+    elif kind == 3 and dimension == 3:
+        rows[:, 2] = 0.0
+        rows[:, :3] /= np.linalg.norm(rows[:, :3], axis=1)[:, None]
+    else:
+        rows[:, 3] = np.minimum(rows[:, 3], rows[:, :3] @ wanted - 1e-3)
+        rows[0, 3] = rows[0, :3] @ wanted + 10.0 ** rng.uniform(-16, -6) * rng.choice([-1, 1])
+    return rows, wanted
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_it_is_what_quadprog_finds_where_planes_are_nearly_degenerate(dimension: int) -> None:
+    rng = np.random.default_rng(40 + dimension)
+    met = {True: 0, False: 0}
+    for _ in range(2000):
+        rows, wanted = nearly_degenerate(rng, dimension)
+        found, *u = nearest(rows, len(rows), 0.0, *wanted)
+        theirs = by_quadprog(rows, wanted, dimension)
+        assert found == (theirs is not None)
+        met[found] += 1
+        if theirs is not None:
+            np.testing.assert_allclose(u, theirs, atol=1e-10)
+    assert min(met.values()) > 100
+
+
+def touching(rng: np.random.Generator, dimension: int) -> tuple[Array, float]:
+    """Sets of allowed velocities that are thin, of nearly a point, or that rounding makes empty; and a speed limit."""
+    rows = random_rows(rng, int(rng.integers(3, 7)), dimension)
+    limit = float(rng.uniform(0.3, 2.0))
+    kind = rng.integers(4)
+    if kind == 0:  # a plane touches the ball
+        rows[0, 3] = limit * (1.0 - 10.0 ** rng.uniform(-17, -6) * rng.choice([-1, 1]))
+    elif kind == 1:  # two planes face each other
+        rows[1, :3] = -rows[0, :3]
+        rows[1, 3] = -rows[0, 3] + 10.0 ** rng.uniform(-17, -6) * rng.choice([-1, 0, 1])
+    elif kind == 2:  # three planes around an empty prism
+        between = -rows[:2, :3].T @ rng.dirichlet([1.0, 1.0])
+        rows[2, :3] = between / np.linalg.norm(between)
+        rows[:3, 3] = rng.uniform(0.0, 0.15, 3)
+    else:
+        rows[:, 3] += 2.0
+    return rows, limit
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_rounding_is_not_amplified(dimension: int) -> None:
+    """Changes in the last bit change the result by less than 1e-8 m/s, wherever constraints and the limit touch."""
+    rng = np.random.default_rng(50 + dimension)
+    for _ in range(2000):
+        rows, limit = touching(rng, dimension)
+        wanted = np.zeros(3)
+        wanted[:dimension] = 4.0 * rng.normal(size=dimension)
+        result = nearest_within(rows, len(rows), limit, *wanted)
+        for _ in range(4):
+            other = rows * (1.0 + 2.0**-53 * rng.integers(-2, 3, rows.shape))
+            moved = nearest_within(other, len(rows), limit, *(wanted * (1.0 + 2.0**-53 * rng.integers(-2, 3, 3))))
+            np.testing.assert_allclose(moved, result, rtol=0.0, atol=1e-8)

@@ -1,5 +1,6 @@
 """The filter that keeps vehicles apart: the theorem in its docstring, on random teams, and what must not change."""
 
+from collections.abc import Callable
 from itertools import combinations
 from typing import Any, cast
 
@@ -15,10 +16,12 @@ from mjsheaf.control.law import new_memory
 from mjsheaf.control.obstacles import distances
 from mjsheaf.control.safety import keep_apart
 from mjsheaf.control.separation import FilteredVehicles, Safety, pack_safety
+from mjsheaf.dynamics.motion import add_reference, position_at
 from mjsheaf.errors import MjsheafError
 from mjsheaf.results.metrics import safety_of
 from mjsheaf.scenario import Scenario
-from tests.builders import refused
+from mjsheaf.system import phases_of
+from tests.builders import DATA, refused
 from tests.strategies import tried
 
 
@@ -299,6 +302,105 @@ def test_targets_are_avoided_whatever_they_do() -> None:
     assert 2.0 - 1e-9 <= away.min() < 8.0
 
 
+def pulled(pull: float, hold: float, motion: dict[str, Any], drift: float, away: float = 0.0) -> Scenario:
+    """An agent that keeps away from one target, which begins off its path."""
+    raw = swap(1)
+    raw["controller"]["control_period"] = hold
+    raw["targets"] = [{"id": "T", "position": [away, 0.0, 0.0], "motion": motion | {"pull": pull}}]
+    raw["flow"] = {"air": {"dimension": 3, "drift": [drift, 0.0, 0.0]}}
+    return load_scenario(raw | {"safety": {"distance": 1.0, "range": 30.0}})
+
+
+def held_speed(scenario: Scenario, end: float, medium: Callable[[int, Array], Array]) -> float:
+    """The largest speed that a held target commands, by its definition; medium(k, e) is the velocity in period k."""
+    motion, h = scenario.system.motion, scenario.controller.control_period
+    p, fastest = scenario.system.initial[1].copy(), 0.0
+    for k in range(int(end / h)):
+        command = np.zeros(3)
+        add_reference(motion, 1, k * h, p, command)
+        fastest = max(fastest, float(np.linalg.norm(command)))
+        e = p - np.array(position_at(motion, 1, k * h))
+        p += h * (command + medium(k, e))
+    return fastest
+
+
+def largest_speed_of(scenario: Scenario) -> float:
+    """Bound on the commanded speed of the target that the filter uses."""
+    packed = scenario.system.control.law.safety
+    return float(packed.pairing[1, 2] - packed.unsteady[1])
+
+
+def test_no_held_target_is_faster_than_the_bound() -> None:
+    """Random paths, pulls, holds and offsets, in a medium within its bound that pushes away, back, or at random."""
+    rng = np.random.default_rng(8)
+    closest = 0.0
+    for k in range(60):
+        hold = float(rng.choice([0.02, 0.1, 0.5]))
+        rates = rng.uniform(0.2, 4.0, 3) / hold * rng.choice([0.05, 0.3, 1.0])
+        motion = {"kind": "lissajous", "amplitude": rng.uniform(0.0, 2.0, 3).tolist(), "rate": rates.tolist()}
+        if k % 3 == 0:
+            points = (5.0 * rng.normal(size=(3, 3))).tolist()
+            motion = {"kind": "waypoints", "points": points, "speed": float(rng.uniform(0.3, 3.0))}
+        W = float(rng.choice([0.0, 0.1, 1.0]))
+        scenario = pulled(float(rng.uniform(0.05, 1.95)) / hold, hold, motion, W, away=float(rng.choice([0.0, 2.0])))
+        bound = largest_speed_of(scenario)
+        for along, at_random in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0)):
+
+            def medium(k: int, e: Array, along: float = along, at_random: float = at_random, W: float = W) -> Array:
+                push = along * e + at_random * rng.normal(size=3)
+                return np.asarray(W * push / (np.linalg.norm(push) + 1e-300))
+
+            fastest = held_speed(scenario, 200.0 * hold, medium)
+            assert fastest <= bound * (1.0 + 1e-9)
+            closest = max(closest, fastest / bound)
+    assert closest > 0.9
+
+
+@pytest.mark.parametrize("product", [0.2, 1.0, 1.6])
+def test_the_bound_of_a_held_target_is_nearly_reached(product: float) -> None:
+    """A path of constant acceleration under a constant push; above pull h = 1, pushes and errors change sides."""
+    h, W, fast = 0.2, 0.5, np.pi / 0.2
+    if product <= 1.0:
+        samples = [[t, 0.5 * t * t, 0.0, 0.0] for t in (0.0, 15.0, 30.0)]
+        motion: dict[str, Any] = {"kind": "recorded", "samples": samples}
+        scenario, push = pulled(product / h, h, motion, W), np.array([-W, 0.0, 0.0])
+        fastest = held_speed(scenario, 30.0, lambda k, e: push)
+    else:
+        motion = {"kind": "lissajous", "amplitude": [0.02, 0, 0], "rate": [fast, 0, 0], "phase": [0.57, 0, 0]}
+        scenario = pulled(product / h, h, motion, W)
+        fastest = held_speed(scenario, 30.0, lambda k, e: np.array([W * (-1) ** k, 0.0, 0.0]))
+    bound = largest_speed_of(scenario)
+    assert 0.8 * bound < fastest <= bound * (1.0 + 1e-9)
+
+
+def test_a_swinging_target_that_is_held_does_not_come_too_near() -> None:
+    """It lags its reference and is faster than that, 2.2 of 2 m/s; and a flow that was stronger has carried it off."""
+    raw = {
+        "name": "swinging",
+        "time": {"end": 30.0},
+        "controller": {"gain": 1.0, "control_period": 0.2, "velocity_limit": 6.0},
+        "agents": [{"id": "A", "position": [4.0, 0.0]}],
+        "targets": [
+            {
+                "id": "T",
+                "position": [0.0, 0.0],
+                "motion": {"kind": "lissajous", "amplitude": [1.0, 0.0], "rate": [2.0, 2.0], "pull": 2.0},
+            }
+        ],
+        "sensing": [["A", "T"]],
+        "safety": {"distance": 2.0, "rate": 5.0},
+    }
+    run = simulate(load_scenario(raw), backend="ideal")
+    apart = run["agent_position"].values[:, 0, :2] - run["target_position"].values[:, 0, :2]
+    away = np.linalg.norm(apart, axis=1)
+    assert away.min() >= 2.0 - 1e-9
+    assert not run["safety_violation"].values.any()
+    raw["flow"] = {"water": {"dimension": 2, "drift": [0.0, 1.0]}}
+    raw["events"] = [{"time": 10.0, "set": {"flow.water.drift": [0.0, 0.0]}}]
+    first, second = phases_of(load_scenario(raw).phases)
+    assert second.system.target_speeds[1] == first.system.target_speeds[1]
+
+
 def test_flow_and_disturbance_within_their_bounds_do_not_bring_vehicles_together() -> None:
     raw = swap(6, height=None, tie_break="right_hand")
     raw["flow"] = {
@@ -408,3 +510,31 @@ def test_results_say_what_the_filter_did() -> None:
     free = simulate(load_scenario(swap(tie_break="right_hand")), backend="ideal")
     assert safety_of(free)["deadlocked"] == []  # type: ignore[index]
     assert safety_of(simulate(load_scenario("midpoint", {"time.end": 1}), backend="ideal")) is None
+
+
+def test_a_limited_command_that_satisfies_all_constraints_is_the_laws_to_the_bit() -> None:
+    """Also where a constraint demands motion, so that the limit is part of the problem: its integral term sees that."""
+    raw = swap(2)
+    raw["agents"][1]["position"] = [9.0, 0.0, 5.0]  # closer than the distance: both have to part
+    scenario, rng, same = load_scenario(raw), np.random.default_rng(3), 0
+    law, places = scenario.system.control.law, np.array([[10.0, 0.0, 5.0], [9.0, 0.0, 5.0]])
+    for _ in range(100):
+        memory = new_memory(law, 2)
+        memory.command[:] = wanted = 9.0 * rng.normal(size=(2, 3))
+        keep_apart((1,), law, 0.0, places, memory)
+        limited = 2.0 * wanted / np.linalg.norm(wanted, axis=1)[:, None]
+        satisfied = limited @ [1.0, 0.0, 0.0] * [1.0, -1.0] >= 0.75  # -gamma h / (4 |z|) = 3 / 4
+        np.testing.assert_array_equal(memory.command[satisfied], wanted[satisfied])
+        np.testing.assert_array_equal(memory.safety.found[:, 0] > 0.0, ~satisfied)
+        same += int(satisfied.sum())
+    assert 20 < same < 180
+
+
+@pytest.mark.slow
+def test_engines_agree_where_the_filter_acts_at_the_speed_limit_under_an_integral_term() -> None:
+    """Agents that must part at less than the limit, under commands beyond it: the integral waits on both engines."""
+    scenario = load_scenario(DATA / "filter_at_limit.yaml")
+    runs = [simulate(scenario, engine=engine, threads=1, allow_drift=True) for engine in ("mujoco", "fused")]
+    for name in ("agent_position", "velocity_command", "safety_correction"):
+        one, other = (np.nan_to_num(run[name].values) for run in runs)
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8)

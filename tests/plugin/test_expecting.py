@@ -16,8 +16,10 @@ from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.io.files import replace_file
 from mjsheaf.io.yaml import parse_yaml, with_field
+from mjsheaf.results.metrics import check_expectation
 from mjsheaf.runs.expecting import Trial, bounds_from, describe, expectation_from, loose, missed, round_up, try_scenario
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
+from mjsheaf.scenario.scenario import Bounds, Expect
 from tests.builders import refused
 from tests.strategies import examples
 
@@ -250,6 +252,25 @@ def test_a_run_that_blows_up_is_not_written(tmp_path: Path, capsys: pytest.Captu
     assert code == 3
     assert "nothing is written" in told
     assert path.read_text() == text
+
+
+def test_vehicles_that_come_too_close_are_no_expectation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They begin too close: no bound is written, and a file with a negative one is refused; rounding counts as 0."""
+    path = tmp_path / "close.yaml"
+    text = TINY + "safety: {distance: 50, range: 60}\n"
+    path.write_text(text)
+    code, _, told = call(capsys, path, "--update", "--backend", "ideal")
+    assert code == 2
+    assert "expect.ideal.smallest_separation: a distance on ideal is" in told
+    assert "nothing is written" in told
+    assert path.read_text() == text
+    path.write_text(text + "expect: {ideal: {smallest_separation: -1.46}}\n")
+    with pytest.raises(ScenarioError, match=r"expect\.ideal\.smallest_separation"):
+        load_scenario(path)
+    trial = Trial("ideal", "finished", "", {"smallest_separation": -1e-10})
+    assert expectation_from([trial], 0.05, {}) == {"ideal": {"smallest_separation": 0.0}}
+    expect, safety = Expect(ideal=Bounds(smallest_separation=0.0)), {"smallest_separation": -1e-10}
+    assert check_expectation(expect, "ideal", "finished", {}, (), safety)["met"]
 
 
 def test_a_file_that_may_not_be_written_is_refused_before_it_runs(
