@@ -2,7 +2,7 @@
 
 On an edge from tail to head, z = F_head x_head - F_tail x_tail + lift is the relative position. The edge measures
 
-| measures | h           | desired h*                    | weight K | pulls z by c             | M of H = D^T M D  |
+| measures | h           | desired h*                    | weight K | pulls z by c             | M of D^T M D      |
 |----------|-------------|-------------------------------|----------|--------------------------|-------------------|
 | position | -z          | F_tail x_tail - F_head x_head | K        | K (z + h*)               | K                 |
 | range    | abs(z)      | a distance                    | w        | w (1 - h*/abs(z)) z      | w g g^T           |
@@ -12,6 +12,14 @@ The disagreement is D^T c, where D is the coboundary of z. A directed edge pulls
 columns, and H is not symmetric. For positions and ranges, c is the derivative of the energy 1/2 |h - h*|_K^2. For
 bearings there is no such energy, because the weight depends on z. If z = 0 there is no direction, and a range or
 bearing edge exerts no pull.
+
+D^T M D is the matrix of Gauss-Newton. The Jacobian of the disagreement is H = D^T S D with the slope S = dc/dz,
+
+    range      w ((1 - r/abs(z)) P + g g^T)
+    bearing    w/abs(z) ((g . h*) P + g (P h*)^T),
+
+which is M where an edge fits, h = h*, and differs from it by the curvature of h elsewhere. For bearings that do not
+fit, S is not symmetric.
 """
 
 import itertools
@@ -48,6 +56,10 @@ _CONTRACTION = 0.5 ** np.arange(14)  # of the team's extent: largest changes of 
 _MIDPOINTS = 20  # steps that are taken from their midpoints; near a point reflection more would be needed
 _STRAIGHT = 1e-3  # of the team's extent: longest step that needs no midpoint; ten times the tolerance of midpoints
 _SMALLEST_STEP = 1e-15  # of the team's extent
+_SLOW = 1e-12  # of the pulls: above it a gradient that hardly falls is no rounding
+_MAX_NEWTON = 8
+_NEWTON = 0.25  # ratio of two gradients up to which Newton's method converges at once
+_LONGEST = 0.1  # of the team's extent: longest step of Newton's method
 _ROUNDING = 1e-13
 _DENSE = 200  # largest number of free coordinates whose matrices are dense: sparse ones take 50 us an operation
 
@@ -272,6 +284,14 @@ class NonlinearSheaf:
         )
         return sheaf
 
+    def slopes(self, x: Any) -> list[tuple[Array, Array]]:
+        """Return S = dc/dz of every edge at x, and M, which it is where the edge fits, shapes (m_e, m_e)."""
+        arrays = self._arrays
+        z = arrays.D @ self.pack(x) + arrays.lift
+        exact, fitting = (sparse.csr_array(of(z, arrays.K)) for of in (arrays.slope, arrays.metric))
+        rows = [slice(begin, end) for begin, end in itertools.pairwise(arrays.first.tolist())]
+        return [(exact[r, r].toarray(), fitting[r, r].toarray()) for r in rows]
+
     def gradient(self, x: Any) -> Array:
         """Return D^T c of every vertex, shape (n,): the disagreement eta, against which the law moves agents."""
         arrays = self._arrays
@@ -322,6 +342,7 @@ class _Arrays:
         weight: w of each row, shape (m,); 0 where K is in `K`.
         K: Weights of edges that compare positions, shape (m, m).
         pairs: Rows and columns of the blocks of range and bearing edges.
+        directed: True if an edge is directed, so that neither H nor the matrix of Gauss-Newton is symmetric.
         conservative: True if c is the derivative of an energy at all ends: no edge is directed, none a bearing.
     """
 
@@ -334,6 +355,7 @@ class _Arrays:
     weight: Array
     K: sparse.csr_array
     pairs: tuple[IntArray, IntArray]
+    directed: bool
     conservative: bool
 
     def lengths(self, z: Array) -> Array:
@@ -368,11 +390,27 @@ class _Arrays:
         g, inverse = self.directions(z)
         r, s = self.pairs
         outer = g[r] * g[s]
-        blocks = self.weight[r] * np.where(self.code[r] == 1, outer, ((r == s) - outer) * inverse[r])
+        return self._with_blocks(K, np.where(self.code[r] == 1, outer, ((r == s) - outer) * inverse[r]))
+
+    def slope(self, z: Array, K: sparse.csr_array | Array) -> sparse.csr_array | Array:
+        """Return S = dc/dz, shape (m, m), in the form of K."""
+        g, inverse = self.directions(z)
+        r, s = self.pairs
+        outer = g[r] * g[s]
+        across = (r == s) - outer
+        along = self.along(g)
+        ranged = np.where(inverse[r] > 0.0, across + outer - self.desired[r] * inverse[r] * across, 0.0)
+        borne = inverse[r] * (along[r] * across + g[r] * (self.desired[s] - along[s] * g[s]))
+        return self._with_blocks(K, np.where(self.code[r] == 1, ranged, borne))
+
+    def _with_blocks(self, K: sparse.csr_array | Array, blocks: Array) -> sparse.csr_array | Array:
+        """Add weighted blocks of the range and bearing edges to K, in its form."""
+        r, s = self.pairs
+        weighted = self.weight[r] * blocks
         if not isinstance(K, np.ndarray):
-            return sparse.csr_array(K + sparse.coo_array((blocks, (r, s)), shape=K.shape))
+            return sparse.csr_array(K + sparse.coo_array((weighted, (r, s)), shape=K.shape))
         M = K.copy()
-        M[r, s] += blocks  # each pair is there once
+        M[r, s] += weighted  # each pair is there once
         return M
 
     def residual(self, z: Array) -> float:
@@ -404,6 +442,7 @@ def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
         weight=np.where(code > 0, _joined([np.diag(e.weight) for e in edges]), 0.0),
         K=_position_weights(edges, rows, m),
         pairs=_pairs(edges, rows),
+        directed=any(e.directed for e in edges),
         conservative=not any(e.directed or e.measures == "bearing" for e in edges),
     )
 
@@ -454,6 +493,41 @@ class _DenseLU(NamedTuple):
         return np.asarray(lu_solve(self.factors, right, check_finite=False))
 
 
+class _Across(NamedTuple):
+    """Factors of a damped least-squares problem, whose solutions are orthogonal to the null space of its matrix.
+
+    Attributes:
+        factors: Those of the augmented matrix.
+        states: Number n of unknowns.
+    """
+
+    factors: SuperLU | _DenseLU
+    states: int
+
+    def solve(self, right: Array) -> Array:
+        """Return the least-squares solution for a right-hand side (n,)."""
+        return np.asarray(self.factors.solve(np.concatenate([right, np.zeros(self.states)]))[self.states :])
+
+
+Factor = SuperLU | _DenseLU | _Across
+"""Factors of a matrix."""
+
+
+def _across(H: sparse.csr_array | Array, shift: float) -> _Across:
+    """Factor H, which need not be symmetric, for steps s that minimise |H s - r|^2 + shift^2 |s|^2.
+
+    A solution of (H + shift) s = r has the part of r outside the range of H, over the shift, along what is free. This
+    one has none. [[shift, H], [H^T, -shift]] is solved instead of the normal equations, whose condition is the square.
+    """
+    n = H.shape[0]
+    shift = shift or 1.0
+    if isinstance(H, np.ndarray):
+        whole = np.block([[shift * np.eye(n), H], [H.T, -shift * np.eye(n)]])
+        return _Across(_DenseLU(lu_factor(whole, check_finite=False)), n)
+    damped = shift * sparse.eye_array(n)
+    return _Across(splu(sparse.csc_array(sparse.block_array([[damped, H], [H.T, -damped]]))), n)
+
+
 class Settled(NamedTuple):
     """A stationary point.
 
@@ -483,7 +557,7 @@ class StationarySolver:
     arrays: _Arrays
     U: IntArray
     W: IntArray
-    _factor: SuperLU | _DenseLU | None = field(default=None, repr=False)
+    _factor: "Factor | None" = field(default=None, repr=False)
 
     @cached_property
     def _moved(self) -> sparse.csr_array | Array:
@@ -510,11 +584,14 @@ class StationarySolver:
         return np.asarray(self._moved @ x + (self._held @ boundary + self.arrays.lift))
 
     def H(self, x: Array, boundary: Array) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
-        """Return D^T M D on the free vertices, shape (n_W, n_W); not symmetric with directed edges."""
-        return sparse.csr_array(self._pulled @ self.arrays.metric(self.relative(x, boundary), self._K) @ self._moved)
+        """Return the Jacobian D^T S D of the disagreement on the free vertices, shape (n_W, n_W)."""
+        return sparse.csr_array(self._pulled @ self.arrays.slope(self.relative(x, boundary), self._K) @ self._moved)
 
     def settle(self, x: Array, boundary: Array, *, free: bool = False) -> Settled:
         """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).
+
+        Where edges do not fit together, Gauss-Newton is slow or does not converge; Newton's method, with the Jacobian
+        of the disagreement, then takes the last steps.
 
         With `free` motions H is factored at every step: an old one would push what is free now. Bearings are then
         linearised at the midpoints of the first long steps, so that a scale that is free stays that of the start.
@@ -525,6 +602,7 @@ class StationarySolver:
         gradient = self._pulled @ arrays.pull(z)
         stiffest = _largest(arrays.weight) + _largest(arrays.K.data)
         extent = _largest(z) + _largest(arrays.desired)
+        scales = (_DAMPING, stiffest, extent)
         damping = _DAMPING
         self._factor = None if free else self._factor
         for iteration in range(_MAX_STEPS):
@@ -540,8 +618,16 @@ class StationarySolver:
             moved = self._moved @ (x + step) + base
             after = self._pulled @ arrays.pull(moved)
             worse = self._is_worse(z, moved, gradient, after, stiffest * extent)
-            if worse or free or _largest(after) > _STALE_ABOVE * size:
+            slow = worse or _largest(after) > _STALE_ABOVE * size
+            if slow or free:
                 self._factor = None
+            if slow and not stale and size > _SLOW * stiffest * extent:
+                exact = self._newton(x, base, scales)
+                if exact is not None and self._leads_on(z, exact, gradient, x, base, stiffest * extent):
+                    x = exact
+                    z = self._moved @ x + base
+                    gradient = self._pulled @ arrays.pull(z)
+                    break
             if worse:
                 damping = damping if stale else max(10.0 * damping, _FIRST_DAMPING)
                 continue
@@ -552,6 +638,40 @@ class StationarySolver:
             if _largest(step) <= _SMALLEST_STEP * extent:
                 break
         return Settled(x, _largest(gradient) <= _STATIONARY * stiffest * extent, arrays.residual(z))
+
+    def _newton(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
+        """Return the stationary point to which Newton's method converges at once from x (n_W,); None if it does not.
+
+        Its steps are orthogonal to the free motions of H, and each of them reduces the disagreement to a fraction.
+
+        Args:
+            x: Start.
+            base: z of all edges where x is 0.
+            scales: Damping, stiffest weight and extent of the team.
+        """
+        damping, stiffest, extent = scales
+        z = self._moved @ x + base
+        gradient = self._pulled @ self.arrays.pull(z)
+        for _ in range(_MAX_NEWTON):
+            size = _largest(gradient)
+            H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
+            step = _across(H, damping * float(np.abs(H.diagonal()).max(initial=0.0))).solve(-gradient)
+            if not _largest(step) <= _LONGEST * extent:
+                return None
+            z = self._moved @ (x + step) + base
+            gradient = self._pulled @ self.arrays.pull(z)
+            if _largest(gradient) <= _CONVERGED * stiffest * extent:
+                return x + step
+            if not _largest(gradient) <= _NEWTON * size:
+                return x if size <= _SLOW * stiffest * extent else None
+            x = x + step
+        return None
+
+    def _leads_on(self, z: Array, exact: Array, gradient: Array, x: Array, base: Array, scale: float) -> bool:
+        """Return True if a stationary point is one to which the law moves: downhill from x."""
+        if self.arrays.conservative:
+            return not self._is_worse(z, self._moved @ exact + base, gradient, gradient, scale)
+        return float(gradient @ (exact - x)) < 0.0
 
     def _midpoint_step(self, x: Array, step: Array, base: Array, scales: tuple[float, float, float]) -> Array:
         """Return the step from x (n_W,) that Gauss-Newton takes if it linearises at the midpoint m of the step.
@@ -577,9 +697,11 @@ class StationarySolver:
                 break
         return np.full_like(step, np.nan)
 
-    def _factored(self, z: Array, damping: float, stiffest: float) -> "SuperLU | _DenseLU":
+    def _factored(self, z: Array, damping: float, stiffest: float) -> "Factor":
         H = self._pulled @ self.arrays.metric(z, self._K) @ self._moved
         shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
+        if self.arrays.directed:
+            return _across(H, shift)
         if isinstance(H, np.ndarray):
             return _DenseLU(lu_factor(H + shift * np.eye(len(H)), check_finite=False))
         return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
