@@ -15,7 +15,7 @@ from pydantic import Field
 from mjsheaf.arguments import require_number, require_scenario
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import medium_on_path
-from mjsheaf.checking.loop.directed import held_eigenvalues
+from mjsheaf.checking.loop.directed import held_eigenvalues, zero_of
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord, predict_rms
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS, LinkRecord, link_answers
@@ -50,8 +50,6 @@ from mjsheaf.scenario.slips import slips_of
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
-
-_ZERO = 1e-9  # of the largest eigenvalue: one that is no larger is zero
 
 
 class RegionSummary(Record):
@@ -438,7 +436,7 @@ def _examine_one(
     targets = with_bodies(targets_loop(system), system, path)
     stable = all(each is not False for each in loops) and not targets.unstable
     rigidity = _rigidity(system, original)
-    mending = None if system.team.free else plan_augmentation(system.team)
+    mending = None if system.team.free or system.team.stressed else plan_augmentation(system.team)
     record = CheckRecord(
         scenario=system.name,
         ok=stable and not law.unmodelled and _team_holds(system, certificate, law, rigidity),
@@ -492,7 +490,7 @@ def _rigidity(system: System, original: Team) -> Rigidity:
         values = held_eigenvalues(team)
     except UndecidedError:
         values = spectrum_of(team).smallest.astype(np.complex128)
-    zero = np.abs(values) <= _ZERO * np.abs(values).max(initial=0.0)
+    zero = np.abs(values) <= zero_of(team) * np.abs(values).max(initial=0.0)
     return rigidity_of(team, original, x[:n_q], system.gain, values[~zero])
 
 

@@ -42,6 +42,16 @@ from mjsheaf.sheaf.sheaf import Sheaf
 
 Measure = Literal["position", "range", "bearing"]
 MEASURES: tuple[Measure, ...] = ("position", "range", "bearing")
+SOLVED_RANK_TOLERANCE = 1e-4
+"""Relative tolerance of the rank of a Jacobian at a stationary point that was solved for.
+
+Near a degenerate one, such as a line held by ranges, the disagreement grows with the cube of the distance. Where it is
+rounding, 1e-14, the point is still about 2e-5 of the size of the team away, and so are the Jacobian's entries.
+"""
+
+FREE_MOTION = SOLVED_RANK_TOLERANCE**2
+"""Size of an eigenvalue of H, relative to the largest, up to which its motion counts as free."""
+
 UNIT_TOLERANCE = 1e-6
 """Largest difference of a desired bearing's length from 1; below it the vector is normalised."""
 
@@ -58,6 +68,8 @@ _STRAIGHT = 1e-3  # of the team's extent: longest step that needs no midpoint; t
 _SMALLEST_STEP = 1e-15  # of the team's extent
 _SLOW = 1e-12  # of the pulls: above it a gradient that hardly falls is no rounding
 _MAX_NEWTON = 8
+_MAX_FOLLOWED = 120  # steps along the law
+_TRIED = 4  # steps along the law from one trial of Newton's method to the next
 _NEWTON = 0.25  # ratio of two gradients up to which Newton's method converges at once
 _LONGEST = 0.1  # of the team's extent: longest step of Newton's method
 _ROUNDING = 1e-13
@@ -143,6 +155,71 @@ def desired_value(measures: Measure, value: ArrayLike, m: int) -> Array:
             )
         found = found / length
     return found
+
+
+class StationaryProblem:
+    """The equation H x = B y + c of a stationary point near which it is linearised, in the form of a Dirichlet problem.
+
+    H is the Jacobian of a disagreement: it need be neither symmetric nor without negative eigenvalues.
+
+    Attributes:
+        H: Shape (n_W, n_W).
+        B: Shape (n_W, n_U).
+        symmetric: True if H is symmetric.
+    """
+
+    def __init__(self, jacobian: sparse.csr_array, x: Array, boundary: Array) -> None:
+        """Linearise at a stationary point.
+
+        Args:
+            jacobian: Derivatives of the disagreement by free and boundary values, shape (n_W, n_W + n_U).
+            x, boundary: Values there, shapes (n_W,) and (n_U,).
+        """
+        n = len(x)
+        self.H = sparse.csr_array(jacobian[:, :n])
+        self.B = sparse.csr_array(-jacobian[:, n:])
+        skew = abs(self.H - self.H.T)
+        self.symmetric = bool(skew.max() <= FREE_MOTION * abs(self.H).max()) if skew.nnz else True
+        self._x = x
+        self._boundary = boundary
+
+    @cached_property
+    def _singular(self) -> tuple[Array, Array, Array]:
+        return np.linalg.svd(self.H.toarray())
+
+    @cached_property
+    def null_basis(self) -> Array:
+        """Orthonormal basis of the motions that change nothing, shape (n_W, dimension)."""
+        _, sizes, rows = self._singular
+        return np.asarray(rows[np.count_nonzero(sizes > FREE_MOTION * sizes.max(initial=0.0)) :].T)
+
+    @cached_property
+    def sparse_null_basis(self) -> sparse.csc_array:
+        """`null_basis` as a sparse array."""
+        return sparse.csc_array(self.null_basis)
+
+    @property
+    def unique(self) -> bool:
+        """True if the stationary point is isolated."""
+        return self.null_basis.shape[1] == 0
+
+    @cached_property
+    def eigenvectors(self) -> tuple[Array, Array]:
+        """Eigenvalues of a symmetric H, those of free motions first and then ascending, and orthonormal eigenvectors."""
+        H = self.H.toarray()
+        values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+        order = np.argsort(np.where(np.abs(values) <= FREE_MOTION * np.abs(values).max(initial=0.0), -np.inf, values))
+        return values[order], vectors[:, order]
+
+    def solve(self, right_hand_side: ArrayLike) -> Array:
+        """Compute the shortest x with H x = r for vectors r of shape (..., n_W), in the sense of least squares."""
+        u, sizes, rows = self._singular
+        kept = sizes > FREE_MOTION * sizes.max(initial=0.0)
+        return np.asarray(((np.asarray(right_hand_side) @ u[:, kept]) / sizes[kept]) @ rows[kept])
+
+    def extend(self, boundary: ArrayLike) -> Array:
+        """Compute stationary points, shape (..., n_W), for boundary vectors of shape (..., n_U), to first order."""
+        return np.asarray(self._x + self.solve((np.asarray(boundary) - self._boundary) @ self.B.T.toarray()))
 
 
 @dataclass(frozen=True)
@@ -513,6 +590,13 @@ Factor = SuperLU | _DenseLU | _Across
 """Factors of a matrix."""
 
 
+def _factored(H: sparse.csr_array | Array, shift: float) -> SuperLU | _DenseLU:
+    """Factor H + shift I."""
+    if isinstance(H, np.ndarray):
+        return _DenseLU(lu_factor(H + shift * np.eye(len(H)), check_finite=False))
+    return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
+
+
 def _across(H: sparse.csr_array | Array, shift: float) -> _Across:
     """Factor H, which need not be symmetric, for steps s that minimise |H s - r|^2 + shift^2 |s|^2.
 
@@ -590,8 +674,8 @@ class StationarySolver:
     def settle(self, x: Array, boundary: Array, *, free: bool = False) -> Settled:
         """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).
 
-        Where edges do not fit together, Gauss-Newton is slow or does not converge; Newton's method, with the Jacobian
-        of the disagreement, then takes the last steps.
+        Where edges do not fit together, Gauss-Newton is slow or does not converge. Newton's method, with the Jacobian
+        of the disagreement, then takes the last steps, if need be from a point to which the law moves from x.
 
         With `free` motions H is factored at every step: an old one would push what is free now. Bearings are then
         linearised at the midpoints of the first long steps, so that a scale that is free stays that of the start.
@@ -604,6 +688,7 @@ class StationarySolver:
         extent = _largest(z) + _largest(arrays.desired)
         scales = (_DAMPING, stiffest, extent)
         damping = _DAMPING
+        start = x
         self._factor = None if free else self._factor
         for iteration in range(_MAX_STEPS):
             size = _largest(gradient)
@@ -637,7 +722,35 @@ class StationarySolver:
             damping = max(0.1 * damping, _DAMPING)
             if _largest(step) <= _SMALLEST_STEP * extent:
                 break
-        return Settled(x, _largest(gradient) <= _STATIONARY * stiffest * extent, arrays.residual(z))
+        tolerance = _STATIONARY * stiffest * extent
+        if not _largest(gradient) <= tolerance:
+            exact = self._follow_law(start, base, scales)
+            if exact is not None:
+                x = exact
+                z = self._moved @ x + base
+                gradient = self._pulled @ arrays.pull(z)
+        return Settled(x, _largest(gradient) <= tolerance, arrays.residual(z))
+
+    def _follow_law(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
+        """Return the stationary point to which the law moves from x (n_W,), in implicit steps; None if it finds none.
+
+        A step is that of the implicit Euler method, as long as the disagreement allows, x' = -D^T c.
+        """
+        _, stiffest, extent = scales
+        z = self._moved @ x + base
+        gradient = self._pulled @ self.arrays.pull(z)
+        shift = stiffest
+        for k in range(_MAX_FOLLOWED):
+            exact = None if k % _TRIED else self._newton(x, base, scales)
+            if exact is not None and self._leads_on(z, exact, gradient, x, base, stiffest * extent):
+                return exact
+            H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
+            size = float(np.linalg.norm(gradient))
+            x = x + _limited(_factored(H, shift).solve(-gradient), _LONGEST * extent)
+            z = self._moved @ x + base
+            gradient = self._pulled @ self.arrays.pull(z)
+            shift *= min(max(float(np.linalg.norm(gradient)) / size, 0.5), 2.0)
+        return None
 
     def _newton(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
         """Return the stationary point to which Newton's method converges at once from x (n_W,); None if it does not.
@@ -652,7 +765,7 @@ class StationarySolver:
         damping, stiffest, extent = scales
         z = self._moved @ x + base
         gradient = self._pulled @ self.arrays.pull(z)
-        for _ in range(_MAX_NEWTON):
+        for k in range(_MAX_NEWTON):
             size = _largest(gradient)
             H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
             step = _across(H, damping * float(np.abs(H.diagonal()).max(initial=0.0))).solve(-gradient)
@@ -663,7 +776,7 @@ class StationarySolver:
             if _largest(gradient) <= _CONVERGED * stiffest * extent:
                 return x + step
             if not _largest(gradient) <= _NEWTON * size:
-                return x if size <= _SLOW * stiffest * extent else None
+                return x if k and size <= _SLOW * stiffest * extent else None
             x = x + step
         return None
 
@@ -700,11 +813,7 @@ class StationarySolver:
     def _factored(self, z: Array, damping: float, stiffest: float) -> "Factor":
         H = self._pulled @ self.arrays.metric(z, self._K) @ self._moved
         shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
-        if self.arrays.directed:
-            return _across(H, shift)
-        if isinstance(H, np.ndarray):
-            return _DenseLU(lu_factor(H + shift * np.eye(len(H)), check_finite=False))
-        return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
+        return _across(H, shift) if self.arrays.directed else _factored(H, shift)
 
     def _is_worse(self, z: Array, moved: Array, before: Array, after: Array, scale: float) -> bool:
         """Return True if a step raises the energy or, where there is none, more than doubles the gradient."""
