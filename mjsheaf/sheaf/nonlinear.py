@@ -205,7 +205,7 @@ class StationaryProblem:
 
     @cached_property
     def eigenvectors(self) -> tuple[Array, Array]:
-        """Eigenvalues of a symmetric H, those of free motions first and then ascending, and orthonormal eigenvectors."""
+        """Eigenvalues of a symmetric H, ascending after those of free motions, and orthonormal eigenvectors."""
         H = self.H.toarray()
         values, vectors = np.linalg.eigh(0.5 * (H + H.T))
         order = np.argsort(np.where(np.abs(values) <= FREE_MOTION * np.abs(values).max(initial=0.0), -np.inf, values))

@@ -203,7 +203,9 @@ class Team:
     def law_jacobian(self) -> sparse.csr_array:
         """Derivative of the agents' eta by the positions of all members, of linear edges, shape (n_q, n)."""
         slots = np.cumsum([0, *(member.dimension for member in self.members)])
-        place = {member.id: np.arange(*ends) for member, ends in zip(self.members, itertools.pairwise(slots), strict=True)}
+        place = {
+            member.id: np.arange(*ends) for member, ends in zip(self.members, itertools.pairwise(slots), strict=True)
+        }
         place[GROUND] = np.zeros(0, dtype=np.int64)
         agents = set(self.agent_ids)
         blocks = []
@@ -343,8 +345,8 @@ class Team:
     def linearised_about(self, positions: Array) -> "Team":
         """Return the team linearised at q* of the targets in padded positions (V, 3), m, near the agents in them.
 
-        Its `dirichlet` and `law_problem` have the H of the law. If an edge does not fit at q*, that is not F^T K F, which
-        lacks the curvature of what the edge measures: `Edge.slope` then has the derivative of its pull.
+        Its `dirichlet` and `law_problem` have the H of the law. If an edge does not fit at q*, that is not F^T K F,
+        which lacks the curvature of what the edge measures: `Edge.slope` then has the derivative of its pull.
         """
         x = self.at_rest(positions)
         linear = self.linearised(x)
@@ -361,7 +363,7 @@ class Team:
         return team
 
     def at_rest(self, positions: Array) -> Array:
-        """Return q* and targets, stacked (n,), m, of the targets in padded positions (V, 3), near the agents in them."""
+        """Return q* and targets, stacked, (n,), m, for padded positions (V, 3) of targets and of agents near q*, m."""
         q, p = self.split(positions)
         return np.concatenate([self.extend(p, q), p])
 

@@ -46,8 +46,12 @@ class Inertia(Record):
     """
 
     tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
-    damping_slowest: Finite = Field(description="ratio of the slowest mode, by inertia alone; null: none, or H is asymmetric")
-    damping_fastest: Finite = Field(description="ratio of the fastest mode, by inertia alone; null: none, or H is asymmetric")
+    damping_slowest: Finite = Field(
+        description="ratio of the slowest mode, by inertia alone; null: none, or H is asymmetric"
+    )
+    damping_fastest: Finite = Field(
+        description="ratio of the fastest mode, by inertia alone; null: none, or H is asymmetric"
+    )
 
 
 class BodyMargins(BodyLoop, Inertia):

@@ -116,8 +116,7 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
             FILTERED: system.safety is not None,
             "the law is continuous": system.grid.continuous,
             "H is not symmetric, and the law has terms": not system.team.symmetric and system.law.extended,
-            ROUNDS_OF_FITTING_EDGES: system.team.stressed
-            and (system.law.terms.newton or system.law.terms.feedforward),
+            ROUNDS_OF_FITTING_EDGES: system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward),
             "the team keeps a shape, and no target places it": system.team.free,
             "the harmonic extension is not unique": certificate.spectrum.nullity,
             f"the targets' path is not known: {path.warning}": path.cells is None,

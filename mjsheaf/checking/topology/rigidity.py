@@ -27,8 +27,10 @@ _UNSEEN = 1e-9  # of a rigid motion: what edges measure of it is rounding
 class Rigidity(Record):
     """Rigidity of the linearised team at q*; everything about range and bearing edges is local."""
 
-    rank: int | None = Field(description="rank of the communication edges' Jacobian, or of the law's in a formation whose edges do not fit; "
-        "null in a large team")
+    rank: int | None = Field(
+        description="rank of the communication edges' Jacobian, or of the law's in a formation whose edges do not fit; "
+        "null in a large team"
+    )
     needed: int | None = Field(description="rank with which they hold the shape; null in a large team")
     rigid: bool | None = Field(description="whether they hold it to first order; null in a large team")
     localizable: bool | None = Field(
@@ -67,7 +69,9 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
     unseen = _basis(_unseen(D, _motions(team, positions), tolerance))  # one agent has no turn and no scale
     needed = n - unseen.shape[1]
     rigid = rank >= needed
-    bracing = None if rigid or held_by_stress or not team.free else plan_bracing(team, original, positions, unseen, D, gain)
+    bracing = (
+        None if rigid or held_by_stress or not team.free else plan_bracing(team, original, positions, unseen, D, gain)
+    )
     return Rigidity(rank=rank, needed=needed, rigid=rigid, localizable=localizable, rate=rate, bracing=bracing)
 
 
