@@ -73,6 +73,8 @@ _TRIED = 4  # steps along the law from one trial of Newton's method to the next
 _NEWTON = 0.25  # ratio of two gradients up to which Newton's method converges at once
 _LONGEST = 0.1  # of the team's extent: longest step of Newton's method
 _ROUNDING = 1e-13
+_MAX_DENSE = 600  # largest number of free coordinates whose singular values serve to solve
+_FITTING = 1e-9  # of the largest entry of M: a smaller difference of S is rounding
 _DENSE = 200  # largest number of free coordinates whose matrices are dense: sparse ones take 50 us an operation
 
 
@@ -205,17 +207,29 @@ class StationaryProblem:
 
     @cached_property
     def eigenvectors(self) -> tuple[Array, Array]:
-        """Eigenvalues of a symmetric H, ascending after those of free motions, and orthonormal eigenvectors."""
+        """Eigenvalues of H, ascending after those of free motions, and eigenvectors; orthonormal if H is symmetric.
+
+        Of an asymmetric H the real parts of both.
+        """
         H = self.H.toarray()
-        values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+        if self.symmetric:
+            values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+        else:
+            each, right = np.linalg.eig(H)
+            values = each.real
+            vectors = right.real / np.linalg.norm(right.real, axis=0)
         order = np.argsort(np.where(np.abs(values) <= FREE_MOTION * np.abs(values).max(initial=0.0), -np.inf, values))
         return values[order], vectors[:, order]
 
     def solve(self, right_hand_side: ArrayLike) -> Array:
         """Compute the shortest x with H x = r for vectors r of shape (..., n_W), in the sense of least squares."""
+        r = np.asarray(right_hand_side, dtype=np.float64)
+        if r.shape[-1] > _MAX_DENSE:
+            factor = _across(self.H, _DAMPING * float(np.abs(self.H.diagonal()).max()))
+            return np.array([factor.solve(each) for each in r.reshape(-1, r.shape[-1])]).reshape(r.shape)
         u, sizes, rows = self._singular
         kept = sizes > FREE_MOTION * sizes.max(initial=0.0)
-        return np.asarray(((np.asarray(right_hand_side) @ u[:, kept]) / sizes[kept]) @ rows[kept])
+        return np.asarray(((r @ u[:, kept]) / sizes[kept]) @ rows[kept])
 
     def extend(self, boundary: ArrayLike) -> Array:
         """Compute stationary points, shape (..., n_W), for boundary vectors of shape (..., n_U), to first order."""
@@ -361,13 +375,15 @@ class NonlinearSheaf:
         )
         return sheaf
 
-    def slopes(self, x: Any) -> list[tuple[Array, Array]]:
-        """Return S = dc/dz of every edge at x, and M, which it is where the edge fits, shapes (m_e, m_e)."""
+    def misfits(self, x: Any) -> list[Array | None]:
+        """Return S = dc/dz, shape (m_e, m_e), of every edge that does not fit at x; None where S is M."""
         arrays = self._arrays
         z = arrays.D @ self.pack(x) + arrays.lift
         exact, fitting = (sparse.csr_array(of(z, arrays.K)) for of in (arrays.slope, arrays.metric))
+        tolerance = _FITTING * _largest(fitting.data)
         rows = [slice(begin, end) for begin, end in itertools.pairwise(arrays.first.tolist())]
-        return [(exact[r, r].toarray(), fitting[r, r].toarray()) for r in rows]
+        fits = [_largest((exact[r, r] - fitting[r, r]).data) <= tolerance for r in rows]
+        return [None if one else exact[r, r].toarray() for one, r in zip(fits, rows, strict=True)]
 
     def gradient(self, x: Any) -> Array:
         """Return D^T c of every vertex, shape (n,): the disagreement eta, against which the law moves agents."""
@@ -400,7 +416,10 @@ class NonlinearSheaf:
         if not found.converged:
             raise SheafError("Gauss-Newton does not converge from this start; expected another")
         x[solver.W] = found.x
-        basis = self.jacobian(x).relative_sections(list(known), rtol=RANK_TOLERANCE)
+        if all(misfit is None for misfit in self.misfits(x)):
+            basis = self.jacobian(x).relative_sections(list(known), rtol=RANK_TOLERANCE)
+        else:
+            basis = StationaryProblem(solver.H(found.x, x[solver.U]), found.x, np.zeros(0)).null_basis
         values: Any = self._stalks.unpack(x)
         return NonlinearExtension(values, basis.shape[1] == 0, basis, found.residual)
 

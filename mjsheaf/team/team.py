@@ -20,7 +20,6 @@ from mjsheaf.team.shapes import Shapes
 
 _GROUND = Member(GROUND, 0)
 _COINCIDENT = 1e-9  # m, between places of a formation
-_FITTING = 1e-9  # of the largest slope: a smaller difference by curvature is rounding of q*
 
 
 class Team:
@@ -351,13 +350,11 @@ class Team:
         x = self.at_rest(positions)
         linear = self.linearised(x)
         sheaf = self.nonlinear_sheaf
-        slopes = sheaf.slopes(x)
-        small = _FITTING * max((float(np.abs(fitting).max(initial=0.0)) for _, fitting in slopes), default=0.0)
         changed = dict[int, Edge]()
-        given = zip(self.measuring_edges, linear.measuring_edges, sheaf.relative(x), slopes, strict=True)
-        for e, own, z, (exact, fitting) in given:
-            fits = np.abs(exact - fitting).max(initial=0.0) <= small
-            changed[id(own)] = own if fits else replace(own, slope=Slope(e.F_tail, e.F_head, exact, z))
+        given = zip(self.measuring_edges, linear.measuring_edges, sheaf.relative(x), sheaf.misfits(x), strict=True)
+        for e, own, z, misfit in given:
+            slope = None if misfit is None else Slope(e.F_tail, e.F_head, misfit, z)
+            changed[id(own)] = replace(own, slope=slope)
         team = linear.with_edges(changed)
         team.linearised_at = x
         return team

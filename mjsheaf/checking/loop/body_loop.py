@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.loop.directed import matrix_of
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS
 from mjsheaf.checking.loop.linear_law import Feedback, LawModel, model_of
 from mjsheaf.checking.loop.modelled import require_model
@@ -550,17 +551,16 @@ class _Whole:
 
     def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle], law: LawModel) -> None:
         team = system.team
-        H = team.law_problem.H
+        H = team.dirichlet.H if team.symmetric else matrix_of(team)
         states = H.shape[0] + sum(len(model.A) for model in models)
         if states > 10 * LARGEST_WHOLE:
             raise UndecidedError(f"too many unlike vehicles: {states} states")
         self._law = law
-        self._held = H.toarray()
+        self._held = H if isinstance(H, np.ndarray) else H.toarray()
         self.Q = np.eye(len(self._held))
-        free = team.law_problem.null_basis
-        if not team.symmetric and free.shape[1]:
-            self.Q = linalg.null_space(free.T)
-        elif spectrum.nullity:
+        if not team.symmetric and not team.law_problem.unique:
+            self.Q = linalg.null_space(team.law_problem.null_basis.T)
+        elif team.symmetric and spectrum.nullity:
             values, self.Q = held_modes(system, spectrum)
             self._held = np.diag(values)
         Q = self.Q

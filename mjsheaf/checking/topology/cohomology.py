@@ -107,15 +107,9 @@ def _spectrum(team: Team, count: int) -> Spectrum:
 
 
 def _of_law(problem: StationaryProblem, count: int) -> Spectrum:
-    """Return the spectrum of a law whose edges do not fit together; by real parts where H is not symmetric."""
+    """Return the spectrum of a law whose edges do not fit together, by real parts where H is not symmetric."""
     nullity = problem.null_basis.shape[1]
-    if problem.symmetric:
-        values, vectors = problem.eigenvectors
-    else:
-        each, right = np.linalg.eig(problem.H.toarray())
-        order = np.lexsort((each.real, np.abs(each) > np.sort(np.abs(each))[max(nullity - 1, 0)] * (nullity > 0)))
-        values, vectors = each.real[order], right.real[:, order]
-        vectors = vectors / np.linalg.norm(vectors, axis=0)
+    values, vectors = problem.eigenvectors
     above = values[nullity:]
     return Spectrum(
         lambda_min=0.0 if nullity or not above.size else float(above[0]),
@@ -304,9 +298,9 @@ def fragility(team: Team) -> Fragility:
     method = (
         f"exact: H decomposed again after each of {len(losses)} losses"
         if exact
-        else f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses, or edges that do not fit together: bridges and articulation points of the "
-        "agent graph, targets, and those that a single edge or agent senses; lambda_min and the relative cohomology "
-        "after a loss were not computed"
+        else f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses, or edges that do not fit together: "
+        "bridges and articulation points of the agent graph, targets, and those that a single edge or agent senses; lambda_min and "
+        "the relative cohomology after a loss were not computed"
     )
     known = exact and team.dirichlet.unique
     return Fragility(
