@@ -299,8 +299,8 @@ def fragility(team: Team) -> Fragility:
         f"exact: H decomposed again after each of {len(losses)} losses"
         if exact
         else f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses, or edges that do not fit together: "
-        "bridges and articulation points of the agent graph, targets, and those that a single edge or agent senses; lambda_min and "
-        "the relative cohomology after a loss were not computed"
+        "bridges and articulation points of the agent graph, targets, and those that a single edge or agent senses; "
+        "lambda_min and the relative cohomology after a loss were not computed"
     )
     known = exact and team.dirichlet.unique
     return Fragility(
