@@ -74,7 +74,7 @@ _NEWTON = 0.25  # ratio of two gradients up to which Newton's method converges a
 _LONGEST = 0.1  # of the team's extent: longest step of Newton's method
 _ROUNDING = 1e-13
 _MAX_DENSE = 600  # largest number of free coordinates whose singular values serve to solve
-_FITTING = 1e-9  # of the largest entry of M: a smaller difference of S is rounding
+_EXACT = 1e-7  # of the team's extent: residual of edges that fit
 _DENSE = 200  # largest number of free coordinates whose matrices are dense: sparse ones take 50 us an operation
 
 
@@ -376,11 +376,14 @@ class NonlinearSheaf:
         return sheaf
 
     def misfits(self, x: Any) -> list[Array | None]:
-        """Return S = dc/dz, shape (m_e, m_e), of every edge that does not fit at x; None where S is M."""
+        """Return S = dc/dz, shape (m_e, m_e), of every edge that does not fit at x; None where S is M.
+
+        A difference that could only move what counts as a free motion is rounding.
+        """
         arrays = self._arrays
         z = arrays.D @ self.pack(x) + arrays.lift
         exact, fitting = (sparse.csr_array(of(z, arrays.K)) for of in (arrays.slope, arrays.metric))
-        tolerance = _FITTING * _largest(fitting.data)
+        tolerance = FREE_MOTION * _largest(fitting.data)
         rows = [slice(begin, end) for begin, end in itertools.pairwise(arrays.first.tolist())]
         fits = [_largest((exact[r, r] - fitting[r, r]).data) <= tolerance for r in rows]
         return [None if one else exact[r, r].toarray() for one, r in zip(fits, rows, strict=True)]
@@ -727,7 +730,11 @@ class StationarySolver:
                 self._factor = None
             if slow and not stale and size > _SLOW * stiffest * extent:
                 exact = self._newton(x, base, scales)
-                if exact is not None and self._leads_on(z, exact, gradient, x, base, stiffest * extent):
+                if (
+                    exact is not None
+                    and not self._fits(exact, base, stiffest, extent)
+                    and self._leads_on(z, exact, gradient, x, base, stiffest * extent)
+                ):
                     x = exact
                     z = self._moved @ x + base
                     gradient = self._pulled @ arrays.pull(z)
@@ -798,6 +805,10 @@ class StationarySolver:
                 return x if k and size <= _SLOW * stiffest * extent else None
             x = x + step
         return None
+
+    def _fits(self, x: Array, base: Array, stiffest: float, extent: float) -> bool:
+        """Return True if all edges fit at x (n_W,). Gauss-Newton finds such a point itself, and the nearest one."""
+        return self.arrays.residual(self._moved @ x + base) <= _EXACT * np.sqrt(stiffest) * extent
 
     def _leads_on(self, z: Array, exact: Array, gradient: Array, x: Array, base: Array, scale: float) -> bool:
         """Return True if a stationary point is one to which the law moves: downhill from x."""
