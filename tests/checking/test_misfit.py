@@ -321,3 +321,35 @@ def test_a_blow_up_names_the_largest_gain_of_check() -> None:
         )
     beyond = three_ranges(20.0).system
     assert "take controller.gain below 9.275" in likely_cause(beyond, beyond.grid.period)
+
+
+BEARINGS = [[0.6, 0.8], [0.0, -1.0], [1.0, 0.0]]
+
+
+def three_bearings(gain: float, **fields: Any) -> Scenario:
+    """An agent with bearings to three targets that do not fit together; fields replace fields."""
+    sensing = [{"between": ["A", f"T{k}"], "measures": "bearing", "offset": g} for k, g in enumerate(BEARINGS)]
+    return three_ranges(gain, **{"sensing": sensing, "agents": [{"id": "A", "position": [-1.0, -2.0]}], **fields})
+
+
+@pytest.mark.parametrize("scenario", [three_ranges, three_bearings])
+def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: Any) -> None:
+    """Targets sway by 5 cm: q* moves by the law's H^-1 B, and the error is that of its loop, to 1 %."""
+    places = [[0.1, 8.1], [-8.2, -9.1], [6.3, -8.4]]
+    sway = {"kind": "lissajous", "amplitude": [0.05, 0.05], "rate": [0.5, 0.7]}
+    targets = [
+        {"id": f"T{k}", "position": x, "motion": {**sway, "phase": [float(k), 1.0]}} for k, x in enumerate(places)
+    ]
+    moving = scenario(3.0, targets=targets)
+    error = simulate(moving, backend="ideal").tracking_error.values[300:]
+    assert check(moving)["steady"]["ideal"] == pytest.approx(np.sqrt((error**2).mean()), rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_vehicles_loop_of_bearings_that_do_not_fit_is_that_of_a_run_on_bodies() -> None:
+    """The slowest mode is real and far from the others: late errors fall by its factor in each period, to 1 %."""
+    error = simulate(three_bearings(8.0), backend="physics").tracking_error.values[:, 0]
+    first, last = (int(np.argmax(error < size)) for size in (1e-3, 1e-6))
+    measured = np.log(error[last] / error[first]) / (last - first)
+    bodies = check(three_bearings(8.0))["margins"]["bodies"]
+    assert np.log(bodies["spectral_radius"]) == pytest.approx(measured, rel=0.01)
