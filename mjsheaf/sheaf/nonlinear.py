@@ -201,6 +201,12 @@ class StationaryProblem:
         return sparse.csc_array(self.null_basis)
 
     @property
+    def eigenvalues(self) -> tuple[float, float]:
+        """The smallest eigenvalue of H that is not that of a free motion, and the largest; 1 if H = 0."""
+        values = self.eigenvectors[0][self.null_basis.shape[1] :]
+        return (float(values[0]), float(values[-1])) if len(values) else (1.0, 1.0)
+
+    @property
     def unique(self) -> bool:
         """True if the stationary point is isolated."""
         return self.null_basis.shape[1] == 0
@@ -730,15 +736,8 @@ class StationarySolver:
                 self._factor = None
             if slow and not stale and size > _SLOW * stiffest * extent:
                 exact = self._newton(x, base, scales)
-                if (
-                    exact is not None
-                    and not self._fits(exact, base, stiffest, extent)
-                    and self._leads_on(z, exact, gradient, x, base, stiffest * extent)
-                ):
-                    x = exact
-                    z = self._moved @ x + base
-                    gradient = self._pulled @ arrays.pull(z)
-                    break
+                if exact is not None and arrays.residual(self._moved @ exact + base) > _EXACT * stiffest**0.5 * extent:
+                    return self._settled(exact, base, scales)  # where edges fit, Gauss-Newton finds the nearest point
             if worse:
                 damping = damping if stale else max(10.0 * damping, _FIRST_DAMPING)
                 continue
@@ -748,14 +747,16 @@ class StationarySolver:
             damping = max(0.1 * damping, _DAMPING)
             if _largest(step) <= _SMALLEST_STEP * extent:
                 break
-        tolerance = _STATIONARY * stiffest * extent
-        if not _largest(gradient) <= tolerance:
-            exact = self._follow_law(start, base, scales)
-            if exact is not None:
-                x = exact
-                z = self._moved @ x + base
-                gradient = self._pulled @ arrays.pull(z)
-        return Settled(x, _largest(gradient) <= tolerance, arrays.residual(z))
+        found = self._settled(x, base, scales)
+        exact = None if found.converged else self._follow_law(start, base, scales)
+        return found if exact is None else self._settled(exact, base, scales)
+
+    def _settled(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Settled:
+        """Return x (n_W,) with its residual, and whether it is stationary; see `_newton` for the arguments."""
+        _, stiffest, extent = scales
+        z = self._moved @ x + base
+        gradient = self._pulled @ self.arrays.pull(z)
+        return Settled(x, _largest(gradient) <= _STATIONARY * stiffest * extent, self.arrays.residual(z))
 
     def _follow_law(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
         """Return the stationary point to which the law moves from x (n_W,), in implicit steps; None if it finds none.
@@ -768,7 +769,7 @@ class StationarySolver:
         shift = stiffest
         for k in range(_MAX_FOLLOWED):
             exact = None if k % _TRIED else self._newton(x, base, scales)
-            if exact is not None and self._leads_on(z, exact, gradient, x, base, stiffest * extent):
+            if exact is not None:
                 return exact
             H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
             size = float(np.linalg.norm(gradient))
@@ -781,7 +782,8 @@ class StationarySolver:
     def _newton(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
         """Return the stationary point to which Newton's method converges at once from x (n_W,); None if it does not.
 
-        Its steps are orthogonal to the free motions of H, and each of them reduces the disagreement to a fraction.
+        Its steps are orthogonal to the free motions of H, and each of them reduces the disagreement to a fraction. None
+        too if the law moves away from that point: it lies uphill.
 
         Args:
             x: Start.
@@ -789,8 +791,10 @@ class StationarySolver:
             scales: Damping, stiffest weight and extent of the team.
         """
         damping, stiffest, extent = scales
-        z = self._moved @ x + base
-        gradient = self._pulled @ self.arrays.pull(z)
+        first = self._moved @ x + base
+        z = first
+        start = x
+        uphill = gradient = self._pulled @ self.arrays.pull(z)
         for k in range(_MAX_NEWTON):
             size = _largest(gradient)
             H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
@@ -799,22 +803,20 @@ class StationarySolver:
                 return None
             z = self._moved @ (x + step) + base
             gradient = self._pulled @ self.arrays.pull(z)
-            if _largest(gradient) <= _CONVERGED * stiffest * extent:
-                return x + step
-            if not _largest(gradient) <= _NEWTON * size:
-                return x if k and size <= _SLOW * stiffest * extent else None
-            x = x + step
-        return None
-
-    def _fits(self, x: Array, base: Array, stiffest: float, extent: float) -> bool:
-        """Return True if all edges fit at x (n_W,). Gauss-Newton finds such a point itself, and the nearest one."""
-        return self.arrays.residual(self._moved @ x + base) <= _EXACT * np.sqrt(stiffest) * extent
-
-    def _leads_on(self, z: Array, exact: Array, gradient: Array, x: Array, base: Array, scale: float) -> bool:
-        """Return True if a stationary point is one to which the law moves: downhill from x."""
+            falls = _largest(gradient) <= _NEWTON * size
+            if not falls and not (k and size <= _SLOW * stiffest * extent):
+                return None
+            if falls:
+                x = x + step
+            if not falls or _largest(gradient) <= _CONVERGED * stiffest * extent:
+                break
+        else:
+            return None
         if self.arrays.conservative:
-            return not self._is_worse(z, self._moved @ exact + base, gradient, gradient, scale)
-        return float(gradient @ (exact - x)) < 0.0
+            away = self._is_worse(first, self._moved @ x + base, uphill, uphill, stiffest * extent)
+        else:
+            away = float(uphill @ (x - start)) >= 0.0
+        return None if away else x
 
     def _midpoint_step(self, x: Array, step: Array, base: Array, scales: tuple[float, float, float]) -> Array:
         """Return the step from x (n_W,) that Gauss-Newton takes if it linearises at the midpoint m of the step.

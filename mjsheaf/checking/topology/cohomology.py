@@ -128,7 +128,7 @@ def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
     Returns:
         delta, shape (m, n), whose null space is the relative cohomology; and D = K^{1/2} delta, (m, n), with H = D^T D.
     """
-    columns = team.sheaf.columns(team.dirichlet.interior)
+    columns = team.sheaf.columns(team.agent_ids)
     return team.sheaf.coboundary()[:, columns], team.sheaf.whitened_coboundary()[:, columns]
 
 
