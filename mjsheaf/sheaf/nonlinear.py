@@ -26,7 +26,7 @@ import itertools
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -199,6 +199,11 @@ class StationaryProblem:
     def sparse_null_basis(self) -> sparse.csc_array:
         """`null_basis` as a sparse array."""
         return sparse.csc_array(self.null_basis)
+
+    @property
+    def c(self) -> Array:
+        """Constant part of the equation, shape (n_W,)."""
+        return np.asarray(self.H @ self._x - self.B @ self._boundary)
 
     @property
     def eigenvalues(self) -> tuple[float, float]:
@@ -614,7 +619,7 @@ class _Across(NamedTuple):
         return np.asarray(self.factors.solve(np.concatenate([right, np.zeros(self.states)]))[self.states :])
 
 
-Factor = SuperLU | _DenseLU | _Across
+Factor: TypeAlias = SuperLU | _DenseLU | _Across
 """Factors of a matrix."""
 
 

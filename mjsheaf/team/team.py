@@ -259,7 +259,8 @@ class Team:
     @property
     def symmetric(self) -> bool:
         """True if the H of the law of a team of linear edges is symmetric."""
-        return self.law_problem.symmetric if self.stressed else not self.directed
+        problem = self.law_problem if self.stressed else None
+        return problem.symmetric if isinstance(problem, StationaryProblem) else not self.directed
 
     @property
     def free(self) -> bool:

@@ -33,11 +33,12 @@ def law(scenario: Scenario) -> Any:
             z, w = x[j] - x[i], e.weight[0, 0]
             far = np.linalg.norm(z)
             assert e.offset is not None
-            pull = {
-                "position": lambda z=z, e=e: z + e.offset,
-                "range": lambda z=z, e=e, far=far: (1.0 - e.offset[0] / far) * z,
-                "bearing": lambda z=z, e=e, far=far: z * (z @ e.offset) / far**2 - e.offset,
-            }[e.measures]()
+            if e.measures == "position":
+                pull = z + e.offset
+            elif e.measures == "range":
+                pull = (1.0 - e.offset[0] / far) * z
+            else:
+                pull = z * (z @ e.offset) / far**2 - e.offset
             u[i] += w * pull
             if j < len(u) and not e.directed:
                 u[j] -= w * pull
@@ -353,3 +354,22 @@ def test_the_vehicles_loop_of_bearings_that_do_not_fit_is_that_of_a_run_on_bodie
     measured = np.log(error[last] / error[first]) / (last - first)
     bodies = check(three_bearings(8.0))["margins"]["bodies"]
     assert np.log(bodies["spectral_radius"]) == pytest.approx(measured, rel=0.01)
+
+
+def test_edges_that_are_directed_both_ways_are_those_of_one_edge() -> None:
+    """Two one-way edges pull as one that both ends measure: the rate, the gain and the delay margin are its own."""
+    places = [[0.0, 0.0], [3.0, 1.0]]
+    fields = {
+        "time": {"end": 1.0},
+        "controller": {"gain": GAIN, "control_period": PERIOD},
+        "agents": [{"id": f"A{k}", "position": x} for k, x in enumerate(places)],
+        "targets": [{"id": "T", "position": [5.0, 0.0]}],
+        "sensing": [{"between": ["A0", "T"]}],
+    }
+    ways = [{"between": ["A0", "A1"], "directed": True}, {"between": ["A1", "A0"], "directed": True}]
+    both, one = (
+        check(make_scenario({**fields, "communication": edges})) for edges in (ways, [{"between": ["A0", "A1"]}])
+    )
+    for name in ("spectral_radius", "largest_gain"):
+        assert both["law"][name] == pytest.approx(one["law"][name], rel=1e-9)
+    assert both["links"]["delay_margin"] == pytest.approx(one["links"]["delay_margin"])

@@ -169,7 +169,7 @@ def _obstacles(system: System, spectrum: Spectrum) -> dict[str, bool]:
     links = system.law.links.table
     return {
         "H is not symmetric, and the law has terms": not system.team.symmetric and system.law.extended,
-        ROUNDS_OF_FITTING_EDGES: system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward),
+        ROUNDS_OF_FITTING_EDGES: system.team.stressed and system.law.terms.newton + system.law.terms.feedforward > 0,
         "the gain is 0": system.gain <= 0.0,
         "measurements are delayed or lost": bool(
             links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any()
