@@ -14,7 +14,7 @@ from pydantic import Field
 from mjsheaf.arguments import require_number, require_scenario
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import medium_on_path
-from mjsheaf.checking.loop.directed import held_eigenvalues
+from mjsheaf.checking.loop.directed import held_eigenvalues, zero_of
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord, predict_rms
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import LinkRecord, link_answers
@@ -51,7 +51,6 @@ from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
 
 _MAX_FIXES = 3  # that are tried
-_ZERO = 1e-9  # of the largest eigenvalue: one that is no larger is zero
 
 
 class RegionSummary(Record):
@@ -438,7 +437,7 @@ def _examine_one(
     links = link_answers(system, path)
     targets = with_bodies(targets_loop(system), system, path)
     rigidity = _rigidity(system, original)
-    mending = None if system.team.free else plan_augmentation(system.team)
+    mending = None if system.team.free or system.team.stressed else plan_augmentation(system.team)
     edges = suggest_edges(system.team, system.initial)
     record = CheckRecord(
         scenario=system.name,
@@ -484,7 +483,7 @@ def _rigidity(system: System, original: Team) -> Rigidity:
         values = held_eigenvalues(team)
     except UndecidedError:
         values = spectrum_of(team).smallest.astype(np.complex128)
-    zero = np.abs(values) <= _ZERO * np.abs(values).max(initial=0.0)
+    zero = np.abs(values) <= zero_of(team) * np.abs(values).max(initial=0.0)
     return rigidity_of(team, original, x[:n_q], system.gain, values[~zero])
 
 

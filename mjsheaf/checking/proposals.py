@@ -48,7 +48,11 @@ def propose(system: System, certificate: Certificate, radius: float) -> list[Pro
         loop_of(system)  # where it is undecided, as with rounds that can be delayed or lost, so are its variants
     except UndecidedError:
         return []
-    if len(system.law.links.table) or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS:
+    if (
+        system.team.linearised_at is not None
+        or len(system.law.links.table)
+        or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS
+    ):
         return []
     odometry = Odometry(noise=system.law.terms.noise, bias=system.law.terms.bias)
     return [proposal for kind in range(4) if (proposal := _cheapest(system, certificate, radius, kind, odometry))]

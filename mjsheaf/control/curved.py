@@ -125,7 +125,7 @@ def bound_slopes(team: Team, positions: Array) -> Slopes | None:
     """Bound H of a team whose members begin at padded positions (V, 3), m; None if it is not symmetric."""
     if team.directed:
         return None
-    shape = team.linearised_about(positions)
+    shape = team.linearised(team.at_rest(positions))
     steepest = []
     changed = {}
     for edge, local in zip(team.measuring_edges, shape.measuring_edges, strict=True):

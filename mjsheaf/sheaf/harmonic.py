@@ -101,7 +101,13 @@ class DirichletProblem:
     """
 
     def __init__(
-        self, stalks: Cochains, table: EdgeTable, whitened: EdgeTable, offset: Array, boundary: Sequence[Hashable]
+        self,
+        stalks: Cochains,
+        table: EdgeTable,
+        whitened: EdgeTable,
+        offset: Array,
+        boundary: Sequence[Hashable],
+        rtol: float = RANK_TOLERANCE,
     ) -> None:
         """Set up the problem for a boundary; `Sheaf.dirichlet_problem` does this for a sheaf.
 
@@ -111,6 +117,7 @@ class DirichletProblem:
             whitened: The same edges in coordinates in which the inner product is the identity.
             offset: Desired values b in these coordinates, shape (m,).
             boundary: Vertices U of the boundary.
+            rtol: Singular values of the coboundary that count as zero, relative to the largest.
 
         Raises:
             SheafError: A boundary vertex is unknown or named twice.
@@ -118,6 +125,7 @@ class DirichletProblem:
         if len(set(boundary)) != len(boundary):
             raise SheafError("a boundary vertex is named twice")
         self.boundary = list(boundary)
+        self._rtol = rtol
         self._stalks, self._plain, self._table, self._b = stalks, table, whitened, offset
         self._U, self._free = stalks.numbers(self.boundary), stalks.free(self.boundary)
         W = np.flatnonzero(self._free)
@@ -168,7 +176,7 @@ class DirichletProblem:
     @cached_property
     def _null_space(self) -> sparse.csc_array:
         """A basis of H^0(G, U; F) that is orthonormal in R^{n_W}."""
-        return section_basis(self._plain, self._free, RANK_TOLERANCE)
+        return section_basis(self._plain, self._free, self._rtol)
 
     @cached_property
     def sparse_null_basis(self) -> sparse.csc_array:

@@ -2,7 +2,7 @@
 
 On an edge from tail to head, z = F_head x_head - F_tail x_tail + lift is the relative position. The edge measures
 
-| measures | h           | desired h*                    | weight K | pulls z by c             | M of H = D^T M D  |
+| measures | h           | desired h*                    | weight K | pulls z by c             | M of D^T M D      |
 |----------|-------------|-------------------------------|----------|--------------------------|-------------------|
 | position | -z          | F_tail x_tail - F_head x_head | K        | K (z + h*)               | K                 |
 | range    | abs(z)      | a distance                    | w        | w (1 - h*/abs(z)) z      | w g g^T           |
@@ -12,13 +12,21 @@ The disagreement is D^T c, where D is the coboundary of z. A directed edge pulls
 columns, and H is not symmetric. For positions and ranges, c is the derivative of the energy 1/2 |h - h*|_K^2. For
 bearings there is no such energy, because the weight depends on z. If z = 0 there is no direction, and a range or
 bearing edge exerts no pull.
+
+D^T M D is the matrix of Gauss-Newton. The Jacobian of the disagreement is H = D^T S D with the slope S = dc/dz,
+
+    range      w ((1 - r/abs(z)) P + g g^T)
+    bearing    w/abs(z) ((g . h*) P + g (P h*)^T),
+
+which is M where an edge fits, h = h*, and differs from it by the curvature of h elsewhere. For bearings that do not
+fit, S is not symmetric.
 """
 
 import itertools
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +42,16 @@ from mjsheaf.sheaf.sheaf import Sheaf
 
 Measure = Literal["position", "range", "bearing"]
 MEASURES: tuple[Measure, ...] = ("position", "range", "bearing")
+SOLVED_RANK_TOLERANCE = 1e-4
+"""Relative tolerance of the rank of a Jacobian at a stationary point that was solved for.
+
+Near a degenerate one, such as a line held by ranges, the disagreement grows with the cube of the distance. Where it is
+rounding, 1e-14, the point is still about 2e-5 of the size of the team away, and so are the Jacobian's entries.
+"""
+
+FREE_MOTION = SOLVED_RANK_TOLERANCE**2
+"""Size of an eigenvalue of H, relative to the largest, up to which its motion counts as free."""
+
 UNIT_TOLERANCE = 1e-6
 """Largest difference of a desired bearing's length from 1; below it the vector is normalised."""
 
@@ -48,7 +66,15 @@ _CONTRACTION = 0.5 ** np.arange(14)  # of the team's extent: largest changes of 
 _MIDPOINTS = 20  # steps that are taken from their midpoints; near a point reflection more would be needed
 _STRAIGHT = 1e-3  # of the team's extent: longest step that needs no midpoint; ten times the tolerance of midpoints
 _SMALLEST_STEP = 1e-15  # of the team's extent
+_SLOW = 1e-12  # of the pulls: above it a gradient that hardly falls is no rounding
+_MAX_NEWTON = 8
+_MAX_FOLLOWED = 120  # steps along the law
+_TRIED = 4  # steps along the law from one trial of Newton's method to the next
+_NEWTON = 0.25  # ratio of two gradients up to which Newton's method converges at once
+_LONGEST = 0.1  # of the team's extent: longest step of Newton's method
 _ROUNDING = 1e-13
+_MAX_DENSE = 600  # largest number of free coordinates whose singular values serve to solve
+_EXACT = 1e-7  # of the team's extent: residual of edges that fit
 _DENSE = 200  # largest number of free coordinates whose matrices are dense: sparse ones take 50 us an operation
 
 
@@ -131,6 +157,94 @@ def desired_value(measures: Measure, value: ArrayLike, m: int) -> Array:
             )
         found = found / length
     return found
+
+
+class StationaryProblem:
+    """The equation H x = B y + c of a stationary point near which it is linearised, in the form of a Dirichlet problem.
+
+    H is the Jacobian of a disagreement: it need be neither symmetric nor without negative eigenvalues.
+
+    Attributes:
+        H: Shape (n_W, n_W).
+        B: Shape (n_W, n_U).
+        symmetric: True if H is symmetric.
+    """
+
+    def __init__(self, jacobian: sparse.csr_array, x: Array, boundary: Array) -> None:
+        """Linearise at a stationary point.
+
+        Args:
+            jacobian: Derivatives of the disagreement by free and boundary values, shape (n_W, n_W + n_U).
+            x, boundary: Values there, shapes (n_W,) and (n_U,).
+        """
+        n = len(x)
+        self.H = sparse.csr_array(jacobian[:, :n])
+        self.B = sparse.csr_array(-jacobian[:, n:])
+        skew = abs(self.H - self.H.T)
+        self.symmetric = bool(skew.max() <= FREE_MOTION * abs(self.H).max()) if skew.nnz else True
+        self._x = x
+        self._boundary = boundary
+
+    @cached_property
+    def _singular(self) -> tuple[Array, Array, Array]:
+        return np.linalg.svd(self.H.toarray())
+
+    @cached_property
+    def null_basis(self) -> Array:
+        """Orthonormal basis of the motions that change nothing, shape (n_W, dimension)."""
+        _, sizes, rows = self._singular
+        return np.asarray(rows[np.count_nonzero(sizes > FREE_MOTION * sizes.max(initial=0.0)) :].T)
+
+    @cached_property
+    def sparse_null_basis(self) -> sparse.csc_array:
+        """`null_basis` as a sparse array."""
+        return sparse.csc_array(self.null_basis)
+
+    @property
+    def c(self) -> Array:
+        """Constant part of the equation, shape (n_W,)."""
+        return np.asarray(self.H @ self._x - self.B @ self._boundary)
+
+    @property
+    def eigenvalues(self) -> tuple[float, float]:
+        """The smallest eigenvalue of H that is not that of a free motion, and the largest; 1 if H = 0."""
+        values = self.eigenvectors[0][self.null_basis.shape[1] :]
+        return (float(values[0]), float(values[-1])) if len(values) else (1.0, 1.0)
+
+    @property
+    def unique(self) -> bool:
+        """True if the stationary point is isolated."""
+        return self.null_basis.shape[1] == 0
+
+    @cached_property
+    def eigenvectors(self) -> tuple[Array, Array]:
+        """Eigenvalues of H, ascending after those of free motions, and eigenvectors; orthonormal if H is symmetric.
+
+        Of an asymmetric H the real parts of both.
+        """
+        H = self.H.toarray()
+        if self.symmetric:
+            values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+        else:
+            each, right = np.linalg.eig(H)
+            values = each.real
+            vectors = right.real / np.linalg.norm(right.real, axis=0)
+        order = np.argsort(np.where(np.abs(values) <= FREE_MOTION * np.abs(values).max(initial=0.0), -np.inf, values))
+        return values[order], vectors[:, order]
+
+    def solve(self, right_hand_side: ArrayLike) -> Array:
+        """Compute the shortest x with H x = r for vectors r of shape (..., n_W), in the sense of least squares."""
+        r = np.asarray(right_hand_side, dtype=np.float64)
+        if r.shape[-1] > _MAX_DENSE:
+            factor = _across(self.H, _DAMPING * float(np.abs(self.H.diagonal()).max()))
+            return np.array([factor.solve(each) for each in r.reshape(-1, r.shape[-1])]).reshape(r.shape)
+        u, sizes, rows = self._singular
+        kept = sizes > FREE_MOTION * sizes.max(initial=0.0)
+        return np.asarray(((r @ u[:, kept]) / sizes[kept]) @ rows[kept])
+
+    def extend(self, boundary: ArrayLike) -> Array:
+        """Compute stationary points, shape (..., n_W), for boundary vectors of shape (..., n_U), to first order."""
+        return np.asarray(self._x + self.solve((np.asarray(boundary) - self._boundary) @ self.B.T.toarray()))
 
 
 @dataclass(frozen=True)
@@ -272,6 +386,19 @@ class NonlinearSheaf:
         )
         return sheaf
 
+    def misfits(self, x: Any) -> list[Array | None]:
+        """Return S = dc/dz, shape (m_e, m_e), of every edge that does not fit at x; None where S is M.
+
+        A difference that could only move what counts as a free motion is rounding.
+        """
+        arrays = self._arrays
+        z = arrays.D @ self.pack(x) + arrays.lift
+        exact, fitting = (sparse.csr_array(of(z, arrays.K)) for of in (arrays.slope, arrays.metric))
+        tolerance = FREE_MOTION * _largest(fitting.data)
+        rows = [slice(begin, end) for begin, end in itertools.pairwise(arrays.first.tolist())]
+        fits = [_largest((exact[r, r] - fitting[r, r]).data) <= tolerance for r in rows]
+        return [None if one else exact[r, r].toarray() for one, r in zip(fits, rows, strict=True)]
+
     def gradient(self, x: Any) -> Array:
         """Return D^T c of every vertex, shape (n,): the disagreement eta, against which the law moves agents."""
         arrays = self._arrays
@@ -303,7 +430,10 @@ class NonlinearSheaf:
         if not found.converged:
             raise SheafError("Gauss-Newton does not converge from this start; expected another")
         x[solver.W] = found.x
-        basis = self.jacobian(x).relative_sections(list(known), rtol=RANK_TOLERANCE)
+        if all(misfit is None for misfit in self.misfits(x)):
+            basis = self.jacobian(x).relative_sections(list(known), rtol=RANK_TOLERANCE)
+        else:
+            basis = StationaryProblem(solver.H(found.x, x[solver.U]), found.x, np.zeros(0)).null_basis
         values: Any = self._stalks.unpack(x)
         return NonlinearExtension(values, basis.shape[1] == 0, basis, found.residual)
 
@@ -322,6 +452,7 @@ class _Arrays:
         weight: w of each row, shape (m,); 0 where K is in `K`.
         K: Weights of edges that compare positions, shape (m, m).
         pairs: Rows and columns of the blocks of range and bearing edges.
+        directed: True if an edge is directed, so that neither H nor the matrix of Gauss-Newton is symmetric.
         conservative: True if c is the derivative of an energy at all ends: no edge is directed, none a bearing.
     """
 
@@ -334,6 +465,7 @@ class _Arrays:
     weight: Array
     K: sparse.csr_array
     pairs: tuple[IntArray, IntArray]
+    directed: bool
     conservative: bool
 
     def lengths(self, z: Array) -> Array:
@@ -368,11 +500,27 @@ class _Arrays:
         g, inverse = self.directions(z)
         r, s = self.pairs
         outer = g[r] * g[s]
-        blocks = self.weight[r] * np.where(self.code[r] == 1, outer, ((r == s) - outer) * inverse[r])
+        return self._with_blocks(K, np.where(self.code[r] == 1, outer, ((r == s) - outer) * inverse[r]))
+
+    def slope(self, z: Array, K: sparse.csr_array | Array) -> sparse.csr_array | Array:
+        """Return S = dc/dz, shape (m, m), in the form of K."""
+        g, inverse = self.directions(z)
+        r, s = self.pairs
+        outer = g[r] * g[s]
+        across = (r == s) - outer
+        along = self.along(g)
+        ranged = np.where(inverse[r] > 0.0, across + outer - self.desired[r] * inverse[r] * across, 0.0)
+        borne = inverse[r] * (along[r] * across + g[r] * (self.desired[s] - along[s] * g[s]))
+        return self._with_blocks(K, np.where(self.code[r] == 1, ranged, borne))
+
+    def _with_blocks(self, K: sparse.csr_array | Array, blocks: Array) -> sparse.csr_array | Array:
+        """Add weighted blocks of the range and bearing edges to K, in its form."""
+        r, s = self.pairs
+        weighted = self.weight[r] * blocks
         if not isinstance(K, np.ndarray):
-            return sparse.csr_array(K + sparse.coo_array((blocks, (r, s)), shape=K.shape))
+            return sparse.csr_array(K + sparse.coo_array((weighted, (r, s)), shape=K.shape))
         M = K.copy()
-        M[r, s] += blocks  # each pair is there once
+        M[r, s] += weighted  # each pair is there once
         return M
 
     def residual(self, z: Array) -> float:
@@ -404,6 +552,7 @@ def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
         weight=np.where(code > 0, _joined([np.diag(e.weight) for e in edges]), 0.0),
         K=_position_weights(edges, rows, m),
         pairs=_pairs(edges, rows),
+        directed=any(e.directed for e in edges),
         conservative=not any(e.directed or e.measures == "bearing" for e in edges),
     )
 
@@ -454,6 +603,48 @@ class _DenseLU(NamedTuple):
         return np.asarray(lu_solve(self.factors, right, check_finite=False))
 
 
+class _Across(NamedTuple):
+    """Factors of a damped least-squares problem, whose solutions are orthogonal to the null space of its matrix.
+
+    Attributes:
+        factors: Those of the augmented matrix.
+        states: Number n of unknowns.
+    """
+
+    factors: SuperLU | _DenseLU
+    states: int
+
+    def solve(self, right: Array) -> Array:
+        """Return the least-squares solution for a right-hand side (n,)."""
+        return np.asarray(self.factors.solve(np.concatenate([right, np.zeros(self.states)]))[self.states :])
+
+
+Factor: TypeAlias = SuperLU | _DenseLU | _Across
+"""Factors of a matrix."""
+
+
+def _factored(H: sparse.csr_array | Array, shift: float) -> SuperLU | _DenseLU:
+    """Factor H + shift I."""
+    if isinstance(H, np.ndarray):
+        return _DenseLU(lu_factor(H + shift * np.eye(len(H)), check_finite=False))
+    return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
+
+
+def _across(H: sparse.csr_array | Array, shift: float) -> _Across:
+    """Factor H, which need not be symmetric, for steps s that minimise |H s - r|^2 + shift^2 |s|^2.
+
+    A solution of (H + shift) s = r has the part of r outside the range of H, over the shift, along what is free. This
+    one has none. [[shift, H], [H^T, -shift]] is solved instead of the normal equations, whose condition is the square.
+    """
+    n = H.shape[0]
+    shift = shift or 1.0
+    if isinstance(H, np.ndarray):
+        whole = np.block([[shift * np.eye(n), H], [H.T, -shift * np.eye(n)]])
+        return _Across(_DenseLU(lu_factor(whole, check_finite=False)), n)
+    damped = shift * sparse.eye_array(n)
+    return _Across(splu(sparse.csc_array(sparse.block_array([[damped, H], [H.T, -damped]]))), n)
+
+
 class Settled(NamedTuple):
     """A stationary point.
 
@@ -483,7 +674,7 @@ class StationarySolver:
     arrays: _Arrays
     U: IntArray
     W: IntArray
-    _factor: SuperLU | _DenseLU | None = field(default=None, repr=False)
+    _factor: "Factor | None" = field(default=None, repr=False)
 
     @cached_property
     def _moved(self) -> sparse.csr_array | Array:
@@ -510,11 +701,14 @@ class StationarySolver:
         return np.asarray(self._moved @ x + (self._held @ boundary + self.arrays.lift))
 
     def H(self, x: Array, boundary: Array) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
-        """Return D^T M D on the free vertices, shape (n_W, n_W); not symmetric with directed edges."""
-        return sparse.csr_array(self._pulled @ self.arrays.metric(self.relative(x, boundary), self._K) @ self._moved)
+        """Return the Jacobian D^T S D of the disagreement on the free vertices, shape (n_W, n_W)."""
+        return sparse.csr_array(self._pulled @ self.arrays.slope(self.relative(x, boundary), self._K) @ self._moved)
 
     def settle(self, x: Array, boundary: Array, *, free: bool = False) -> Settled:
         """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).
+
+        Where edges do not fit together, Gauss-Newton is slow or does not converge. Newton's method, with the Jacobian
+        of the disagreement, then takes the last steps, if need be from a point to which the law moves from x.
 
         With `free` motions H is factored at every step: an old one would push what is free now. Bearings are then
         linearised at the midpoints of the first long steps, so that a scale that is free stays that of the start.
@@ -525,7 +719,9 @@ class StationarySolver:
         gradient = self._pulled @ arrays.pull(z)
         stiffest = _largest(arrays.weight) + _largest(arrays.K.data)
         extent = _largest(z) + _largest(arrays.desired)
+        scales = (_DAMPING, stiffest, extent)
         damping = _DAMPING
+        start = x
         self._factor = None if free else self._factor
         for iteration in range(_MAX_STEPS):
             size = _largest(gradient)
@@ -540,8 +736,13 @@ class StationarySolver:
             moved = self._moved @ (x + step) + base
             after = self._pulled @ arrays.pull(moved)
             worse = self._is_worse(z, moved, gradient, after, stiffest * extent)
-            if worse or free or _largest(after) > _STALE_ABOVE * size:
+            slow = worse or _largest(after) > _STALE_ABOVE * size
+            if slow or free:
                 self._factor = None
+            if slow and not stale and size > _SLOW * stiffest * extent:
+                exact = self._newton(x, base, scales)
+                if exact is not None and arrays.residual(self._moved @ exact + base) > _EXACT * stiffest**0.5 * extent:
+                    return self._settled(exact, base, scales)  # where edges fit, Gauss-Newton finds the nearest point
             if worse:
                 damping = damping if stale else max(10.0 * damping, _FIRST_DAMPING)
                 continue
@@ -551,7 +752,76 @@ class StationarySolver:
             damping = max(0.1 * damping, _DAMPING)
             if _largest(step) <= _SMALLEST_STEP * extent:
                 break
-        return Settled(x, _largest(gradient) <= _STATIONARY * stiffest * extent, arrays.residual(z))
+        found = self._settled(x, base, scales)
+        exact = None if found.converged else self._follow_law(start, base, scales)
+        return found if exact is None else self._settled(exact, base, scales)
+
+    def _settled(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Settled:
+        """Return x (n_W,) with its residual, and whether it is stationary; see `_newton` for the arguments."""
+        _, stiffest, extent = scales
+        z = self._moved @ x + base
+        gradient = self._pulled @ self.arrays.pull(z)
+        return Settled(x, _largest(gradient) <= _STATIONARY * stiffest * extent, self.arrays.residual(z))
+
+    def _follow_law(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
+        """Return the stationary point to which the law moves from x (n_W,), in implicit steps; None if it finds none.
+
+        A step is that of the implicit Euler method, as long as the disagreement allows, x' = -D^T c.
+        """
+        _, stiffest, extent = scales
+        z = self._moved @ x + base
+        gradient = self._pulled @ self.arrays.pull(z)
+        shift = stiffest
+        for k in range(_MAX_FOLLOWED):
+            exact = None if k % _TRIED else self._newton(x, base, scales)
+            if exact is not None:
+                return exact
+            H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
+            size = float(np.linalg.norm(gradient))
+            x = x + _limited(_factored(H, shift).solve(-gradient), _LONGEST * extent)
+            z = self._moved @ x + base
+            gradient = self._pulled @ self.arrays.pull(z)
+            shift *= min(max(float(np.linalg.norm(gradient)) / size, 0.5), 2.0)
+        return None
+
+    def _newton(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
+        """Return the stationary point to which Newton's method converges at once from x (n_W,); None if it does not.
+
+        Its steps are orthogonal to the free motions of H, and each of them reduces the disagreement to a fraction. None
+        too if the law moves away from that point: it lies uphill.
+
+        Args:
+            x: Start.
+            base: z of all edges where x is 0.
+            scales: Damping, stiffest weight and extent of the team.
+        """
+        damping, stiffest, extent = scales
+        first = self._moved @ x + base
+        z = first
+        start = x
+        uphill = gradient = self._pulled @ self.arrays.pull(z)
+        for k in range(_MAX_NEWTON):
+            size = _largest(gradient)
+            H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
+            step = _across(H, damping * float(np.abs(H.diagonal()).max(initial=0.0))).solve(-gradient)
+            if not _largest(step) <= _LONGEST * extent:
+                return None
+            z = self._moved @ (x + step) + base
+            gradient = self._pulled @ self.arrays.pull(z)
+            falls = _largest(gradient) <= _NEWTON * size
+            if not falls and not (k and size <= _SLOW * stiffest * extent):
+                return None
+            if falls:
+                x = x + step
+            if not falls or _largest(gradient) <= _CONVERGED * stiffest * extent:
+                break
+        else:
+            return None
+        if self.arrays.conservative:
+            away = self._is_worse(first, self._moved @ x + base, uphill, uphill, stiffest * extent)
+        else:
+            away = float(uphill @ (x - start)) >= 0.0
+        return None if away else x
 
     def _midpoint_step(self, x: Array, step: Array, base: Array, scales: tuple[float, float, float]) -> Array:
         """Return the step from x (n_W,) that Gauss-Newton takes if it linearises at the midpoint m of the step.
@@ -577,12 +847,10 @@ class StationarySolver:
                 break
         return np.full_like(step, np.nan)
 
-    def _factored(self, z: Array, damping: float, stiffest: float) -> "SuperLU | _DenseLU":
+    def _factored(self, z: Array, damping: float, stiffest: float) -> "Factor":
         H = self._pulled @ self.arrays.metric(z, self._K) @ self._moved
         shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
-        if isinstance(H, np.ndarray):
-            return _DenseLU(lu_factor(H + shift * np.eye(len(H)), check_finite=False))
-        return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
+        return _across(H, shift) if self.arrays.directed else _factored(H, shift)
 
     def _is_worse(self, z: Array, moved: Array, before: Array, after: Array, scale: float) -> bool:
         """Return True if a step raises the energy or, where there is none, more than doubles the gradient."""

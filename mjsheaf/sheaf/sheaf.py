@@ -338,15 +338,16 @@ class Sheaf(Cochains):
         """
         return self._orthonormal_sections(list(boundary), rtol).toarray()
 
-    def dirichlet_problem(self, boundary: Sequence[Hashable]) -> DirichletProblem:
+    def dirichlet_problem(self, boundary: Sequence[Hashable], *, rtol: float = RANK_TOLERANCE) -> DirichletProblem:
         """The problem of extending values on U harmonically, for many of them; edges added later are not in it.
 
-        Boundary vectors are in the order of the given vertices U.
+        Boundary vectors are in the order of the given vertices U. Singular values of the coboundary of at most `rtol`
+        times the largest count as zero.
 
         Raises:
             SheafError: a boundary vertex is unknown or named twice.
         """
-        return DirichletProblem(self, self.table, self.whitened_table, self.whitened_offset(), boundary)
+        return DirichletProblem(self, self.table, self.whitened_table, self.whitened_offset(), boundary, rtol)
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
         """Return the 0-cochain of least Dirichlet energy with the given values of boundary vertices.

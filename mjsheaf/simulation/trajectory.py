@@ -282,7 +282,7 @@ def _agents_loop(system: System) -> tuple[float, str, str, int]:
         return (1.0 + c) / max(1.0 - c, 1e-9), "k1 h (1 + c) / (1 - c)", what, 0
     delay = int(np.max(system.law.links.table["delay"], initial=0))
     what = f"the held law on measurements {delay} periods old" if delay else "the held law"
-    return system.largest_eigenvalue, "k1 h lambda_max", what, delay
+    return system.fastest(delay), "k1 h lambda_max", what, delay
 
 
 def largest_integral(system: System) -> float:

@@ -14,7 +14,7 @@ An edge compares relative positions, ranges or bearings: see `mjsheaf.sheaf.nonl
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
@@ -48,6 +48,21 @@ class Member:
     height: float = 0.0
 
 
+class Slope(NamedTuple):
+    """Derivative of what pulls at the ends of a range or bearing edge by its relative position z.
+
+    Attributes:
+        F_tail, F_head: Restriction maps of z = F_head x_head - F_tail x_tail + lift, shapes (m, n_tail), (m, n_head).
+        matrix: Derivative of the pull by z, shape (m, m); of a bearing it need not be symmetric.
+        z: Relative position, shape (m,), m.
+    """
+
+    F_tail: Array
+    F_head: Array
+    matrix: Array
+    z: Array
+
+
 @dataclass(frozen=True)
 class Edge:
     """An edge of the team's graph with its restriction maps.
@@ -62,6 +77,8 @@ class Edge:
         measures: What is compared: position, range or bearing.
         directed: True if only the tail measures and moves.
         lift: Constant part of z = F_head x_head - F_tail x_tail + lift, shape (m,), m; None for zero.
+        slope: Derivative of the pull of a range or bearing edge that this edge linearises and that does not fit; None
+            where F^T K F is it.
     """
 
     tail: str
@@ -74,6 +91,7 @@ class Edge:
     measures: Measure = "position"
     directed: bool = False
     lift: Array | None = None
+    slope: Slope | None = None
 
     def __str__(self) -> str:
         return f"the anchor of {self.tail}" if self.head == GROUND else f"[{self.tail}, {self.head}]"

@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.sheaf.nonlinear import Settled, StationarySolver
+from mjsheaf.sheaf.nonlinear import FREE_MOTION, Settled, StationarySolver
 from mjsheaf.team.edges import GROUND
 
 if TYPE_CHECKING:
     from mjsheaf.team.team import Team
 
 _EXACT = 1e-7  # of the team's size: residual of an exact shape
-_FREE = 1e-9  # of the largest eigenvalue of H: a direction below it is free
 _DENSE = 600  # states up to which free directions are counted
 
 
@@ -67,7 +66,7 @@ class Shapes:
         if self._team.free or len(q) > _DENSE:
             return self._team.free
         values = np.linalg.svd(self.solver.H(q, p).toarray(), compute_uv=False)
-        return bool(values[-1] <= _FREE * values[0])
+        return bool(values[-1] <= FREE_MOTION * values[0])
 
     def _places(self, held: Array, near: Array) -> list[Array]:
         """Return where formations place the agents about where they are; none if an agent is in no formation."""

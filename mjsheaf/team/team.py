@@ -1,17 +1,20 @@
 """The team: agents, targets and edges as one sheaf."""
 
+import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, SheafError, expected, in_field
-from mjsheaf.sheaf import DirichletProblem, NonlinearSheaf, Sheaf
-from mjsheaf.sheaf.nonlinear import linear_maps
-from mjsheaf.team.edges import GROUND, Anchor, Edge, LinearEdge, Member, require_ends
+from mjsheaf.sheaf import RANK_TOLERANCE, DirichletProblem, NonlinearSheaf, Sheaf
+from mjsheaf.sheaf.blocks import assembled
+from mjsheaf.sheaf.nonlinear import SOLVED_RANK_TOLERANCE, StationaryProblem, linear_maps
+from mjsheaf.team.edges import GROUND, Anchor, Edge, LinearEdge, Member, Slope, require_ends
 from mjsheaf.team.formation import Explicit, Formation
 from mjsheaf.team.shapes import Shapes
 
@@ -171,11 +174,46 @@ class Team:
         return padded.reshape(*x.shape[:-1], count, 3)
 
     @cached_property
-    def dirichlet(self) -> DirichletProblem:
-        """The harmonic extension of the targets to the present agents: H q* = B p + c."""
+    def dirichlet(self) -> DirichletProblem | StationaryProblem:
+        """The harmonic extension of the targets to the present agents: H q* = B p + c.
+
+        Of a team linearised where its edges do not fit together, that of its law: see `law_problem`.
+        """
         if self.absent:
             return self.remaining.dirichlet
-        return self.sheaf.dirichlet_problem(self.target_ids + ([GROUND] if self.anchors else []))
+        if self.stressed:
+            return self.law_problem
+        rtol = RANK_TOLERANCE if self.linearised_at is None else SOLVED_RANK_TOLERANCE
+        return self.sheaf.dirichlet_problem(self.target_ids + ([GROUND] if self.anchors else []), rtol=rtol)
+
+    @cached_property
+    def law_problem(self) -> DirichletProblem | StationaryProblem:
+        """H q* = B p + c with the H of the law u = -k1 (H q - B p - c), which need not be that of a sheaf."""
+        if self.absent:
+            return self.remaining.law_problem
+        if not (self.stressed or self.directed):
+            return self.dirichlet
+        n_q = int(self.first_state[-1])
+        p = np.zeros(len(self.slots) - n_q)
+        at = np.concatenate([self.extend(p), p]) if self.linearised_at is None else self.linearised_at
+        return StationaryProblem(self.law_jacobian, at[:n_q], at[n_q:])
+
+    @property
+    def law_jacobian(self) -> sparse.csr_array:
+        """Derivative of the agents' eta by the positions of all members, of linear edges, shape (n_q, n)."""
+        slots = np.cumsum([0, *(member.dimension for member in self.members)])
+        place = {
+            member.id: np.arange(*ends) for member, ends in zip(self.members, itertools.pairwise(slots), strict=True)
+        }
+        place[GROUND] = np.zeros(0, dtype=np.int64)
+        agents = set(self.agent_ids)
+        blocks = []
+        for e in self.measuring_edges:
+            F_tail, F_head, K, _ = e.slope or Slope(e.F_tail, e.F_head, e.weight, e.b)
+            ends = [(e.tail, -F_tail), (e.head, F_head)]
+            moved = [end for end in ends if end[0] in agents and not (e.directed and end[0] == e.head)]
+            blocks += [(place[i][:, None], place[j][None], F.T @ K @ G) for i, F in moved for j, G in ends]
+        return assembled(blocks, (int(self.first_state[-1]), int(slots[-1]))).tocsr()
 
     def harmonic_extension(self, positions: Array) -> Array:
         """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents.
@@ -212,6 +250,17 @@ class Team:
     def directed(self) -> bool:
         """True if only the tail moves on some communication edge, so that H is not symmetric."""
         return any(edge.directed for edge in self.communication)
+
+    @cached_property
+    def stressed(self) -> bool:
+        """True if the team is linearised where its edges do not fit, so that their pulls cancel without vanishing."""
+        return any(edge.slope is not None for edge in self.measuring_edges)
+
+    @property
+    def symmetric(self) -> bool:
+        """True if the H of the law of a team of linear edges is symmetric."""
+        problem = self.law_problem if self.stressed else None
+        return problem.symmetric if isinstance(problem, StationaryProblem) else not self.directed
 
     @property
     def free(self) -> bool:
@@ -251,7 +300,7 @@ class Team:
     def linearised(self, x: Array) -> "Team":
         """Return the team whose linear edges agree to first order with this one's where members are at x.
 
-        Its H is that of the law near x, and its residuals at x are those of this team. Edges stay directed.
+        Its residuals at x are those of this team, and its H is the matrix of Gauss-Newton there. Edges stay directed.
 
         Args:
             x: Padded positions (V, 3) or stacked ones (n,), m.
@@ -294,9 +343,27 @@ class Team:
         )
 
     def linearised_about(self, positions: Array) -> "Team":
-        """Return the team linearised at q* of the targets in padded positions (V, 3), m, near the agents in them."""
+        """Return the team linearised at q* of the targets in padded positions (V, 3), m, near the agents in them.
+
+        Its `dirichlet` and `law_problem` have the H of the law. If an edge does not fit at q*, that is not F^T K F,
+        which lacks the curvature of what the edge measures: `Edge.slope` then has the derivative of its pull.
+        """
+        x = self.at_rest(positions)
+        linear = self.linearised(x)
+        sheaf = self.nonlinear_sheaf
+        changed = dict[int, Edge]()
+        given = zip(self.measuring_edges, linear.measuring_edges, sheaf.relative(x), sheaf.misfits(x), strict=True)
+        for e, own, z, misfit in given:
+            slope = None if misfit is None else Slope(e.F_tail, e.F_head, misfit, z)
+            changed[id(own)] = replace(own, slope=slope)
+        team = linear.with_edges(changed)
+        team.linearised_at = x
+        return team
+
+    def at_rest(self, positions: Array) -> Array:
+        """Return q* and targets, stacked, (n,), m, for padded positions (V, 3) of targets and of agents near q*, m."""
         q, p = self.split(positions)
-        return self.linearised(np.concatenate([self.extend(p, q), p]))
+        return np.concatenate([self.extend(p, q), p])
 
     def is_settled(self, positions: Array) -> bool:
         """Return True if q* of the targets in padded positions (V, 3), m, is the only one near it.

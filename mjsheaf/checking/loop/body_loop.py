@@ -21,7 +21,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import UNKNOWN_ROUNDS
+from mjsheaf.checking.loop.directed import matrix_of
+from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS
 from mjsheaf.checking.loop.linear_law import Feedback, LawModel, model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.loop.targets_loop import targets_loop
@@ -94,7 +95,10 @@ class BodyLoop(Record):
 
 
 def held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
-    """Eigenvalues of H above zero, ascending, and their vectors, shape (n, m)."""
+    """Eigenvalues of H other than zero, ascending, and their vectors, shape (n, m)."""
+    if system.team.stressed:
+        values, vectors = system.team.dirichlet.eigenvectors
+        return values[spectrum.nullity :], vectors[:, spectrum.nullity :]
     values, vectors = linalg.eigh(system.team.dirichlet.H.toarray())
     return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
 
@@ -166,7 +170,8 @@ def _obstacles(system: System, spectrum: Spectrum) -> dict[str, bool]:
     """Return what may keep the loop from being closed, and whether it does."""
     links = system.law.links.table
     return {
-        "H is not symmetric, as communication edges are directed": system.team.directed,
+        "H is not symmetric, and the law has terms": not system.team.symmetric and system.law.extended,
+        ROUNDS_OF_FITTING_EDGES: system.team.stressed and system.law.terms.newton + system.law.terms.feedforward > 0,
         "the gain is 0": system.gain <= 0.0,
         "measurements are delayed or lost": bool(
             links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any()
@@ -369,7 +374,8 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
         except UndecidedError:
             if not _alike(kinds, period):
                 raise
-    parts = _parts(system, spectrum, kinds[0], period)
+    plain = system.team.symmetric and not system.team.stressed
+    parts = _parts(system, spectrum, kinds[0], period) if plain else []
     return _Split(law, parts) if parts else _Whole(system, spectrum, models, law)
 
 
@@ -548,14 +554,16 @@ class _Whole:
 
     def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle], law: LawModel) -> None:
         team = system.team
-        H = team.dirichlet.H
+        H = team.dirichlet.H if team.symmetric else matrix_of(team)
         states = H.shape[0] + sum(len(model.A) for model in models)
         if states > 10 * LARGEST_WHOLE:
             raise UndecidedError(f"too many unlike vehicles: {states} states")
         self._law = law
-        self._held = H.toarray()
+        self._held = H if isinstance(H, np.ndarray) else H.toarray()
         self.Q = np.eye(len(self._held))
-        if spectrum.nullity:
+        if not team.symmetric and not team.law_problem.unique:
+            self.Q = linalg.null_space(team.law_problem.null_basis.T)
+        elif team.symmetric and spectrum.nullity:
             values, self.Q = held_modes(system, spectrum)
             self._held = np.diag(values)
         Q = self.Q
@@ -563,6 +571,9 @@ class _Whole:
         self.m = Q.shape[1]
         self._free = np.block([[np.eye(self.m), Q.T @ C], [np.zeros((len(A), self.m)), A]])
         self._push = np.vstack([Q.T @ D @ Q, B @ Q])  # what a command, in these coordinates, does to (p, x)
+        if not team.symmetric:  # a command of the agents, which need not be in these coordinates
+            self._push = np.vstack([Q.T @ D, B])
+            self._held = self._held @ Q
         self.own = np.concatenate([np.linalg.eigvals(model.A) for model in _distinct(models)])
         self.owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
         acts = self.matrix(1.0) != 0.0

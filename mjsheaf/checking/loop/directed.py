@@ -1,4 +1,4 @@
-"""The loop of a team with directed communication edges, whose H is not symmetric.
+"""The loop of a team whose H is not symmetric: some edges are directed, or bearings do not fit together.
 
 The law is that of the undirected team in each eigenvector of H, with its complex eigenvalue lambda. What the compiled
 law makes of lambda is read off at real ones (see `linear_law`). Without rounds, which directed teams do not have, the
@@ -15,6 +15,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.errors import UndecidedError
+from mjsheaf.sheaf.nonlinear import FREE_MOTION
 from mjsheaf.system import System
 from mjsheaf.team import Team
 
@@ -36,11 +37,10 @@ def matrix_of(team: Team) -> Array:
     Raises:
         UndecidedError: It is too large.
     """
-    present = team.remaining
-    n_q, n_p = int(present.first_state[-1]), len(present.slots) - int(present.first_state[-1])
+    n_q = int(team.remaining.first_state[-1])
     if n_q > MAX_STATES:
         raise UndecidedError(f"H has {n_q} rows; all its eigenvalues are found up to {MAX_STATES}")
-    return present.shapes.solver.H(np.zeros(n_q), np.zeros(n_p)).toarray()
+    return team.law_problem.H.toarray()
 
 
 def eigenvalues_of(team: Team) -> Complex:
@@ -53,6 +53,11 @@ def eigenvalues_of(team: Team) -> Complex:
     return values[np.argsort(values.real, kind="stable")]
 
 
+def zero_of(team: Team) -> float:
+    """Return the size of an eigenvalue of H, relative to the largest, up to which it counts as zero."""
+    return _ZERO if team.linearised_at is None else FREE_MOTION
+
+
 def held_eigenvalues(team: Team) -> Complex:
     """Return the eigenvalues of H that decide its loop: without zeros where a team without targets is free to move.
 
@@ -60,13 +65,13 @@ def held_eigenvalues(team: Team) -> Complex:
         UndecidedError: H is too large.
     """
     values = eigenvalues_of(team)
-    zero = np.abs(values) <= _ZERO * float(np.abs(values).max(initial=0.0))
+    zero = np.abs(values) <= zero_of(team) * float(np.abs(values).max(initial=0.0))
     return values[~zero] if team.free else np.where(zero, 0.0, values)
 
 
 @dataclass(frozen=True)
 class DirectedLoop:
-    """The held loop of a directed team around ideal agents.
+    """The held loop of a team with an asymmetric H around ideal agents.
 
     Attributes:
         system: The system.
@@ -105,6 +110,11 @@ class DirectedLoop:
             return None
         return float((2.0 * self.values.real / np.abs(self.values) ** 2).min() / self.system.grid.period)
 
+    @property
+    def stable_gains(self) -> tuple[float, float] | None:
+        """The gains between which the paper's law is stable, 1/s; None if there are none, and with terms."""
+        return None if self.largest_gain is None else (0.0, self.largest_gain)
+
     @cached_property
     def largest_delay(self) -> int | None:
         """Largest delay of all measurements up to which the loop is stable, periods; None if it is not without.
@@ -114,6 +124,8 @@ class DirectedLoop:
         """
         if not self.radius < _STABLE:
             return None
+        if not self.system.law.extended:
+            return largest_delay(self.values, self.system.gain * self.system.grid.period)
         for delay in range(1, _MAX_DELAY + 1):
             if not self.radius_at(delay) < _STABLE:
                 return delay - 1
@@ -123,7 +135,7 @@ class DirectedLoop:
 
 
 def directed_loop(system: System) -> DirectedLoop:
-    """Return the held loop of a system whose team has directed edges.
+    """Return the held loop of a system whose team has an asymmetric H.
 
     Raises:
         UndecidedError: A part of the law has no model, the law is continuous, or H is too large.
@@ -132,6 +144,21 @@ def directed_loop(system: System) -> DirectedLoop:
     if system.grid.continuous:
         raise UndecidedError("the law is continuous: see rigidity.rate")
     return DirectedLoop(system, held_eigenvalues(system.team))
+
+
+def largest_delay(values: Complex, product: float) -> int:
+    """Return the largest delay, in periods, up to which the paper's held law is stable; it is stable without.
+
+    A root z = exp(i theta) of z^m (z - 1) + k1 h lambda has 2 sin(theta / 2) = k1 h |lambda| and
+    theta (m + 1/2) = pi / 2 - |arg lambda|. The first such m of all eigenvalues is the limit.
+
+    Args:
+        values: Eigenvalues of H, real parts above zero, shape (L,).
+        product: k1 h.
+    """
+    theta = 2.0 * np.arcsin(np.minimum(0.5 * product * np.abs(values), 1.0))
+    limit = float(((0.5 * np.pi - np.abs(np.angle(values))) / theta).min()) - 0.5
+    return int(np.ceil(limit - _ZERO)) - 1
 
 
 def continuous_delay_margin(values: Complex, gain: float) -> float | None:

@@ -30,6 +30,7 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import linear_team, whole_loop
+from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import Spectrum
@@ -203,8 +204,9 @@ def _require_known(system: System) -> None:
         UndecidedError,
         {
             "the law observes the medium's velocity or follows the targets'": terms.drift or terms.feedforward,
-            "H is not symmetric, as communication edges are directed": system.team.directed,
+            "H is not symmetric": not system.team.symmetric,
             "measurements are delayed or lost": late or terms.rounds.imperfect,
+            ROUNDS_OF_FITTING_EDGES: system.team.stressed and terms.newton,
             "the harmonic extension is not unique": not system.team.dirichlet.unique,
             "targets follow one another": len(system.team.target_edges),
             "g is the scenario's own": system.effectiveness.given.any(),

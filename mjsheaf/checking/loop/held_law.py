@@ -114,6 +114,9 @@ class LawLoop(Record):
 UNKNOWN_ROUNDS = "messages of rounds can be delayed or lost, by links.rounds or a range of communication"
 """Why the loop of feedforward or newton is not known."""
 
+ROUNDS_OF_FITTING_EDGES = "edges do not fit together, and rounds of newton or feedforward solve as if they did"
+"""Why the loop of feedforward or newton is not known near a q* where pulls cancel without vanishing."""
+
 
 def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> Array:
     """Evaluate the factor of an error after some rounds of `control.terms.solve`, by eigenvalue, shape (L,).
@@ -136,20 +139,21 @@ def eigen_of(system: System) -> tuple[Array, Array]:
         UndecidedError: H is not symmetric, something is free in a team that should hold places, the law is continuous,
             or H is too large.
     """
-    problem = system.team.dirichlet
+    team = system.team
+    problem = team.dirichlet
     n = problem.H.shape[0]
     raise_first(
         UndecidedError,
         {
-            "H is not symmetric, as communication edges are directed": system.team.directed,
+            "H is not symmetric": not team.symmetric,
             "the law is continuous: see Theorem 1": system.grid.continuous,
-            "the harmonic extension is not unique": not (system.team.free or problem.unique),
+            "the harmonic extension is not unique": not (team.free or problem.unique),
             f"H has {n} rows; all its eigenvalues are found up to {DENSE_STATES}": n > DENSE_STATES,
         },
     )
     values, vectors = problem.eigenvectors
     free = problem.sparse_null_basis.shape[1]
-    if free == n or values[free] <= 0.0:
+    if free == n or (values[free] <= 0.0 and not team.stressed):
         raise UndecidedError("the smallest eigenvalue of H is lost in rounding")
     return values[free:], vectors[:, free:]
 
@@ -165,6 +169,8 @@ def loop_of(system: System) -> Loop:
     values = eigen_of(system)[0]
     if system.law.terms.rounds.imperfect:
         raise UndecidedError(UNKNOWN_ROUNDS)
+    if system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward):
+        raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
     period = system.grid.period
     return Loop(model_of(system.law, period), values, system.gain, period)
 
@@ -448,7 +454,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     computed for the paper's law only.
     """
     terms, h = system.law.terms, system.grid.period
-    if system.team.directed:
+    if not system.team.symmetric:
         return directed_law_loop(system)
     sent = traffic_of(terms, system.team)
     found: dict[str, Any] = {
@@ -488,7 +494,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
 
 
 def directed_law_loop(system: System) -> LawLoop:
-    """Return the loop of a team with directed edges, without a bound along the targets' path."""
+    """Return the loop of a team with an asymmetric H, without a bound along the targets' path."""
     found: dict[str, Any] = dict.fromkeys(LawLoop.model_fields)
     found |= {
         "terms": list(system.law.term_names),
@@ -505,7 +511,7 @@ def directed_law_loop(system: System) -> LawLoop:
         found["spectral_radius"] = loop.radius
         found["rate"] = -np.log(max(loop.radius, _NOTHING)) / system.grid.period
         found["largest_gain"] = loop.largest_gain
-        found["stable_gains"] = None if loop.largest_gain is None else [0.0, loop.largest_gain]
+        found["stable_gains"] = loop.stable_gains
     except UndecidedError as error:
         found["reason"] = str(error)
     return LawLoop(**found)

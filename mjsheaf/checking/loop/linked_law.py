@@ -42,14 +42,16 @@ class MeasuredEdge(NamedTuple):
     Attributes:
         slots: states of q that it touches, shape (k,).
         D: shape (m, k).
-        K: the inner product, shape (m, m).
+        K: the inner product, shape (m, m); of an edge that does not fit, the derivative of its pull.
         kind: communication, sensing or anchor.
+        z: relative position of an edge that does not fit, which is what D measures then, shape (m,), m; None else.
     """
 
     slots: IntArray
     D: Array
     K: Array
     kind: str
+    z: Array | None = None
 
     @property
     def sensing(self) -> bool:
@@ -77,9 +79,10 @@ def measured_edges(team: Team) -> list[MeasuredEdge]:
     first = dict(zip(team.agent_ids, team.first_state, strict=False))
 
     def measured(edge: Edge, kind: str) -> MeasuredEdge:
-        ends = [(id, sign * F) for id, F, sign in ((edge.head, edge.F_head, 1.0), (edge.tail, edge.F_tail, -1.0))]
+        F_tail, F_head, K, z = edge.slope or (edge.F_tail, edge.F_head, edge.weight, None)
+        ends = [(id, sign * F) for id, F, sign in ((edge.head, F_head, 1.0), (edge.tail, F_tail, -1.0))]
         own = [(first[id] + np.arange(F.shape[1]), F) for id, F in ends if id in first]
-        return MeasuredEdge(np.concatenate([s for s, _ in own]), np.hstack([F for _, F in own]), edge.weight, kind)
+        return MeasuredEdge(np.concatenate([s for s, _ in own]), np.hstack([F for _, F in own]), K, kind, z)
 
     kinds = (("communication", team.communication), ("sensing", team.sensing), ("anchor", team.anchors))
     return [measured(edge, kind) for kind, edges in kinds for edge in edges]
@@ -224,6 +227,11 @@ def links_of(system: System, path: TargetPath) -> LinkParameters:
         m = len(edges[e].D)
         bias[e] = np.full(m, link["bias"])
         noise[e] = link["noise"] ** 2 * np.eye(m)
+        if (z := edges[e].z) is not None:  # the error of a range is along z, that of a bearing turns z
+            along = np.outer(z, z) / (z @ z)
+            ranged = team.measuring_edges[e].F_tail.shape[0] == 1 and m > 1
+            bias[e] = link["bias"] * z / np.linalg.norm(z)
+            noise[e] = link["noise"] ** 2 * (along if ranged else z @ z * (np.eye(m) - along))
         if link["bearing"] and m == 2:
             y = _relative_positions(system, e, x[few])
             deviations = (float(link["range_noise"]), float(link["bearing_noise"]))

@@ -68,7 +68,7 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
     law, team = system.law, system.team
     try:
         require_model(system)
-        if team.directed:
+        if not team.symmetric:
             return _of_directed_team(system)
         if team.dirichlet.H.shape[0] > DENSE_STATES and not (system.grid.continuous or law.terms.newton):
             return _of_large_team(system, path)
@@ -90,13 +90,13 @@ def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
 
 
 def _of_directed_team(system: System) -> LinkRecord:
-    """Answer from the complex eigenvalues of H, for a team with directed edges.
+    """Answer from the complex eigenvalues of H, for a team with an asymmetric H.
 
     Raises:
         UndecidedError: Nothing.
     """
     table = system.law.links.table
-    why = "of teams with directed edges only a delay of all measurements alike is decided"
+    why = "H is not symmetric: only a delay of all measurements alike is decided"
     noisy = bool(table["noise"].any()) or _strays(system.law.terms)
     noise = NoiseAnswer(agents=[], linearised=False, reason=why) if noisy else None
     loss = LossAnswer(reason=why) if table["lossy"].any() else None

@@ -34,9 +34,10 @@ class HoldMargin(Record):
 
     period: float = Field(description="h, s")
     product: float = Field(description="k1 h lambda_max: below 2 it converges, up to 1 it does not ring")
-    largest_gain: float | None = Field(description="2 / (h lambda_max), 1/s; null where H = 0")
+    largest_gain: float | None = Field(description="2 / (h lambda_max), 1/s; null where H = 0 or a mode grows")
     ringing_gain: float | None = Field(
-        description="1 / (h lambda_max): beyond it the fastest mode changes sign at each sample, 1/s; null where H = 0"
+        description="1 / (h lambda_max): beyond it the fastest mode changes sign at each sample, 1/s; null where H = 0 "
+        "or a mode grows"
     )
 
 
@@ -48,8 +49,12 @@ class Inertia(Record):
     """
 
     tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
-    damping_slowest: Finite = Field(description="ratio of the slowest mode, by inertia alone; null: none, or directed")
-    damping_fastest: Finite = Field(description="ratio of the fastest mode, by inertia alone; null: none, or directed")
+    damping_slowest: Finite = Field(
+        description="ratio of the slowest mode, by inertia alone; null: none, or H is asymmetric"
+    )
+    damping_fastest: Finite = Field(
+        description="ratio of the fastest mode, by inertia alone; null: none, or H is asymmetric"
+    )
 
 
 class BodyMargins(BodyLoop, Inertia):
@@ -97,7 +102,7 @@ class OneSided(Record):
 class Margins(Record):
     """Margins of effects outside the theory."""
 
-    hold: HoldMargin | None = Field(description="null where the law is continuous, or edges are directed")
+    hold: HoldMargin | None = Field(description="null where the law is continuous, or H is not symmetric")
     bodies: BodyMargins
     speed: list[SpeedDemand] = Field(description=f"the most demanding agents first, at most {MOST_ROWS}")
     lag: list[Lag] = Field(description=f"the largest first, at most {MOST_ROWS}")
@@ -137,10 +142,11 @@ def _one_sided(system: System) -> list[OneSided]:
 
 def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
     """The margin of the held law, or None where the law is continuous or H is not symmetric."""
-    if system.grid.continuous or system.team.directed:
+    if system.grid.continuous or not system.team.symmetric:
         return None
     h = system.grid.period
-    ringing = 1.0 / (h * spectrum.lambda_max) if spectrum.lambda_max > 0.0 else None
+    decays = spectrum.lambda_max > 0.0 and (spectrum.smallest > 0.0).all()
+    ringing = 1.0 / (h * spectrum.lambda_max) if decays else None
     return HoldMargin(
         period=h,
         product=system.gain * h * spectrum.lambda_max,
@@ -155,7 +161,7 @@ def body_margin(system: System, spectrum: Spectrum, tau: Array) -> Inertia:
     `tau` is the time constant m / D of each agent along its most sluggish controlled axis, shape (N,), s.
     """
     k, low, high = system.gain, float(tau.min()), float(tau.max())
-    if not spectrum.smallest.size or system.team.directed:  # no mode is controlled, or known
+    if not (spectrum.smallest > 0.0).all() or not spectrum.smallest.size or not system.team.symmetric:  # none is known
         damping = np.array([np.inf])
     elif high - low <= 1e-9 * high:
         damping = 1.0 / (2.0 * np.sqrt(k * np.array([spectrum.smallest[0], spectrum.lambda_max]) * low))
@@ -228,7 +234,7 @@ def _lags(system: System, difference: Difference) -> list[Lag]:
     """The largest lags of agents along the run, in order."""
     problem, f_B = system.team.dirichlet, difference.values
     lag = np.full(len(system.team.agents), np.nan)
-    if np.isfinite(f_B).all() and not system.team.directed:
+    if np.isfinite(f_B).all() and system.team.symmetric:
         few = max(20, _MOST_LAG_NUMBERS // f_B.shape[1])  # an estimate: some of the instants do where H is large
         solved = problem.solve(f_B[:: -(-len(f_B) // few)]) / system.gain
         lag = np.linalg.norm(system.team.unpack(solved), axis=2).max(axis=0)

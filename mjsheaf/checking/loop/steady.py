@@ -20,6 +20,7 @@ from scipy import linalg
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes, linear_vehicles
 from mjsheaf.checking.loop.directed import matrix_of
+from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
 from mjsheaf.checking.loop.linear_law import LinearLaw, model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
@@ -144,7 +145,8 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
         {
             FILTERED: system.safety is not None,
             "the law is continuous": system.grid.continuous,
-            "H is not symmetric, and the law has terms": system.team.directed and system.law.extended,
+            "H is not symmetric, and the law has terms": not system.team.symmetric and system.law.extended,
+            ROUNDS_OF_FITTING_EDGES: system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward),
             "the team keeps a shape, and no target places it": system.team.free,
             "the harmonic extension is not unique": certificate.spectrum.nullity,
             f"the targets' path is not known: {path.warning}": path.cells is None,
@@ -247,7 +249,7 @@ def _gains(law: LinearLaw) -> tuple[Array, Array, Array]:
     return law.D[:, 0], law.D[:, 2] - law.D[:, 1], law.D[:, 4]
 
 
-def _of_directed(law: LinearLaw, H: Array) -> _Physical:
+def _of_asymmetric(law: LinearLaw, H: Array) -> _Physical:
     """Transform a law without terms, which is affine in the eigenvalues of H, from its gains at 0 and 1."""
     commands = [gain[0] * np.eye(len(H)) + (gain[1] - gain[0]) * H for gain in _gains(law)]
     empty = np.zeros((0, len(H)))
@@ -279,8 +281,9 @@ def _follow(
     Raises:
         UndecidedError: The loop has too many states, or is unstable.
     """
-    H = matrix_of(system.team) if system.team.directed else system.team.dirichlet.H.toarray()
-    values, vectors = (np.array([0.0, 1.0]), H) if system.team.directed else held_modes(system, certificate.spectrum)
+    symmetric = system.team.symmetric
+    H = system.team.dirichlet.H.toarray() if symmetric else matrix_of(system.team)
+    values, vectors = held_modes(system, certificate.spectrum) if symmetric else (np.array([0.0, 1.0]), H)
     law = model_of(law_arrays, system.grid.period).at(system.gain, values)
     A, B, C, D = (linalg.block_diag(*blocks) for blocks in zip(*vehicles, strict=True))
     L, memory = law.C.shape
@@ -288,7 +291,7 @@ def _follow(
     size = n + states + memory * L
     if size > MAX_STATES:
         raise UndecidedError(f"the loop has {size} states, more than {MAX_STATES}")
-    physical = _of_directed(law, H) if system.team.directed else _in_coordinates(law, vectors)
+    physical = _in_coordinates(law, vectors) if symmetric else _of_asymmetric(law, H)
     M = np.block(
         [
             [np.eye(n) + D @ physical.position, C, D @ physical.memory],

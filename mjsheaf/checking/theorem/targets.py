@@ -68,7 +68,7 @@ class Carrier:
 
     def __init__(self, system: System, spectrum: Spectrum | None = None) -> None:
         self._team = system.team
-        self._problem = system.team.dirichlet
+        self._problem = system.team.law_problem
         n_q, n_p = self._problem.B.shape
         rest = self._problem.extend(np.zeros(n_p))
         self._rest = self._offset = rest

@@ -23,8 +23,7 @@ from scipy.sparse import csgraph
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.sheaf.nonlinear import Measure, NonlinearEdge, linear_maps
+from mjsheaf.sheaf.nonlinear import FREE_MOTION, SOLVED_RANK_TOLERANCE, Measure, NonlinearEdge, linear_maps
 from mjsheaf.team import Team
 from mjsheaf.team.edges import LinearEdge
 from mjsheaf.team.null_modes import describe, null_mode_of, sparsified
@@ -32,7 +31,6 @@ from mjsheaf.team.null_modes import describe, null_mode_of, sparsified
 MAX_STATES = 200
 """Largest number of the agents' coordinates for which edges are searched."""
 
-_HELD = 1e-10  # squared singular value above which a candidate with rows of length 1 holds a flex
 _PIVOT = 1e-6  # length of a row of orthonormal motions below which its coordinate fixes none of them
 _SHOWN = 3  # flexes in a sentence
 
@@ -115,14 +113,14 @@ def plan_bracing(team: Team, original: Team, positions: Array, motions: Array, D
         flexes=_describe_flexes(team, flexes, motions),
         edges=[candidates.edges[k] for k in chosen],
         exact=exact,
-        rate=rate if not team.directed else None,
+        rate=rate if team.symmetric else None,
     )
 
 
 def _flexes(D: Array, motions: Array) -> Array:
     """Return an orthonormal basis of the motions that D does not measure, across the given ones, shape (n, r)."""
     _, singular, directions = np.linalg.svd(D)
-    rank = int(np.count_nonzero(singular > RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)))
+    rank = int(np.count_nonzero(singular > SOLVED_RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)))
     free = directions[rank:].T
     return np.asarray(free @ np.linalg.svd(free.T @ motions)[0][:, motions.shape[1] :])
 
@@ -133,6 +131,7 @@ def _describe_flexes(team: Team, flexes: Array, motions: Array) -> list[str]:
     order = _breadth_first(team)
     fixed = _frame(motions, owner, order)
     relative = flexes - motions @ np.linalg.solve(motions[fixed], flexes[fixed])
+    relative[np.abs(relative) <= SOLVED_RANK_TOLERANCE * np.abs(relative).max()] = 0.0
     basis = sparsified(sparse.csr_array(relative), owner)
     first = team.agents[order[0]].id
     ends = itertools.pairwise(basis.indptr.tolist())
@@ -211,11 +210,11 @@ def _choose(rows: Array, flexes: Array) -> tuple[list[int], bool]:
     found = 0
     while found < r:
         values = np.linalg.eigvalsh(left @ left.swapaxes(1, 2))
-        rank = np.count_nonzero(values > _HELD, axis=1)
+        rank = np.count_nonzero(values > FREE_MOTION, axis=1)
         if not rank.max(initial=0):
             return [], False
         largest = largest or int(rank.max())
-        weakest = np.where(values > _HELD, values, np.inf).min(axis=1)
+        weakest = np.where(values > FREE_MOTION, values, np.inf).min(axis=1)
         k = int(np.lexsort((-weakest.round(9), -rank))[0])
         chosen.append(k)
         directions = np.linalg.svd(left[k], full_matrices=False)[2][: rank[k]]
@@ -223,6 +222,6 @@ def _choose(rows: Array, flexes: Array) -> tuple[list[int], bool]:
         found += int(rank[k])
     for k in tuple(chosen):
         others = [other for other in chosen if other != k]
-        if others and np.linalg.matrix_rank(held[others].reshape(-1, r), tol=math.sqrt(_HELD)) == r:
+        if others and np.linalg.matrix_rank(held[others].reshape(-1, r), tol=math.sqrt(FREE_MOTION)) == r:
             chosen = others
     return chosen, len(chosen) == math.ceil(r / largest)

@@ -34,6 +34,7 @@ from mjsheaf.sheaf.blocks import (
     sparse_null_space,
     sparser_rows,
 )
+from mjsheaf.sheaf.nonlinear import SOLVED_RANK_TOLERANCE, StationaryProblem
 from mjsheaf.team import GROUND, Edge, Team
 from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
 
@@ -86,6 +87,8 @@ _spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # 
 
 
 def _spectrum(team: Team, count: int) -> Spectrum:
+    if isinstance(team.dirichlet, StationaryProblem):
+        return _of_law(team.dirichlet, count)
     (_, D), null = agent_coboundary(team), team.dirichlet.sparse_null_basis
     smallest, vectors, largest_component = _above_zero(D, null, count)
     nullity = null.shape[1]
@@ -103,13 +106,29 @@ def _spectrum(team: Team, count: int) -> Spectrum:
     )
 
 
+def _of_law(problem: StationaryProblem, count: int) -> Spectrum:
+    """Return the spectrum of a law whose edges do not fit together, by real parts where H is not symmetric."""
+    nullity = problem.null_basis.shape[1]
+    values, vectors = problem.eigenvectors
+    above = values[nullity:]
+    return Spectrum(
+        lambda_min=0.0 if nullity or not above.size else float(above[0]),
+        lambda_max=float(values.max(initial=0.0)),
+        sigma_max_B=largest_singular_value(problem.B),
+        nullity=nullity,
+        smallest=above[:count],
+        vectors=vectors[:, nullity : nullity + count],
+        method="dense, of the law's Jacobian: edges do not fit together at q*",
+    )
+
+
 def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
     """The coboundary on the agents, rows in the order of the sheaf's edges, columns in that of the stacked q.
 
     Returns:
         delta, shape (m, n), whose null space is the relative cohomology; and D = K^{1/2} delta, (m, n), with H = D^T D.
     """
-    columns = team.sheaf.columns(team.dirichlet.interior)
+    columns = team.sheaf.columns(team.agent_ids)
     return team.sheaf.coboundary()[:, columns], team.sheaf.whitened_coboundary()[:, columns]
 
 
@@ -206,7 +225,7 @@ def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
     near = spectrum.smallest[:MOST_NEARLY] <= NEARLY * spectrum.lambda_max
     return RelativeCohomology(
         dimension=len(basis),
-        tolerance=RANK_TOLERANCE,
+        tolerance=RANK_TOLERANCE if team.linearised_at is None else SOLVED_RANK_TOLERANCE,
         basis=basis,
         near_null=[
             NearNull(
@@ -279,9 +298,9 @@ def fragility(team: Team) -> Fragility:
     method = (
         f"exact: H decomposed again after each of {len(losses)} losses"
         if exact
-        else f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses: bridges and articulation points of the "
-        "agent graph, targets, and those that a single edge or agent senses; lambda_min and the relative cohomology "
-        "after a loss were not computed"
+        else f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses, or edges that do not fit together: "
+        "bridges and articulation points of the agent graph, targets, and those that a single edge or agent senses; "
+        "lambda_min and the relative cohomology after a loss were not computed"
     )
     known = exact and team.dirichlet.unique
     return Fragility(
@@ -303,7 +322,7 @@ def single_losses(team: Team) -> tuple[list[Loss], bool]:
         The losses, those that break something first, then by lambda_min; and whether each was tried out on H.
     """
     singles = list(_singles(team))
-    if team.dirichlet.H.shape[0] > EXACT_STATES or len(singles) > EXACT_LOSSES:
+    if team.stressed or team.dirichlet.H.shape[0] > EXACT_STATES or len(singles) > EXACT_LOSSES:
         return [loss for loss, _, _ in singles if loss.breaks], False
     losses = list(_try_out(team, singles))
     losses.sort(key=lambda loss: (not loss.breaks, round(loss.lambda_min or 0.0, 12)))  # rounding does not choose

@@ -1,6 +1,7 @@
 """Rigidity of a team at a shape.
 
-The rank is that of the linearised coboundary of communication edges. A rigid team has the rank of all motions except
+The rank is that of the linearised coboundary of communication edges; where these do not fit together, in a team without
+targets, that of the law's Jacobian, as stress holds a shape too. A rigid team has the rank of all motions except
 those that edges of these kinds can never measure: translations, rotations and scaling, as far as the edges leave them
 free. The required rank is n d - d (d + 1) / 2 for ranges alone, n d - d - 1 for bearings, and n d - d for positions.
 """
@@ -14,6 +15,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.topology.bracing import Bracing, plan_bracing
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.sheaf import RANK_TOLERANCE
+from mjsheaf.sheaf.nonlinear import SOLVED_RANK_TOLERANCE
 from mjsheaf.team import Team
 
 MAX_STATES = 600
@@ -25,7 +27,10 @@ _UNSEEN = 1e-9  # of a rigid motion: what edges measure of it is rounding
 class Rigidity(Record):
     """Rigidity of the linearised team at q*; everything about range and bearing edges is local."""
 
-    rank: int | None = Field(description="rank of the communication edges' Jacobian; null in a large team")
+    rank: int | None = Field(
+        description="rank of the communication edges' Jacobian, or of the law's in a formation whose edges do not fit; "
+        "null in a large team"
+    )
     needed: int | None = Field(description="rank with which they hold the shape; null in a large team")
     rigid: bool | None = Field(description="whether they hold it to first order; null in a large team")
     localizable: bool | None = Field(
@@ -51,18 +56,22 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
         gain: k1, 1/s.
         values: Eigenvalues of H that are not zero; of a large undirected team some of the smallest.
     """
-    unique = len(values) == int(team.first_state[-1]) if team.directed else team.dirichlet.unique
+    unique = team.dirichlet.unique if team.symmetric else len(values) == int(team.first_state[-1])
     localizable = None if team.free else bool(unique)
     rate = gain * float(values.real.min()) if len(values) else None
     n = int(team.first_state[-1])
     if n > MAX_STATES:
         return Rigidity(rank=None, needed=None, rigid=None, localizable=localizable, rate=rate)
-    D = _coboundary(team, n)
-    rank = int(np.linalg.matrix_rank(D, rtol=RANK_TOLERANCE)) if len(D) else 0
-    unseen = _basis(_unseen(D, _motions(team, positions)))  # one agent has no turn and no scale
+    held_by_stress = team.free and team.stressed
+    D = team.law_problem.H.toarray() if held_by_stress else _coboundary(team, n)
+    tolerance = SOLVED_RANK_TOLERANCE if team.linearised_at is not None else RANK_TOLERANCE
+    rank = int(np.linalg.matrix_rank(D, rtol=tolerance)) if len(D) else 0
+    unseen = _basis(_unseen(D, _motions(team, positions), tolerance))  # one agent has no turn and no scale
     needed = n - unseen.shape[1]
     rigid = rank >= needed
-    bracing = None if rigid or not team.free else plan_bracing(team, original, positions, unseen, D, gain)
+    bracing = (
+        None if rigid or held_by_stress or not team.free else plan_bracing(team, original, positions, unseen, D, gain)
+    )
     return Rigidity(rank=rank, needed=needed, rigid=rigid, localizable=localizable, rate=rate, bracing=bracing)
 
 
@@ -90,10 +99,10 @@ def _motions(team: Team, positions: Array) -> Array:
     return np.asarray(flat[:, team.slots[: len(positions)]].T)
 
 
-def _unseen(D: Array, motions: Array) -> Array:
+def _unseen(D: Array, motions: Array, tolerance: float) -> Array:
     """Return independent combinations of motions (n, count) that edges do not measure, shape (n, unseen)."""
     _, singular, combinations = np.linalg.svd(D @ motions)
-    seen = int(np.count_nonzero(singular > _UNSEEN * np.sqrt(len(D))))
+    seen = int(np.count_nonzero(singular > max(_UNSEEN, tolerance) * np.sqrt(len(D))))
     return np.asarray(motions @ combinations[seen:].T)
 
 

@@ -1,0 +1,375 @@
+"""Ranges and bearings that do not fit together, and directed teams: `check` against the law, simulated on its own."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import simulate
+from mjsheaf.arrays import Array
+from mjsheaf.checking import check
+from mjsheaf.checking.loop.directed import directed_loop, largest_delay
+from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.scenario import Scenario
+from mjsheaf.system import System
+from tests.builders import make_scenario
+
+PERIOD = 0.01
+GAIN = 1.0
+
+
+def law(scenario: Scenario) -> Any:
+    """The law of a team of one dimension, u / k1 of stacked agents q (n_q,) and targets p (n_p,), from its formulas."""
+    team = scenario.team
+    d = team.agents[0].dimension
+    number = {id: k for k, id in enumerate([*team.agent_ids, *team.target_ids])}
+    edges = [(number[e.tail], number[e.head], e) for e in (*team.communication, *team.sensing)]
+
+    def command(q: Array, p: Array) -> Array:
+        x = np.concatenate([q, p]).reshape(-1, d)
+        u = np.zeros((len(team.agents), d))
+        for i, j, e in edges:
+            z, w = x[j] - x[i], e.weight[0, 0]
+            far = np.linalg.norm(z)
+            assert e.offset is not None
+            if e.measures == "position":
+                pull = z + e.offset
+            elif e.measures == "range":
+                pull = (1.0 - e.offset[0] / far) * z
+            else:
+                pull = z * (z @ e.offset) / far**2 - e.offset
+            u[i] += w * pull
+            if j < len(u) and not e.directed:
+                u[j] -= w * pull
+        return u.ravel()
+
+    return command
+
+
+def factors(scenario: Scenario, gain: float = GAIN, periods: int = 20, move: float = 1e-6) -> Array:
+    """Sizes of the factors by which small motions about q* change in a period of the held law, simulated, (n_q,)."""
+    team, command = scenario.team, law(scenario)
+    x = team.at_rest(scenario.system.initial)
+    n = int(team.first_state[-1])
+
+    def end(q: Array) -> Array:
+        for _ in range(periods):
+            q = q + gain * PERIOD * command(q, x[n:])
+        return q
+
+    ends = [end(x[:n] + row) - end(x[:n] - row) for row in move * np.eye(n)]
+    return np.asarray(np.abs(np.linalg.eigvals(np.array(ends) / (2.0 * move))) ** (1.0 / periods))
+
+
+def random_team(seed: int, misfit: float = 1.0, directed: float = 0.0, targets: bool = True) -> Scenario:
+    """A random team near a shape from which its ranges, bearings and positions are off by `misfit`, m."""
+    rng = np.random.default_rng(seed)
+    d, n = int(rng.integers(2, 4)), int(rng.integers(2, 6))
+    m = int(rng.integers(2, 5)) if targets else 0
+    q, p = rng.uniform(-8.0, 8.0, (n, d)), rng.uniform(-10.0, 10.0, (m, d))
+    kinds = [("range",), ("bearing",), ("range", "bearing", "position")][seed % 3]
+
+    def edge(tail: str, head: str, z: Array, one_way: bool) -> dict[str, Any]:
+        kind = str(rng.choice(kinds))
+        z = z + misfit * rng.normal(size=d)
+        far = float(np.linalg.norm(z))
+        offset = {"range": [far], "bearing": (z / far).tolist(), "position": (-z).tolist()}[kind]
+        weight = float(rng.uniform(0.5, 2.0))
+        fields = {"between": [tail, head], "measures": kind, "offset": offset, "weight": weight}
+        return {**fields, "directed": True} if one_way else fields
+
+    pairs = [pair for pair in itertools.combinations(range(n), 2) if pair[1] == pair[0] + 1 or rng.random() < 0.7]
+    pairs = [pair[::-1] if rng.random() < 0.5 else pair for pair in pairs]
+    sensed = [(i, k) for i in range(n) for k in range(m) if rng.random() < 0.6]
+    start = q + 0.3 * rng.normal(size=q.shape)
+    return make_scenario(
+        {
+            "time": {"end": 1.0},
+            "controller": {"gain": GAIN, "control_period": PERIOD},
+            "agents": [{"id": f"A{i}", "position": x} for i, x in enumerate(start.tolist())],
+            "targets": [{"id": f"T{k}", "position": x} for k, x in enumerate(p.tolist())],
+            "communication": [edge(f"A{i}", f"A{j}", q[j] - q[i], rng.random() < directed) for i, j in pairs],
+            "sensing": [edge(f"A{i}", f"T{k}", p[k] - q[i], False) for i, k in sensed],
+        }
+    )
+
+
+def radius_of(system: System) -> float:
+    """The spectral radius that `check` states for the held law."""
+    local = system.local
+    return loop_of(local).radius if local.team.symmetric else directed_loop(local).radius
+
+
+def is_settled(scenario: Scenario) -> bool:
+    """Return True if q* is an equilibrium of the law and nothing is free there."""
+    team = scenario.team
+    x = team.at_rest(scenario.system.initial)
+    n = int(team.first_state[-1])
+    return float(np.abs(law(scenario)(x[:n], x[n:])).max()) < 1e-9 and team.is_settled(scenario.system.initial)
+
+
+@pytest.mark.parametrize("directed", [0.0, 0.5])
+@pytest.mark.parametrize("seeds", [range(10), pytest.param(range(10, 260), marks=pytest.mark.slow)], ids=len)
+def test_the_rate_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, directed: float) -> None:
+    """Rates agree with the law's own decay to 2 %; most random teams have one equilibrium near them."""
+    decided = 0
+    for seed in seeds:
+        scenario = random_team(seed, directed=directed)
+        if not is_settled(scenario):
+            continue
+        decided += 1
+        stated, measured = (-np.log(r) / PERIOD for r in (radius_of(scenario.system), factors(scenario).max()))
+        assert stated == pytest.approx(measured, rel=0.02, abs=1e-6), seed
+    assert decided >= 0.7 * len(seeds)
+
+
+@pytest.mark.parametrize("directed", [0.0, 0.5])
+@pytest.mark.parametrize("seeds", [range(6), pytest.param(range(6, 60), marks=pytest.mark.slow)], ids=len)
+def test_the_largest_gain_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, directed: float) -> None:
+    """Small motions decay at 0.97 of the largest gain and grow at 1.03 of it."""
+    for seed in seeds:
+        scenario = random_team(seed, directed=directed)
+        if not is_settled(scenario):
+            continue
+        local = scenario.system.local
+        loop = loop_of(local) if local.team.symmetric else directed_loop(local)
+        if loop.stable_gains is None:
+            assert factors(scenario).max() > 1.0, seed
+            continue
+        limit = loop.stable_gains[1]
+        assert factors(scenario, 0.97 * limit, periods=4).max() < 1.0, seed
+        assert factors(scenario, 1.03 * limit, periods=4).max() > 1.0, seed
+
+
+@pytest.mark.parametrize("seeds", [range(15), pytest.param(range(15, 100), marks=pytest.mark.slow)], ids=len)
+def test_q_star_of_directed_teams_without_targets_is_near_a_shape_that_is_near(seeds: range) -> None:
+    """Agents 2 cm from a shape that they keep have q* within 0.1 m, an equilibrium, and an error of that size."""
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        shape = random_team(seed, misfit=0.0, directed=0.4, targets=False)
+        x = shape.system.initial + 0.02 * rng.uniform(-1.0, 1.0, shape.system.initial.shape)
+        d, n = shape.team.agents[0].dimension, len(shape.team.agents)
+        q = random_places(seed, n, d) + x[:, :d] - shape.system.initial[:, :d]
+        found = shape.team.extend(np.zeros(0), q.ravel())
+        assert np.abs(found - q.ravel()).max() < 0.1, seed
+        assert np.abs(law(shape)(found, np.zeros(0))).max() < 1e-12, seed
+
+
+def random_places(seed: int, n: int, d: int) -> Array:
+    """The places that the agents of `random_team` keep, shape (n, d), m."""
+    rng = np.random.default_rng(seed)
+    assert (d, n) == (int(rng.integers(2, 4)), int(rng.integers(2, 6)))
+    return rng.uniform(-8.0, 8.0, (n, d))
+
+
+@pytest.mark.parametrize("values", [[1.0], [0.4 + 0.9j, 0.4 - 0.9j, 2.0], [1.0 - 1.0j, 1.0 + 1.0j], [0.02 + 1.0j]])
+@pytest.mark.parametrize("product", [0.005, 0.03, 0.3])
+def test_the_largest_delay_is_that_of_the_characteristic_roots(values: list[complex], product: float) -> None:
+    """Roots of z^m (z - 1) + k1 h lambda are inside the circle up to the largest delay, and one is outside beyond."""
+
+    def radius(delay: int) -> float:
+        polynomials = (
+            [1.0, -1.0, *[0.0] * (delay - 1), product * v] if delay else [1.0, product * v - 1.0] for v in values
+        )
+        return max(float(np.abs(np.roots(p)).max()) for p in polynomials)
+
+    if radius(0) >= 1.0:
+        return
+    limit = largest_delay(np.array(values, dtype=complex), product)
+    few = [delay for delay in (limit - 1, limit, limit + 1, limit + 2) if 0 <= delay <= 300]
+    assert [radius(delay) < 1.0 for delay in few] == [delay <= limit for delay in few]
+
+
+def between(gain: float, period: float = 0.02, **fields: Any) -> Scenario:
+    """An agent between two targets whose ranges are too short to meet; fields replace fields."""
+    return make_scenario(
+        {
+            "time": {"end": 5.0},
+            "controller": {"gain": gain, "control_period": period},
+            "agents": [{"id": "A", "position": [0.1, 0.3]}],
+            "targets": [{"id": "T1", "position": [-10, 0]}, {"id": "T2", "position": [10, 0]}],
+            "sensing": [{"between": ["A", f"T{k}"], "measures": "range", "offset": [5]} for k in (1, 2)],
+            **fields,
+        }
+    )
+
+
+def test_ranges_too_short_to_meet_hold_an_agent_between_them() -> None:
+    """H is 2 along the line, and across it 2 (1 - r/|z|) = 1: check and run agree that nothing is free."""
+    record = check(between(1.0))
+    assert record["ok"]
+    assert record["rigidity"]["localizable"] is True
+    assert record["rigidity"]["rate"] == pytest.approx(1.0, rel=1e-9)
+    assert record["law"]["spectral_radius"] == pytest.approx(0.98, rel=1e-9)
+    assert record["relative_cohomology"]["dimension"] == 0
+    run = simulate(between(1.0), backend="ideal")
+    assert run.agent_position.values[-1, 0, 1] == pytest.approx(0.3 * 0.98**250, rel=1e-3)
+
+
+def three_ranges(gain: float, **fields: Any) -> Scenario:
+    """An agent with ranges to three targets that do not fit together; fields replace fields."""
+    targets = [[0.1, 8.1], [-8.2, -9.1], [6.3, -8.4]]
+    ranges = [16.4, 0.7, 17.2]
+    return make_scenario(
+        {
+            "time": {"end": 60.0},
+            "controller": {"gain": gain, "control_period": 0.1},
+            "agents": [{"id": "A", "position": [-9.3, -7.1]}],
+            "targets": [{"id": f"T{k}", "position": x} for k, x in enumerate(targets)],
+            "sensing": [{"between": ["A", f"T{k}"], "measures": "range", "offset": [r]} for k, r in enumerate(ranges)],
+            **fields,
+        }
+    )
+
+
+def test_runs_converge_up_to_the_largest_gain_of_ranges_that_do_not_fit() -> None:
+    """The largest gain is 9.275 1/s: a run at 0.97 of it ends at q*, and one at 1.03 of it does not."""
+    limit = check(three_ranges(1.0))["law"]["largest_gain"]
+    assert limit == pytest.approx(9.274966, abs=1e-5)
+    assert check(three_ranges(1.0))["margins"]["hold"]["largest_gain"] == pytest.approx(limit, rel=1e-6)
+    for share, settles in ((0.97, True), (1.03, False)):
+        assert check(three_ranges(share * limit))["law"]["stable"] is settles
+        error = simulate(three_ranges(share * limit), backend="ideal").tracking_error.values[-1]
+        assert (error < 1e-3) == settles
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1])
+def test_noise_of_ranges_that_do_not_fit_is_that_of_a_run(delay: float) -> None:
+    """The RMS error of a long run, whose mean is not q* by the square of the noise, to 5 %."""
+    links = {"all": {"noise": 0.05, "delay": delay}}
+    scenario = three_ranges(2.0, links=links, time={"end": 2000.0})
+    x = simulate(scenario, backend="ideal").agent_position.values[500:, 0, :2]
+    measured = np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean())
+    assert check(scenario)["links"]["noise_rms"] == pytest.approx(measured, rel=0.05)
+
+
+def test_stress_holds_a_shape_that_its_ranges_alone_do_not() -> None:
+    """Cables around a square pull it against its diagonal struts: rank 5 of 5 by the law, as its motions have."""
+    places = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]
+    edges = [(i, j, 3.5 if (j - i) % 2 else 6.0) for i, j in itertools.combinations(range(4), 2)]
+    scenario = make_scenario(
+        {
+            "time": {"end": 1.0},
+            "controller": {"gain": GAIN, "control_period": PERIOD},
+            "agents": [{"id": f"A{k}", "position": x} for k, x in enumerate(places)],
+            "communication": [{"between": [f"A{i}", f"A{j}"], "measures": "range", "offset": [r]} for i, j, r in edges],
+        }
+    )
+    record = check(scenario)
+    assert (record["rigidity"]["rank"], record["rigidity"]["needed"]) == (5, 5)
+    assert record["ok"]
+    moving = np.sort(factors(scenario))[:-3]
+    assert record["law"]["spectral_radius"] == pytest.approx(moving.max(), abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_ranges_on_a_line_are_not_rigid(seed: int) -> None:
+    """Three agents on a line in any direction have rank 2 of 3, from starts off the line."""
+    rng = np.random.default_rng(seed)
+    places = np.outer(np.sort(rng.uniform(0.0, 9.0, 3)), rng.normal(size=2)) + rng.uniform(-5.0, 5.0, 2)
+    ids = ["A", "B", "C"]
+    start = places + rng.normal(scale=0.3, size=places.shape)
+    record = check(
+        make_scenario(
+            {
+                "time": {"end": 1.0},
+                "controller": {"gain": GAIN, "control_period": PERIOD},
+                "agents": [{"id": id, "position": x} for id, x in zip(ids, start.tolist(), strict=True)],
+                "communication": [
+                    {"between": list(pair), "measures": "range"} for pair in itertools.combinations(ids, 2)
+                ],
+                "formations": [{"name": "f", "shape": "explicit", "members": ids, "displacements": places.tolist()}],
+            }
+        )
+    )
+    assert (record["rigidity"]["rank"], record["rigidity"]["needed"]) == (2, 3)
+    assert not record["ok"]
+
+
+def test_the_vehicles_loop_of_a_directed_team_is_that_of_its_eigenvalues() -> None:
+    """A chain that looks ahead has the eigenvalues of agents that each look at a target with the same weight."""
+    agents = [{"id": id, "position": [x, 0.0]} for id, x in (("A", 0), ("B", 1), ("C", 2))]
+    common = {"controller": {"gain": 1.0, "control_period": 0.05}, "agents": agents, "time": {"end": 5.0}}
+    targets = [{"id": "T", "position": [0.0, 1.0]}]
+    ahead = [{"between": ["B", "A"], "directed": True, "weight": 2.0}, {"between": ["C", "B"], "directed": True}]
+    chain = make_scenario(
+        {**common, "targets": targets, "communication": ahead, "sensing": [{"between": ["A", "T"], "weight": 3.0}]}
+    )
+    weights = [("A", 3.0), ("B", 2.0), ("C", 1.0)]
+    alone = make_scenario(
+        {
+            **common,
+            "targets": targets,
+            "communication": [],
+            "sensing": [{"between": [id, "T"], "weight": w} for id, w in weights],
+        }
+    )
+    found, expected = (check(scenario)["margins"]["bodies"] for scenario in (chain, alone))
+    assert found["stable"]
+    assert found["spectral_radius"] == pytest.approx(expected["spectral_radius"], rel=1e-6)
+    assert found["largest_gain"] == pytest.approx(expected["largest_gain"], rel=2e-3)
+
+
+def test_a_blow_up_names_the_largest_gain_of_check() -> None:
+    """One answer for a directed team and for ranges that do not fit."""
+    from mjsheaf.simulation.trajectory import likely_cause
+
+    for scenario in (random_team(1, misfit=0.0, directed=0.5), three_ranges(2.0), random_team(2, directed=0.5)):
+        limit = check(scenario)["law"]["largest_gain"]
+        assert limit == pytest.approx(
+            2.0 / (scenario.system.grid.period * scenario.system.largest_eigenvalue), rel=1e-9
+        )
+    beyond = three_ranges(20.0).system
+    assert "take controller.gain below 9.275" in likely_cause(beyond, beyond.grid.period)
+
+
+BEARINGS = [[0.6, 0.8], [0.0, -1.0], [1.0, 0.0]]
+
+
+def three_bearings(gain: float, **fields: Any) -> Scenario:
+    """An agent with bearings to three targets that do not fit together; fields replace fields."""
+    sensing = [{"between": ["A", f"T{k}"], "measures": "bearing", "offset": g} for k, g in enumerate(BEARINGS)]
+    return three_ranges(gain, **{"sensing": sensing, "agents": [{"id": "A", "position": [-1.0, -2.0]}], **fields})
+
+
+@pytest.mark.parametrize("scenario", [three_ranges, three_bearings])
+def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: Any) -> None:
+    """Targets sway by 5 cm: q* moves by the law's H^-1 B, and the error is that of its loop, to 1 %."""
+    places = [[0.1, 8.1], [-8.2, -9.1], [6.3, -8.4]]
+    sway = {"kind": "lissajous", "amplitude": [0.05, 0.05], "rate": [0.5, 0.7]}
+    targets = [
+        {"id": f"T{k}", "position": x, "motion": {**sway, "phase": [float(k), 1.0]}} for k, x in enumerate(places)
+    ]
+    moving = scenario(3.0, targets=targets)
+    error = simulate(moving, backend="ideal").tracking_error.values[300:]
+    assert check(moving)["steady"]["ideal"] == pytest.approx(np.sqrt((error**2).mean()), rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_vehicles_loop_of_bearings_that_do_not_fit_is_that_of_a_run_on_bodies() -> None:
+    """The slowest mode is real and far from the others: late errors fall by its factor in each period, to 1 %."""
+    error = simulate(three_bearings(8.0), backend="physics").tracking_error.values[:, 0]
+    first, last = (int(np.argmax(error < size)) for size in (1e-3, 1e-6))
+    measured = np.log(error[last] / error[first]) / (last - first)
+    bodies = check(three_bearings(8.0))["margins"]["bodies"]
+    assert np.log(bodies["spectral_radius"]) == pytest.approx(measured, rel=0.01)
+
+
+def test_edges_that_are_directed_both_ways_are_those_of_one_edge() -> None:
+    """Two one-way edges pull as one that both ends measure: the rate, the gain and the delay margin are its own."""
+    places = [[0.0, 0.0], [3.0, 1.0]]
+    fields = {
+        "time": {"end": 1.0},
+        "controller": {"gain": GAIN, "control_period": PERIOD},
+        "agents": [{"id": f"A{k}", "position": x} for k, x in enumerate(places)],
+        "targets": [{"id": "T", "position": [5.0, 0.0]}],
+        "sensing": [{"between": ["A0", "T"]}],
+    }
+    ways = [{"between": ["A0", "A1"], "directed": True}, {"between": ["A1", "A0"], "directed": True}]
+    both, one = (
+        check(make_scenario({**fields, "communication": edges})) for edges in (ways, [{"between": ["A0", "A1"]}])
+    )
+    for name in ("spectral_radius", "largest_gain"):
+        assert both["law"][name] == pytest.approx(one["law"][name], rel=1e-9)
+    assert both["links"]["delay_margin"] == pytest.approx(one["links"]["delay_margin"])
