@@ -53,7 +53,10 @@ def excursion(scenario: Scenario, **options: Any) -> np.ndarray:
 @pytest.mark.parametrize("period", [0.1, 0])
 def test_a_fixed_target_does_not_move_on_ideal_kinematics(period: float) -> None:
     """Not by a bit, in current, waves, wind, gusts and disturbance, also where another target would pull it along."""
-    fields = {"disturbance": {"targets": {"bound": 0.2}}, "controller": {"gain": 0.5, "control_period": period}}
+    fields: dict[str, Any] = {
+        "disturbance": {"targets": {"bound": 0.2}},
+        "controller": {"gain": 0.5, "control_period": period},
+    }
     fields |= {"target_formation": {"gain": 1.0}, "target_edges": [["S", "U"]]}
     if period == 0:
         fields["controller"]["record_period"] = 0.5
