@@ -26,7 +26,7 @@ from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames
 from mjsheaf.video.from_run import both_films, half_options
 from mjsheaf.video.overlay import Overlay
-from tests.builders import approx, two_boats
+from tests.builders import REPOSITORY, approx, two_boats
 from tests.commands import call
 from tests.pictures import is_legible
 
@@ -93,6 +93,14 @@ def test_a_vehicle_that_is_too_slow_is_named() -> None:
     told = [s for s in compare(scenario).record.verdict if "beyond their" in s]
     assert len(told) == 1 or len(told) == 2
     assert "otter" in told[0]
+
+
+@pytest.mark.slow
+def test_a_boat_that_a_bow_thruster_moves_abeam_is_named_with_that_speed() -> None:
+    """50 N against 150 N s/m; its formula once gave 0, by which the command was divided."""
+    cat = str(REPOSITORY / "tests" / "data" / "catamaran.yaml")
+    told = [s for s in compare(two_boats(cat, cat)).record.verdict if "beyond their" in s]
+    assert "beyond their 0.333 m/s" in told[0]
 
 
 @pytest.mark.slow
