@@ -69,7 +69,7 @@ _SMALLEST_STEP = 1e-15  # of the team's extent
 _SLOW = 1e-12  # of the pulls: above it a gradient that hardly falls is no rounding
 _MAX_NEWTON = 8
 _MAX_FOLLOWED = 120  # steps along the law
-_TRIED = 4  # steps along the law from one trial of Newton's method to the next
+_TRIED = 4  # steps from one trial of Newton's method to the next
 _NEWTON = 0.25  # ratio of two gradients up to which Newton's method converges at once
 _LONGEST = 0.1  # of the team's extent: longest step of Newton's method
 _ROUNDING = 1e-13
@@ -739,7 +739,7 @@ class StationarySolver:
             slow = worse or _largest(after) > _STALE_ABOVE * size
             if slow or free:
                 self._factor = None
-            if slow and not stale and size > _SLOW * stiffest * extent:
+            if slow and not stale and iteration % _TRIED == 0 and size > _SLOW * stiffest * extent:
                 exact = self._newton(x, base, scales)
                 if exact is not None and arrays.residual(self._moved @ exact + base) > _EXACT * stiffest**0.5 * extent:
                     return self._settled(exact, base, scales)  # where edges fit, Gauss-Newton finds the nearest point
