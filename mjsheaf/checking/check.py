@@ -45,7 +45,7 @@ from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.scenario.slips import slips_of
+from mjsheaf.scenario.slips import drifts_of, slips_of
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
@@ -191,6 +191,9 @@ class CheckRecord(PartRecord):
     )
     phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
     trial: TrialRecord | None = Field(None, description="the mission, tried on bodies; null where it was not tried")
+    drifts: dict[str, float] = Field(
+        {}, description="how far the flow carries each target that nothing holds by the end of the run, m"
+    )
     notes: list[str] = Field(
         default_factory=list, description="values in the files that look like mistakes, in sentences"
     )
@@ -312,7 +315,8 @@ def examine_scenario(
 ) -> Examination:
     """Examine a scenario; the record's notes name likely mistakes in its files."""
     examination = examine(scenario.phases, rate=rate, radius=radius, rho=rho)
-    return replace(examination, record=examination.record.model_copy(update={"notes": slips_of(scenario)}))
+    about_files = {"notes": slips_of(scenario), "drifts": drifts_of(scenario)}
+    return replace(examination, record=examination.record.model_copy(update=about_files))
 
 
 @one_thread
@@ -347,7 +351,11 @@ def examine(
         for problem in record.problems
     ]
     problems = [*first.record.problems, *later]
-    update = {"ok": not problems, "problems": problems, "phases": records}
+    steady = first.record.steady
+    if steady.ideal is not None:
+        left_out = [*steady.leaves_out, f"the events from {records[1].start:g} s on"]
+        steady = steady.model_copy(update={"leaves_out": left_out})
+    update = {"ok": not problems, "problems": problems, "phases": records, "steady": steady}
     return replace(first, record=first.record.model_copy(update=update))
 
 

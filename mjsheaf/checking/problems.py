@@ -13,10 +13,13 @@ from pydantic import Field
 
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS
 from mjsheaf.checking.loop.modelled import because_of
+from mjsheaf.checking.standoff import MOSTLY
+from mjsheaf.errors import listed
 from mjsheaf.io.section import Finite, Record
 
 if TYPE_CHECKING:
     from mjsheaf.checking.check import CheckRecord, PartRecord
+    from mjsheaf.checking.separation import SafetyRecord
 
 _FIXES = {
     1: "give singular parts of the flow a `core` radius",
@@ -63,6 +66,7 @@ def problems_of(part: "PartRecord", *, stable: bool) -> list[Problem]:
         *(_of_shape(part, stable=stable) if part.theorem.holds is None else ()),
         *_of_loops(part),
         *_of_speeds(part),
+        *(_of_room(part.safety) if part.safety is not None else ()),
     ]
 
 
@@ -183,6 +187,10 @@ def _round(gain: float) -> float:
 
 def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
     """Yield that agents fall behind their places, as their vehicles or their velocity limits are too slow."""
+    falling = part.margins.falling
+    if falling:
+        names = listed(falling)
+        yield Problem(what=f"{names} cannot turn as fast as their lean takes", why=next(iter(falling.values())))
     slow = [demand for demand in part.margins.speed if (demand.deficit or 0.0) > _MAX_DEFICIT]
     carried = part.disturbance.carried_off
     if part.margins.bodies.overpowered and not slow:
@@ -212,3 +220,34 @@ def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
             fix=f"set controller.velocity_limit to {limit:g} m/s" if raised else "slow targets, or faster vehicles",
             changes={"controller.velocity_limit": limit} if raised else {},
         )
+
+
+def _of_room(safety: "SafetyRecord") -> Iterator[Problem]:
+    """Yield that the formation leaves less room than the safety filter keeps, at most samples."""
+    close = [one for one in safety.unsafe if one.fraction > MOSTLY]
+    if close:
+        first = close[0]
+        others = "" if len(close) == 1 else f", and {len(close) - 1} more pairs"
+        yield Problem(
+            what=f"{' and '.join(first.pair)} are too close in q*",
+            why=f"their places are {-first.gap:.3g} m nearer than the required distance at {first.time:.6g} s{others}",
+            fix="a larger formation, or a smaller safety.distance",
+        )
+    known = {tuple(one.pair) for one in close}
+    kept = [one for one in safety.out_of_reach(on_bodies=True) if tuple(one.pair) not in known]
+    if not kept:
+        return
+    first = max(kept, key=lambda one: one.kept - one.desired)
+    rates = [one.rate for one in kept]
+    enough = None if None in rates else _round(_SPARE * max(rate for rate in rates if rate is not None))
+    others = "" if len(kept) == 1 else f", and {len(kept) - 1} more pairs"
+    yield Problem(
+        what=f"the safety filter keeps {first.pair[0]} from its place ({first.kept:.3g} of {first.desired:.3g} m "
+        f"from {first.pair[1]})",
+        why=f"at safety.rate {safety.rate:g} 1/s and with the stopping distances of bodies, the standoff is "
+        f"{first.kept:.3g} m, and q* is {first.desired:.3g} m from {first.pair[1]}{others}",
+        fix="a larger formation, or a smaller safety.distance"
+        if enough is None
+        else f"set safety.rate to {enough:g} 1/s",
+        changes={} if enough is None else {"safety.rate": enough},
+    )

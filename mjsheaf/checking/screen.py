@@ -11,7 +11,7 @@ from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.errors import select_true, shortened
+from mjsheaf.errors import joined, select_true, shortened
 
 MAX_LINES = 45
 """Largest number of lines of the answer."""
@@ -22,6 +22,7 @@ WIDTH = 100
 _MAX_FAILURES = 6
 _MAX_LINES_OF_A_FAILURE = 5
 _MAX_NOTES = 4
+_MAX_DRIFTS = 8
 _LABEL = 22
 
 
@@ -69,6 +70,9 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
     yield from _row("Theorem 1", _theorem(record.theorem))
     if record.safety is not None:
         yield from _row("separation", _separation(record.safety))
+    if record.drifts:
+        far = ", ".join(f"{name} {distance:.3g} m" for name, distance in list(record.drifts.items())[:_MAX_DRIFTS])
+        yield from _row("targets adrift", f"the flow carries them: {far}")
     yield from _row("fragility", _fragile(record.fragility))
     if record.trial is not None:
         yield from _row("trial on bodies", _trial(record.trial))
@@ -105,7 +109,8 @@ def _error(steady: SteadyError, as_if: str) -> str:
     on_bodies = "not known" if steady.bodies is None else f"{steady.bodies:.3g} m"
     remarks = {
         f"vehicles: {steady.reason_on_bodies}": steady.bodies is None,
-        f"{_listed(steady.limited)} would exceed the speed limit, so expect more": steady.limited,
+        f"{_listed(steady.limited)} {'is' if len(steady.limited) == 1 else 'are'} at the speed limit": steady.limited,
+        f"leaves out {joined(steady.leaves_out)}": steady.leaves_out,
     }
     error = f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles"
     return "; ".join([f"{error} (RMS over agents, second half{as_if})", *select_true(remarks)])
@@ -122,6 +127,8 @@ def _moved(found: DisturbanceRecord) -> str:
         excess = max(found.carried_off.values())
         who = _listed(list(found.carried_off))
         text += f"; {who} cannot hold station at times: the medium is up to {excess:.3g} m/s too fast"
+    if found.leaves_out and found.rms is not None:
+        text += f"; leaves out {joined(found.leaves_out)}"
     return text
 
 

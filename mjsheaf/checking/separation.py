@@ -8,6 +8,7 @@ All other results of `check` assume that the filter does not act. Bounds on erro
 include the velocities that the filter adds.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -34,6 +35,7 @@ class TooClose(Record):
     pair: list[str] = Field(description="ids of an agent and another vehicle or an obstacle")
     time: float = Field(description="when they are closest, s")
     gap: float = Field(description="their distance minus the required one, below 0, m")
+    fraction: float = Field(description="fraction of the samples at which they are too close")
 
 
 class SafetyRecord(Record):
@@ -113,8 +115,16 @@ def _places(system: System, certificate: Certificate) -> tuple[Array, Array]:
 
 
 def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places: Array) -> list[TooClose]:
-    """List the pairs of an agent and something else that are too close at some time, the closest first."""
+    """List the pairs of an agent and something else that are too close at some time, the closest first.
+
+    Args:
+        safety: What vehicles keep apart.
+        names: Ids of vehicles and obstacles.
+        times: Sample times, shape (T,), s.
+        places: Positions in space, shape (T, V, 3), m.
+    """
     worst = dict[tuple[int, int], tuple[float, float]]()
+    count: Counter[tuple[int, int]] = Counter()
     N, V = safety.agents, len(safety.radius)
     reach = 2.0 * float(safety.radius.max())
     clear = distances(safety.obstacles, times, places[:, :N]) - safety.clearance[:N, None]
@@ -126,10 +136,15 @@ def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places:
             *((int(i), V + int(j), float(clear[k, i, j])) for i, j in np.argwhere(clear[k] < 0.0)),
         ]
         for i, j, gap in found:
-            if gap < min(worst.get((i, j), (0.0, 0.0))[0], -_ROUNDING):
-                worst[i, j] = gap, float(times[k])
+            if gap < -_ROUNDING:
+                count[i, j] += 1
+                if gap < worst.get((i, j), (0.0, 0.0))[0]:
+                    worst[i, j] = gap, float(times[k])
     closest = sorted(worst.items(), key=lambda item: item[1][0])[:_MOST_PAIRS]
-    return [TooClose(pair=[names[i], names[j]], time=time, gap=gap) for (i, j), (gap, time) in closest]
+    return [
+        TooClose(pair=[names[i], names[j]], time=time, gap=gap, fraction=count[i, j] / len(times))
+        for (i, j), (gap, time) in closest
+    ]
 
 
 def _reasons(system: System, safety: SafetyArrays, names: list[str]) -> list[str]:

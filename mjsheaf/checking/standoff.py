@@ -25,10 +25,12 @@ from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
 
+MOSTLY = 0.5
+"""Fraction of the samples above which a formation cannot be reached."""
+
 _MOST_PAIRS = 200  # maximum number of pairs in a record
 _MOST_TIMES = 100  # maximum number of samples
 _MOST_COMPARED = 4_000_000  # pairs times samples, about
-_MOSTLY = 0.5  # fraction of the samples above which a formation cannot be reached
 _ROUNDING = 1e-9  # tolerance of a distance, m, and of a speed, m/s
 _SMALLEST = 1e-6  # horizontal part of a direction below which a planar agent cannot act along it
 
@@ -52,7 +54,7 @@ class Standoff(Record):
     @property
     def lasts(self) -> bool:
         """True if the places do not fit at most samples: the formation cannot be reached."""
-        return self.fraction > _MOSTLY
+        return self.fraction > MOSTLY
 
 
 class _Constraints(NamedTuple):

@@ -16,7 +16,7 @@ from mjsheaf.control import disagreement
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
-from mjsheaf.vehicles.authority import authority_of, describe_consequences, may_lack
+from mjsheaf.vehicles.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.vehicles.effects import capability_of, of_each
 
 LARGEST_SECOND_ORDER = 600
@@ -107,6 +107,9 @@ class Margins(Record):
     speed: list[SpeedDemand] = Field(description=f"the most demanding agents first, at most {MOST_ROWS}")
     lag: list[Lag] = Field(description=f"the largest first, at most {MOST_ROWS}")
     one_sided: list[OneSided] = Field([], description="vehicles whose thrusters do not push both ways")
+    falling: dict[str, str] = Field(
+        {}, description="agents whose vehicle turns over and falls once it leans to its limit: why, with numbers"
+    )
 
 
 def margins(system: System, certificate: Certificate) -> Margins:
@@ -123,7 +126,20 @@ def margins(system: System, certificate: Certificate) -> Margins:
         speed=_speed_demands(system, certificate, able, forward),
         lag=_lags(system, difference),
         one_sided=_one_sided(system),
+        falling=_falling(system),
     )
+
+
+def _falling(system: System) -> dict[str, str]:
+    """Say why a vehicle turns over and falls once it leans to its limit, for each agent that has such a vehicle."""
+    agents = system.team.agents
+    kinds = {id(vehicle): shortfalls_of(vehicle) for vehicle in system.vehicles[: len(agents)]}
+    lacking = {key: [one.sentence for one in found if one.falls] for key, found in kinds.items()}
+    return {
+        agent.id: lacking[id(vehicle)][0]
+        for agent, vehicle in zip(agents, system.vehicles, strict=False)
+        if lacking[id(vehicle)]
+    }
 
 
 def _one_sided(system: System) -> list[OneSided]:
