@@ -341,7 +341,7 @@ def three_bearings(gain: float, **fields: Any) -> Scenario:
 def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: Any) -> None:
     """Targets sway by 5 cm: q* moves by the law's H^-1 B, and the error is that of its loop, to 1 %."""
     places = [[0.1, 8.1], [-8.2, -9.1], [6.3, -8.4]]
-    sway = {"kind": "lissajous", "amplitude": [0.05, 0.05], "rate": [0.5, 0.7]}
+    sway: dict[str, Any] = {"kind": "lissajous", "amplitude": [0.05, 0.05], "rate": [0.5, 0.7]}
     targets = [
         {"id": f"T{k}", "position": x, "motion": {**sway, "phase": [float(k), 1.0]}} for k, x in enumerate(places)
     ]
