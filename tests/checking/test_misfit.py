@@ -290,7 +290,11 @@ def test_ranges_on_a_line_are_not_rigid(seed: int) -> None:
 def test_the_vehicles_loop_of_a_directed_team_is_that_of_its_eigenvalues() -> None:
     """A chain that looks ahead has the eigenvalues of agents that each look at a target with the same weight."""
     agents = [{"id": id, "position": [x, 0.0]} for id, x in (("A", 0), ("B", 1), ("C", 2))]
-    common = {"controller": {"gain": 1.0, "control_period": 0.05}, "agents": agents, "time": {"end": 5.0}}
+    common: dict[str, Any] = {
+        "controller": {"gain": 1.0, "control_period": 0.05},
+        "agents": agents,
+        "time": {"end": 5.0},
+    }
     targets = [{"id": "T", "position": [0.0, 1.0]}]
     ahead = [{"between": ["B", "A"], "directed": True, "weight": 2.0}, {"between": ["C", "B"], "directed": True}]
     chain = make_scenario(
@@ -337,7 +341,7 @@ def three_bearings(gain: float, **fields: Any) -> Scenario:
 def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: Any) -> None:
     """Targets sway by 5 cm: q* moves by the law's H^-1 B, and the error is that of its loop, to 1 %."""
     places = [[0.1, 8.1], [-8.2, -9.1], [6.3, -8.4]]
-    sway = {"kind": "lissajous", "amplitude": [0.05, 0.05], "rate": [0.5, 0.7]}
+    sway: dict[str, Any] = {"kind": "lissajous", "amplitude": [0.05, 0.05], "rate": [0.5, 0.7]}
     targets = [
         {"id": f"T{k}", "position": x, "motion": {**sway, "phase": [float(k), 1.0]}} for k, x in enumerate(places)
     ]
@@ -359,7 +363,7 @@ def test_the_vehicles_loop_of_bearings_that_do_not_fit_is_that_of_a_run_on_bodie
 def test_edges_that_are_directed_both_ways_are_those_of_one_edge() -> None:
     """Two one-way edges pull as one that both ends measure: the rate, the gain and the delay margin are its own."""
     places = [[0.0, 0.0], [3.0, 1.0]]
-    fields = {
+    fields: dict[str, Any] = {
         "time": {"end": 1.0},
         "controller": {"gain": GAIN, "control_period": PERIOD},
         "agents": [{"id": f"A{k}", "position": x} for k, x in enumerate(places)],
