@@ -37,10 +37,13 @@ WRONG: dict[str, tuple[Callable[[], Any], tuple[object, ...]]] = {
     "workers of a study": (lambda: local_workers("2").__enter__(), ("workers is '2' (str)", 1)),  # type: ignore[arg-type]
     "many progress": (lambda: mjsheaf.simulate_many([scenario()], progress="no"), ("progress is 'no' (str)",)),  # type: ignore[arg-type]
     "many backend": (lambda: mjsheaf.simulate_many([], None), ("backend", None)),  # type: ignore[arg-type]
-    "check None": (lambda: mjsheaf.check(None), ("scenario is None",)),  # type: ignore[arg-type]
-    "check radius": (lambda: mjsheaf.check(scenario(), radius="1"), ("radius is '1' (str)", "positive number")),  # type: ignore[arg-type]
-    "check rate": (lambda: mjsheaf.check(scenario(), rate=[1]), ("rate is [1] (list)", "positive number")),  # type: ignore[arg-type]
-    "check rho": (lambda: mjsheaf.check(scenario(), rho="x"), ("rho",)),  # type: ignore[arg-type]
+    "check None": (lambda: mjsheaf.check(None, trial=False), ("scenario is None",)),  # type: ignore[arg-type]
+    "check radius": (
+        lambda: mjsheaf.check(scenario(), radius="1", trial=False),  # type: ignore[arg-type]
+        ("radius is '1' (str)", "positive number"),
+    ),
+    "check rate": (lambda: mjsheaf.check(scenario(), rate=[1], trial=False), ("rate is [1] (list)", "positive number")),  # type: ignore[arg-type]
+    "check rho": (lambda: mjsheaf.check(scenario(), rho="x", trial=False), ("rho",)),  # type: ignore[arg-type]
     "source": (lambda: mjsheaf.load_scenario(3), ("int", "mapping")),  # type: ignore[arg-type]
     "overrides": (lambda: mjsheaf.load_scenario("paper", 3), ("overrides is 3 (int)", "field paths")),  # type: ignore[arg-type]
     "overrides list": (lambda: mjsheaf.load_scenario("paper", ["a=3"]), ("overrides", "field paths")),  # type: ignore[arg-type]

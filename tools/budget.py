@@ -1,8 +1,7 @@
-"""Check the size and complexity of the package against the limits in pyproject.toml, table `tool.budget`.
+"""Check the size of the package against the limits in pyproject.toml, table `tool.budget`.
 
-Statements are counted with `ast`, without docstrings. Complexity is McCabe's, as `radon` computes it, of each function,
-method and class. Run by `make lint`. `--table` prints the packages, `--list` all blocks that
-count.
+Statements are counted with `ast`, without docstrings. Run by `make lint`. `--table` prints the packages, `--list` the
+long functions.
 """
 
 import ast
@@ -12,11 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from radon.complexity import cc_visit
-
 ROOT = Path(__file__).resolve().parent.parent
-COMPLEX = 11
-"""Complexity from which a block counts as complex."""
 
 
 def is_docstring(node: ast.stmt) -> bool:
@@ -42,7 +37,6 @@ def main() -> int:
     files = sorted((ROOT / "mjsheaf").rglob("*.py"))
     statements: Counter[str] = Counter()
     lines: Counter[str] = Counter()
-    blocks = []
     lengths = []
     for file in files:
         text = file.read_text(encoding="utf-8")
@@ -51,19 +45,15 @@ def main() -> int:
         package = place.parts[1] if len(place.parts) > 2 else "(top)"
         statements[package] += count_statements(tree)
         lines[package] += text.count("\n")
-        blocks += [(block.complexity, f"{place}:{block.lineno} {block.name}") for block in cc_visit(text)]
         lengths += [(length, f"{place}:{line} {name}") for length, name, line in function_lengths(tree)]
     if "--table" in sys.argv[1:]:
         for package, number in statements.most_common():
             print(f"{package:12} {number:6} statements {lines[package]:6} lines")
-    too_complex = sorted({block for block in blocks if block[0] >= COMPLEX}, reverse=True)
     too_long = sorted({length for length in lengths if length[0] > limits["function_lines"]}, reverse=True)
     density = sum(lines.values()) / sum(statements.values())
     found = {
         "statements": sum(statements.values()),
         "files": len(files),
-        "complex_blocks": len(too_complex),
-        "complexity": max(blocks)[0],
         "long_functions": len(too_long),
     }
     exceeded = [
@@ -74,10 +64,8 @@ def main() -> int:
     print(", ".join(f"{name} {number}" for name, number in found.items()) + f", lines_per_statement {density:.3f}")
     if exceeded:
         print("budget exceeded:", "; ".join(exceeded), file=sys.stderr)
-    listed = {"complex_blocks": too_complex, "complexity": too_complex[:5], "long_functions": too_long}
-    for name, places in listed.items():
-        if found[name] > limits[name] or "--list" in sys.argv[1:]:
-            print(f"{name}:", *(f"  {number:4} {where}" for number, where in places), sep="\n", file=sys.stderr)
+    if found["long_functions"] > limits["long_functions"] or "--list" in sys.argv[1:]:
+        print("long functions:", *(f"  {number:4} {where}" for number, where in too_long), sep="\n", file=sys.stderr)
     return int(bool(exceeded))
 
 

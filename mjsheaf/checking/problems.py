@@ -226,28 +226,28 @@ def _of_room(safety: "SafetyRecord") -> Iterator[Problem]:
     """Yield that the formation leaves less room than the safety filter keeps, at most samples."""
     close = [one for one in safety.unsafe if one.fraction > MOSTLY]
     if close:
-        first = close[0]
+        nearest = close[0]
         others = "" if len(close) == 1 else f", and {len(close) - 1} more pairs"
         yield Problem(
-            what=f"{' and '.join(first.pair)} are too close in q*",
-            why=f"their places are {-first.gap:.3g} m nearer than the required distance at {first.time:.6g} s{others}",
+            what=f"{' and '.join(nearest.pair)} are too close in q*",
+            why=f"their places are {-nearest.gap:.3g} m nearer than the required distance at "
+            f"{nearest.time:.6g} s{others}",
             fix="a larger formation, or a smaller safety.distance",
         )
     known = {tuple(one.pair) for one in close}
     kept = [one for one in safety.out_of_reach(on_bodies=True) if tuple(one.pair) not in known]
     if not kept:
         return
-    first = max(kept, key=lambda one: one.kept - one.desired)
-    rates = [one.rate for one in kept]
-    enough = None if None in rates else _round(_SPARE * max(rate for rate in rates if rate is not None))
+    worst = max(kept, key=lambda one: one.kept - one.desired)
+    agent, other = worst.pair
+    rates = [one.rate for one in kept if one.rate is not None]
+    enough = _round(_SPARE * max(rates)) if len(rates) == len(kept) else None
     others = "" if len(kept) == 1 else f", and {len(kept) - 1} more pairs"
     yield Problem(
-        what=f"the safety filter keeps {first.pair[0]} from its place ({first.kept:.3g} of {first.desired:.3g} m "
-        f"from {first.pair[1]})",
-        why=f"at safety.rate {safety.rate:g} 1/s and with the stopping distances of bodies, the standoff is "
-        f"{first.kept:.3g} m, and q* is {first.desired:.3g} m from {first.pair[1]}{others}",
-        fix="a larger formation, or a smaller safety.distance"
-        if enough is None
-        else f"set safety.rate to {enough:g} 1/s",
-        changes={} if enough is None else {"safety.rate": enough},
+        what=f"the safety filter keeps {agent} {worst.kept:.3g} m from {other}, and its place is at "
+        f"{worst.desired:.3g} m",
+        why=f"that is the standoff at safety.rate {safety.rate:g} 1/s with the stopping distances of bodies, at "
+        f"{worst.time:.6g} s{others}",
+        fix=f"set safety.rate to {enough:g} 1/s" if enough else "a larger formation, or a smaller safety.distance",
+        changes={"safety.rate": enough} if enough else {},
     )

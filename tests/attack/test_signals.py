@@ -134,7 +134,7 @@ class Attack:
             "run": ["run", *small, "--out", folder / "out"],
             "run again": ["run", *small, "--out", self.run],
             "compare": ["compare", *small, "--out", folder / "out"],
-            "check": ["check", "midpoint", "--plot", folder / "check.png"],
+            "check": ["check", "midpoint", "--no-trial", "--plot", folder / "check.png"],
             "expect": ["expect", self.scenario, "--update", "--margin", "0.07"],
             "sweep": ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=1", "--workers", "1", "--out",
                       folder / "study", "--grid", "controller.gain=1,2,3"],

@@ -440,11 +440,11 @@ def test_a_published_run_knows_its_phases_and_is_what_is_saved(tmp_path: Any) ->
 @pytest.mark.slow
 def test_check_of_every_phase() -> None:
     scenario = chain(4, [{"time": 0.2, "lose": "A3"}, {"time": 0.3, "set": {"controller.gain": 300.0}}])
-    record = check(scenario)
+    record = check(scenario, trial=False)
     first, second, third = record["phases"]
     assert [p["start"] for p in record["phases"]] == [0.0, 0.2, 0.3]
     assert second["absent"] == ["A3"]
-    alone = check(chain(4, [], time={"end": 0.2}))  # each phase is checked over its own time
+    alone = check(chain(4, [], time={"end": 0.2}), trial=False)  # each phase is checked over its own time
     for name in ("assumptions", "theorem", "law", "links", "margins", "fragility"):
         assert record[name] == first[name] == alone[name]
     # Without A3 no agent senses T2, and the others follow T1: q* by dense algebra.
@@ -525,7 +525,7 @@ def test_jumps_are_those_of_the_run() -> None:
     data, k = simulate(scenario, "ideal"), scenario.phases[1].start
     old = scenario.whole.team.harmonic_extension(np.nan_to_num(positions_of(data)[k]))
     jump = np.linalg.norm(np.nan_to_num(data["harmonic_extension"].values[k]) - old, axis=1)
-    found = check(scenario)["phases"][1]["jumps"]
+    found = check(scenario, trial=False)["phases"][1]["jumps"]
     assert "A5" not in found
     for id, size in zip(scenario.team.agent_ids, jump, strict=True):
         assert id == "A5" or found[id] == pytest.approx(size, abs=1e-6)

@@ -356,7 +356,7 @@ def test_an_agent_that_is_lost_is_not_stuck() -> None:
 
 
 def test_check_names_them() -> None:
-    record = check(make_run(SKIFF, [0.0, 30.0]))
+    record = check(make_run(SKIFF, [0.0, 30.0]), trial=False)
     (named,) = record["margins"]["one_sided"]
     assert named["agents"] == ["A"]
     assert named["vehicle"] == "skiff"

@@ -51,7 +51,7 @@ def test_a_certified_run_stays_in_its_tube(name: str) -> None:
 def test_constants_do_not_depend_on_what_is_recorded() -> None:
     found = []
     for period in (0.01, 0.7, 10.0):
-        record = mjsheaf.check(mjsheaf.load_scenario("certified", {"controller.record_period": period}))
+        record = mjsheaf.check(mjsheaf.load_scenario("certified", {"controller.record_period": period}), trial=False)
         found.append([record["theorem"][name] for name in ("f_bar", "rho", "radius_U", "initial_error")])
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0.03)
 
@@ -146,7 +146,7 @@ def test_a_hold_that_rings_is_not_certified() -> None:
 @pytest.mark.slow
 def test_nothing_is_certified_beside_an_assumption_that_does_not_hold() -> None:
     for name, number in (("split_team", 5), ("unseen_target", 5)):
-        theorem = mjsheaf.check(mjsheaf.load_scenario(name))["theorem"]
+        theorem = mjsheaf.check(mjsheaf.load_scenario(name), trial=False)["theorem"]
         assert not theorem["applies"]
         assert f"assumption {number} fails" in theorem["reason"]
 
@@ -161,7 +161,7 @@ def test_links_that_tell_nothing_do_not_connect() -> None:
         "communication": [{"between": ["A", "B"], "map": {"tail": [[0.0, 0.0]], "head": [[1.0, 0.0]]}}],
         "sensing": [["A", "T"], ["B", "T"]],
     }
-    record = mjsheaf.check(scenario_from_mapping(raw))
+    record = mjsheaf.check(scenario_from_mapping(raw), trial=False)
     assert _verdicts(record) == "hhhhfhh"
     assert "fall into 2 parts" in record["assumptions"][4]["witness"]
 
@@ -173,7 +173,7 @@ def test_agents_without_an_effectiveness_of_their_own_count_too() -> None:
     del raw["agents"][1]["effectiveness"]
     raw["sensing"] += [["B", "T"]]
     raw["communication"] = [["A", "B"]]
-    found = {a["number"]: a for a in mjsheaf.check(scenario_from_mapping(raw))["assumptions"]}
+    found = {a["number"]: a for a in mjsheaf.check(scenario_from_mapping(raw), trial=False)["assumptions"]}
     assert "otter" in found[2]["witness"]
     assert found[2]["value"] < 0.5
 
@@ -196,11 +196,11 @@ def test_an_undecided_assumption_is_not_one_that_holds(
 ) -> None:
     path = tmp_path / "pole.yaml"
     path.write_text(json.dumps(pole))
-    assert call("check", path, "--full") == 1
+    assert call("check", path, "--no-trial", "--full") == 1
     printed = capsys.readouterr()
     assert "6 assumptions hold, 1 undecided" in printed.out
     assert "assumption 1 is undecided" in printed.err
-    record = mjsheaf.check(scenario_from_mapping(pole))
+    record = mjsheaf.check(scenario_from_mapping(pole), trial=False)
     assert not record["ok"]
     assert not record["theorem"]["applies"]
     assert not record["region"]["verified"]
@@ -208,7 +208,7 @@ def test_an_undecided_assumption_is_not_one_that_holds(
 
 def test_a_pole_that_the_bound_keeps_agents_away_from_is_no_hindrance(pole: dict[str, Any]) -> None:
     pole["flow"]["agents"]["drift"] = [0.5, 0.0]
-    record = mjsheaf.check(scenario_from_mapping(pole))
+    record = mjsheaf.check(scenario_from_mapping(pole), trial=False)
     assert _verdicts(record) == "hhhhhhh"
     assert record["theorem"]["applies"]
     assert record["region"]["agents_high"][0] < 30.0
@@ -216,12 +216,12 @@ def test_a_pole_that_the_bound_keeps_agents_away_from_is_no_hindrance(pole: dict
 
 def test_a_users_rho_gives_finite_sets() -> None:
     scenario = mjsheaf.load_scenario("certified")
-    theorem = mjsheaf.check(scenario, rho=[0.05, 0.003])["theorem"]
+    theorem = mjsheaf.check(scenario, rho=[0.05, 0.003], trial=False)["theorem"]
     assert theorem["applies"]
     assert theorem["radius_U"] < theorem["radius_S"] < theorem["radius_D"] == theorem["chi"]
     assert theorem["initial_error"] <= theorem["radius_S"]
     assert theorem["chi_infinite"] is False
-    steep = mjsheaf.check(scenario, rho=lambda s: 0.05 + s)["theorem"]
+    steep = mjsheaf.check(scenario, rho=lambda s: 0.05 + s, trial=False)["theorem"]
     assert not steep["applies"]
     assert steep["initial_error_inside_S"] in (False, None)
 
@@ -291,7 +291,7 @@ def _far_channel(gain: float) -> dict[str, Any]:
 
 def test_nothing_follows_from_a_guess(pole: dict[str, Any]) -> None:
     for raw in (_far_channel(1e-6), pole):
-        record = mjsheaf.check(scenario_from_mapping(raw))
+        record = mjsheaf.check(scenario_from_mapping(raw), trial=False)
         theorem = record["theorem"]
         assert not record["region"]["verified"]
         assert not theorem["applies"]

@@ -67,15 +67,15 @@ def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["quads_feedforward", "lost_thruster"])
 def test_command_and_function_say_the_same(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    call("check", name, "--json")
-    assert json.loads(capsys.readouterr().out) == mjsheaf.check(mjsheaf.load_scenario(name))
-    call("check", name, "--full")
+    call("check", name, "--no-trial", "--json")
+    assert json.loads(capsys.readouterr().out) == mjsheaf.check(mjsheaf.load_scenario(name), trial=False)
+    call("check", name, "--no-trial", "--full")
     assert "margins in practice" in capsys.readouterr().out
 
 
 def test_an_unstable_law_does_not_hold(capsys: pytest.CaptureFixture[str]) -> None:
     change = ("--set", "controller.gain=150", "--set", "controller.newton.rounds=3")
-    assert call("check", "paper", "--json", *change) == 1
+    assert call("check", "paper", "--no-trial", "--json", *change) == 1
     captured = capsys.readouterr()
     record = json.loads(captured.out)
     assert record["ok"] is False
@@ -88,14 +88,14 @@ def test_an_unstable_law_does_not_hold(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_an_integral_that_holds_at_no_gain_is_said_to(capsys: pytest.CaptureFixture[str]) -> None:
     change = ("--set", "controller.integral.gain=1e9", "--set", "time.end=1")
-    assert call("check", "paper", "--json", *change) == 1
+    assert call("check", "paper", "--no-trial", "--json", *change) == 1
     captured = capsys.readouterr()
     assert json.loads(captured.out)["law"]["stable_gains"] is None
     assert "unstable at any controller.gain" in captured.err
 
 
 def test_failing_example_is_explained_and_mended(capsys: pytest.CaptureFixture[str]) -> None:
-    record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"))
+    record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"), trial=False)
     found = record["relative_cohomology"]
     assert found["dimension"] == 1
     (direction,) = found["basis"]
@@ -106,13 +106,13 @@ def test_failing_example_is_explained_and_mended(capsys: pytest.CaptureFixture[s
     (repair,) = found["mending"]["repairs"]
     assert repair["kind"] == "anchor"
     assert found["mending"]["lambda_min"] > 0.1
-    mended = mjsheaf.check(mjsheaf.load_scenario("altitude_anchor"))
+    mended = mjsheaf.check(mjsheaf.load_scenario("altitude_anchor"), trial=False)
     assert mended["ok"] is True
     assert mended["relative_cohomology"]["mending"] is None
 
 
 def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
-    record = mjsheaf.check(mjsheaf.load_scenario("certified"))
+    record = mjsheaf.check(mjsheaf.load_scenario("certified"), trial=False)
     theorem = record["theorem"]
     assert theorem["applies"] is True
     assert theorem["approximate"] is False
@@ -120,14 +120,16 @@ def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
     assert theorem["chi_infinite"] is True
     assert theorem["initial_error_inside_S"] is True
     assert theorem["lambda_V"] == pytest.approx(theorem["k_min"] - theorem["rho"])
-    slower = mjsheaf.check(mjsheaf.load_scenario("certified"), rate=theorem["lambda_V"] / 2)["theorem"]
+    slower = mjsheaf.check(mjsheaf.load_scenario("certified"), rate=theorem["lambda_V"] / 2, trial=False)["theorem"]
     assert slower["lambda_V_given"] is True
     assert slower["radius_U"] > theorem["radius_U"]
-    faster = mjsheaf.check(mjsheaf.load_scenario("certified"), rate=theorem["lambda_V"] * 2)["theorem"]
+    faster = mjsheaf.check(mjsheaf.load_scenario("certified"), rate=theorem["lambda_V"] * 2, trial=False)["theorem"]
     assert faster["applies"] is False
     assert "too fast" in faster["reason"]
-    wanted = mjsheaf.check(mjsheaf.load_scenario("certified"), radius=0.4)["theorem"]["gain_for_wanted_radius"]
-    there = mjsheaf.check(mjsheaf.load_scenario("certified", {"controller.gain": wanted}))["theorem"]
+    wanted = mjsheaf.check(mjsheaf.load_scenario("certified"), radius=0.4, trial=False)["theorem"][
+        "gain_for_wanted_radius"
+    ]
+    there = mjsheaf.check(mjsheaf.load_scenario("certified", {"controller.gain": wanted}), trial=False)["theorem"]
     # The region shrinks or grows a little with the gain, and the constants with it.
     assert there["radius_U"] == pytest.approx(0.4, rel=0.1)
 
@@ -148,7 +150,7 @@ def test_run_compares_with_the_bound(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 @pytest.mark.slow
 def test_margins_speak_of_this_team(simulated: Simulated) -> None:
-    record = mjsheaf.check(mjsheaf.load_scenario("paper", {"controller.velocity_limit": 20}))
+    record = mjsheaf.check(mjsheaf.load_scenario("paper", {"controller.velocity_limit": 20}), trial=False)
     hold = record["margins"]["hold"]
     assert hold["product"] == pytest.approx(10 * 0.01 * 6.269324221144499)
     assert hold["largest_gain"] == pytest.approx(2 / (0.01 * 6.269324221144499))
@@ -165,7 +167,7 @@ def test_margins_speak_of_this_team(simulated: Simulated) -> None:
 
 def test_plot_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "check.png"
-    assert call("check", "air_tracks_surface", "--plot", path) == 1
+    assert call("check", "air_tracks_surface", "--no-trial", "--plot", path) == 1
     assert path.stat().st_size > 20_000
     assert call("check", "paper", "--plot", tmp_path / "none" / "x.png") == 2
     assert "--plot" in capsys.readouterr().err
@@ -180,10 +182,10 @@ def test_the_plot_is_legible(name: str) -> None:
 @pytest.mark.slow
 def test_the_plot_s_formats_are_its_suffix_and_those_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.svg"
-    assert call("check", "midpoint", "--plot", path, "--format", "pdf,svg", "--no-title") == 0
+    assert call("check", "midpoint", "--no-trial", "--plot", path, "--format", "pdf,svg", "--no-title") == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.pdf", "a.svg"]
     assert "a.pdf" in capsys.readouterr().out
-    assert call("check", "midpoint", "--plot", tmp_path / "a.gif") == 2
+    assert call("check", "midpoint", "--no-trial", "--plot", tmp_path / "a.gif") == 2
     capsys.readouterr()
     assert call("check", "midpoint", "--format", "pdf") == 2
     assert "--plot FILE" in capsys.readouterr().err
@@ -193,19 +195,21 @@ def test_bad_rate_and_radius() -> None:
     scenario = mjsheaf.load_scenario("midpoint")
     for rate, radius in ((-1.0, 1.0), (None, 0.0), (None, float("nan"))):
         with pytest.raises(InputError):
-            mjsheaf.check(scenario, rate=rate, radius=radius)
+            mjsheaf.check(scenario, rate=rate, radius=radius, trial=False)
     with pytest.raises(InputError):
-        mjsheaf.check(scenario, rate="fast")  # type: ignore[arg-type]
+        mjsheaf.check(scenario, rate="fast", trial=False)  # type: ignore[arg-type]
 
 
 def test_a_bound_is_not_claimed_beside_a_speed_limit_or_an_unstable_hold() -> None:
-    limited = mjsheaf.check(mjsheaf.load_scenario("certified", {"controller.velocity_limit": 1.0}))["theorem"]
+    limited = mjsheaf.check(mjsheaf.load_scenario("certified", {"controller.velocity_limit": 1.0}), trial=False)[
+        "theorem"
+    ]
     assert limited["gain_condition"] is True
     assert limited["applies"] is False
     assert "speed limit" in limited["reason"]
     assert limited["weaker"]["radius"] is None
     held = {"controller.control_period": 0.4, "physics.timestep": 0.002}
-    ringing = mjsheaf.check(mjsheaf.load_scenario("certified", held))["theorem"]
+    ringing = mjsheaf.check(mjsheaf.load_scenario("certified", held), trial=False)["theorem"]
     assert ringing["applies"] is False
     assert "the held law" in ringing["reason"]
 
@@ -214,7 +218,7 @@ def test_coarse_records_do_not_hide_fast_targets() -> None:
     """A target that returns to the same place at every sample still moves in between."""
     motion = {"kind": "lissajous", "amplitude": [2.0, 0.0], "rate": [2 * np.pi] * 2, "phase": [np.pi / 2, 0.0]}
     changes = {"controller.record_period": 1.0, "targets.T1.motion": motion, "flow": {}, "disturbance": {}}
-    coarse = mjsheaf.check(mjsheaf.load_scenario("certified", changes))["theorem"]
+    coarse = mjsheaf.check(mjsheaf.load_scenario("certified", changes), trial=False)["theorem"]
     # Four agents, each with H^-1 B f_p = v(t): sqrt(4) times 4 pi m/s at most.
     assert coarse["f_bar"] == pytest.approx(2 * 4 * np.pi, rel=0.15)
     assert coarse["f_bar"] >= 2 * 4 * np.pi
@@ -232,7 +236,7 @@ def test_a_pole_where_an_agent_should_be_fails_and_does_not_crash() -> None:
             "controller.control_period": period,
             "time.end": 2.0,
         }
-        record = mjsheaf.check(mjsheaf.load_scenario("certified", changes))
+        record = mjsheaf.check(mjsheaf.load_scenario("certified", changes), trial=False)
         failing = {a["number"] for a in record["assumptions"] if a["verdict"] == "fails"}
         assert failing == {1, 7}
         assert record["theorem"]["applies"] is False
@@ -241,7 +245,7 @@ def test_a_pole_where_an_agent_should_be_fails_and_does_not_crash() -> None:
 
 def test_a_kernel_without_strength_is_none() -> None:
     nothing = {"dimension": 2, "core": 0.0, "vortices": [{"centre": [0.0, 0.0], "gamma": 0.0}]}
-    assert mjsheaf.check(mjsheaf.load_scenario("certified", {"flow": {"agents": nothing}}))["ok"] is True
+    assert mjsheaf.check(mjsheaf.load_scenario("certified", {"flow": {"agents": nothing}}), trial=False)["ok"] is True
 
 
 @pytest.mark.slow

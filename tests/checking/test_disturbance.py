@@ -21,6 +21,14 @@ SHORT = {"kind": "jonswap", "significant_height": 0.3, "peak_period": 4.0, "spre
 GUSTS = {"kind": "dryden", "wind_speed": 6.0, "altitude": 20.0}
 
 
+def sea_of(scenario: Scenario) -> Any:
+    """The components of a scenario's waves."""
+    water = scenario.flow.water
+    assert water is not None
+    assert water.waves is not None
+    return water.waves.components_of(0)
+
+
 def lone(gain: float, period: float, waves: dict[str, Any], **fields: Any) -> Scenario:
     """Return an agent in waves about a target in still air."""
     time = {"end": 10.0} | fields.pop("time", {})
@@ -87,7 +95,9 @@ def measured(scenario: Scenario, backend: str, end: float, seeds: int, engine: s
 @pytest.mark.parametrize(("gain", "rms"), [(0.1, 0.249017), (0.5, 0.229216), (1.0, 0.191609), (5.0, 0.065049)])
 @pytest.mark.parametrize("spreading", ["none", "cos2"])
 def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float, spreading: str) -> None:
-    record = mjsheaf.check(lone(gain, 0.0, {**PM, "spreading": spreading, "direction": 70.0}))["disturbance"]
+    record = mjsheaf.check(lone(gain, 0.0, {**PM, "spreading": spreading, "direction": 70.0}), trial=False)[
+        "disturbance"
+    ]
     assert record["rms"] == pytest.approx(rms, abs=2e-6)
     assert record["agents"] == {"A": record["rms"]}
     assert record["norm"] == "per_agent_rms"
@@ -95,7 +105,7 @@ def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float,
 
 @pytest.mark.slow
 def test_a_fast_hold_is_nearly_the_continuous_law_and_a_slow_one_is_not() -> None:
-    found = [mjsheaf.check(lone(0.5, h, PM))["disturbance"]["rms"] for h in (0.0, 0.001, 0.5)]
+    found = [mjsheaf.check(lone(0.5, h, PM), trial=False)["disturbance"]["rms"] for h in (0.0, 0.001, 0.5)]
     assert found[1] == pytest.approx(found[0], rel=1e-3)
     assert abs(found[2] - found[0]) > 0.01 * found[0]
 
@@ -103,7 +113,7 @@ def test_a_fast_hold_is_nearly_the_continuous_law_and_a_slow_one_is_not() -> Non
 def test_a_sea_of_few_waves_is_predicted_by_them() -> None:
     waves = {**PM, "components": 3}
     scenario = lone(0.5, 0.1, waves)
-    predicted = mjsheaf.check(scenario)["disturbance"]["rms"]
+    predicted = mjsheaf.check(scenario, trial=False)["disturbance"]["rms"]
     assert measured(scenario, "ideal", 4000.0, 1)["A"] == pytest.approx(predicted, rel=0.01)
 
 
@@ -113,7 +123,7 @@ def test_a_hull_on_the_slopes_of_short_waves_moves_as_predicted(peak_period: flo
     wave = {"kind": "jonswap", "significant_height": 0.02, "peak_period": peak_period, "components": 1}
     boat = {"agents": [{"id": "A", "position": [5, 0], "vehicle": "otter"}]}
     scenario = lone(0.5, 0.1, wave, **boat, physics={"timestep": 0.01, "contacts": False})
-    predicted = mjsheaf.check(scenario)["disturbance"]["bodies"]["A"]
+    predicted = mjsheaf.check(scenario, trial=False)["disturbance"]["bodies"]["A"]
     assert measured(scenario, "physics", 200.0, 1, "fused")["A"] == pytest.approx(predicted, rel=0.02)
 
 
@@ -140,8 +150,8 @@ def test_the_pull_of_a_target_is_held_as_the_law_is(period: float, pull: float) 
     targets = [{"id": "T", "position": [5, 0], "motion": {"kind": "static", "pull": pull}}]
     anchor = [{"agent": "A", "axes": ["z"], "value": [10]}]
     scenario = lone(1.1, period, wave, agents=agents, targets=targets, anchors=anchor, physics={"timestep": 0.01})
-    record = mjsheaf.check(scenario)["disturbance"]
-    (rate,) = scenario.flow.water.waves.components_of(0).rate
+    record = mjsheaf.check(scenario, trial=False)["disturbance"]
+    (rate,) = sea_of(scenario).rate
     assert record["rms"] == pytest.approx(lone_wave(period, rate, 1.1, pull), rel=2e-3)
 
 
@@ -158,7 +168,7 @@ PULLED = {
 def test_steep_waves_are_named_as_beyond_a_linear_prediction() -> None:
     """The waves of PM are 2 pi 9.81 m long."""
     for height, beyond in ((0.9, []), (1.2, ["slow drift in groups of steep waves"])):
-        record = mjsheaf.check(lone(0.5, 0.1, {**PM, "significant_height": height}))["disturbance"]
+        record = mjsheaf.check(lone(0.5, 0.1, {**PM, "significant_height": height}), trial=False)["disturbance"]
         assert record["leaves_out"] == beyond
 
 
@@ -166,7 +176,7 @@ def test_steep_waves_are_named_as_beyond_a_linear_prediction() -> None:
 def test_boats_about_a_pulled_target_move_as_predicted() -> None:
     waves = {"kind": "pierson_moskowitz", "significant_height": 0.066, "peak_period": 3.0, "components": 120}
     scenario = lone(1.0645, 0.2, waves, **PULLED)
-    record = mjsheaf.check(scenario)["disturbance"]
+    record = mjsheaf.check(scenario, trial=False)["disturbance"]
     assert measured(scenario, "ideal", 1500.0, 6) == pytest.approx(record["agents"], rel=0.015)
     assert measured(scenario, "physics", 800.0, 4, "fused") == pytest.approx(record["bodies"], rel=0.03)
 
@@ -199,7 +209,7 @@ def under_water(depth: float | None, **fields: Any) -> Scenario:
 @pytest.mark.parametrize("depth", [None, 4.0])
 def test_water_moves_as_airy_s_waves_do_at_any_depth(depth: float | None) -> None:
     """Amplitudes as cosh and sinh over sinh, typed in from the theory."""
-    sea = under_water(depth).flow.water.waves.components_of(0)
+    sea = sea_of(under_water(depth))
     z, h = -1.5, 200.0 if depth is None else depth
     k = sea.number
     ratios = [np.exp(k * z)] * 2 if depth is None else [f(k * (z + h)) / np.sinh(k * h) for f in (np.cosh, np.sinh)]
@@ -215,8 +225,10 @@ def test_a_drone_above_a_submerged_target_moves_as_one_wave_moves_the_target(pul
     targets = [{"id": "T", "position": [5, 0, -2], "motion": {"kind": "static", "pull": pull}}]
     agents = [{"id": "A", "position": [5, 0, 3]}]
     offset = [{"between": ["A", "T"], "offset": [0, 0, 5]}]
-    record = mjsheaf.check(lone(0.8, 0.0, wave, targets=targets, agents=agents, sensing=offset))["disturbance"]
-    (rate,) = lone(0.8, 0.0, wave).flow.water.waves.components_of(0).rate
+    record = mjsheaf.check(lone(0.8, 0.0, wave, targets=targets, agents=agents, sensing=offset), trial=False)[
+        "disturbance"
+    ]
+    (rate,) = sea_of(lone(0.8, 0.0, wave)).rate
     radius = 0.1 / np.sqrt(8.0) * np.exp(-2.0 * rate**2 / 9.81)
     follows = rate / np.hypot(rate, pull)
     assert record["rms"] == pytest.approx(radius * follows * rate / np.hypot(rate, 0.8), rel=1e-6)
@@ -226,7 +238,7 @@ def test_a_drone_above_a_submerged_target_moves_as_one_wave_moves_the_target(pul
 @pytest.mark.parametrize("depth", [None, 4.0])
 def test_what_is_under_water_or_above_it_moves_as_predicted(depth: float | None) -> None:
     scenario = under_water(depth)
-    record = mjsheaf.check(scenario)["disturbance"]
+    record = mjsheaf.check(scenario, trial=False)["disturbance"]
     assert measured(scenario, "ideal", 1000.0, 4) == pytest.approx(record["agents"], rel=0.02)
     assert measured(scenario, "physics", 600.0, 3, "fused") == pytest.approx(record["bodies"], rel=0.05)
 
@@ -234,7 +246,7 @@ def test_what_is_under_water_or_above_it_moves_as_predicted(depth: float | None)
 def test_what_passes_through_the_surface_has_no_prediction() -> None:
     motion = {"kind": "lissajous", "amplitude": [0, 0, 2], "rate": [0, 0, 0.5]}
     diving = under_water(None, targets=[{"id": "T", "position": [0, 0, -1], "motion": motion}], time={"end": 20.0})
-    record = mjsheaf.check(diving)["disturbance"]
+    record = mjsheaf.check(diving, trial=False)["disturbance"]
     assert record["rms"] is None
     assert "T passes through the surface of the waves" in record["reason"]
     assert set(record["agents"].values()) == {None}
@@ -267,7 +279,7 @@ def predicted_and_measured(name: str) -> dict[str, list[float]]:
         boat = {"agents": [{"id": "A", "position": [5, 0], "vehicle": "otter"}], "physics": {"contacts": False}}
         scenario = lone(0.5, 0.1, SHORT, **boat) if name == "boat" else gusty(name == "frozen")
         runs = measured(scenario, "ideal", 3000.0, 10), measured(scenario, "physics", 1500.0, 10, "fused")
-    record = mjsheaf.check(scenario)["disturbance"]
+    record = mjsheaf.check(scenario, trial=False)["disturbance"]
     assert record["rms"] == pytest.approx(np.sqrt(np.mean(np.square(list(record["agents"].values())))))
     assert record["bodies_reason"] == ""
     return {id: [record["agents"][id], runs[0][id], record["bodies"][id], runs[1][id]] for id in runs[0]}
@@ -299,7 +311,7 @@ def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
     terminal.print(report(record))
     line = next(line for line in terminal.export_text().splitlines() if "those at 304.8 m" in line)
     assert "H400" in line
-    assert mjsheaf.check(team())["disturbance"]["clipped"] == {}
+    assert mjsheaf.check(team(), trial=False)["disturbance"]["clipped"] == {}
 
 
 @pytest.mark.slow
@@ -316,10 +328,10 @@ def test_the_screen_has_the_error_of_waves_and_who_cannot_hold_station() -> None
 
 
 def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
-    still = mjsheaf.check(mixed_scenario())["disturbance"]
+    still = mjsheaf.check(mixed_scenario(), trial=False)["disturbance"]
     assert still["rms"] == 0.0
     assert set(still["agents"].values()) == {0.0}
     law = {"gain": 0.5, "control_period": 0.1, "feedforward": {"rounds": 2}}
-    ahead = mjsheaf.check(lone(0.5, 0.1, PM, controller=law))["disturbance"]
+    ahead = mjsheaf.check(lone(0.5, 0.1, PM, controller=law), trial=False)["disturbance"]
     assert ahead["rms"] is None
     assert "follows the targets" in ahead["reason"]

@@ -563,7 +563,7 @@ def test_range_bearing_noise_in_space_turns_the_body_that_measures(away: list[fl
     for seed in range(2):
         run = simulate(load_scenario(resting_bearing(away) | {"seed": seed}), backend="ideal")
         squares.append(float((run.tracking_error.values[200:] ** 2).mean()))
-    noise = check(load_scenario(resting_bearing(away)))["links"]["noise"]
+    noise = check(load_scenario(resting_bearing(away)), trial=False)["links"]["noise"]
     assert noise["error"] == pytest.approx(np.sqrt(np.mean(squares)), rel=0.02)
 
 
@@ -713,7 +713,7 @@ def test_the_rate_under_loss_of_a_multiple_eigenvalue() -> None:
     }
     for scale, stable in ((1.0, True), (12.0, False)):
         raw["controller"] = {"control_period": h, "gain": scale * gain, "newton": {"rounds": 1}}
-        loss = check(load_scenario(raw))["links"]["loss"]
+        loss = check(load_scenario(raw), trial=False)["links"]["loss"]
         assert loss["factor"] == pytest.approx(p + (1.0 - p) * (1.0 - h * scale * gain) ** 2, rel=1e-9)
         assert loss["accuracy"] < 1e-9
         assert loss["stable"] is stable
@@ -887,7 +887,7 @@ def test_what_check_says_of_noise_is_what_a_run_has(links: dict[str, Any], contr
 
 def checked(links: dict[str, Any], **fields: Any) -> dict[str, Any]:
     """The record of a plain team over links."""
-    found: dict[str, Any] = check(scenario_from_mapping({**plain_team(False), "links": links, **fields}))
+    found: dict[str, Any] = check(scenario_from_mapping({**plain_team(False), "links": links, **fields}), trial=False)
     return found
 
 
@@ -941,7 +941,9 @@ def test_rounds_that_are_late_or_lost_are_undecided(term: str) -> None:
     """Neither loop nor bound nor noise is known, and no law is proposed, whose bound would be of prompt rounds."""
     team = plain_team(False, **{term: {"rounds": 2}})
     for rounds in ({"delay": 0.04}, {"loss": 0.2}):
-        found = check(scenario_from_mapping({**team, "links": {"sensing": {"noise": 0.1}, "rounds": rounds}}))
+        found = check(
+            scenario_from_mapping({**team, "links": {"sensing": {"noise": 0.1}, "rounds": rounds}}), trial=False
+        )
         assert found["law"]["stable"] is None
         assert found["law"]["radius"] is None
         assert found["links"]["stable"] is None

@@ -66,7 +66,7 @@ def test_checkpoints_of_formations(
     places: Any, pairs: Any, measures: str, rank: int, needed: int, rate: float | None
 ) -> None:
     """Ranks exactly, rates to 1e-6; a team that is not rigid is not ok."""
-    record = check(keeping(places, pairs, measures))
+    record = check(keeping(places, pairs, measures), trial=False)
     rigidity = record["rigidity"]
     assert (rigidity["rank"], rigidity["needed"], rigidity["rigid"]) == (rank, needed, rank == needed)
     assert rigidity["localizable"] is None
@@ -106,7 +106,7 @@ def test_the_rate_of_a_team_far_from_its_shape_is_that_with_which_its_run_ends(
     last = int(np.argmax(eta < 1e-7 * eta[0]))
     assert 0 < first < last
     measured = np.log(eta[first] / eta[last]) / (0.02 * (last - first))
-    assert check(scenario)["law"]["rate"] == pytest.approx(measured, rel=0.01)
+    assert check(scenario, trial=False)["law"]["rate"] == pytest.approx(measured, rel=0.01)
     q, x = (v.values[..., : len(places[0])] for v in (run.harmonic_extension, run.agent_position))
     assert np.abs(q[0].mean(axis=0) - x[0].mean(axis=0)).max() < 1e-6
     if measures == "bearing":
@@ -155,7 +155,8 @@ def test_one_agent_and_two_targets(measures: str, angle: float) -> None:
                 "targets": [{"id": f"T{k}", "position": x} for k, x in enumerate(targets)],
                 "sensing": sensing,
             }
-        )
+        ),
+        trial=False,
     )
     wanted = (1.0 - abs(np.cos(theta))) / (r if measures == "bearing" else 1.0)
     rigidity = record["rigidity"]
@@ -176,11 +177,12 @@ def test_directed_cycles(n: int, margin: float) -> None:
     angles = 2.0 * np.pi * np.arange(n) / n
     places = np.column_stack([np.cos(angles), np.sin(angles)]).tolist()
     cycle = [(k, (k + 1) % n) for k in range(n)]
-    continuous = check(keeping(places, cycle, directed=True, controller={"gain": 1.0, "control_period": 0}))
+    law = {"gain": 1.0, "control_period": 0}
+    continuous = check(keeping(places, cycle, directed=True, controller=law), trial=False)
     assert continuous["ok"]
     assert continuous["rigidity"]["rate"] == pytest.approx(1.0 - np.cos(2.0 * np.pi / n), abs=1e-9)
     assert continuous["links"]["delay_margin"] == pytest.approx(margin, abs=1e-6)
-    held = check(keeping(places, cycle, directed=True))
+    held = check(keeping(places, cycle, directed=True), trial=False)
     assert held["ok"]
     assert "not symmetric" in held["theorem"]["reason"]
     assert held["theorem"]["holds"] is None
@@ -198,7 +200,8 @@ def test_delays_of_a_directed_cycle_near_its_margin(n: int) -> None:
     cycle = [(k, (k + 1) % n) for k in range(n)]
     period = 0.005
     continuous = {"gain": 1.0, "control_period": 0}
-    margin = check(keeping(places.tolist(), cycle, directed=True, controller=continuous))["links"]["delay_margin"]
+    record = check(keeping(places.tolist(), cycle, directed=True, controller=continuous), trial=False)
+    margin = record["links"]["delay_margin"]
     value = 1.0 - np.exp(2j * np.pi / n)
     assert margin == pytest.approx((np.pi / 2.0 - abs(np.angle(value))) / abs(value), rel=1e-9)
     start = places + np.random.default_rng(n).normal(scale=0.1, size=places.shape)
@@ -230,7 +233,7 @@ def test_a_few_agents_in_the_plane_need_no_more_ranks_than_they_have_shapes(agen
         ],
         "sensing": [{"between": ["A0", "T"], "measures": "range", "offset": [2.0]}],
     }
-    assert check(make_scenario(team))["rigidity"]["needed"] == needed
+    assert check(make_scenario(team), trial=False)["rigidity"]["needed"] == needed
 
 
 def following(directed: bool = True, **fields: Any) -> Scenario:
@@ -258,12 +261,12 @@ def test_a_directed_acyclic_team_has_its_out_degrees_as_eigenvalues() -> None:
     values = eigenvalues_of(following().team)
     assert np.allclose(np.sort(values.real), [2, 2, 4, 4, 5, 5])
     assert np.abs(values.imag).max() < 1e-12
-    record = check(following())
+    record = check(following(), trial=False)
     assert record["ok"]
     assert record["rigidity"]["rate"] == pytest.approx(2.0)
     assert record["rigidity"]["localizable"] is True
     looking_back = [{"between": ["A", "B"], "directed": True}, {"between": ["A", "C"], "directed": True}]
-    lost = check(following(communication=looking_back))
+    lost = check(following(communication=looking_back), trial=False)
     assert not lost["ok"]
     assert lost["law"]["stable"] is False
     assert lost["rigidity"]["localizable"] is False
@@ -275,19 +278,20 @@ def test_the_steady_error_of_a_directed_team_is_that_of_its_run() -> None:
     law = {"gain": 1.0, "control_period": 0.02}
     targets = [{"id": "T", "position": [0, 1], "motion": motion}]
     scenario = following(targets=targets, controller=law, time={"end": 20.0})
-    record = check(scenario)
+    record = check(scenario, trial=False)
     error = simulate(scenario, backend="ideal").tracking_error.values
     assert record["steady"]["ideal"] == pytest.approx(np.sqrt((error[500:] ** 2).mean()), rel=1e-3)
     assert record["margins"]["hold"] is None
     assert all(lag["lag"] is None for lag in record["margins"]["lag"])
-    integral = check(following(targets=targets, controller={**law, "integral": {"gain": 0.2}}, time={"end": 20.0}))
+    with_integral = following(targets=targets, controller={**law, "integral": {"gain": 0.2}}, time={"end": 20.0})
+    integral = check(with_integral, trial=False)
     assert integral["steady"]["reason"] == "H is not symmetric, and the law has terms"
 
 
 @pytest.mark.parametrize("terms", [{"integral": {"gain": 0.2}}, {"drift": {"filter": 0.1}}])
 def test_terms_of_directed_teams_are_read_off_the_law(terms: Any) -> None:
     """With real eigenvalues the loop is that of an undirected team with the same ones."""
-    found = check(following(controller={"gain": 1.0, "control_period": 0.01, **terms}))
+    found = check(following(controller={"gain": 1.0, "control_period": 0.01, **terms}), trial=False)
     assert found["law"]["stable"]
     same = make_scenario(
         {
@@ -298,7 +302,8 @@ def test_terms_of_directed_teams_are_read_off_the_law(terms: Any) -> None:
             "sensing": [{"between": [id, "T"], "weight": w} for id, w in (("A", 5.0), ("B", 2.0), ("C", 4.0))],
         }
     )
-    assert found["law"]["spectral_radius"] == pytest.approx(check(same)["law"]["spectral_radius"], abs=1e-7)
+    law = check(same, trial=False)["law"]
+    assert found["law"]["spectral_radius"] == pytest.approx(law["spectral_radius"], abs=1e-7)
 
 
 def test_records_are_json_and_have_verdicts() -> None:
@@ -334,12 +339,12 @@ def test_the_edges_that_check_suggests_make_a_formation_rigid(
     places: Any, pairs: Any, measures: str, count: int
 ) -> None:
     """Their number is the smallest, the formation with them is rigid, and its rate is the one predicted."""
-    bracing = check(keeping(places, pairs, measures))["rigidity"]["bracing"]
+    bracing = check(keeping(places, pairs, measures), trial=False)["rigidity"]["bracing"]
     assert len(bracing["edges"]) == count
     assert bracing["exact"]
     assert all(edge["measures"] == measures for edge in bracing["edges"])
     added = [tuple(int(id[1:]) for id in edge["between"]) for edge in bracing["edges"]]
-    braced = check(keeping(places, [*pairs, *added], measures))
+    braced = check(keeping(places, [*pairs, *added], measures), trial=False)
     assert braced["ok"]
     assert braced["rigidity"]["bracing"] is None
     assert braced["rigidity"]["rate"] == pytest.approx(bracing["rate"], rel=1e-9)
@@ -347,13 +352,13 @@ def test_the_edges_that_check_suggests_make_a_formation_rigid(
 
 def test_a_flex_is_described_with_a_frame_at_rest() -> None:
     """The ring of four folds along two parallel sides."""
-    bracing = check(keeping(SQUARE, RING, "range"))["rigidity"]["bracing"]
+    bracing = check(keeping(SQUARE, RING, "range"), trial=False)["rigidity"]["bracing"]
     assert bracing["flexes"] == ["A2, A3 are free along x together, relative to A0"]
 
 
 def test_nothing_braces_ranges_on_a_line() -> None:
     """Ranges measure nothing across a line, to first order."""
-    bracing = check(keeping([[0, 0], [1, 0], [2, 0]], complete(3), "range"))["rigidity"]["bracing"]
+    bracing = check(keeping([[0, 0], [1, 0], [2, 0]], complete(3), "range"), trial=False)["rigidity"]["bracing"]
     assert bracing["edges"] == []
     assert not bracing["exact"]
     assert len(bracing["flexes"]) == 1
@@ -364,7 +369,7 @@ def test_nothing_braces_ranges_on_a_line() -> None:
 def test_noise_of_links_of_a_free_team_is_that_of_its_shape(measures: str, loss: float) -> None:
     """The answers leave out motions that no edge measures: the RMS is that of a random walk of the law in H's range."""
     links = {"noise": 0.5, "loss": loss, "delay": 0.0}
-    record = check(keeping(TRIANGLE, complete(3), measures, links={"all": links}))
+    record = check(keeping(TRIANGLE, complete(3), measures, links={"all": links}), trial=False)
     system = keeping(TRIANGLE, complete(3), measures).system.local
     H = system.team.dirichlet.H.toarray()
     sigma = np.deg2rad(0.5) if measures == "bearing" else 0.5
@@ -387,8 +392,8 @@ def test_losses_of_a_free_team_are_those_of_its_shape(terms: Any) -> None:
     """A loss that never happens leaves the square of the spectral radius, with and without terms."""
     control = {"gain": 1.0, "control_period": 0.01, **terms}
     rare = keeping(TRIANGLE, complete(3), "range", controller=control, links={"all": {"loss": 1e-12}})
-    exact = check(keeping(TRIANGLE, complete(3), "range", controller=control))
-    found = check(rare)["links"]
+    exact = check(keeping(TRIANGLE, complete(3), "range", controller=control), trial=False)
+    found = check(rare, trial=False)["links"]
     assert found["stable"]
     assert found["mean_square_rate"] == pytest.approx(exact["law"]["spectral_radius"] ** 2, rel=1e-9)
 
@@ -397,7 +402,7 @@ def test_newton_of_a_team_without_targets_solves_in_the_range_of_h() -> None:
     """One round is exact where all eigenvalues of H but the zeros are equal: e falls by 1 - k1 h a period."""
     control = {"gain": 1.0, "control_period": 0.1, "newton": {"rounds": 1}}
     scenario = keeping(TRIANGLE, complete(3), "position", controller=control, time={"end": 2.0})
-    assert check(scenario)["law"]["spectral_radius"] == pytest.approx(0.9, abs=1e-9)
+    assert check(scenario, trial=False)["law"]["spectral_radius"] == pytest.approx(0.9, abs=1e-9)
     agents = [{"id": f"A{k}", "position": x} for k, x in enumerate([[0, 0], [3, 1], [1, 4]])]
     moved = keeping(TRIANGLE, complete(3), "position", controller=control, time={"end": 2.0}, agents=agents)
     result = simulate(moved, backend="ideal")

@@ -197,7 +197,7 @@ def between(gain: float, period: float = 0.02, **fields: Any) -> Scenario:
 
 def test_ranges_too_short_to_meet_hold_an_agent_between_them() -> None:
     """H is 2 along the line, and across it 2 (1 - r/|z|) = 1: check and run agree that nothing is free."""
-    record = check(between(1.0))
+    record = check(between(1.0), trial=False)
     assert record["ok"]
     assert record["rigidity"]["localizable"] is True
     assert record["rigidity"]["rate"] == pytest.approx(1.0, rel=1e-9)
@@ -225,11 +225,11 @@ def three_ranges(gain: float, **fields: Any) -> Scenario:
 
 def test_runs_converge_up_to_the_largest_gain_of_ranges_that_do_not_fit() -> None:
     """The largest gain is 9.275 1/s: a run at 0.97 of it ends at q*, and one at 1.03 of it does not."""
-    limit = check(three_ranges(1.0))["law"]["largest_gain"]
+    limit = check(three_ranges(1.0), trial=False)["law"]["largest_gain"]
     assert limit == pytest.approx(9.274966, abs=1e-5)
-    assert check(three_ranges(1.0))["margins"]["hold"]["largest_gain"] == pytest.approx(limit, rel=1e-6)
+    assert check(three_ranges(1.0), trial=False)["margins"]["hold"]["largest_gain"] == pytest.approx(limit, rel=1e-6)
     for share, settles in ((0.97, True), (1.03, False)):
-        assert check(three_ranges(share * limit))["law"]["stable"] is settles
+        assert check(three_ranges(share * limit), trial=False)["law"]["stable"] is settles
         error = simulate(three_ranges(share * limit), backend="ideal").tracking_error.values[-1]
         assert (error < 1e-3) == settles
 
@@ -241,7 +241,7 @@ def test_noise_of_ranges_that_do_not_fit_is_that_of_a_run(delay: float) -> None:
     scenario = three_ranges(2.0, links=links, time={"end": 2000.0})
     x = simulate(scenario, backend="ideal").agent_position.values[500:, 0, :2]
     measured = np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean())
-    assert check(scenario)["links"]["noise_rms"] == pytest.approx(measured, rel=0.05)
+    assert check(scenario, trial=False)["links"]["noise_rms"] == pytest.approx(measured, rel=0.05)
 
 
 def test_stress_holds_a_shape_that_its_ranges_alone_do_not() -> None:
@@ -256,7 +256,7 @@ def test_stress_holds_a_shape_that_its_ranges_alone_do_not() -> None:
             "communication": [{"between": [f"A{i}", f"A{j}"], "measures": "range", "offset": [r]} for i, j, r in edges],
         }
     )
-    record = check(scenario)
+    record = check(scenario, trial=False)
     assert (record["rigidity"]["rank"], record["rigidity"]["needed"]) == (5, 5)
     assert record["ok"]
     moving = np.sort(factors(scenario))[:-3]
@@ -281,7 +281,8 @@ def test_ranges_on_a_line_are_not_rigid(seed: int) -> None:
                 ],
                 "formations": [{"name": "f", "shape": "explicit", "members": ids, "displacements": places.tolist()}],
             }
-        )
+        ),
+        trial=False,
     )
     assert (record["rigidity"]["rank"], record["rigidity"]["needed"]) == (2, 3)
     assert not record["ok"]
@@ -309,7 +310,7 @@ def test_the_vehicles_loop_of_a_directed_team_is_that_of_its_eigenvalues() -> No
             "sensing": [{"between": [id, "T"], "weight": w} for id, w in weights],
         }
     )
-    found, expected = (check(scenario)["margins"]["bodies"] for scenario in (chain, alone))
+    found, expected = (check(scenario, trial=False)["margins"]["bodies"] for scenario in (chain, alone))
     assert found["stable"]
     assert found["spectral_radius"] == pytest.approx(expected["spectral_radius"], rel=1e-6)
     assert found["largest_gain"] == pytest.approx(expected["largest_gain"], rel=2e-3)
@@ -320,7 +321,7 @@ def test_a_blow_up_names_the_largest_gain_of_check() -> None:
     from mjsheaf.simulation.trajectory import likely_cause
 
     for scenario in (random_team(1, misfit=0.0, directed=0.5), three_ranges(2.0), random_team(2, directed=0.5)):
-        limit = check(scenario)["law"]["largest_gain"]
+        limit = check(scenario, trial=False)["law"]["largest_gain"]
         assert limit == pytest.approx(
             2.0 / (scenario.system.grid.period * scenario.system.largest_eigenvalue), rel=1e-9
         )
@@ -342,12 +343,12 @@ def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: An
     """Targets sway by 5 cm: q* moves by the law's H^-1 B, and the error is that of its loop, to 1 %."""
     places = [[0.1, 8.1], [-8.2, -9.1], [6.3, -8.4]]
     sway: dict[str, Any] = {"kind": "lissajous", "amplitude": [0.05, 0.05], "rate": [0.5, 0.7]}
-    targets = [
-        {"id": f"T{k}", "position": x, "motion": {**sway, "phase": [float(k), 1.0]}} for k, x in enumerate(places)
+    targets: list[dict[str, Any]] = [
+        {"id": f"T{k}", "position": x, "motion": sway | {"phase": [float(k), 1.0]}} for k, x in enumerate(places)
     ]
     moving = scenario(3.0, targets=targets)
     error = simulate(moving, backend="ideal").tracking_error.values[300:]
-    assert check(moving)["steady"]["ideal"] == pytest.approx(np.sqrt((error**2).mean()), rel=0.01)
+    assert check(moving, trial=False)["steady"]["ideal"] == pytest.approx(np.sqrt((error**2).mean()), rel=0.01)
 
 
 @pytest.mark.slow
@@ -356,7 +357,7 @@ def test_the_vehicles_loop_of_bearings_that_do_not_fit_is_that_of_a_run_on_bodie
     error = simulate(three_bearings(8.0), backend="physics").tracking_error.values[:, 0]
     first, last = (int(np.argmax(error < size)) for size in (1e-3, 1e-6))
     measured = np.log(error[last] / error[first]) / (last - first)
-    bodies = check(three_bearings(8.0))["margins"]["bodies"]
+    bodies = check(three_bearings(8.0), trial=False)["margins"]["bodies"]
     assert np.log(bodies["spectral_radius"]) == pytest.approx(measured, rel=0.01)
 
 
@@ -372,7 +373,8 @@ def test_edges_that_are_directed_both_ways_are_those_of_one_edge() -> None:
     }
     ways = [{"between": ["A0", "A1"], "directed": True}, {"between": ["A1", "A0"], "directed": True}]
     both, one = (
-        check(make_scenario({**fields, "communication": edges})) for edges in (ways, [{"between": ["A0", "A1"]}])
+        check(make_scenario({**fields, "communication": edges}), trial=False)
+        for edges in (ways, [{"between": ["A0", "A1"]}])
     )
     for name in ("spectral_radius", "largest_gain"):
         assert both["law"][name] == pytest.approx(one["law"][name], rel=1e-9)

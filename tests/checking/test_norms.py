@@ -46,7 +46,7 @@ def test_every_error_of_check_states_its_norm(name: str, changes: dict[str, Any]
     scenario = mjsheaf.load_scenario(name, changes)
     root = np.sqrt(len(scenario.team.agents))
     found = set()
-    for field, record in records(mjsheaf.check(scenario)):
+    for field, record in records(mjsheaf.check(scenario, trial=False)):
         if field in NOT_IN_METRES or not (errors := errors_of(record)):
             continue
         assert record["norm"] in ("per_agent_rms", "team_norm"), field
@@ -89,7 +89,7 @@ def test_the_noise_of_check_is_that_of_runs_in_the_same_measure(capsys: pytest.C
         "sensing": [["A0", "T"], ["A4", "T"]],
         "links": {"all": {"noise": 0.3}},
     }
-    links = mjsheaf.check(mjsheaf.load_scenario(raw))["links"]
+    links = mjsheaf.check(mjsheaf.load_scenario(raw), trial=False)["links"]
     assert links["norm"] == "team_norm"
     squares = []
     for seed in range(4):
@@ -101,15 +101,15 @@ def test_the_noise_of_check_is_that_of_runs_in_the_same_measure(capsys: pytest.C
 
 
 def test_the_terminal_gives_the_rms_and_calls_the_norm_one(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("check", "certified", "--full") == 0
+    assert call("check", "certified", "--no-trial", "--full") == 0
     printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    theorem = mjsheaf.check(mjsheaf.load_scenario("certified"))["theorem"]
+    theorem = mjsheaf.check(mjsheaf.load_scenario("certified"), trial=False)["theorem"]
     assert f"{theorem['radius_U_per_agent']:.4g} m" in printed
     assert "RMS over agents; norm of" in printed
 
 
 def test_no_run_exceeds_the_radius_per_agent() -> None:
-    record = mjsheaf.check(mjsheaf.load_scenario("steady_current", {"controller.integral": None}))
+    record = mjsheaf.check(mjsheaf.load_scenario("steady_current", {"controller.integral": None}), trial=False)
     run = mjsheaf.simulate(mjsheaf.load_scenario("steady_current", {"controller.integral": None}), backend="ideal")
     rms = np.sqrt((run.tracking_error.values**2).mean(axis=1))
     half = len(rms) // 2

@@ -71,14 +71,14 @@ def test_a_team_held_by_anchors_alone_has_phases() -> None:
     controller = {"gain": 1.0, "control_period": 0.02}
     raw = {"name": "anchored", "time": {"end": END}, "controller": controller, "agents": agents, "anchors": anchors}
     raw |= {"communication": [["A", "B"]], "events": [{"time": 3.0, "lose": "A"}]}
-    assert [phase["start"] for phase in check(load_scenario(raw))["phases"]] == [0.0, 3.0]
+    assert [phase["start"] for phase in check(load_scenario(raw), trial=False)["phases"]] == [0.0, 3.0]
 
 
 @pytest.mark.slow
 def test_a_phase_begins_with_what_the_one_before_may_leave() -> None:
     """Its initial error bounds the run's, and so does its bound, at every sample of the phase."""
     scenario = still(EVENTS)
-    phases, (time, error) = check(scenario)["phases"], measured(scenario)
+    phases, (time, error) = check(scenario, trial=False)["phases"], measured(scenario)
     starts = [phase["start"] for phase in phases]
     assert starts == [0.0, 3.0, 4.5, 6.0]
     for phase, begin, end in zip(phases, starts, [*starts[1:], np.inf], strict=True):
@@ -97,7 +97,7 @@ def test_a_phase_begins_with_what_the_one_before_may_leave() -> None:
 def test_a_phase_that_begins_as_if_settled_would_claim_too_much() -> None:
     """An event before the team has settled: the error is far more than the jump of q*."""
     scenario = still([{"time": 0.2, "set": {"controller.gain": 2.1}}])
-    later, (time, error) = check(scenario)["phases"][1], measured(scenario)
+    later, (time, error) = check(scenario, trial=False)["phases"][1], measured(scenario)
     start = error[np.searchsorted(time, 0.2 - 1e-9)]
     assert later["jump"] == pytest.approx(0.0, abs=1e-12)
     assert start > 1.0
@@ -124,7 +124,7 @@ def test_what_a_phase_does_not_know_is_null(fields: dict[str, Any], why: str) ->
     for agent in raw["agents"]:
         agent["drift"] = agent["id"] in fields.get("drift", [])
         agent |= {"velocity_limit": limit} if (limit := fields.get("limited", {}).get(agent["id"])) else {}
-    later = check(load_scenario(raw))["phases"][-1]
+    later = check(load_scenario(raw), trial=False)["phases"][-1]
     assert why in later["law"]["reason"]
     assert later["law"]["radius"] is None
     if newton is None:
@@ -142,7 +142,7 @@ def test_what_a_phase_does_not_know_is_null(fields: dict[str, Any], why: str) ->
 def test_one_who_joins_from_its_station_adds_its_distance(events: list[dict[str, Any]]) -> None:
     """It has stayed where it began, so that the error with which the phase begins is bounded, and the run's is less."""
     scenario = still(events)
-    later, (time, error) = check(scenario)["phases"][-1], measured(scenario)
+    later, (time, error) = check(scenario, trial=False)["phases"][-1], measured(scenario)
     own = error[time > 3.0 - 1e-9]
     assert later["theorem"]["applies"], later["theorem"]["reason"]
     assert own[0] <= later["theorem"]["initial_error"] < 2.0 * own[0]
@@ -157,7 +157,7 @@ def test_one_who_joins_from_its_station_adds_its_distance(events: list[dict[str,
 def test_every_phase_has_its_links() -> None:
     """One gain is stable with the delay, another is not."""
     scenario = still([{"time": 3.0, "set": {"controller.gain": 9.0}}], links={"all": {"delay": 0.06}})
-    record = check(scenario)
+    record = check(scenario, trial=False)
     first, second = record["phases"]
     assert (first["links"]["stable"], first["ok"]) == (True, True)
     assert (second["links"]["stable"], second["ok"]) == (False, False)
@@ -264,7 +264,7 @@ def test_nothing_is_claimed_after_a_phase_with_terms() -> None:
     events = [{"time": 2.0, "set": {"controller.integral": None}}]
     changes = {"controller.integral": {"gain": 100, "limit": 1000}, "time.end": 4.0, "events": events}
     scenario = load_scenario("steady_current", changes)
-    first, second = check(scenario)["phases"]
+    first, second = check(scenario, trial=False)["phases"]
     assert first["law"]["stable"] is False
     assert second["law"]["terms"] == []
     assert second["law"]["radius"] is None

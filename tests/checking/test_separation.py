@@ -38,7 +38,7 @@ PIER = {"kind": "sphere", "id": "pier", "centre": [0.0, 6.0], "radius": 0.5}
 
 @pytest.mark.slow
 def test_places_in_q_star_that_are_too_close_are_named_with_time_and_gap() -> None:
-    found = check(load_scenario(escort(obstacles=[PIER])))["safety"]
+    found = check(load_scenario(escort(obstacles=[PIER])), trial=False)["safety"]
     (worst,) = found["unsafe"]
     assert worst["pair"] == ["B1", "pier"]
     assert worst["gap"] == pytest.approx(1.0 - 0.5 - 2.0, abs=1e-3)
@@ -46,13 +46,13 @@ def test_places_in_q_star_that_are_too_close_are_named_with_time_and_gap() -> No
     q_star = run["harmonic_extension"].values[:, 0, :2]
     away = np.linalg.norm(q_star - [0.0, 6.0], axis=1)
     assert worst["time"] == pytest.approx(float(run["time"][away.argmin()]), abs=0.2)
-    assert check(load_scenario(escort()))["safety"]["unsafe"] == []
+    assert check(load_scenario(escort()), trial=False)["safety"]["unsafe"] == []
 
 
 def test_pairs_that_begin_too_close_are_named() -> None:
     raw = escort()
     raw["agents"][0]["position"] = [-20, -4]
-    assert check(load_scenario(raw))["safety"]["initial"] == [
+    assert check(load_scenario(raw), trial=False)["safety"]["initial"] == [
         {"pair": ["B1", "B2"], "time": 0.0, "gap": pytest.approx(-1.0)}
     ]
 
@@ -76,15 +76,15 @@ def test_pairs_that_begin_too_close_are_named() -> None:
     ],
 )
 def test_what_the_theorem_requires_is_decided(change: dict[str, Any], told: str) -> None:
-    found = check(load_scenario(escort(), change))["safety"]
+    found = check(load_scenario(escort(), change), trial=False)["safety"]
     assert not found["guaranteed"]
     assert any(told in reason for reason in found["reasons"])
 
 
 def test_everything_else_is_about_the_team_while_the_filter_does_not_act() -> None:
     raw = escort()
-    found = check(load_scenario(raw))
-    without = check(load_scenario({key: value for key, value in raw.items() if key != "safety"}))
+    found = check(load_scenario(raw), trial=False)
+    without = check(load_scenario({key: value for key, value in raw.items() if key != "safety"}), trial=False)
     assert found["safety"]["guaranteed"]
     assert found["ok"]
     assert without["ok"]
@@ -108,8 +108,8 @@ def test_without_a_velocity_limit_the_margin_is_that_of_the_vehicles_top_speed()
     limited, free, _ = system.safety_margins
     hand = system.vehicles[0].steering.hand
     assert (free - hand) / (limited - hand) == pytest.approx(3.0865 / 3.0, rel=1e-3)
-    assert check(load_scenario(raw))["safety"]["without_margin"] == []
+    assert check(load_scenario(raw), trial=False)["safety"]["without_margin"] == []
     raw["agents"][1] |= {"vehicle": "hull"}
-    found = check(load_scenario(raw))["safety"]
+    found = check(load_scenario(raw), trial=False)["safety"]
     assert found["without_margin"] == ["B2"]
     assert found["margins"]["B2"] == 0.0

@@ -30,7 +30,7 @@ def measured(scenario: Any, backend: str) -> float:
 )
 def test_ideal_kinematics_make_what_is_predicted(controller: dict[str, Any]) -> None:
     scenario = mjsheaf.load_scenario("midpoint", controller)
-    steady = mjsheaf.check(scenario)["steady"]
+    steady = mjsheaf.check(scenario, trial=False)["steady"]
     assert steady["norm"] == "per_agent_rms"
     assert steady["exact_links"]
     assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=0.01)
@@ -42,7 +42,7 @@ def test_ideal_kinematics_make_what_is_predicted(controller: dict[str, Any]) -> 
 )
 def test_shipped_scenarios_make_what_is_predicted(name: str) -> None:
     scenario = mjsheaf.load_scenario(name)
-    steady = mjsheaf.check(scenario)["steady"]
+    steady = mjsheaf.check(scenario, trial=False)["steady"]
     assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=0.02)
     assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.15)
 
@@ -73,7 +73,7 @@ def test_what_is_left_of_the_initial_error_is_in_the_prediction() -> None:
     """A lone agent's error is (1 - k h)^n times its 10 m."""
     agents = {"agents": [{"id": "A", "position": [0, 0]}], "communication": []}
     still = {"targets": [{"id": "T", "position": [10, 0]}], "sensing": [["A", "T"]]}
-    steady = mjsheaf.check(slow(**agents, **still))["steady"]
+    steady = mjsheaf.check(slow(**agents, **still), trial=False)["steady"]
     error = 10.0 * (1.0 - 0.1 * 0.05) ** np.arange(300, 601)
     assert steady["ideal"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
     assert steady["leaves_out"] == []
@@ -95,7 +95,7 @@ def test_what_is_left_of_the_initial_error_is_in_the_prediction() -> None:
 )
 def test_a_run_that_has_not_settled_makes_what_is_predicted(fields: dict[str, Any]) -> None:
     scenario = slow(**fields)
-    steady = mjsheaf.check(scenario)["steady"]
+    steady = mjsheaf.check(scenario, trial=False)["steady"]
     assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=5e-3)
     assert steady["ideal"] > 0.5
     assert steady["leaves_out"] == []
@@ -104,7 +104,7 @@ def test_a_run_that_has_not_settled_makes_what_is_predicted(fields: dict[str, An
 @pytest.mark.slow
 def test_bodies_that_have_not_settled_make_what_is_predicted() -> None:
     scenario = slow()
-    steady = mjsheaf.check(scenario)["steady"]
+    steady = mjsheaf.check(scenario, trial=False)["steady"]
     assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.03)
 
 
@@ -112,26 +112,31 @@ def test_bodies_that_have_not_settled_make_what_is_predicted() -> None:
 def test_what_boats_far_from_their_places_do_is_left_out_and_named() -> None:
     """Otters turn towards their places first, so that they arrive later than linear ones."""
     scenario = slow(vehicles={"agents": "otter"})
-    steady = mjsheaf.check(scenario)["steady"]
+    steady = mjsheaf.check(scenario, trial=False)["steady"]
     assert steady["leaves_out"] == ["thrust limits", "turns of boats that hold no heading"]
     assert steady["bodies"] < measured(scenario, "physics")
     near = mjsheaf.load_scenario("otters")
-    assert mjsheaf.check(near)["steady"]["leaves_out"] == []
+    assert mjsheaf.check(near, trial=False)["steady"]["leaves_out"] == []
 
 
 def test_limits_of_speed_are_named() -> None:
-    limited = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"controller.velocity_limit": 0.5}))["steady"]
+    limited = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"controller.velocity_limit": 0.5}), trial=False)[
+        "steady"
+    ]
     assert limited["limited"] == ["A1"]
     assert (
-        mjsheaf.check(mjsheaf.load_scenario("midpoint", {"controller.velocity_limit": 50.0}))["steady"]["limited"] == []
+        mjsheaf.check(mjsheaf.load_scenario("midpoint", {"controller.velocity_limit": 50.0}), trial=False)["steady"][
+            "limited"
+        ]
+        == []
     )
 
 
 def test_what_is_not_known_has_a_reason() -> None:
-    steady = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"))["steady"]
+    steady = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"), trial=False)["steady"]
     assert steady["ideal"] is None
     assert "unique" in steady["reason"]
-    noisy = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"links.all.noise": 0.1}))["steady"]
+    noisy = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"links.all.noise": 0.1}), trial=False)["steady"]
     assert not noisy["exact_links"]
     assert noisy["ideal"] > 0.0
     assert noisy["leaves_out"] == ["noise, delays and losses of links"]

@@ -53,7 +53,7 @@ def test_a_pull_that_diverges_under_the_hold_is_not_certified(
     """The finding: "all 7 assumptions hold", a bound of 2e12 m and exit code 0, where pull times hold is 2.5."""
     path = tmp_path / "held_pull.yaml"
     path.write_text(json.dumps(pulled(25.0, time={"end": 8})))
-    assert call("check", path, "--json") == 1
+    assert call("check", path, "--no-trial", "--json") == 1
     printed = capsys.readouterr()
     record = json.loads(printed.out)
     assert record["ok"] is False
@@ -68,18 +68,18 @@ def test_a_pull_that_diverges_under_the_hold_is_not_certified(
     assert record["assumptions"][6]["verdict"] == "fails"
     for words in ("pull of T", "2.5", "below 2", "control_period below 0.08 s", "motion.pull"):
         assert words in printed.err
-    assert call("check", path) == 1
+    assert call("check", path, "--no-trial") == 1
     assert "the targets' own held law diverges" in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_fix_that_is_named_is_one() -> None:
     changed = pulled(25.0, controller={"gain": 1, "control_period": 0.079}, physics={"timestep": 0.079})
-    record = mjsheaf.check(mjsheaf.load_scenario(changed | {"time": {"end": 1.58}}))
+    record = mjsheaf.check(mjsheaf.load_scenario(changed | {"time": {"end": 1.58}}), trial=False)
     assert record["targets"]["stable"] is True
     assert record["law"]["radius"] is not None
     controller = {"gain": 1, "control_period": 0, "record_period": 0.1}
     continuous = pulled(25.0, controller=controller, physics={"timestep": 0.01})
-    record = mjsheaf.check(mjsheaf.load_scenario(continuous))
+    record = mjsheaf.check(mjsheaf.load_scenario(continuous), trial=False)
     assert record["ok"] is True
     assert record["targets"]["product"] is None
     assert record["targets"]["stable"] is True
@@ -88,7 +88,7 @@ def test_the_fix_that_is_named_is_one() -> None:
 @pytest.mark.parametrize("pull", [3.0, 17.0, 19.9, 20.1, 25.0])
 def test_runs_grow_or_decay_by_the_factor(pull: float) -> None:
     scenario = mjsheaf.load_scenario(pulled(pull, time={"end": 3.0}))
-    targets = mjsheaf.check(scenario)["targets"]
+    targets = mjsheaf.check(scenario, trial=False)["targets"]
     steps = np.abs(np.diff(positions(scenario)[:, 0]))
     assert steps[-1] / steps[-2] == pytest.approx(targets["spectral_radius"], rel=1e-3)
     assert targets["stable"] is bool(pull < 20.0)
@@ -98,7 +98,7 @@ def test_runs_grow_or_decay_by_the_factor(pull: float) -> None:
 def test_consensus_and_pull_act_together(pull: float, gain: float) -> None:
     """Neither 8 + 15 nor either alone decides: the largest eigenvalue of the sum does."""
     scenario = mjsheaf.load_scenario(together(pull, gain) | {"time": {"end": 12.0}})
-    targets = mjsheaf.check(scenario)["targets"]
+    targets = mjsheaf.check(scenario, trial=False)["targets"]
     L = 3.0 * np.eye(3) - np.ones((3, 3))
     values = np.linalg.eigvalsh(gain * L + np.diag([pull, 0.5 * pull, 0.0]))
     assert targets["rate"] == pytest.approx(values[-1])
@@ -116,7 +116,7 @@ def test_targets_on_bodies(pull: float) -> None:
     fields = pulled(pull, time={"end": 4.0}, physics={"timestep": 0.01})
     fields["flow"] = {"targets": {"dimension": 2, "drift": [1e-6, 0.0]}}
     scenario = mjsheaf.load_scenario(fields)
-    bodies = mjsheaf.check(scenario)["targets"]["bodies"]
+    bodies = mjsheaf.check(scenario, trial=False)["targets"]["bodies"]
     assert bodies["stable"] is bool(bodies["spectral_radius"] < 1.0)
     steps = np.abs(np.diff(positions(scenario, "physics")[:, 0]))
     growth = (steps[-6:].max() / steps[-26:-20].max()) ** (1.0 / 20.0)
@@ -126,7 +126,7 @@ def test_targets_on_bodies(pull: float) -> None:
 
 
 def test_targets_that_nothing_holds_are_none_of_it() -> None:
-    targets = mjsheaf.check(mjsheaf.load_scenario("certified"))["targets"]
+    targets = mjsheaf.check(mjsheaf.load_scenario("certified"), trial=False)["targets"]
     assert targets["rate"] == 0.0
     assert targets["stable"] is True
     assert targets["bodies"] is None
@@ -137,6 +137,6 @@ def test_a_target_without_thrusters_beside_one_that_is_pulled(place: int) -> Non
     """A buoy drifts, in whichever place of the list it is, and leaves the loop of the other target as stable."""
     fields = pulled(5.0, physics={"timestep": 0.01}, sensing=[["A", "T"], ["A", "B"]])
     fields["targets"].insert(place, {"id": "B", "position": [3, 0], "vehicle": "buoy", "motion": {"kind": "static"}})
-    bodies = mjsheaf.check(mjsheaf.load_scenario(fields))["targets"]["bodies"]
+    bodies = mjsheaf.check(mjsheaf.load_scenario(fields), trial=False)["targets"]["bodies"]
     assert bodies["stable"] is True
     assert bodies["spectral_radius"] == pytest.approx(1.0)

@@ -59,8 +59,8 @@ def errors(scenario: Scenario) -> Any:
 @pytest.mark.parametrize("radius", [1.0, 0.03])
 def test_at_the_named_gain_the_radius_is_certified_and_kept(radius: float) -> None:
     """The finding: 1.0003 1/s was named for 1 m, and the run there ended 79 m away."""
-    gain = mjsheaf.check(between_jets(50.0), radius=radius)["theorem"]["gain_for_wanted_radius"]
-    there = mjsheaf.check(between_jets(gain), radius=radius)["theorem"]
+    gain = mjsheaf.check(between_jets(50.0), radius=radius, trial=False)["theorem"]["gain_for_wanted_radius"]
+    there = mjsheaf.check(between_jets(gain), radius=radius, trial=False)["theorem"]
     assert there["applies"]
     assert there["radius_U"] <= radius
     assert errors(between_jets(gain)).max() <= radius
@@ -70,7 +70,7 @@ def test_at_the_named_gain_the_radius_is_certified_and_kept(radius: float) -> No
 @pytest.mark.slow
 def test_the_gain_that_was_named_does_not_do_it() -> None:
     """Its run leaves the channel, so no smaller bound than the search's own would be honest."""
-    theorem = mjsheaf.check(between_jets(1.0003))["theorem"]
+    theorem = mjsheaf.check(between_jets(1.0003), trial=False)["theorem"]
     assert not theorem["applies"]
     assert errors(between_jets(1.0003, time={"end": 20})).max() > 1.0
     assert theorem["gain_for_wanted_radius"] == pytest.approx(15.65, rel=0.02)
@@ -79,18 +79,18 @@ def test_the_gain_that_was_named_does_not_do_it() -> None:
 @pytest.mark.slow
 def test_no_gain_is_said_to_be_needed_where_a_smaller_one_does_it(capsys: pytest.CaptureFixture[str]) -> None:
     """The finding: "that takes a gain above 45.49 1/s", where the theorem applies at 5 1/s."""
-    theorem = mjsheaf.check(beside_a_jet(2.0))["theorem"]
+    theorem = mjsheaf.check(beside_a_jet(2.0), trial=False)["theorem"]
     assert not theorem["applies"]
     assert "does not exceed rho" in theorem["reason"]
     assert "takes a gain" not in theorem["reason"]
-    assert mjsheaf.check(beside_a_jet(5.0))["theorem"]["applies"]
+    assert mjsheaf.check(beside_a_jet(5.0), trial=False)["theorem"]["applies"]
     gain = theorem["gain_for_wanted_radius"]
     assert gain < 5.0
-    there = mjsheaf.check(beside_a_jet(gain))["theorem"]
+    there = mjsheaf.check(beside_a_jet(gain), trial=False)["theorem"]
     assert there["applies"]
     assert there["radius_U"] <= 1.0
     assert errors(beside_a_jet(gain)).max() <= 1.0
-    lower = mjsheaf.check(beside_a_jet(0.97 * gain))["theorem"]
+    lower = mjsheaf.check(beside_a_jet(0.97 * gain), trial=False)["theorem"]
     assert not lower["applies"] or lower["radius_U"] > 1.0
 
 
@@ -106,21 +106,21 @@ def test_no_gain_is_said_to_be_needed_where_a_smaller_one_does_it(capsys: pytest
     ],
 )
 def test_without_such_a_gain_the_reason_is_said(name: str, changes: dict[str, Any], words: str) -> None:
-    theorem = mjsheaf.check(mjsheaf.load_scenario(name, changes))["theorem"]
+    theorem = mjsheaf.check(mjsheaf.load_scenario(name, changes), trial=False)["theorem"]
     assert theorem["gain_for_wanted_radius"] is None
     assert words in theorem["gain_for_wanted_radius_reason"]
 
 
 def test_a_bound_of_ones_own_is_certified_too() -> None:
     scenario = mjsheaf.load_scenario("certified")
-    theorem = mjsheaf.check(scenario, rho=[0.5, 0.01], radius=0.5)["theorem"]
+    theorem = mjsheaf.check(scenario, rho=[0.5, 0.01], radius=0.5, trial=False)["theorem"]
     gain = theorem["gain_for_wanted_radius"]
     changed = mjsheaf.load_scenario("certified", {"controller.gain": gain})
-    there = mjsheaf.check(changed, rho=[0.5, 0.01], radius=0.5)["theorem"]
+    there = mjsheaf.check(changed, rho=[0.5, 0.01], radius=0.5, trial=False)["theorem"]
     assert there["applies"]
     assert there["radius_U"] <= 0.5
 
 
 def test_the_terminal_says_it(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("check", "certified", "--full", "--radius", "0.4") == 0
+    assert call("check", "certified", "--no-trial", "--full", "--radius", "0.4") == 0
     assert "in its own region" in " ".join(capsys.readouterr().out.split())

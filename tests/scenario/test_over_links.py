@@ -30,7 +30,7 @@ def late(simulated: Simulated, name: str, backend: str, **overrides: Any) -> flo
 def test_the_delay_that_breaks_the_published_run_and_what_mends_it(backend: str, simulated: Simulated) -> None:
     fast = {"controller.gain": 10}
     for changes, margin in (({}, 0.07), (fast, 0.01), ({**fast, "controller.newton.rounds": 2}, 0.13)):
-        answer = check(load_scenario("paper_delay", changes))["links"]["delay"]
+        answer = check(load_scenario("paper_delay", changes), trial=False)["links"]["delay"]
         assert answer["stable"] is (margin >= 0.05)
         assert answer["margin"] == pytest.approx(margin)
         assert simulated("paper_delay", backend, changes).attrs["status"] == (
@@ -45,7 +45,7 @@ def test_the_delay_that_breaks_the_published_run_and_what_mends_it(backend: str,
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_half_of_the_messages_is_half_of_the_gain(backend: str, simulated: Simulated) -> None:
     scenario = load_scenario("paper_half_lost")
-    record = check(scenario)
+    record = check(scenario, trial=False)
     assert record["law"]["rate"] == pytest.approx(4.52, abs=0.01)
     assert record["links"]["loss"]["rate"] == pytest.approx(2.23, abs=0.01)
     assert late(simulated, "paper_half_lost", backend) == pytest.approx(7.05, abs=0.05)
@@ -62,7 +62,7 @@ def test_noise_is_averaged_losses_cost_and_a_hold_mends_them(simulated: Simulate
     assert late(simulated, "noisy_harbour", "physics") == pytest.approx(3.34, abs=0.02)
     assert late(simulated, "noisy_harbour", "physics", links__communication__loss=0) == pytest.approx(2.74, abs=0.02)
     assert late(simulated, "noisy_harbour", "physics", links__communication__hold=0.1) == pytest.approx(2.74, abs=0.02)
-    noise = check(load_scenario("noisy_harbour"))["links"]["noise"]
+    noise = check(load_scenario("noisy_harbour"), trial=False)["links"]["noise"]
     assert noise["error"] == pytest.approx(0.2, abs=0.01)
     assert noise["command"] == pytest.approx(2.4, abs=0.05)
 

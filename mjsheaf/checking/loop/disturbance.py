@@ -341,7 +341,7 @@ def _follow(system: System, loop: _Loop, tau: Array, rate: float) -> Complex:
     pull = system.motion.pull[len(system.team.agents) :]
     lag = 1.0 + 1j * rate * tau
     if loop.continuous is not None:
-        return 1.0 / (lag + pull / (1j * rate))
+        return np.asarray(1.0 / (lag + pull / (1j * rate)))
     h, z = loop.period, np.exp(1j * rate * loop.period)
     r = np.exp(-h / np.maximum(tau, np.finfo(float).tiny))
     way = tau * (1.0 - r)

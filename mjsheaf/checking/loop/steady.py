@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 from scipy import linalg
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes, linear_vehicles
 from mjsheaf.checking.loop.directed import matrix_of
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
@@ -92,14 +92,17 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
     limit = system.law.limit[: len(system.team.agents)]
     sheared = unsettled = False
     turns = [False]
-    limited = saturates = slow = np.zeros(len(limit), dtype=np.bool_)
+    limited: BoolArray = np.zeros(len(limit), dtype=np.bool_)
+    saturates = limited
+    slow = limited
     try:
         require_model(system)
         path = _path_of(system, certificate, rate)
         ideal, speed, places = _follow(system, certificate, system.law, _ideal_vehicles(system), limit, path)
         sheared = _shear(system, places, path) > _LEFT_OUT * ideal * (rate or 0.0)
         unsettled = _initial_part(system, path, rate) > _LEFT_OUT * ideal
-        limited, saturates = (speed > limit)[-path.counted :].any(axis=0), (speed > limit).any(axis=0)
+        limited = np.any((speed > limit)[-path.counted :], axis=0)
+        saturates = np.any(speed > limit, axis=0)
     except UndecidedError as error:
         reason = reason_on_bodies = str(error)
     else:
@@ -109,7 +112,7 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
             fastest = np.minimum(limit, [one.forward_speed for one in able])
             bodies, speed, _ = _follow(system, certificate, _law_on_bodies(system), vehicles, fastest, path)
             strained = np.minimum(speed, limit) > [one.least_speed for one in able]
-            slow = strained[0 if unsettled else -path.counted :].any(axis=0)
+            slow = np.any(strained[0 if unsettled else -path.counted :], axis=0)
             turns = [unsettled and one.dimension == 2 and not one.steering.attitude for one in system.vehicles]
         except UndecidedError as error:
             reason_on_bodies = str(error)
