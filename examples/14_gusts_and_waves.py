@@ -83,5 +83,5 @@ plt.show()
 
 # %%
 # What the medium does to the team is predicted before any run.
-found = mjsheaf.check(scenario)["disturbance"]
+found = mjsheaf.check(scenario, trial=False)["disturbance"]
 print({name: round(rms, 3) for name, rms in found["bodies"].items()})

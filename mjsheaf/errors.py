@@ -146,3 +146,7 @@ class UndecidedError(Exception):
 
 class OverpoweredError(UndecidedError):
     """A vehicle cannot hold its place in the medium; the message names it, with the speeds."""
+
+
+class NoModelError(UndecidedError):
+    """A vehicle has no linear model; the message names it, and says why."""

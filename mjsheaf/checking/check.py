@@ -22,7 +22,7 @@ from mjsheaf.checking.loop.margins import Margins, margins
 from mjsheaf.checking.loop.steady import SteadyError, steady_error
 from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
-from mjsheaf.checking.problems import Problem, TriedFix, problems_of
+from mjsheaf.checking.problems import Problem, TriedFix, problems_of, untried_of
 from mjsheaf.checking.proposals import Proposal, propose
 from mjsheaf.checking.separation import SafetyRecord, safety_record
 from mjsheaf.checking.theorem.certificate import (
@@ -51,6 +51,7 @@ from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
 
 _MAX_FIXES = 3  # that are tried
+_SPARE, _SLOW = 1.5, 0.5  # of the speed that q* asks for, and m/s: what a proposed limit leaves
 
 
 class RegionSummary(Record):
@@ -237,9 +238,16 @@ def check(
     own = None if rho is None else as_rho(rho)
     with shown(progress, "checking") as bar:
         record = examine_scenario(scenario, rate=rate, radius=radius, rho=own).record
-        if trial:
-            record = try_out(record, scenario, partial(bar, "trying the mission") if bar else None)
+        record = (
+            try_out(record, scenario, partial(bar, "trying the mission") if bar else None) if trial else untried(record)
+        )
         return record.model_dump(mode="json")
+
+
+def untried(record: CheckRecord) -> CheckRecord:
+    """Return the record of an analysis that no trial follows: what only a trial could decide is a problem."""
+    problems = [*record.problems, *untried_of(record)]
+    return record.model_copy(update={"problems": problems, "ok": not problems})
 
 
 def try_out(record: CheckRecord, scenario: Scenario, progress: Callable[[int, int], None] | None = None) -> CheckRecord:
@@ -252,10 +260,33 @@ def try_out(record: CheckRecord, scenario: Scenario, progress: Callable[[int, in
     """
     trial = try_mission(scenario, foreseen_error(record), progress)
     problems = list(record.problems)
+    for k, problem in enumerate(problems):
+        if problem.kind == "room" and not problem.changes:
+            problems[k] = problem.model_copy(update=_limit_for_room(record, scenario))
     fixes = [k for k, problem in enumerate(problems) if problem.changes or problem.additions][:_MAX_FIXES]
     for k in fixes:
         problems[k] = problems[k].model_copy(update={"tried": _try_fix(scenario, problems[k], trial, progress)})
     return record.model_copy(update={"trial": trial, "problems": problems, "ok": record.ok and trial.ok})
+
+
+def _limit_for_room(record: CheckRecord, scenario: Scenario) -> dict[str, Any]:
+    """Return a velocity limit, and a rate if it takes one, with which the safety filter leaves room for the formation.
+
+    The distance in which vehicles stop grows with their speed. The limit is a little above what q* asks for.
+
+    Returns:
+        `fix` and `changes` of the problem; nothing if the formation does not fit even then.
+    """
+    asked = [demand.steady for demand in record.margins.speed if demand.steady is not None]
+    if not asked:
+        return {}
+    changes: dict[str, Any] = {"controller.velocity_limit": float(f"{_SPARE * max(asked) + _SLOW:.2g}")}
+    fields = scenario.model_dump(mode="json", exclude_none=True)
+    left = examine_scenario(scenario_from_mapping(fields, changes)).record.problems
+    changes |= next((problem.changes for problem in left if problem.kind == "room"), {})
+    if any(problem.kind == "unsafe" or (problem.kind == "room" and not problem.changes) for problem in left):
+        return {}
+    return {"fix": " and ".join(f"set {name} to {value:g}" for name, value in changes.items()), "changes": changes}
 
 
 def _try_fix(
@@ -282,8 +313,15 @@ def _try_fix(
 
 
 def foreseen_error(record: CheckRecord) -> float | None:
-    """Return the error on the vehicles that the analysis foresees, RMS over agents, m; None if it is not known."""
-    parts = [record.steady.bodies, record.disturbance.rms_on_bodies]
+    """Return the error that the analysis foresees, RMS over agents, m; None if it is not known.
+
+    It is that on ideal kinematics if it is not known on the vehicles.
+    """
+    steady, moved = record.steady, record.disturbance
+    parts = [
+        steady.ideal if steady.bodies is None else steady.bodies,
+        moved.rms if moved.rms_on_bodies is None else moved.rms_on_bodies,
+    ]
     if record.links is not None and record.links.noise is not None:
         parts.append(record.links.noise.error_per_agent)
     known = [part for part in parts if part is not None]
@@ -345,12 +383,15 @@ def examine(
         system = during(phases, k, _settled(old, phase.system, targets))
         before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
         records.append(_phase_record(phase, before.record, jumps))
-    later = [
-        problem.model_copy(update={"what": f"{problem.what} from {record.start:g} s on ({', '.join(record.events)})"})
-        for record in records[1:]
-        for problem in record.problems
-    ]
-    problems = [*first.record.problems, *later]
+    problems = list(first.record.problems)
+    for record in records[1:]:
+        kinds = {problem.kind for problem in problems}
+        since = f"from {record.start:g} s on ({', '.join(record.events)})"
+        problems += [
+            problem.model_copy(update={"what": f"{problem.what} {since}"})
+            for problem in record.problems
+            if problem.kind not in kinds
+        ]
     steady = first.record.steady
     if steady.ideal is not None:
         left_out = [*steady.leaves_out, f"the events from {records[1].start:g} s on"]

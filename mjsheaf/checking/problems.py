@@ -43,6 +43,10 @@ class TriedFix(Record):
 class Problem(Record):
     """A reason why a check is not ok."""
 
+    kind: str = Field(
+        description="assumption_1 to assumption_7, rigid, place, undecided, held_law, links, bodies, targets, turning, "
+        "flow, gusts, slow, limited, unsafe, room, or untried"
+    )
     what: str = Field(description="what is wrong, in a few words")
     why: str = Field("", description="the reason, with numbers, or empty")
     fix: str = Field("", description="the smallest change that removes it, or empty")
@@ -68,6 +72,16 @@ def problems_of(part: "PartRecord", *, stable: bool) -> list[Problem]:
         *_of_speeds(part),
         *(_of_room(part.safety) if part.safety is not None else ()),
     ]
+
+
+def untried_of(record: "CheckRecord") -> list[Problem]:
+    """Return what the analysis leaves undecided and a trial would decide: boats that have no linear model."""
+    parts: list[PartRecord] = [record, *record.phases]
+    for part in parts:
+        if part.margins.bodies.obstacle == "no model":
+            what = "the vehicles' loop is undecided, and the mission was not tried"
+            return [Problem(kind="untried", what=what, why=part.margins.bodies.reason)]
+    return []
 
 
 def reasons_of(record: "CheckRecord") -> list[str]:
@@ -110,7 +124,11 @@ def _of_assumptions(part: "PartRecord") -> Iterator[Problem]:
             word = "fails" if a.verdict == "fails" else "is undecided"
             fix, additions = _fix_of_assumption(part, a.number)
             yield Problem(
-                what=f"assumption {a.number} {word}", why=f"{a.name}: {a.witness}", fix=fix, additions=additions
+                kind=f"assumption_{a.number}",
+                what=f"assumption {a.number} {word}",
+                why=f"{a.name}: {a.witness}",
+                fix=fix,
+                additions=additions,
             )
 
 
@@ -140,11 +158,11 @@ def _of_shape(part: "PartRecord", *, stable: bool) -> Iterator[Problem]:
         edges = shape.bracing.edges if shape.bracing else []
         fix = shape.bracing.describe() if shape.bracing else ""
         additions = {"communication": [edge.model_dump(mode="json") for edge in edges]} if edges else {}
-        yield Problem(what="the formation is not rigid", why=why, fix=fix, additions=additions)
+        yield Problem(kind="rigid", what="the formation is not rigid", why=why, fix=fix, additions=additions)
     if shape.localizable is False and part.law.stable is not None:
-        yield Problem(what="targets and anchors do not hold every agent's place")
+        yield Problem(kind="place", what="targets and anchors do not hold every agent's place")
     if not stable and part.law.stable is None and not part.law.unmodelled:
-        yield Problem(what="the law is undecided", why=part.law.reason)
+        yield Problem(kind="undecided", what="the law is undecided", why=part.law.reason)
 
 
 def _of_loops(part: "PartRecord") -> Iterator[Problem]:
@@ -153,31 +171,46 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     links = part.links
     bodies = part.margins.bodies
     if law.unmodelled:
-        yield Problem(what="the law is undecided", why=because_of(law.unmodelled))
+        yield Problem(kind="undecided", what="the law is undecided", why=because_of(law.unmodelled))
     if law.stable is False:
         gains = law.stable_gains
         if gains is None:
-            yield Problem(what="the held law is unstable", why="at any controller.gain")
+            yield Problem(kind="held_law", what="the held law is unstable", why="at any controller.gain")
         else:
             gain = _round(gains[0] + _RESERVE * (gains[1] - gains[0]))
             why = f"controller.gain is stable between {gains[0]:.3g} and {gains[1]:.3g} 1/s"
             fix = f"set controller.gain to {gain:g} 1/s"
-            yield Problem(what="the held law is unstable", why=why, fix=fix, changes={"controller.gain": gain})
-    if links is not None and links.stable is False:
+            yield Problem(
+                kind="held_law", what="the held law is unstable", why=why, fix=fix, changes={"controller.gain": gain}
+            )
+    if links is not None and links.stable is False and not (links.exact and law.stable is False):
         known = links.delay_margin is not None and not links.delay.stable
         why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
         fix = "lower controller.gain, or use links with less delay and loss"
-        yield Problem(what=UNSTABLE_LINKS, why=why, fix=fix)
+        yield Problem(kind="links", what=UNSTABLE_LINKS, why=why, fix=fix)
     if bodies.stable is False:
         largest = bodies.largest_gain
         if largest is None:
-            yield Problem(what=bodies.verdict(), fix="lower controller.gain")
+            yield Problem(kind="bodies", what=bodies.verdict(), fix="lower controller.gain")
         else:
             gain = _round(_RESERVE * largest)
             fix = f"set controller.gain to {gain:g} 1/s"
-            yield Problem(what=bodies.verdict(), fix=fix, changes={"controller.gain": gain})
+            yield Problem(kind="bodies", what=bodies.verdict(), fix=fix, changes={"controller.gain": gain})
+    if bodies.stable_over_exact_links is False:
+        what = "the vehicles' loop is unstable, even if links were exact"
+        yield Problem(kind="bodies", what=what, fix="lower controller.gain")
+    elif bodies.stable is None and links is not None and links.delay_margin is not None and links.delay.delay:
+        lag = max(bodies.tau)
+        if links.delay.delay + lag > links.delay_margin:
+            yield Problem(
+                kind="links",
+                what="the delay of links and the lag of vehicles exceed the delay margin",
+                why=f"measurements are {links.delay.delay:.3g} s old, vehicles follow commands in {lag:.3g} s, and the "
+                f"law tolerates {links.delay_margin:.3g} s",
+                fix="lower controller.gain, or use links with less delay",
+            )
     if part.targets.unstable:
-        yield Problem(what=part.targets.verdict())
+        yield Problem(kind="targets", what=part.targets.verdict())
 
 
 def _round(gain: float) -> float:
@@ -190,15 +223,18 @@ def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
     falling = part.margins.falling
     if falling:
         names = listed(falling)
-        yield Problem(what=f"{names} cannot turn as fast as their lean takes", why=next(iter(falling.values())))
+        yield Problem(
+            kind="turning", what=f"{names} cannot turn as fast as their lean takes", why=next(iter(falling.values()))
+        )
     slow = [demand for demand in part.margins.speed if (demand.deficit or 0.0) > _MAX_DEFICIT]
     carried = part.disturbance.carried_off
-    if part.margins.bodies.overpowered and not slow:
-        yield Problem(what="a vehicle cannot hold its place in the flow", why=part.margins.bodies.reason)
+    if part.margins.bodies.obstacle == "overpowered" and not slow:
+        yield Problem(kind="flow", what="a vehicle cannot hold its place in the flow", why=part.margins.bodies.reason)
     if carried:
         worst_id = max(carried, key=carried.__getitem__)
         others = f" and {len(carried) - 1} other{'s' if len(carried) > 2 else ''}" if len(carried) > 1 else ""
         yield Problem(
+            kind="gusts",
             what=f"{worst_id}{others} cannot hold against gusts and waves",
             why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be",
             fix="a calmer medium, faster vehicles, or a higher velocity_limit if the vehicle allows it",
@@ -213,6 +249,7 @@ def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
         raised = limited and limit <= min(demand.able or math.inf for demand in some)
         what = "its velocity limit is" if limited else "in its slowest direction its vehicle makes"
         yield Problem(
+            kind="limited" if limited else "slow",
             what=f"{len(some)} of {len(part.margins.speed)} agents are slower than their places "
             f"({speed:.3g} of {worst.steady:.3g} m/s)",
             why=f"{worst.agent} falls {worst.deficit:.3g} m behind: relative to the medium, q* moves at up to "
@@ -229,6 +266,7 @@ def _of_room(safety: "SafetyRecord") -> Iterator[Problem]:
         nearest = close[0]
         others = "" if len(close) == 1 else f", and {len(close) - 1} more pairs"
         yield Problem(
+            kind="unsafe",
             what=f"{' and '.join(nearest.pair)} are too close in q*",
             why=f"their places are {-nearest.gap:.3g} m nearer than the required distance at "
             f"{nearest.time:.6g} s{others}",
@@ -244,6 +282,7 @@ def _of_room(safety: "SafetyRecord") -> Iterator[Problem]:
     enough = _round(_SPARE * max(rates)) if len(rates) == len(kept) else None
     others = "" if len(kept) == 1 else f", and {len(kept) - 1} more pairs"
     yield Problem(
+        kind="room",
         what=f"the safety filter keeps {agent} {worst.kept:.3g} m from {other}, and its place is at "
         f"{worst.desired:.3g} m",
         why=f"that is the standoff at safety.rate {safety.rate:g} 1/s with the stopping distances of bodies, at "

@@ -11,7 +11,7 @@ from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.errors import joined, select_true, shortened
+from mjsheaf.errors import joined, shortened
 
 MAX_LINES = 45
 """Largest number of lines of the answer."""
@@ -81,7 +81,7 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
 def _theorem(theorem: TheoremSummary) -> str:
     """Return whether Theorem 1 applies, with which bound, or why not."""
     if theorem.holds is None:
-        return f"is not about this team: {theorem.reason}"
+        return f"is not about this team: {theorem.reason.removeprefix('does not apply: ')}"
     if not theorem.applies:
         return f"does not apply: {theorem.reason}"
     held = " approximately (the law is held)" if theorem.approximate else ""
@@ -107,13 +107,16 @@ def _error(steady: SteadyError, as_if: str) -> str:
     if steady.ideal is None:
         return f"not known: {steady.reason}"
     on_bodies = "not known" if steady.bodies is None else f"{steady.bodies:.3g} m"
-    remarks = {
-        f"vehicles: {steady.reason_on_bodies}": steady.bodies is None,
-        f"{_listed(steady.limited)} {'is' if len(steady.limited) == 1 else 'are'} at the speed limit": steady.limited,
-        f"leaves out {joined(steady.leaves_out)}": steady.leaves_out,
-    }
-    error = f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles"
-    return "; ".join([f"{error} (RMS over agents, second half{as_if})", *select_true(remarks)])
+    parts = [
+        f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles (RMS over agents, second half{as_if})"
+    ]
+    if steady.bodies is None:
+        parts.append(f"vehicles: {steady.reason_on_bodies}")
+    if steady.limited:
+        parts.append(f"{_listed(steady.limited)} {'is' if len(steady.limited) == 1 else 'are'} at the speed limit")
+    if steady.leaves_out:
+        parts.append(f"leaves out {joined(steady.leaves_out)}")
+    return "; ".join(parts)
 
 
 def _moved(found: DisturbanceRecord) -> str:

@@ -53,6 +53,7 @@ _KEPT = (
 )
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _ROUNDING = 1e-6  # m, of distances
+_CLOSER = 1.1  # times the distance that a pair lacks at the start
 _OFTEN = 0.1  # fraction of the second half for which a vehicle is at a limit, from which on that matters
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
 _SHORTFALL = 0.2  # fraction of the commanded velocity that a vehicle does not make, above which it is at a limit
@@ -195,8 +196,10 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
         yield TrialProblem(kind="blow_up", text=data.attrs["message"], agent=None, time=end, number=None)
         return
     safety = safety_of(data)
-    if run.closest is not None and run.closest.gap < min(0.0, float(data["separation"][0])) - _ROUNDING:
-        yield _about_distance(run.closest)
+    if run.closest is not None:
+        start = min(0.0, float(data["separation"][0]))  # vehicles that begin too close may have to stop first
+        if run.closest.gap < _CLOSER * start - _ROUNDING:
+            yield _about_distance(run.closest)
     off = dict(zip(team.agent_ids, np.nan_to_num(data["tracking_error"].values[-1]).tolist(), strict=True))
     deadlocked = sorted(safety["deadlocked"] if safety else [], key=off.__getitem__, reverse=True)
     if deadlocked:

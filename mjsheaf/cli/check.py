@@ -75,7 +75,7 @@ def check(
 
     with progress_bars("loading", lines=None):
         from mjsheaf.checking import examine_scenario
-        from mjsheaf.checking.check import try_out
+        from mjsheaf.checking.check import try_out, untried
         from mjsheaf.checking.problems import reasons_of
         from mjsheaf.checking.screen import screen
         from mjsheaf.scenario import load_scenario
@@ -85,7 +85,9 @@ def check(
     with progress_bars("checking", lines=None if as_json else "stderr"):  # the answer alone is on stdout
         examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
     record = examination.record
-    if trial:
+    if not trial:
+        record = untried(record)
+    else:
         above = [] if as_json or full else [*screen(record, scenario)[:-2], ""]
         with progress_bars("trying the mission", lines=None if as_json else "stderr", above=above) as report:
             record = try_out(record, loaded, partial(report, "trying the mission"))

@@ -30,7 +30,7 @@ class Judged(NamedTuple):
         seed: Seed of the mission.
         summary: What it is about.
         ok: Verdict of `check`.
-        problems: What the analysis finds wrong; without any, it is OK by analysis alone.
+        problems: What the analysis finds wrong without a trial; without any, it is OK by analysis alone.
         tried: What the trial finds wrong.
         proven: True if an assumption fails or a loop is unstable, whatever the run looks like.
         failure: Failure of the run, or None.
@@ -56,6 +56,7 @@ def judge(seed: int) -> Judged:
     """Check a mission and run it."""
     mission = random_mission(seed)
     scenario = make_scenario(mission)
+    alone = mjsheaf.check(scenario, trial=False, progress=False)
     record = mjsheaf.check(scenario, progress=False)
     unforeseen = None
     try:
@@ -69,7 +70,7 @@ def judge(seed: int) -> Judged:
         seed=seed,
         summary=mission["summary"],
         ok=record["ok"],
-        problems=[problem["what"] for problem in record["problems"]],
+        problems=[problem["what"] for problem in alone["problems"]],
         tried=[problem["text"] for problem in record["trial"]["problems"]],
         proven=_is_proven(record),
         failure=failure,

@@ -11,7 +11,7 @@ so feedforward and the drift's observer, which see no error, do not show in it.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
 from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
-from mjsheaf.errors import InputError, OverpoweredError, UndecidedError, raise_first
+from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.io.section import Record
 from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
@@ -62,6 +62,10 @@ _LEAST_RATE, _LARGEST_RATE = 1e-3, 1e5  # 1/s, of k1 lambda: where the first ins
 _MOST_DOUBLINGS = 40
 
 
+Obstacle = Literal["", "overpowered", "no model"]
+"""What keeps a vehicle from having a loop: see `BodyLoop`."""
+
+
 class Swing(Record):
     """A mode of the real vehicles' loop; s is the logarithm of its factor over a period."""
 
@@ -82,7 +86,12 @@ class BodyLoop(Record):
     largest_gain: float | None = Field(description="from which on a mode grows, 1/s; null: undecided, or none found")
     least_damped: Swing | None = Field(description="the mode with the smallest damping ratio; null where undecided")
     reason: str = Field(description="why it is undecided, or empty")
-    overpowered: bool = Field(False, description="undecided as an agent cannot hold its place in the mean flow")
+    obstacle: Obstacle = Field(
+        "", description="undecided as an agent cannot hold its place in the mean flow, or has no linear model; or empty"
+    )
+    stable_over_exact_links: bool | None = Field(
+        None, description="the same if nothing is delayed or lost; null where that makes no difference, or is undecided"
+    )
 
     def verdict(self) -> str:
         """The loop in a few words."""
@@ -101,6 +110,9 @@ def held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
         return values[spectrum.nullity :], vectors[:, spectrum.nullity :]
     values, vectors = linalg.eigh(system.team.dirichlet.H.toarray())
     return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
+
+
+_OF_LOOP = ("stable", "spectral_radius", "largest_gain", "least_damped")  # null where the loop is undecided
 
 
 class _Modes(NamedTuple):
@@ -124,17 +136,32 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
     Unless `gain`, it does not look for the largest.
     """
     period = system.grid.period
+    late = _late_or_lost(system)
     try:
         period, timestep, steps = sampling_of(system)
         require_model(system)
-        raise_first(UndecidedError, _obstacles(system, spectrum))
+        if not system.team.symmetric and system.law.extended:
+            raise UndecidedError("H is not symmetric, and the law has terms")
+        if system.team.stressed and system.law.terms.newton + system.law.terms.feedforward > 0:
+            raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
+        if system.gain <= 0.0:
+            raise UndecidedError("the gain is 0")
+        if not spectrum.smallest.size:
+            raise UndecidedError("nothing is held")
+        if late and not gain:
+            raise UndecidedError(late)
         loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
         stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
         reason = f"the vehicles cannot be linearised: {error}" if stiff else str(error)
-        overpowered = isinstance(error, OverpoweredError)
-        return BodyLoop(**unknown, period=period, reason=reason, overpowered=overpowered)
+        obstacle: Obstacle = (
+            "overpowered"
+            if isinstance(error, OverpoweredError)
+            else "no model"
+            if isinstance(error, NoModelError)
+            else ""
+        )
+        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=late or reason, obstacle=obstacle)
     none = NEUTRAL_RATE * period
     modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
     size = np.hypot(modes.factor.real, modes.factor.imag)
@@ -143,6 +170,9 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
     radius = float(size[taking_part].max())
     stable = bool(np.log(radius) < none)
     perhaps = isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none
+    if late:
+        exact = None if perhaps else stable
+        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=late, stable_over_exact_links=exact)
     return BodyLoop(
         stable=None if perhaps else stable,
         spectral_radius=radius,
@@ -166,19 +196,12 @@ def sampling_of(system: System) -> tuple[float, float, int]:
     return (timestep, timestep, 1) if system.grid.continuous else (system.grid.period, timestep, ratio)
 
 
-def _obstacles(system: System, spectrum: Spectrum) -> dict[str, bool]:
-    """Return what may keep the loop from being closed, and whether it does."""
+def _late_or_lost(system: System) -> str:
+    """Return how links keep the loop from being closed: it would have to remember what is under way; or empty."""
     links = system.law.links.table
-    return {
-        "H is not symmetric, and the law has terms": not system.team.symmetric and system.law.extended,
-        ROUNDS_OF_FITTING_EDGES: system.team.stressed and system.law.terms.newton + system.law.terms.feedforward > 0,
-        "the gain is 0": system.gain <= 0.0,
-        "measurements are delayed or lost": bool(
-            links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any()
-        ),
-        "nothing is held": not spectrum.smallest.size,
-        UNKNOWN_ROUNDS: system.law.terms.rounds.imperfect,
-    }
+    if links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
+        return "measurements are delayed or lost"
+    return UNKNOWN_ROUNDS if system.law.terms.rounds.imperfect else ""
 
 
 def loop_along(system: System, time: Array, q_star: Array, *, gain: bool = True) -> BodyLoop:
@@ -264,7 +287,7 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     models = {}
     for key, model in zip(chosen, found, strict=True):
         if isinstance(model, str):
-            kind = UndecidedError if np.linalg.norm(stations[key].medium) < _STILL else OverpoweredError
+            kind = NoModelError if np.linalg.norm(stations[key].medium) < _STILL else OverpoweredError
             raise kind(_why_no_model(system.team.agents[keys.index(key)].id, stations[key], model))
         models[key] = model
     if not many:
