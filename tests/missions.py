@@ -491,7 +491,7 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
         return f"is stuck: commanded {last.commanded:.2f} m/s, makes {last.made:.2f} m/s, {tail}"
     if last.error > MIN_STUCK_ERROR and last.corrected > 0.1 and last.corrected > 0.3 * last.commanded:
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
-    if last.error > MIN_ERROR and last.incapable:
+    if last.error > max(MIN_ERROR, third.error) and last.incapable:
         return f"{'diverges' if _grows(run, i, cuts[0]) else 'stays far off'}: {last.incapable}, {tail}"
     before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (0, 1))
     if after > MIN_STUCK_ERROR and after > APPROACHING * before:
