@@ -259,11 +259,11 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
     at_limit = limited[worst] > _OFTEN
     limits = f"at a limit of its vehicle or its speed for {100.0 * limited[worst]:.0f} % of the second half"
     text = (
-        f"{names} {verb} left behind: the error of {name} grows from {middle[worst]:.3g} m to "
-        f"{errors[-1, worst]:.3g} m at t = {time[-1]:.6g} s" + (f", {limits}" if at_limit else "")
+        f"{names} {verb} left behind: the mean error of {name} grows from {middle[worst]:.3g} m about the middle to "
+        f"{fourth[worst]:.3g} m in the last quarter, up to t = {time[-1]:.6g} s" + (f", {limits}" if at_limit else "")
     )
     kind = "saturated" if at_limit else "diverging"
-    yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(errors[-1, worst]))
+    yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(fourth[worst]))
 
 
 def _far_off(phases: Sequence[Phase], data: "xr.Dataset", error: float, foreseen: float) -> Iterator[TrialProblem]:

@@ -35,7 +35,7 @@ from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
-from mjsheaf.vehicles.authority import is_one_sided
+from mjsheaf.vehicles.authority import is_one_sided, turning_of
 
 StationKey = tuple[int, bytes]
 """Number of a vehicle; medium and heading in which it holds station."""
@@ -55,6 +55,7 @@ MODE_AT_REST = 1e-6
 
 _CROSS_RESPONSE = 1e-3  # of a vehicle's response, across axes or in difference between axes, that is neglected
 _RESPONSE_DIFFERENCE = 0.02  # largest difference between representatives of a large team, of a vehicle's response
+_WAY = 1.5  # times the speed from which a boat that cannot go astern turns round: what it makes if it has a model
 _TURNS = 3.0  # time constants l / |w| of turning into the current that a run must last for a boat to be turned by it
 _RESPONSE_TIME = 10.0  # s, over which responses are compared
 _GAIN_ACCURACY = 1e-3  # relative, of the largest gain
@@ -289,6 +290,13 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
         if isinstance(model, str):
             kind = NoModelError if np.linalg.norm(stations[key].medium) < _STILL else OverpoweredError
             raise kind(_why_no_model(system.team.agents[keys.index(key)].id, stations[key], model))
+        turning, speed = turning_of(stations[key].vehicle), float(np.linalg.norm(stations[key].medium))
+        if turning is not None and speed < _WAY * turning.speed:
+            name = system.team.agents[keys.index(key)].id
+            raise NoModelError(
+                f"{name} has no linear model at {speed:.3g} m/s through the medium: its vehicle cannot go astern, and "
+                f"turns round for a target behind it unless it makes {_WAY * turning.speed:.3g} m/s"
+            )
         models[key] = model
     if not many:
         return [models[key] for key in keys]
