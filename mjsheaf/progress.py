@@ -21,6 +21,7 @@ DELAY = 0.5
 BETWEEN_LINES = 2.0
 """Time between lines of progress, s."""
 _INTERVAL = 0.2  # s between updates of a bar
+_ROOM = 4  # lines of a terminal that a bar leaves free
 _displaying = Lock()  # held while progress is shown: one at most
 
 
@@ -79,7 +80,7 @@ class Terminal:
 
         class Below(Progress):
             def get_renderables(self) -> Iterator[RenderableType]:
-                yield from map(Text, above)
+                yield from map(Text, above[: max(0, self.console.height - _ROOM)])
                 yield from super().get_renderables()
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())

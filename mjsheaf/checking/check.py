@@ -38,7 +38,7 @@ from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, 
 from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
 from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
 from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
-from mjsheaf.checking.trial import TrialRecord, try_mission
+from mjsheaf.checking.trial import MAX_VEHICLE_STEPS, TrialRecord, try_mission
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
@@ -51,7 +51,8 @@ from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
 
 _MAX_FIXES = 3  # that are tried
-_SPARE, _SLOW = 1.5, 0.5  # of the speed that q* asks for, and m/s: what a proposed limit leaves
+_SPARE = 1.5  # times the speed of q*, that is proposed as a velocity limit
+_RESERVE = 0.5  # m/s, in addition to that
 
 
 class RegionSummary(Record):
@@ -131,12 +132,12 @@ class TheoremSummary(Record):
 
 
 class PartRecord(Record):
-    """What a check says of a team and its law while neither changes."""
+    """Analysis of a team and its law while neither changes."""
 
     ok: bool = Field(
         description="every numbered assumption that applies holds (none fails, none is undecided), check has a model "
-        "of the whole law, neither the held law, alone and over its links, nor the targets' own, nor the vehicles' "
-        "loop is unstable, and the vehicles can do what is asked of them: `problems` is empty"
+        "of the whole law; neither the held law, alone and over its links, nor the targets' own, nor the vehicles' "
+        "loop is unstable; and the vehicles can do what the mission demands: `problems` is empty"
     )
     problems: list[Problem] = Field([], description="why the analysis is not ok, each with a fix")
     assumptions: list[Assumption]
@@ -260,29 +261,56 @@ def try_out(record: CheckRecord, scenario: Scenario, progress: Callable[[int, in
     """
     trial = try_mission(scenario, foreseen_error(record), progress)
     problems = list(record.problems)
+    notes = list(record.notes)
+    if scenario.expect.controller is not None:
+        notes.append(f"expectations are for the law {scenario.expect.controller}, and the trial ran the scenario's own")
+    grid = scenario.whole.grid
+    steps = len(scenario.team.members) * grid.steps * round(grid.period / scenario.whole.bodies.timestep)
+    fixes: list[int] = []
     for k, problem in enumerate(problems):
         if problem.kind == "room" and not problem.changes:
-            problems[k] = problem.model_copy(update=_limit_for_room(record, scenario))
-    fixes = [k for k, problem in enumerate(problems) if problem.changes or problem.additions][:_MAX_FIXES]
-    for k in fixes:
+            problem = problem.model_copy(update=_limit_for_room(record, scenario))
+        problems[k] = _with_own_limits(problem, scenario)
+        if (problem.changes or problem.additions) and (len(fixes) + 1) * steps <= MAX_VEHICLE_STEPS:
+            fixes.append(k)
+    for k in fixes[:_MAX_FIXES]:
         problems[k] = problems[k].model_copy(update={"tried": _try_fix(scenario, problems[k], trial, progress)})
-    return record.model_copy(update={"trial": trial, "problems": problems, "ok": record.ok and trial.ok})
+    update = {"trial": trial, "problems": problems, "notes": notes, "ok": record.ok and trial.ok}
+    return record.model_copy(update=update)
+
+
+def _with_own_limits(problem: Problem, scenario: Scenario) -> Problem:
+    """Return a problem whose fix also sets the velocity limits that agents have of their own."""
+    limit = problem.changes.get("controller.velocity_limit")
+    owners = [agent.id for agent in scenario.agents if agent.velocity_limit is not None]
+    if limit is None or not owners:
+        return problem
+    changes = problem.changes | {f"agents.{id}.velocity_limit": limit for id in owners}
+    if len(owners) == len(scenario.agents):
+        del changes["controller.velocity_limit"]
+    fix = " and ".join(f"set {name} to {value:g}" for name, value in changes.items())
+    return problem.model_copy(update={"fix": fix, "changes": changes})
 
 
 def _limit_for_room(record: CheckRecord, scenario: Scenario) -> dict[str, Any]:
-    """Return a velocity limit, and a rate if it takes one, with which the safety filter leaves room for the formation.
+    """Find a velocity limit, and a rate if necessary, with which the safety filter leaves room for the formation.
 
-    The distance in which vehicles stop grows with their speed. The limit is a little above what q* asks for.
+    The stopping distance of vehicles grows with their speed. The limit is a little above the speed of q*.
 
     Returns:
         `fix` and `changes` of the problem; nothing if the formation does not fit even then.
     """
-    asked = [demand.steady for demand in record.margins.speed if demand.steady is not None]
-    if not asked:
+    demanded = [demand.steady for demand in record.margins.speed if demand.steady is not None]
+    if not demanded:
         return {}
-    changes: dict[str, Any] = {"controller.velocity_limit": float(f"{_SPARE * max(asked) + _SLOW:.2g}")}
+    limit = float(f"{_SPARE * max(demanded) + _RESERVE:.2g}")
+    changes: dict[str, Any] = {"controller.velocity_limit": limit}
+    changes |= {f"agents.{a.id}.velocity_limit": limit for a in scenario.agents if a.velocity_limit is not None}
     fields = scenario.model_dump(mode="json", exclude_none=True)
-    left = examine_scenario(scenario_from_mapping(fields, changes)).record.problems
+    try:
+        left = examine_scenario(scenario_from_mapping(fields, changes)).record.problems
+    except InputError:
+        return {}
     changes |= next((problem.changes for problem in left if problem.kind == "room"), {})
     if any(problem.kind == "unsafe" or (problem.kind == "room" and not problem.changes) for problem in left):
         return {}
@@ -313,10 +341,12 @@ def _try_fix(
 
 
 def foreseen_error(record: CheckRecord) -> float | None:
-    """Return the error that the analysis foresees, RMS over agents, m; None if it is not known.
+    """Return the error that the analysis foresees, RMS over agents, m; None if it is not known, as with events.
 
     It is that on ideal kinematics if it is not known on the vehicles.
     """
+    if len(record.phases) > 1:
+        return None
     steady, moved = record.steady, record.disturbance
     parts = [
         steady.ideal if steady.bodies is None else steady.bodies,
@@ -385,13 +415,8 @@ def examine(
         records.append(_phase_record(phase, before.record, jumps))
     problems = list(first.record.problems)
     for record in records[1:]:
-        kinds = {problem.kind for problem in problems}
         since = f"from {record.start:g} s on ({', '.join(record.events)})"
-        problems += [
-            problem.model_copy(update={"what": f"{problem.what} {since}"})
-            for problem in record.problems
-            if problem.kind not in kinds
-        ]
+        problems += [problem.model_copy(update={"what": f"{problem.what} {since}"}) for problem in record.problems]
     steady = first.record.steady
     if steady.ideal is not None:
         left_out = [*steady.leaves_out, f"the events from {records[1].start:g} s on"]

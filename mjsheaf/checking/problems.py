@@ -1,7 +1,7 @@
-"""Problems that a check found, each with its reason and the smallest change that removes it.
+"""Problems that the analysis found, each with its reason and the smallest change that removes it.
 
-There is one list. The screen, the title of plots, the message of exit code 1 and the JSON are made from it, and a check
-is ok if it is empty.
+There is one list. The screen, the title of plots, the message of exit code 1 and the JSON are made from it. A check is
+ok if it is empty and the trial found nothing.
 """
 
 import math
@@ -19,6 +19,7 @@ from mjsheaf.io.section import Finite, Record
 
 if TYPE_CHECKING:
     from mjsheaf.checking.check import CheckRecord, PartRecord
+    from mjsheaf.checking.loop.margins import SpeedDemand
     from mjsheaf.checking.separation import SafetyRecord
 
 _FIXES = {
@@ -26,9 +27,9 @@ _FIXES = {
     2: "give this vehicle thrusters, or `steering`, that push along every axis",
     4: "as for assumption 2",
 }
-_RESERVE = 0.5  # of the largest gain, that is proposed
-_SPARE = 1.2  # times the speed that is required, that is proposed as a velocity limit
-_MAX_DEFICIT = 0.5  # m, by which a vehicle that is too slow for a while may fall behind
+_RESERVE = 0.5  # fraction of the largest gain that is proposed
+_SPARE = 1.2  # factor between the required speed or rate and the proposed one
+_MAX_DEFICIT = 0.5  # m: distance behind q* at the end that still counts as keeping up
 
 
 class TriedFix(Record):
@@ -70,7 +71,7 @@ def problems_of(part: "PartRecord", *, stable: bool) -> list[Problem]:
         *(_of_shape(part, stable=stable) if part.theorem.holds is None else ()),
         *_of_loops(part),
         *_of_speeds(part),
-        *(_of_room(part.safety) if part.safety is not None else ()),
+        *(_of_room(part.safety, part.margins.bodies.period) if part.safety is not None else ()),
     ]
 
 
@@ -92,10 +93,10 @@ def reasons_of(record: "CheckRecord") -> list[str]:
 
 
 def describe_tried(problem: Problem) -> str:
-    """Return what came of trying a fix, in a sentence."""
+    """Return what came of trying a fix, in a sentence; empty without a fix."""
     tried = problem.tried
     if tried is None:
-        return "(Not tried.)"
+        return "(Not tried.)" if problem.fix else ""
     before = "" if tried.without is None else f" instead of {tried.without:.3g} m"
     if tried.tracking_error is None:
         return f"Tried: {tried.problem}."
@@ -106,15 +107,22 @@ def describe_tried(problem: Problem) -> str:
 def headline(record: "CheckRecord") -> str:
     """Return a check in one sentence: OK or NOT OK, and why."""
     if not record.ok:
-        known = {str(problem): problem.what for problem in record.problems}
-        return "NOT OK: " + "; ".join(known.get(reason, reason) for reason in reasons_of(record))
+        first = {problem.kind: problem.what for problem in reversed(record.problems)}
+        kinds = dict.fromkeys(problem.kind for problem in record.problems)
+        tried = reasons_of(record)[len(record.problems) :]
+        return "NOT OK: " + "; ".join([*(first[kind] for kind in kinds), *tried])
     counts = Counter(a.verdict for a in record.assumptions)
     every = "all 7 assumptions hold" if counts["holds"] == 7 else "all assumptions that apply hold"
     every += ", the formation is rigid" if record.theorem.holds is None and record.rigidity.rigid else ""
     on_vehicles = " and on the vehicles" if record.margins.bodies.stable else ""
     stable = f", the loop is stable on ideal kinematics{on_vehicles}" if record.law.stable else ""
-    tried = "; not tried" if record.trial is None else ", and the mission worked when tried"
-    return f"OK: {every}{stable}{tried}"
+    if record.trial is None:
+        outcome = "; not tried"
+    elif record.trial.complete:
+        outcome = ", and the mission worked when tried"
+    else:
+        outcome = f", and the first {record.trial.seconds:g} s of the mission worked when tried"
+    return f"OK: {every}{stable}{outcome}"
 
 
 def _of_assumptions(part: "PartRecord") -> Iterator[Problem]:
@@ -239,28 +247,44 @@ def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
             why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be",
             fix="a calmer medium, faster vehicles, or a higher velocity_limit if the vehicle allows it",
         )
+    yield from _of_slow(slow, len(part.disturbance.agents))
+
+
+def _of_slow(slow: "list[SpeedDemand]", agents: int) -> Iterator[Problem]:
+    """Yield that some of the team's agents are slower than their places: by their vehicles, or by velocity limits."""
+    tops = {demand.agent: _top_speed(demand) for demand in slow}
+    limits = {demand.agent: math.inf if demand.limit is None else demand.limit for demand in slow}
     for limited in (False, True):
-        some = [demand for demand in slow if limited == ((demand.limit or math.inf) <= (demand.able or math.inf))]
+        some = [demand for demand in slow if limited == (limits[demand.agent] < tops[demand.agent])]
         if not some:
             continue
         worst = max(some, key=lambda demand: demand.deficit or 0.0)
-        speed = worst.limit if limited else worst.able
+        speed = (limits if limited else tops)[worst.agent]
         limit = _round(_SPARE * max(demand.steady or 0.0 for demand in some))
-        raised = limited and limit <= min(demand.able or math.inf for demand in some)
-        what = "its velocity limit is" if limited else "in its slowest direction its vehicle makes"
+        raised = limited and limit <= min(tops[demand.agent] for demand in some)
+        limiting = "its velocity limit is" if limited else "the top speed of its vehicle is"
         yield Problem(
             kind="limited" if limited else "slow",
-            what=f"{len(some)} of {len(part.margins.speed)} agents are slower than their places "
-            f"({speed:.3g} of {worst.steady:.3g} m/s)",
+            what=f"{len(some)} of {agents} agents are slower than their places ({speed:.3g} of {worst.steady:.3g} m/s)",
             why=f"{worst.agent} falls {worst.deficit:.3g} m behind: relative to the medium, q* moves at up to "
-            f"{worst.steady:.3g} m/s, and {what} {speed:.3g} m/s",
-            fix=f"set controller.velocity_limit to {limit:g} m/s" if raised else "slow targets, or faster vehicles",
+            f"{worst.steady:.3g} m/s, and {limiting} {speed:.3g} m/s",
+            fix=f"set controller.velocity_limit to {limit:g}" if raised else "slow targets, or faster vehicles",
             changes={"controller.velocity_limit": limit} if raised else {},
         )
 
 
-def _of_room(safety: "SafetyRecord") -> Iterator[Problem]:
-    """Yield that the formation leaves less room than the safety filter keeps, at most samples."""
+def _top_speed(demand: "SpeedDemand") -> float:
+    """Return the top speed of an agent's vehicle, m/s; infinite if its thrusters have no limits."""
+    if demand.able is None or demand.able_forward is None:
+        return math.inf
+    return max(demand.able, demand.able_forward)
+
+
+def _of_room(safety: "SafetyRecord", period: float) -> Iterator[Problem]:
+    """Yield that the formation leaves less room than the safety filter keeps, at most samples.
+
+    A rate is proposed up to the inverse of the control period in s, beyond which nothing is guaranteed.
+    """
     close = [one for one in safety.unsafe if one.fraction > MOSTLY]
     if close:
         nearest = close[0]
@@ -279,7 +303,7 @@ def _of_room(safety: "SafetyRecord") -> Iterator[Problem]:
     worst = max(kept, key=lambda one: one.kept - one.desired)
     agent, other = worst.pair
     rates = [one.rate for one in kept if one.rate is not None]
-    enough = _round(_SPARE * max(rates)) if len(rates) == len(kept) else None
+    enough = min(_round(_SPARE * max(rates)), 1.0 / period) if len(rates) == len(kept) else None
     others = "" if len(kept) == 1 else f", and {len(kept) - 1} more pairs"
     yield Problem(
         kind="room",

@@ -60,7 +60,8 @@ def report(record: CheckRecord) -> Group:
 
 def _problems(record: CheckRecord) -> list[Table]:
     """Return why the analysis is not ok, and what came of the fixes that were tried."""
-    rows = [(problem.what, problem.why, f"fix: {problem.fix} {describe_tried(problem)}") for problem in record.problems]
+    fixes = [f"fix: {problem.fix}. {describe_tried(problem)}" if problem.fix else "" for problem in record.problems]
+    rows = [(problem.what, problem.why, fix) for problem, fix in zip(record.problems, fixes, strict=True)]
     return [_pairs("problems", rows)] if rows else []
 
 

@@ -1,4 +1,4 @@
-"""The answer of `mjsheaf check` on one screen: the verdict, what fails and how to fix it, and five numbers."""
+"""Answer of `mjsheaf check` on one screen: the verdict, each problem with its fix, and the numbers that matter."""
 
 from collections.abc import Iterator
 from textwrap import wrap
@@ -19,44 +19,51 @@ MAX_LINES = 45
 WIDTH = 100
 """Largest width of a line."""
 
-_MAX_FAILURES = 6
-_MAX_LINES_OF_A_FAILURE = 5
+_MAX_LINES_OF_THE_HEADLINE = 6
+_MAX_LINES_OF_A_PROBLEM = 8
 _MAX_NOTES = 4
 _MAX_DRIFTS = 8
 _LABEL = 22
 
 
-def screen(record: CheckRecord, name: str) -> list[str]:
+def screen(record: CheckRecord, name: str, *, pending: bool = False) -> list[str]:
     """Return the answer as lines of text.
 
     Args:
         record: Record of the check.
         name: Scenario as the user named it, for the last line.
+        pending: True while the mission is being tried: a verdict of OK is still open.
     """
-    lines = _wrapped(f"{record.scenario}: {headline(record)}", "")
-    for problem in record.problems[:_MAX_FAILURES]:
-        lines += ["", *_told(problem)[:_MAX_LINES_OF_A_FAILURE]]
-    if len(record.problems) > _MAX_FAILURES:
-        lines += ["", f"... and {len(record.problems) - _MAX_FAILURES} more"]
-    lines += ["", *_numbers(record)]
+    verdict = "no problem found by analysis" if pending and record.ok else headline(record)
+    head = _cut(_wrapped(f"{record.scenario}: {verdict}", ""), _MAX_LINES_OF_THE_HEADLINE)
+    numbers = ["", *_numbers(record)]
     notes = [line for note in record.notes[:_MAX_NOTES] for line in _cut(_wrapped(f"note: {note}", "  "), 2)]
-    lines += ["", *notes] if notes else []
     ending = ["", f"mjsheaf check {name} --full prints the whole report."]
-    return lines[: MAX_LINES - len(ending)] + ending
+    rest = [*numbers, *([""] if notes else []), *notes, *ending]
+    lines = list(head)
+    for k, problem in enumerate(record.problems):
+        block = ["", *_told(problem, pending=pending)[:_MAX_LINES_OF_A_PROBLEM]]
+        more = ["", f"... and {len(record.problems) - k} more problems"]
+        if len(lines) + len(block) + len(more) + len(rest) > MAX_LINES:
+            lines += more
+            break
+        lines += block
+    return lines + rest
 
 
-def _told(problem: Problem) -> list[str]:
-    """Return a problem with its reason, and its fix with what came of it."""
+def _told(problem: Problem, *, pending: bool) -> list[str]:
+    """Return a problem with its reason, and its fix with what came of it unless that is pending."""
     lines = _wrapped(problem.what[0].upper() + problem.what[1:] + ".", "  ", "  ")
     if problem.why:
         lines += _cut(_wrapped(f"Why: {problem.why}.", "      ", "    "), 3)
     if problem.fix:
-        lines += _cut(_wrapped(f"Fix: {problem.fix}. {describe_tried(problem)}", "      ", "    "), 4)
+        tried = "" if pending else describe_tried(problem)
+        lines += _cut(_wrapped(f"Fix: {problem.fix}. {tried}", "      ", "    "), 4)
     return lines
 
 
 def _numbers(record: CheckRecord) -> Iterator[str]:
-    """Yield the five numbers and the fragility."""
+    """Yield the rows with the numbers that matter."""
     as_if = "" if record.steady.exact_links else ", as if links were exact"
     yield from _row("tracking error", _error(record.steady, as_if))
     if record.disturbance.rms != 0.0:

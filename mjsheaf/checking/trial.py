@@ -6,7 +6,7 @@ are on, with the scenario's seed. Its verdict is the same on every machine: the 
 number of vehicle-steps alone.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 MAX_VEHICLE_STEPS = 100_000_000
 """Largest number of vehicles times physics steps of a trial; of a larger mission the beginning is tried."""
 
-_MAX_KEPT = 1_000_000  # agents times samples that are judged; more are thinned evenly
-_KEPT = (
+_MAX_JUDGED = 1_000_000  # agents times samples that are judged; more are thinned evenly
+_JUDGED = (
     "agent_position",
     "target_position",
     "harmonic_extension",
@@ -54,11 +54,12 @@ _KEPT = (
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _ROUNDING = 1e-6  # m, of distances
 _CLOSER = 1.1  # times the distance that a pair lacks at the start
-_OFTEN = 0.1  # fraction of the second half for which a vehicle is at a limit, from which on that matters
+_OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
 _SHORTFALL = 0.2  # fraction of the commanded velocity that a vehicle does not make, above which it is at a limit
 _GROWTH = 1.5  # mean error of the last quarter over that about the middle, above which it has grown
 _FASTER = 2.0  # growth of one quarter over that of the last, above which the error grows without bound
+_SPEEDS_UP = 1.1  # mean speed of q* in the last quarter over that of the third, above which a target speeds up
 _SLOW = 1.1  # mean error of the last quarter over that of the second, above which steady growth counts
 _FAR = 3.0  # times the error that the analysis foresees
 _FAR_BY = 1.0  # m: further than that
@@ -137,54 +138,59 @@ class _Run(NamedTuple):
     Attributes:
         data: The variables that are judged, at samples that may be thinned.
         complete: True if the run reaches the end of the mission, or blew up before it.
-        closest: Pair that comes closest to the required distance, over all samples; None without a safety filter, or if
-            every pair keeps its distance.
+        initial: Pairs that are too close at the first sample.
+        closest: Pairs that are too close at some sample, each when it is closest.
     """
 
     data: "xr.Dataset"
     complete: bool
-    closest: TooClose | None
+    initial: Mapping[tuple[str, ...], TooClose]
+    closest: Mapping[tuple[str, ...], TooClose]
 
 
 def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, int], None] | None) -> _Run:
     """Run the part of a mission that fits."""
     system = phases[0].system
     end = system.grid.steps + 1
-    kept: list[xr.Dataset] = []
-    done, closest = 0, None
+    parts: list[xr.Dataset] = []
+    done = 0
+    initial: dict[tuple[str, ...], TooClose] = {}
+    closest: dict[tuple[str, ...], TooClose] = {}
     with engine_of(phases, "physics", seed=scenario.seed) as engine:
-        samples = min(end, MAX_VEHICLE_STEPS // (len(system.team.members) * engine.steps_per_sample) + 1)
-        stride = -(-samples * len(system.team.agents) // _MAX_KEPT)
+        fitting = MAX_VEHICLE_STEPS // (len(system.team.members) * engine.steps_per_sample)
+        samples = min(end, max(fitting, 1) + 1)
+        stride = -(-samples * len(system.team.agents) // _MAX_JUDGED)
         recorded = engine.record(min(samples_in_piece(system), samples))
         for piece in make_datasets(recorded, "physics", scenario.seed, phases):
             part = piece.isel(time=slice(0, samples - done))
-            closest = _closer(system, part, closest)
+            if "separation" in part:
+                if not done:
+                    initial = _too_close(system, part.isel(time=[0]))
+                for pair, worst in _too_close(system, part).items():
+                    if pair not in closest or worst.gap < closest[pair].gap:
+                        closest[pair] = worst
             length = part.sizes["time"]
             ends = done + length == samples or part.attrs["status"] != "finished"
             chosen = sorted({*range(-done % stride, length, stride), *([length - 1] if ends else [])})
-            kept.append(part[[name for name in _KEPT if name in part]].isel(time=chosen))
+            parts.append(part[[name for name in _JUDGED if name in part]].isel(time=chosen))
             done += length
             if progress:
                 progress(done, samples)
             if done == samples:
                 break
-    data = join(part for part in kept if part.sizes["time"])
-    return _Run(data, samples == end or data.attrs["status"] != "finished", closest)
+    data = join(part for part in parts if part.sizes["time"])
+    return _Run(data, samples == end or data.attrs["status"] != "finished", initial, closest)
 
 
-def _closer(system: System, part: "xr.Dataset", closest: TooClose | None) -> TooClose | None:
-    """Return the pair that is closest in a piece of a run, if it is too close and closer than the closest so far."""
-    if "separation" not in part:
-        return closest
-    gaps = part["separation"].values
-    k = int(gaps.argmin())
-    if not gaps[k] < (closest.gap if closest else 0.0):
-        return closest
+def _too_close(system: System, part: "xr.Dataset") -> dict[tuple[str, ...], TooClose]:
+    """Return the pairs that are too close in a piece of a run, each when it is closest."""
+    part = part.isel(time=np.flatnonzero(part["separation"].values < 0.0))
+    if not part.sizes["time"]:
+        return {}
     safety = system.separation(np.zeros(len(system.planar)))
-    places = np.concatenate([part[f"{kind}_body_position"][[k]].values for kind in ("agent", "target")], axis=1)
+    places = np.concatenate([part[f"{kind}_body_position"].values for kind in ("agent", "target")], axis=1)
     names = [member.id for member in system.team.members] + (system.safety.obstacle_ids if system.safety else [])
-    found = find_too_close(safety, names, part["time"].values[[k]], places)
-    return found[0] if found else closest
+    return {tuple(one.pair): one for one in find_too_close(safety, names, part["time"].values, places)}
 
 
 def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterator[TrialProblem]:
@@ -196,10 +202,13 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
         yield TrialProblem(kind="blow_up", text=data.attrs["message"], agent=None, time=end, number=None)
         return
     safety = safety_of(data)
-    if run.closest is not None:
-        start = min(0.0, float(data["separation"][0]))  # vehicles that begin too close may have to stop first
-        if run.closest.gap < _CLOSER * start - _ROUNDING:
-            yield _about_distance(run.closest)
+    for pair, worst in sorted(run.closest.items(), key=lambda item: item[1].gap):
+        start = run.initial[pair].gap if pair in run.initial else 0.0  # these vehicles may have to stop first
+        if worst.gap < _CLOSER * start - _ROUNDING:
+            who = " and ".join(pair)
+            text = f"{who} come {-worst.gap:.3g} m closer than the required distance at t = {worst.time:.6g} s"
+            yield TrialProblem(kind="too_close", text=text, agent=pair[0], time=worst.time, number=-worst.gap)
+            break
     off = dict(zip(team.agent_ids, np.nan_to_num(data["tracking_error"].values[-1]).tolist(), strict=True))
     deadlocked = sorted(safety["deadlocked"] if safety else [], key=off.__getitem__, reverse=True)
     if deadlocked:
@@ -227,20 +236,15 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
                 yield TrialProblem(kind="expectation", text=text, agent=None, time=end, number=check["found"])
 
 
-def _about_distance(closest: TooClose) -> TrialProblem:
-    """Return the problem that a pair comes closer than it may."""
-    pair = " and ".join(closest.pair)
-    text = f"{pair} come {-closest.gap:.3g} m closer than the required distance at t = {closest.time:.6g} s"
-    return TrialProblem(kind="too_close", text=text, agent=closest.pair[0], time=closest.time, number=-closest.gap)
-
-
 def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
     """Yield agents whose error grows to the end of the last phase while they are at a limit, or ever faster.
 
     An error that grows is no fault by itself: it also follows a target that speeds up.
     """
     system, last = of_phase(phases, data, -1)
-    errors, time = last["tracking_error"].values, last["time"].values
+    errors = last["tracking_error"].values
+    time = last["time"].values
+    q_star = np.nan_to_num(last["harmonic_extension"].values)
     if len(errors) < _MIN_SAMPLES:
         return
     _, second, third, fourth = (part.mean(axis=0) for part in np.array_split(errors, 4))
@@ -250,6 +254,8 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
     steadily = (third > second) & (fourth - third > _STEADY * (third - second)) & (fourth > _SLOW * second + _SMALL)
     grown = (fourth > _GROWTH * middle + _SMALL) | steadily
     faster = (third > second) & (fourth - third > _FASTER * (third - second)) & (fourth > _GROWTH * middle + _FAR_BY)
+    speeds = [np.linalg.norm(np.diff(q, axis=0), axis=2).mean(axis=0) for q in np.array_split(q_star, 4)]
+    faster &= speeds[3] <= _SPEEDS_UP * speeds[2]  # else the error follows the target
     failed = np.flatnonzero((limited > _OFTEN) & grown | faster)
     if not len(failed):
         return

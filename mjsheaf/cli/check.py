@@ -1,5 +1,6 @@
 """`mjsheaf check`."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -88,9 +89,10 @@ def check(
     if not trial:
         record = untried(record)
     else:
-        above = [] if as_json or full else [*screen(record, scenario)[:-2], ""]
+        above = [] if as_json or full else [*screen(record, scenario, pending=True)[:-2], ""]
         with progress_bars("trying the mission", lines=None if as_json else "stderr", above=above) as report:
             record = try_out(record, loaded, partial(report, "trying the mission"))
+    examination = replace(examination, record=record)
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:

@@ -236,6 +236,8 @@ def likely_cause(system: System, law_period: float) -> str:
     rough = terms.newton > 0 and terms.rounds.imperfect  # what its rounds leave is not known
     shorter = "physics.timestep" if system.grid.continuous else "controller.control_period"
     for gain, fastest, limit, margin, what, field in _margins(system, rough):
+        if np.isinf(fastest) and gain > 0.0:
+            return f"likely cause: {what} diverges at any gain: it is unstable about q*"
         if gain * h * fastest >= limit:
             return (
                 f"likely cause: {what} diverges, as {margin} = {gain * h * fastest:.3g} is not below {limit:.3g}; take "

@@ -99,6 +99,7 @@ def test_a_gain_that_turns_vehicles_over_blows_up_or_is_left_behind() -> None:
     (problem,) = record["problems"]
     assert "the vehicles' loop is unstable" in problem["what"]
     assert problem["tried"]["ok"]
+    assert {one["kind"] for one in record["trial"]["problems"]} & {"blow_up", "saturated", "diverging"}
 
 
 def test_a_team_with_a_free_direction_is_refused_and_its_fix_is_tried() -> None:
@@ -204,3 +205,94 @@ def test_the_command_tells_the_verdict_in_its_first_line(tmp_path: Path) -> None
     left = answer_of("check", str(path), "--no-trial", "--json")
     assert left.code == 1
     assert json.loads(left.out)["trial"] is None
+
+
+def test_an_agent_s_own_limit_is_the_one_that_is_raised() -> None:
+    agents = [{"id": "A", "position": [0.0, 0.0, 0.0], "vehicle": "x500", "velocity_limit": 1.0}]
+    scenario = lone("x500", [0.0, 0.0, 0.0], circling(2.0, axes=3), scene={"surface": "none"}, agents=agents)
+    (problem,) = mjsheaf.check(scenario)["problems"]
+    assert problem["changes"] == {"agents.A.velocity_limit": pytest.approx(2.4)}
+    assert problem["tried"]["ok"]
+
+
+def test_a_boat_that_moves_one_way_only_is_slower_than_any_place_that_moves() -> None:
+    """The catamaran's bow thruster pushes both ways, and its slowest direction is its way abeam, 0.333 m/s."""
+    record = mjsheaf.check(lone(str(DATA / "catamaran.yaml"), [0.0, 0.0], circling(3.0), controller={"gain": 0.3}))
+    assert "slow" in {problem["kind"] for problem in record["problems"]}
+    assert not record["ok"]
+
+
+def test_a_target_that_starts_to_move_late_leaves_no_one_behind() -> None:
+    """The error of a law without feedforward is in proportion to the target's speed, which is no fault."""
+    samples = [[float(t), max(0.0, t - 60.0), 0.0] for t in np.arange(0.0, 91.0)]
+    motion = {"kind": "recorded", "samples": samples}
+    scenario = lone("otter", [0.0, 0.0], {"motion": motion}, time={"end": 90}, controller={"gain": 0.8})
+    record = mjsheaf.check(scenario)
+    assert record["trial"]["problems"] == []
+    assert record["ok"]
+
+
+def test_a_law_that_is_unstable_on_bodies_fails_its_trial() -> None:
+    record = mjsheaf.check(mjsheaf.load_scenario("leader_follower", {"controller.gain": 60.0, "time.end": 10}))
+    assert not record["ok"]
+    assert not record["trial"]["ok"]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"physics": {"timestep": 0.01, "contacts": True}},
+        {"controller": {"gain": 0.5, "control_period": 0}},
+        {"time": {"start": 5.0, "end": 30.0}},
+        {"events": [{"time": 20.0, "set": {"controller.gain": 0.6}}]},
+    ],
+    ids=["contacts", "continuous", "start", "event"],
+)
+def test_any_mission_is_tried(fields: dict[str, Any]) -> None:
+    record = mjsheaf.check(lone("otter", [5.0, 0.0], {}, **fields))
+    assert record["trial"]["ok"], record["trial"]
+    assert record["trial"]["complete"]
+    assert record["ok"]
+
+
+def test_formation_keeping_is_tried() -> None:
+    assert mjsheaf.check(mjsheaf.load_scenario("range_formation"))["trial"]["ok"]
+
+
+def test_expectations_for_a_law_in_python_do_not_count_and_a_note_says_so() -> None:
+    bound = {"controller": "law.py:law", "physics": {"tracking_error": 0.0}}
+    record = mjsheaf.check(lone("otter", [5.0, 0.0], {}, expect=bound))
+    assert record["ok"]
+    assert any("expectations are for the law law.py:law" in note for note in record["notes"])
+
+
+def test_a_boat_without_a_linear_model_is_undecided_unless_it_is_tried() -> None:
+    scenario = lone("otter_rudder", [5.0, 0.0], {})
+    (problem,) = mjsheaf.check(scenario, trial=False)["problems"]
+    assert problem["kind"] == "untried"
+    assert "untried" not in {one["kind"] for one in mjsheaf.check(scenario)["problems"]}
+
+
+def test_a_pair_that_begins_too_close_does_not_hide_another() -> None:
+    """B and its target begin 1 m apart where 4 m are required; A and its target close in from afar."""
+    fields = lone("otter", [20.0, 0.0], {"motion": {"kind": "waypoints", "points": [[1000, 0]], "speed": 5.0}})
+    raw = fields.model_dump(mode="json", exclude_none=True)
+    raw["agents"].append({"id": "B", "position": [0.0, 200.0], "vehicle": "otter"})
+    raw["targets"].append({"id": "U", "position": [1.0, 200.0], "motion": STILL})
+    raw["sensing"].append(["B", "U"])
+    raw["communication"] = [{"between": ["A", "B"], "offset": [20.0, -200.0], "weight": 1e-6}]
+    raw |= {"safety": {"distance": 4.0, "range": 30.0}, "controller": {"gain": 0.01, "velocity_limit": 1.0}}
+    problems = mjsheaf.check(mjsheaf.load_scenario(raw))["trial"]["problems"]
+    assert any(one["text"].startswith("A and T come ") for one in problems)
+
+
+def test_the_plot_of_a_check_has_the_verdict_of_the_trial(tmp_path: Path) -> None:
+    from mjsheaf.checking.check import Examination, examine_scenario, try_out
+    from mjsheaf.checking.figures import draw_check
+    from mjsheaf.io.figures import AS_USUAL
+
+    scenario = lone("otter", [5.0, 0.0], {}, expect={"physics": {"tracking_error": 0.0}})
+    analysis = examine_scenario(scenario)
+    record = try_out(analysis.record, scenario)
+    figure = draw_check(Examination(record, analysis.certificate, analysis.system), AS_USUAL)
+    assert "NOT OK" in figure.get_suptitle()

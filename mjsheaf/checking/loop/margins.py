@@ -73,8 +73,8 @@ class SpeedDemand(Record):
         "it is slowest; null: unlimited thrusters"
     )
     deficit: Finite = Field(
-        description="how far behind q* the agent is at least, over the last quarter of the time, if it moves at "
-        "`limit` or `able`, the smaller one, wherever q* asks for more, m; null where `steady` is"
+        description="smallest distance behind q* over the last quarter of the time, of an agent that moves at `limit` "
+        "or its top speed, the smaller one, wherever q* takes more, m; null where `steady` is"
     )
     able_forward: Finite = Field(
         description="forward speed: steady speed of its body through the medium at full thrust forward; null: "
@@ -206,7 +206,7 @@ def _speed_demands(system: System, certificate: Certificate, able: Array, forwar
     time, along = _speeds_along(system, certificate)
     steady = along.max(axis=0)
     # The distance by which an agent is behind grows by what it lacks, and shrinks by its reserve, but not below 0.
-    lacking = along - np.minimum(system.law.limit[: len(team.agents)], able)
+    lacking = along - np.minimum(system.law.limit[: len(team.agents)], np.maximum(able, forward))
     sums = np.zeros_like(along)
     np.cumsum(np.where(np.isinf(lacking[1:]), 0.0, lacking[1:]) * np.diff(time)[:, None], axis=0, out=sums[1:])
     behind = sums - np.minimum.accumulate(sums)
