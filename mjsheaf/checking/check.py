@@ -416,7 +416,11 @@ def examine(
     problems = list(first.record.problems)
     for record in records[1:]:
         since = f"from {record.start:g} s on ({', '.join(record.events)})"
-        problems += [problem.model_copy(update={"what": f"{problem.what} {since}"}) for problem in record.problems]
+        for problem in record.problems:
+            # A field of the scenario is that of the first phase; later ones have what events made of it.
+            fix = f"from then on, {problem.fix}" if problem.fix else ""
+            later = {"what": f"{problem.what} {since}", "fix": fix, "changes": {}, "additions": {}}
+            problems.append(problem.model_copy(update=later))
     steady = first.record.steady
     if steady.ideal is not None:
         left_out = [*steady.leaves_out, f"the events from {records[1].start:g} s on"]

@@ -29,6 +29,7 @@ _FIXES = {
 }
 _RESERVE = 0.5  # fraction of the largest gain that is proposed
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
+_LEAST_DELIVERY = 1e-3  # fraction of the measurements that arrive, of links that deliver fewer
 _MAX_DEFICIT = 0.5  # m: distance behind q* at the end that still counts as keeping up
 
 
@@ -76,12 +77,17 @@ def problems_of(part: "PartRecord", *, stable: bool) -> list[Problem]:
 
 
 def untried_of(record: "CheckRecord") -> list[Problem]:
-    """Return what the analysis leaves undecided and a trial would decide: boats that have no linear model."""
+    """Return what the analysis leaves undecided and a trial decides.
+
+    That is the loop of boats that have no linear model, and of slow vehicles over links that delay or lose much.
+    """
     parts: list[PartRecord] = [record, *record.phases]
     for part in parts:
-        if part.margins.bodies.obstacle == "no model":
+        bodies = part.margins.bodies
+        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > 0.5 * math.pi
+        if bodies.stable is None and undecided:
             what = "the vehicles' loop is undecided, and the mission was not tried"
-            return [Problem(kind="untried", what=what, why=part.margins.bodies.reason)]
+            return [Problem(kind="untried", what=what, why=bodies.reason)]
     return []
 
 
@@ -101,6 +107,8 @@ def describe_tried(problem: Problem) -> str:
     if tried.tracking_error is None:
         return f"Tried: {tried.problem}."
     error = f"Tried: the tracking error is {tried.tracking_error:.3g} m{before}"
+    if tried.ok and tried.without is not None and tried.tracking_error > tried.without:
+        return f"{error}, which is no better."
     return f"{error}." if tried.ok else f"{error}, but {tried.problem}."
 
 
@@ -179,13 +187,13 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     links = part.links
     bodies = part.margins.bodies
     if law.unmodelled:
-        yield Problem(kind="undecided", what="the law is undecided", why=because_of(law.unmodelled))
+        yield Problem(kind="undecided", what=f"the law is undecided, {because_of(law.unmodelled)}")
     if law.stable is False:
         gains = law.stable_gains
         if gains is None:
-            yield Problem(kind="held_law", what="the held law is unstable", why="at any controller.gain")
+            yield Problem(kind="held_law", what="the held law is unstable at any controller.gain")
         else:
-            gain = _round(gains[0] + _RESERVE * (gains[1] - gains[0]))
+            gain = _round(gains[0] + _RESERVE * (min(gains[1], bodies.largest_gain or math.inf) - gains[0]))
             why = f"controller.gain is stable between {gains[0]:.3g} and {gains[1]:.3g} 1/s"
             fix = f"set controller.gain to {gain:g} 1/s"
             yield Problem(
@@ -207,18 +215,38 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     if bodies.stable_over_exact_links is False:
         what = "the vehicles' loop is unstable, even if links were exact"
         yield Problem(kind="bodies", what=what, fix="lower controller.gain")
-    elif bodies.stable is None and links is not None and links.delay_margin is not None and links.delay.delay:
-        lag = max(bodies.tau)
-        if links.delay.delay + lag > links.delay_margin:
-            yield Problem(
-                kind="links",
-                what="the delay of links and the lag of vehicles exceed the delay margin",
-                why=f"measurements are {links.delay.delay:.3g} s old, vehicles follow commands in {lag:.3g} s, and the "
-                f"law tolerates {links.delay_margin:.3g} s",
-                fix="lower controller.gain, or use links with less delay",
-            )
+    elif _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
+        what = "the vehicles' loop is unstable over its links"
+        why = "measurements are too old for vehicles that are as slow"
+        yield Problem(kind="bodies", what=what, why=why, fix="lower controller.gain, or use links with less delay")
+    for name, (taken, top) in part.margins.slow_targets.items():
+        yield Problem(
+            kind="targets",
+            what=f"{name} is slower than its path ({top:.3g} of {taken:.3g} m/s)",
+            why=f"through the medium, the path of {name} takes {taken:.3g} m/s, and the top speed of its vehicle is "
+            f"{top:.3g} m/s",
+            fix="a slower motion, or a faster vehicle",
+        )
     if part.targets.unstable:
         yield Problem(kind="targets", what=part.targets.verdict())
+
+
+def _late_phase(part: "PartRecord", tau: float) -> float:
+    """Return by how much delay and inertia turn the fastest mode at its crossover, rad; 0 where it is not known.
+
+    Of vehicles that follow a command with the time constant tau, s, the loop k1 lambda e^(-s d) / (s (1 + tau s)) has
+    the gain 1 at omega^2 = (sqrt(1 + 4 tau^2 k1^2 lambda^2) - 1) / (2 tau^2). It is stable if atan(omega tau) + omega d
+    is below pi / 2. The delay d is that of the links, half a period, and the mean age of measurements that are held
+    because later ones were lost.
+    """
+    links, hold = part.links, part.margins.hold
+    if links is None or hold is None or links.delay.delay is None or links.exact or part.law.terms or tau <= 0.0:
+        return 0.0
+    lost = 1.0 - min((share for share in links.delivery.values() if share is not None), default=1.0)
+    delay = links.delay.delay + hold.period * (0.5 + lost / max(1.0 - lost, _LEAST_DELIVERY))
+    rate = part.theorem.gain * part.theorem.lambda_max
+    crossover = math.sqrt((math.sqrt(1.0 + (2.0 * tau * rate) ** 2) - 1.0) / 2.0) / tau
+    return math.atan(crossover * tau) + crossover * delay
 
 
 def _round(gain: float) -> float:

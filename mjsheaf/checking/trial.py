@@ -61,6 +61,7 @@ _GROWTH = 1.5  # mean error of the last quarter over that about the middle, abov
 _FASTER = 2.0  # growth of one quarter over that of the last, above which the error grows without bound
 _SPEEDS_UP = 1.1  # mean speed of q* in the last quarter over that of the third, above which a target speeds up
 _SLOW = 1.1  # mean error of the last quarter over that of the second, above which steady growth counts
+_AT_REST = 1e-3  # mean disagreement over mean tracking error, below which a law is at rest
 _FAR = 3.0  # times the error that the analysis foresees
 _FAR_BY = 1.0  # m: further than that
 _SMALL = 0.2  # m: errors that grow by less do not count
@@ -71,7 +72,7 @@ class TrialProblem(Record):
     """A reason why a mission failed when it was tried."""
 
     kind: str = Field(
-        description="refused, blow_up, diverging, saturated, deadlock, stuck, too_close, far_off, or expectation"
+        description="refused, blow_up, diverging, saturated, deadlock, stuck, too_close, target, far_off, expectation"
     )
     text: str = Field(description="a sentence with agent, time and number")
     agent: str | None = Field(description="id of the agent with the worst value; null for the team")
@@ -120,7 +121,7 @@ def try_mission(
     finished = data.attrs["status"] == "finished"
     late = late_errors(phases[0].system.team, data)["tracking_error"]
     problems = list(_problems(scenario, phases, run))
-    if not problems and foreseen is not None and late is not None and late > _FAR * foreseen + _FAR_BY:
+    if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
     return TrialRecord(
         ok=not problems,
@@ -226,6 +227,7 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
     yield from _diverging(phases, data)
+    yield from _carried_targets(phases[0].system, data)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
         checks = check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]
@@ -237,11 +239,17 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
 
 
 def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield agents whose error grows to the end of the last phase while they are at a limit, or ever faster.
+    """Yield agents whose error grows to the end of a phase while they are at a limit, or ever faster.
 
     An error that grows is no fault by itself: it also follows a target that speeds up.
     """
-    system, last = of_phase(phases, data, -1)
+    for k, phase in enumerate(phases):
+        if phase.time < float(data["time"][-1]) - 0.5 * phase.system.grid.period or k == 0:
+            yield from _diverging_in(*of_phase(phases, data, k))
+
+
+def _diverging_in(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
+    """Yield the agents of one phase whose error grows; see `_diverging`."""
     errors = last["tracking_error"].values
     time = last["time"].values
     q_star = np.nan_to_num(last["harmonic_extension"].values)
@@ -272,18 +280,45 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
     yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(fourth[worst]))
 
 
-def _far_off(phases: Sequence[Phase], data: "xr.Dataset", error: float, foreseen: float) -> Iterator[TrialProblem]:
-    """Yield that the error is far beyond what was foreseen, if limits, which the analysis leaves out, are the cause."""
+def _carried_targets(system: System, data: "xr.Dataset") -> Iterator[TrialProblem]:
+    """Yield the fixed target that is carried farthest from its place."""
+    N = len(system.team.agents)
+    if system.waiting is None or not system.waiting.holds[N:].any():
+        return
+    places = np.nan_to_num(data["target_position"].values[-1])
+    away = np.where(system.waiting.holds[N:], np.linalg.norm(places - system.waiting.position[N:], axis=1), 0.0)
+    k = int(away.argmax())
+    if away[k] > _FAR_BY:
+        name, end = system.team.target_ids[k], float(data["time"][-1])
+        text = f"{name} is fixed, and is {away[k]:.3g} m from its place at t = {end:.6g} s: its vehicle cannot hold it"
+        yield TrialProblem(kind="target", text=text, agent=name, time=end, number=float(away[k]))
+
+
+def _far_off(
+    phases: Sequence[Phase], data: "xr.Dataset", error: float, foreseen: float | None
+) -> Iterator[TrialProblem]:
+    """Yield that the error is far beyond what the analysis foresees, in m, or that a law that is local rests elsewhere.
+
+    A law with range or bearing edges rests where its disagreement is 0, which may be far from q*.
+    """
     system, last = of_phase(phases, data, -1)
     limited = _limited(system, last)
     v = int(limited.argmax())
-    if limited[v] > _OFTEN:
-        name = system.team.agent_ids[v]
-        text = (
-            f"the error is {error:.3g} m (RMS over agents, second half), and the analysis foresees {foreseen:.3g} m: "
-            f"{name} is at a limit of its vehicle or its speed for {100.0 * limited[v]:.0f} % of that time"
-        )
-        yield TrialProblem(kind="far_off", text=text, agent=name, time=float(last["time"][-1]), number=error)
+    time = float(last["time"][-1])
+    size = f"the error is {error:.3g} m (RMS over agents, second half)"
+    if foreseen is not None and error > _FAR * foreseen + _FAR_BY:
+        text = f"{size}, and the analysis foresees {foreseen:.3g} m"
+        name = None
+        if limited[v] > _OFTEN:
+            name = system.team.agent_ids[v]
+            text += f": {name} is at a limit of its vehicle or its speed for {100.0 * limited[v]:.0f} % of that time"
+        yield TrialProblem(kind="far_off", text=text, agent=name, time=time, number=error)
+    elif not phases[-1].system.team.linear:
+        quarter = slice(-max(1, last.sizes["time"] // 4), None)
+        disagreement, away = (np.nanmean(last[name].values[quarter]) for name in ("disagreement", "tracking_error"))
+        if away > _FAR_BY and disagreement < _AT_REST * away:
+            text = f"the team rests {away:.3g} m from q* (mean over agents), in another equilibrium of the law"
+            yield TrialProblem(kind="far_off", text=text, agent=None, time=time, number=float(away))
 
 
 def _limited(system: System, data: "xr.Dataset") -> Array:

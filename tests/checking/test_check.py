@@ -29,6 +29,10 @@ FAILING = {
     "split_team": {5},
     "unseen_target": {5},
 }
+FAILING_ON_BODIES = ("noisy_odometry",)
+"""Scenarios whose trial contradicts the analysis."""
+REFUSED = ("air_tracks_surface", "lost_thruster")
+"""Scenarios that cannot be run."""
 
 
 LARGE = ("harbour", "harbour_lost_hexarotor", "otters", "paper", "swarm", "tetrahedron")
@@ -47,9 +51,10 @@ def test_verdicts_schema_and_exit_code(
     failing = {a["number"] for a in record["assumptions"] if a["verdict"] == "fails"}
     assert failing == FAILING.get(name, set())
     assert [a["number"] for a in record["assumptions"]] == [1, 2, 3, 4, 5, 6, 7]
-    assert record["ok"] is not bool(failing)
-    assert code == (1 if failing else 0)
-    assert err.count("\n") == (1 if failing else 0)
+    assert record["ok"] is not (bool(failing) or name in FAILING_ON_BODIES)
+    assert record["trial"]["ok"] is not (name in FAILING_ON_BODIES or name in REFUSED)
+    assert code == (0 if record["ok"] else 1)
+    assert err.count("\n") == code
     reads_as_a_whole(CheckRecord(**record), capsys)
     if name != "swarm":
         assert_record_fits(CheckRecord(**record), name)

@@ -982,7 +982,7 @@ def test_the_exit_code_is_that_of_the_links_too(delay: float, stable: bool, caps
     with (
         nullcontext()
         if stable
-        else pytest.raises(NotHeldError, match="over its links the law is unstable; it tolerates")
+        else pytest.raises(NotHeldError, match="over its links the law is unstable: it tolerates")
     ):
         check_command("paper", [f"links.all.delay={delay}"], True)
     record = json.loads(capsys.readouterr().out)

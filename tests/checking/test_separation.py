@@ -53,7 +53,7 @@ def test_pairs_that_begin_too_close_are_named() -> None:
     raw = escort()
     raw["agents"][0]["position"] = [-20, -4]
     assert check(load_scenario(raw), trial=False)["safety"]["initial"] == [
-        {"pair": ["B1", "B2"], "time": 0.0, "gap": pytest.approx(-1.0)}
+        {"pair": ["B1", "B2"], "time": 0.0, "gap": pytest.approx(-1.0), "fraction": 1.0}
     ]
 
 

@@ -15,9 +15,11 @@ from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control import disagreement
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.media.probe import mean_flow
 from mjsheaf.system import System
 from mjsheaf.vehicles.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.vehicles.effects import capability_of, of_each
+from mjsheaf.vehicles.vehicle import Vehicle
 
 LARGEST_SECOND_ORDER = 600
 """Largest n_q for which eigenvalues of the second-order system of unlike bodies are computed."""
@@ -25,6 +27,7 @@ LARGEST_SECOND_ORDER = 600
 MOST_ROWS = 20
 """How many agents are listed with their speeds and lags."""
 
+_FEWEST_INSTANTS = 3  # of a path whose velocity is known
 _POSITION_AT_REST = 1e-6  # share of z, against tau v, under which z is at rest
 _MOST_LAG_NUMBERS = 1_000_000  # of lags that are solved for
 
@@ -107,6 +110,9 @@ class Margins(Record):
     speed: list[SpeedDemand] = Field(description=f"the most demanding agents first, at most {MOST_ROWS}")
     lag: list[Lag] = Field(description=f"the largest first, at most {MOST_ROWS}")
     one_sided: list[OneSided] = Field([], description="vehicles whose thrusters do not push both ways")
+    slow_targets: dict[str, tuple[float, float]] = Field(
+        {}, description="targets whose vehicles cannot keep to their path: speed that it takes, and top speed, m/s"
+    )
     falling: dict[str, str] = Field(
         {}, description="agents whose vehicle turns over and falls once it leans to its limit: why, with numbers"
     )
@@ -126,8 +132,32 @@ def margins(system: System, certificate: Certificate) -> Margins:
         speed=_speed_demands(system, certificate, able, forward),
         lag=_lags(system, difference),
         one_sided=_one_sided(system),
+        slow_targets=_slow_targets(system, certificate),
         falling=_falling(system),
     )
+
+
+def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[float, float]]:
+    """Return the targets that are pulled to a path, and whose vehicles are too slow for it in the last quarter."""
+    path, N = certificate.constants.path, len(system.team.agents)
+    held = system.motion.pull[N:] > 0.0
+    if path.cells is None or not held.any() or len(path.time) < _FEWEST_INSTANTS:
+        return {}
+    along = np.gradient(path.positions[:, N:], path.time, axis=0)
+    flow = np.array([mean_flow(system, v, 0.0, path.positions[:, v]) for v in range(N, N + len(held))])
+    top = of_each(system.vehicles[N:], _top_speed)
+    taken = np.linalg.norm(np.where(np.isfinite(flow), along.transpose(1, 0, 2) - flow, 0.0), axis=2)
+    late = path.time >= path.time[0] + 0.75 * (path.time[-1] - path.time[0])
+    slow = held & (taken[:, late].mean(axis=1) > top)
+    return {
+        system.team.target_ids[k]: (float(taken[k, late].mean()), float(top[k])) for k in np.flatnonzero(slow).tolist()
+    }
+
+
+def _top_speed(vehicle: Vehicle) -> float:
+    """Return the larger of a vehicle's forward and all-way speeds, m/s."""
+    able = capability_of(vehicle)
+    return max(able.forward_speed, able.least_speed)
 
 
 def _falling(system: System) -> dict[str, str]:
