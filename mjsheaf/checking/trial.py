@@ -239,17 +239,12 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
 
 
 def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield agents whose error grows to the end of a phase while they are at a limit, or ever faster.
+    """Yield agents whose error grows to the end of the last phase while they are at a limit, or ever faster.
 
-    An error that grows is no fault by itself: it also follows a target that speeds up.
+    An error that grows is no fault by itself: it also follows a target that speeds up. Neither is one that an event
+    ends, such as the end of a shadow.
     """
-    for k, phase in enumerate(phases):
-        if phase.time < float(data["time"][-1]) - 0.5 * phase.system.grid.period or k == 0:
-            yield from _diverging_in(*of_phase(phases, data, k))
-
-
-def _diverging_in(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield the agents of one phase whose error grows; see `_diverging`."""
+    system, last = of_phase(phases, data, -1)
     errors = last["tracking_error"].values
     time = last["time"].values
     q_star = np.nan_to_num(last["harmonic_extension"].values)
