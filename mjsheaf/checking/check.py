@@ -239,9 +239,10 @@ def check(
     own = None if rho is None else as_rho(rho)
     with shown(progress, "checking") as bar:
         record = examine_scenario(scenario, rate=rate, radius=radius, rho=own).record
-        record = (
-            try_out(record, scenario, partial(bar, "trying the mission") if bar else None) if trial else untried(record)
-        )
+        if trial:
+            record = try_out(record, scenario, partial(bar, "trying the mission") if bar else None)
+        else:
+            record = untried(record)
         return record.model_dump(mode="json")
 
 
