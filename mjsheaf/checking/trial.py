@@ -61,6 +61,10 @@ _GROWTH = 1.5  # mean error of the last quarter over that about the middle, abov
 _FASTER = 2.0  # growth of one quarter over that of the last, above which the error grows without bound
 _SPEEDS_UP = 1.1  # mean speed of q* in the last quarter over that of the third, above which a target speeds up
 _SLOW = 1.1  # mean error of the last quarter over that of the second, above which steady growth counts
+_STILL = 0.05  # RMS motion of q* over that of an agent about it, below which q* rests
+_UNDECAYED = 0.95  # amplitude of the last quarter over that of the third, above which an oscillation does not decay
+_RESONANCE = 3.0  # times the motion by a disturbance alone, below which an oscillation may be due to it
+_REVERSALS = 4  # in the second half, from which on a motion is an oscillation
 _AT_REST = 1e-3  # mean disagreement over mean tracking error, below which a law is at rest
 _FAR = 3.0  # times the error that the analysis foresees
 _FAR_BY = 1.0  # m: further than that
@@ -72,7 +76,8 @@ class TrialProblem(Record):
     """A reason why a mission failed when it was tried."""
 
     kind: str = Field(
-        description="refused, blow_up, diverging, saturated, deadlock, stuck, too_close, target, far_off, expectation"
+        description="refused, blow_up, diverging, saturated, deadlock, stuck, too_close, limit_cycle, target, far_off, "
+        "or expectation"
     )
     text: str = Field(description="a sentence with agent, time and number")
     agent: str | None = Field(description="id of the agent with the worst value; null for the team")
@@ -227,6 +232,7 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
     yield from _diverging(phases, data)
+    yield from _circling(phases, data)
     yield from _carried_targets(phases[0].system, data)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
@@ -273,6 +279,36 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
     )
     kind = "saturated" if at_limit else "diverging"
     yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(fourth[worst]))
+
+
+def _circling(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
+    """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing drives them.
+
+    A bounded disturbance of d m/s moves an agent by d / omega m at a frequency of omega rad/s.
+    """
+    system, last = of_phase(phases, data, -1)
+    if last.sizes["time"] < _MIN_SAMPLES or system.moving:
+        return
+    q_star = np.nan_to_num(last["harmonic_extension"].values)
+    offsets = q_star - np.nan_to_num(last["agent_position"].values)
+    third, fourth = (np.sqrt(part.var(axis=0).sum(axis=1)) for part in np.array_split(offsets, 4)[2:])
+    half = offsets[len(offsets) // 2 :] - offsets[len(offsets) // 2 :].mean(axis=0)
+    widest = np.take_along_axis(half, half.var(axis=0).argmax(axis=1)[None, :, None], axis=2)[..., 0]
+    reversals = (np.diff(np.sign(widest), axis=0) != 0.0).sum(axis=0)
+    span = 0.5 * float(last["time"][-1] - last["time"][0])
+    shaken = system.largest_disturbance[: len(fourth)] * span / (np.pi * np.maximum(reversals, 1))
+    driven = np.sqrt(q_star[-len(half) :].var(axis=0).sum(axis=1)) > _STILL * fourth
+    driven |= fourth < _RESONANCE * shaken
+    circling = np.flatnonzero((fourth > _FAR_BY) & (fourth > _UNDECAYED * third) & (reversals >= _REVERSALS) & ~driven)
+    if len(circling):
+        worst = int(circling[int(fourth[circling].argmax())])
+        name, time = system.team.agent_ids[worst], float(last["time"][-1])
+        names, verb = _and_others(name, len(circling) - 1)
+        text = (
+            f"{names} {verb} in a limit cycle: {name} oscillates by {fourth[worst]:.3g} m RMS to the end at "
+            f"t = {time:.6g} s, and nothing drives it"
+        )
+        yield TrialProblem(kind="limit_cycle", text=text, agent=name, time=time, number=float(fourth[worst]))
 
 
 def _carried_targets(system: System, data: "xr.Dataset") -> Iterator[TrialProblem]:
