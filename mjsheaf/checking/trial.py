@@ -65,6 +65,9 @@ _STILL = 0.05  # RMS motion of q* over that of an agent about it, below which q*
 _UNDECAYED = 0.95  # amplitude of the last quarter over that of the third, above which an oscillation does not decay
 _RESONANCE = 3.0  # times the motion by a disturbance alone, below which an oscillation may be due to it
 _REVERSALS = 4  # in the second half, from which on a motion is an oscillation
+_MIN_COMMAND = 0.1  # m/s, below which an agent counts as commanded to stay
+_MIN_HEADWAY = 0.15  # fraction of the commanded speed that an agent makes in its direction
+_APPROACHING = 0.9  # mean error of the last quarter over that of the third, below which an agent approaches
 _AT_REST = 1e-3  # mean disagreement over mean tracking error, below which a law is at rest
 _FAR = 3.0  # times the error that the analysis foresees
 _FAR_BY = 1.0  # m: further than that
@@ -232,6 +235,8 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
     yield from _diverging(phases, data)
+    if not stuck:
+        yield from _without_headway(phases, data)
     yield from _circling(phases, data)
     yield from _carried_targets(phases[0].system, data)
     if run.complete and scenario.expect.controller is None:
@@ -279,6 +284,36 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
     )
     kind = "saturated" if at_limit else "diverging"
     yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(fourth[worst]))
+
+
+def _without_headway(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
+    """Yield agents that move, but not where they are commanded to, as boats that circle about their places."""
+    system, last = of_phase(phases, data, -1)
+    if last.sizes["time"] < _MIN_SAMPLES:
+        return
+    third, fourth = (part.mean(axis=0) for part in np.array_split(last["tracking_error"].values, 4)[2:])
+    quarter = last.isel(time=slice(-(last.sizes["time"] // 4), None))
+    # Means over a second: commands jump with noise and losses, and velocities follow them later.
+    seconds = max(1, int(float(quarter["time"][-1] - quarter["time"][0])))
+    made = np.nan_to_num((quarter["agent_velocity"] - quarter["agent_flow"]).values)
+    command, made = (
+        np.array([block.mean(axis=0) for block in np.array_split(values, min(seconds, len(values)))])
+        for values in (np.nan_to_num(quarter["velocity_command"].values), made)
+    )
+    size = np.linalg.norm(command, axis=2)
+    headway = ((made * command).sum(axis=2) / np.where(size > 0.0, size, 1.0)).mean(axis=0)
+    commanded = size.mean(axis=0)
+    idle = (commanded > _MIN_COMMAND) & (headway < _MIN_HEADWAY * commanded)
+    failed = np.flatnonzero(idle & (fourth > 2.0 * _FAR_BY) & (fourth > _APPROACHING * third))
+    if len(failed):
+        worst = int(failed[int(fourth[failed].argmax())])
+        name, time = system.team.agent_ids[worst], float(last["time"][-1])
+        names, verb = _and_others(name, len(failed) - 1)
+        text = (
+            f"{names} {verb} without headway: {name} is commanded {commanded[worst]:.3g} m/s and makes "
+            f"{headway[worst]:.3g} m/s of it, {fourth[worst]:.3g} m off to the end at t = {time:.6g} s"
+        )
+        yield TrialProblem(kind="stuck", text=text, agent=name, time=time, number=float(fourth[worst]))
 
 
 def _circling(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
