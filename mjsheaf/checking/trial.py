@@ -234,8 +234,9 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
             f"{stuck[0].error:.3g} m off: {stuck[0].reason}"
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
-    yield from _diverging(phases, data)
-    if not stuck:
+    growing = list(_diverging(phases, data))
+    yield from growing
+    if not stuck and not growing:
         yield from _without_headway(phases, data)
     yield from _circling(phases, data)
     yield from _carried_targets(phases[0].system, data)
