@@ -260,9 +260,10 @@ def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
     if falling:
         names = listed(falling)
         yield Problem(
-            kind="turning", what=f"{names} cannot turn as fast as their lean takes", why=next(iter(falling.values()))
+            kind="turning", what=f"{names} cannot turn as fast as leaning takes", why=next(iter(falling.values()))
         )
     slow = [demand for demand in part.margins.speed if (demand.deficit or 0.0) > _MAX_DEFICIT]
+    yield from _of_slow(slow, part)
     carried = part.disturbance.carried_off
     if part.margins.bodies.obstacle == "overpowered" and not slow:
         yield Problem(kind="flow", what="a vehicle cannot hold its place in the flow", why=part.margins.bodies.reason)
@@ -275,13 +276,12 @@ def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
             why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be",
             fix="a calmer medium, faster vehicles, or a higher velocity_limit if the vehicle allows it",
         )
-    yield from _of_slow(slow, len(part.disturbance.agents))
 
 
-def _of_slow(slow: "list[SpeedDemand]", agents: int) -> Iterator[Problem]:
-    """Yield that some of the team's agents are slower than their places: by their vehicles, or by velocity limits."""
-    tops = {demand.agent: _top_speed(demand) for demand in slow}
-    limits = {demand.agent: math.inf if demand.limit is None else demand.limit for demand in slow}
+def _of_slow(slow: "list[SpeedDemand]", part: "PartRecord") -> Iterator[Problem]:
+    """Yield that some agents are slower than their places to the end: by their vehicles, or by velocity limits."""
+    tops = {demand.agent: _top_speed(demand) for demand in part.margins.speed}
+    limits = {demand.agent: math.inf if demand.limit is None else demand.limit for demand in part.margins.speed}
     for limited in (False, True):
         some = [demand for demand in slow if limited == (limits[demand.agent] < tops[demand.agent])]
         if not some:
@@ -290,10 +290,17 @@ def _of_slow(slow: "list[SpeedDemand]", agents: int) -> Iterator[Problem]:
         speed = (limits if limited else tops)[worst.agent]
         limit = _round(_SPARE * max(demand.steady or 0.0 for demand in some))
         raised = limited and limit <= min(tops[demand.agent] for demand in some)
+        at_times = [
+            demand
+            for demand in part.margins.speed
+            if (demand.steady or 0.0) > (limits if limited else tops)[demand.agent]
+            and limited == (limits[demand.agent] < tops[demand.agent])
+        ]
         limiting = "its velocity limit is" if limited else "the top speed of its vehicle is"
         yield Problem(
             kind="limited" if limited else "slow",
-            what=f"{len(some)} of {agents} agents are slower than their places ({speed:.3g} of {worst.steady:.3g} m/s)",
+            what=f"{len(at_times)} of {len(part.disturbance.agents)} agents are slower than their places "
+            f"({speed:.3g} of {worst.steady:.3g} m/s)",
             why=f"{worst.agent} falls {worst.deficit:.3g} m behind: relative to the medium, q* moves at up to "
             f"{worst.steady:.3g} m/s, and {limiting} {speed:.3g} m/s",
             fix=f"set controller.velocity_limit to {limit:g}" if raised else "slow targets, or faster vehicles",

@@ -11,7 +11,7 @@ from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.errors import joined, shortened
+from mjsheaf.errors import joined
 
 MAX_LINES = 45
 """Largest number of lines of the answer."""
@@ -200,7 +200,7 @@ def _row(label: str, text: str) -> list[str]:
 
 def _cut(lines: list[str], most: int) -> list[str]:
     """Return the first lines; the last one ends in '...' if some are left out."""
-    return lines if len(lines) <= most else [*lines[: most - 1], shortened(lines[most - 1] + "....", WIDTH)]
+    return lines if len(lines) <= most else [*lines[: most - 1], f"{lines[most - 1][: WIDTH - 4]} ..."]
 
 
 def _wrapped(text: str, indent: str, first: str = "") -> list[str]:
