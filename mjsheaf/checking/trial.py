@@ -15,7 +15,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import ROUNDING, ending_of_run
 from mjsheaf.checking.separation import TooClose, find_too_close
-from mjsheaf.checking.stuck import MIN_SPEED, find_stuck
+from mjsheaf.checking.stuck import MIN_DURATION, MIN_SPEED, find_stuck
 from mjsheaf.errors import NotUniqueError, RankError
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
@@ -260,7 +260,7 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
     errors = last["tracking_error"].values
     time = last["time"].values
     q_star = np.nan_to_num(last["harmonic_extension"].values)
-    if len(errors) < _MIN_SAMPLES:
+    if len(errors) < _MIN_SAMPLES or time[-1] - time[0] < MIN_DURATION:
         return
     _, second, third, fourth = (part.mean(axis=0) for part in np.array_split(errors, 4))
     eighth = len(errors) // 8
@@ -290,7 +290,8 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
 def _without_headway(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
     """Yield agents that move, but not where they are commanded to, as boats that circle about their places."""
     system, last = of_phase(phases, data, -1)
-    if last.sizes["time"] < _MIN_SAMPLES:
+    duration = 0.25 * float(last["time"][-1] - last["time"][0])
+    if last.sizes["time"] < _MIN_SAMPLES or duration < MIN_DURATION:
         return
     third, fourth = (part.mean(axis=0) for part in np.array_split(last["tracking_error"].values, 4)[2:])
     quarter = last.isel(time=slice(-(last.sizes["time"] // 4), None))
