@@ -93,7 +93,7 @@ def _is_proven(record: dict[str, Any]) -> bool:
 def studied() -> list[Judged]:
     """Judge missions on two processes, and print the table."""
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        judged = list(pool.map(judge, range(tried(MISSIONS, 60))))
+        judged = list(pool.map(judge, range(tried(MISSIONS, 40))))
     print("\n" + "\n".join(map(str, judged)))
     print(Counter(("OK" if each.ok else "NOT OK", "fails" if each.failure else "fine") for each in judged))
     return judged
