@@ -47,6 +47,7 @@ _JUDGED = (
     "agent_velocity",
     "agent_flow",
     "agent_saturation",
+    "agent_height",
     "separation",
     "safety_correction",
     "safety_violation",
@@ -79,8 +80,8 @@ class TrialProblem(Record):
     """A reason why a mission failed when it was tried."""
 
     kind: str = Field(
-        description="refused, blow_up, diverging, saturated, deadlock, stuck, too_close, limit_cycle, target, far_off, "
-        "or expectation"
+        description="refused, blow_up, diverging, saturated, deadlock, stuck, too_close, limit_cycle, target, fallen, "
+        "far_off, or expectation"
     )
     text: str = Field(description="a sentence with agent, time and number")
     agent: str | None = Field(description="id of the agent with the worst value; null for the team")
@@ -240,6 +241,7 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
         yield from _without_headway(phases, data)
     yield from _circling(phases, data)
     yield from _carried_targets(phases[0].system, data)
+    yield from _fallen(phases, data)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
         checks = check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]
@@ -346,6 +348,21 @@ def _circling(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProb
             f"t = {time:.6g} s, and nothing drives it"
         )
         yield TrialProblem(kind="limit_cycle", text=text, agent=name, time=time, number=float(fourth[worst]))
+
+
+def _fallen(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
+    """Yield the aircraft that is below the surface at the end of the last phase, and began above it."""
+    system, last = of_phase(phases, data, -1)
+    height = system.bodies.surface_height
+    heights = np.nan_to_num(last["agent_height"].values[-1], nan=height)
+    flying = np.array([agent.dimension == 3 for agent in system.team.agents])
+    flying &= system.initial[: len(flying), 2] > height
+    fallen = np.where(flying & (system.bodies.surface != "none"), height - heights, 0.0)
+    v = int(fallen.argmax())
+    if fallen[v] > _FAR_BY:
+        name, time = system.team.agent_ids[v], float(last["time"][-1])
+        text = f"{name} is {fallen[v]:.3g} m below the surface at t = {time:.6g} s"
+        yield TrialProblem(kind="fallen", text=text, agent=name, time=time, number=float(fallen[v]))
 
 
 def _carried_targets(system: System, data: "xr.Dataset") -> Iterator[TrialProblem]:
