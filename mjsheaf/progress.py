@@ -78,13 +78,15 @@ class Terminal:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
         from rich.text import Text
 
+        console = Console(stderr=True)
+
         class Below(Progress):
             def get_renderables(self) -> Iterator[RenderableType]:
-                yield from map(Text, above[: max(0, self.console.height - _ROOM)])
+                yield from map(Text, above[: max(0, console.height - _ROOM)])
                 yield from super().get_renderables()
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        self._bars = Below(*columns, console=Console(stderr=True), transient=True, auto_refresh=False)
+        self._bars = Below(*columns, console=console, transient=True, auto_refresh=False)
         self._task = self._bars.add_task("", total=None)
         self._bars.start()
 
