@@ -1,13 +1,11 @@
 """Gridded flow: currents and winds of forecast and reanalysis files, bilinear in space and linear in time.
 
 Files are netCDF by the CF conventions. A variable is found by its standard name, or by the names that HYCOM and others
-use. Longitude and latitude become x and y in the equirectangular plane about an origin,
+use. Longitude and latitude become x and y in the plane about an origin, an affine map: see `mjsheaf.io.geography`.
 
-    x = R cos(lat_0) (lon - lon_0),   y = R (lat - lat_0),   R = 6,371,000 m,
-
-an affine map: cells stay rectangles. A bilinear function has its largest values at nodes. Its Jacobian is affine along
-each side of a cell, so that its norm, a convex function, is largest at corners; both are linear in time between two
-times of the file. The bounds are therefore exact for the interpolated flow.
+A bilinear function has its largest values at nodes. Its Jacobian is affine along each side of a cell, so that its norm,
+a convex function, is largest at corners; both are linear in time between two times of the file. The bounds are
+therefore exact for the interpolated flow.
 """
 
 import math
@@ -21,6 +19,7 @@ from scipy.ndimage import distance_transform_edt
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
+from mjsheaf.io.geography import to_plane
 from mjsheaf.io.section import NonNegative
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.bounded import Bounds
@@ -29,9 +28,6 @@ from mjsheaf.media.gusts import Exposure
 
 if TYPE_CHECKING:
     import xarray as xr
-
-EARTH = 6_371_000.0
-"""Mean radius of the earth, m."""
 
 _WATER = ("", "surface_", "surface_geostrophic_", "barotropic_")
 _STANDARD = (
@@ -119,8 +115,7 @@ def read_grid(path: str, latitude: float, longitude: float, start: str | None, d
         axes = {name: _axis(parts[0], name) for name in _AXES}
         time = _seconds(axes["time"], start, path)
         found = [_values(part, axes, depth) for part in parts if part is not None]
-        x = math.radians(1.0) * EARTH * math.cos(math.radians(latitude)) * _turned(axes["x"].values, longitude)
-        y = math.radians(1.0) * EARTH * (axes["y"].values.astype(np.float64) - latitude)
+        x, y = to_plane(axes["y"].values, axes["x"].values, (latitude, longitude))
     velocity = np.zeros((*found[0].shape, 3))
     for k, part in enumerate(found):
         velocity[..., k] = part
@@ -255,11 +250,6 @@ def _seconds(axis: Any, start: str | None, path: str) -> Array:
     if (np.diff(times) <= 0.0).any():
         raise InputError(f"path: the times of {path} do not rise")
     return np.asarray(times, dtype=np.float64)
-
-
-def _turned(degrees: Array, origin: float) -> Array:
-    """Return longitudes relative to the origin, within half a turn of it, deg."""
-    return np.asarray((degrees.astype(np.float64) - origin + 180.0) % 360.0 - 180.0)
 
 
 def _values(part: "xr.DataArray", axes: dict[str, Any], depth: float) -> Array:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from mjsheaf.media.gridded import EARTH
+from mjsheaf.io.geography import EARTH
 
 LENGTH = 100.0
 """Side of one gyre, m."""

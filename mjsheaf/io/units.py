@@ -1,0 +1,20 @@
+"""Units of data made by others, as CF and UDUNITS write them: 'm s-1', 'm/s', 'knots', 'millibars'; pint reads them."""
+
+from mjsheaf.errors import InputError, shortened
+
+
+def factor(unit: object, into: str) -> float:
+    """Return what values in a unit are multiplied by to be in another.
+
+    Raises:
+        InputError: It is no unit, or one of something else.
+    """
+    from cf_xarray.units import units  # slow to import
+
+    text = " ".join(str(unit).split())
+    try:
+        if not text or "since" in text or isinstance(unit, int | float):
+            raise ValueError
+        return float(units.Quantity(1.0, units.Unit(text)).to(into).magnitude)
+    except Exception:  # of the parser, which raises many kinds on what is no unit
+        raise InputError(f"the unit is {shortened(repr(unit), 50)}; expected {into} or what converts to it") from None
