@@ -1,20 +1,10 @@
-"""Compiled functions: one decorator, and a cache on disk that never serves old code.
+"""Compiled functions: one decorator. Machine code is kept on disk: see `mjsheaf.machine_code`."""
 
-numba caches machine code next to the source. It notices when that source changes, but not when a compiled function
-that it calls in another file changes. So the machine code of every file is stamped with a hash of that file and of all
-files that it imports, directly or indirectly. If the stamp does not match, the machine code is deleted: an edit
-recompiles only its callers.
-"""
-
-import ast
 import contextlib
 import ctypes
 import gc
-import hashlib
-import inspect
 import logging
 import os
-import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -39,8 +29,9 @@ try:
     from numba.extending import intrinsic
     from numba.extending import overload as overload
 
-    from mjsheaf.waiting import compile_in_one_process
+    from mjsheaf.machine_code import StoredCode
     from mjsheaf.waiting import is_waiting as is_waiting
+    from mjsheaf.waiting import keep_code
 except ValueError:  # numba reads its environment variables as it is imported
     raise InputError(
         f"NUMBA_NUM_THREADS: {os.environ.get('NUMBA_NUM_THREADS', '')[:40]!r}; expected a whole number from 1 on"
@@ -57,20 +48,6 @@ _logger = logging.getLogger("mjsheaf")
 # Thresholds of the garbage collector during compilation. numba makes millions of objects, few of them garbage: with
 # Python's own thresholds, looking for it took a tenth of the time.
 _RARELY = 50_000, 20, 20
-_PACKAGE = Path(__file__).resolve().parent
-_SOURCES = (
-    "jit.py",
-    "linking.py",
-    "system.py",
-    "noise.py",
-    "sheaf/*.py",
-    "dynamics/*.py",
-    "media/*.py",
-    "control/*.py",
-    "vehicles/*.py",
-    "simulation/*.py",
-    "checking/theorem/*.py",
-)
 
 
 class _Compilations(event.Listener):
@@ -294,90 +271,24 @@ def _compile(function: Callable[..., Any], apart: bool = False, **options: Any) 
         return function
     options |= {"nogil": True, "error_model": "numpy"}
     own: dict[str, Any] = {**options, "no_cfunc_wrapper": True}
-    cached = True
-    try:
-        compiled: Any = njit(cache=True, **own)(function)
-    except RuntimeError:  # no directory can be written: compile anew in each process
-        cached = False
-        compiled = njit(**own)(function)
-    if cached:
-        _drop_stale_code(compiled.stats.cache_path, Path(inspect.getfile(function)).resolve())
-        compile_in_one_process(compiled, f"{function.__module__}.{function.__qualname__}")
-    _link_into_callers(compiled, cached, apart, options)
+    compiled: Any = njit(**own)(function)
+    with contextlib.suppress(RuntimeError):  # no directory can be written: compile anew in each process
+        keep_code(compiled, StoredCode(function))
+    _link_into_callers(compiled, apart, options)
     return compiled
 
 
-def _link_into_callers(compiled: Any, cached: bool, apart: bool, options: dict[str, Any]) -> None:
+def _link_into_callers(compiled: Any, apart: bool, options: dict[str, Any]) -> None:
     """Hand compiled callers the function's code for linking, and share that for integers among literal integers."""
 
     @cache
     def for_callers() -> Any:
         from mjsheaf.linking import linked
 
-        return linked(compiled.py_func, cached, apart, **options)
+        return linked(compiled.py_func, apart, **options)
 
     def get_call_template(args: Any, kws: Any) -> Any:
         return for_callers().get_call_template(tuple(types.unliteral(argument) for argument in args), kws)
 
     compiled.get_call_template = get_call_template
     compiled.get_overload = lambda signature: for_callers().get_overload(signature)
-
-
-_IMPORT = re.compile(r"^\s*from (mjsheaf[\w.]*) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
-_COMMENT = re.compile(r"#.*")
-_NAME = re.compile(r"(\w+)(?: as \w+)?")
-
-
-@cache
-def _imports_of(path: Path) -> frozenset[Path]:
-    """Return the files of the package from which a file imports names, looking through the faces of packages.
-
-    The text is searched: parsing some sixty files would take a third of a second at each start.
-    """
-    found = set()
-    for module, several, one in _IMPORT.findall(_COMMENT.sub("", path.read_text(encoding="utf-8"))):
-        found |= {_origin_of(module, name) for name in _NAME.findall(several or one)}
-    return frozenset(found)
-
-
-@cache
-def _origin_of(module: str, name: str) -> Path:
-    """Return the file in which a name that is imported from a module of the package is defined."""
-    base = _PACKAGE.joinpath(*module.split(".")[1:])
-    if not base.is_dir():
-        return base.with_suffix(".py")
-    if (base / f"{name}.py").exists():
-        return base / f"{name}.py"
-    face = base / "__init__.py"
-    for node in ast.walk(ast.parse(face.read_bytes())):
-        if isinstance(node, ast.ImportFrom) and any((alias.asname or alias.name) == name for alias in node.names):
-            return _origin_of(str(node.module), name)
-    return face
-
-
-@cache
-def _source_hash(path: Path) -> str:
-    """Return a hash of a file and of all files of the package that its compiled functions may call."""
-    reached, pending = set(), {path, Path(__file__).resolve()}
-    while pending:
-        file = pending.pop()
-        reached.add(file)
-        pending |= _imports_of(file) - reached
-    digest = hashlib.sha256()
-    for file in sorted(reached):
-        if file.is_relative_to(_PACKAGE) and any(file.relative_to(_PACKAGE).match(pattern) for pattern in _SOURCES):
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
-
-
-@cache
-def _drop_stale_code(directory: str, source: Path) -> None:
-    stamp = Path(directory) / f"mjsheaf.{source.stem}.stamp"
-    with contextlib.suppress(OSError):
-        if stamp.exists() and stamp.read_text() == _source_hash(source):
-            return
-        for pattern in (f"{source.stem}.*.nbi", f"{source.stem}.*.nbc", f"{source.stem}.*.used"):
-            for path in Path(directory).glob(pattern):
-                path.unlink(missing_ok=True)
-        stamp.parent.mkdir(parents=True, exist_ok=True)
-        stamp.write_text(_source_hash(source))

@@ -7,15 +7,17 @@ compiled code keeps its intermediate code, and the function that Python calls is
 The extension point is numba's `pipeline_class`.
 """
 
+from contextlib import suppress
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba import njit
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 
-from mjsheaf.waiting import compile_in_one_process
+from mjsheaf.machine_code import StoredCode
+from mjsheaf.waiting import keep_code
 
 
 class LinkedLibrary(JITCodeLibrary):
@@ -113,15 +115,14 @@ class _LinkedCacheImpl(CompileResultCacheImpl):
         return CompileResult(**fields)
 
 
-class _LinkedCache(FunctionCache):
+class _LinkedCache(StoredCode):
     _impl_class = _LinkedCacheImpl
 
 
-def linked(function: Any, cached: bool, apart: bool, **options: Any) -> Any:
+def linked(function: Any, apart: bool, **options: Any) -> Any:
     """Return the dispatcher of a function for calls by compiled code, which do not inline it if it is `apart`."""
     without: dict[str, Any] = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     dispatcher: Any = njit(pipeline_class=_ApartCompiler if apart else _LinkedCompiler, **without)(function)
-    if cached:
-        dispatcher._cache = _LinkedCache(function)
-        compile_in_one_process(dispatcher, f"{function.__module__}.{function.__qualname__}, linked")
+    with suppress(RuntimeError):  # no directory can be written
+        keep_code(dispatcher, _LinkedCache(function), "linked")
     return dispatcher

@@ -20,6 +20,7 @@ from zlib import crc32
 import numpy as np
 
 from mjsheaf.jit import INTERPRETED, Dispatcher
+from mjsheaf.machine_code import source_hash
 
 _MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
 _PROCESSES = 4  # Python may take so many times the limit of a process in all of them together
@@ -149,7 +150,9 @@ def _file_of_times(compiled: Any, kinds: Any) -> Path:
     one that stays empty.
     """
     function = compiled.py_func
-    name = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}.{crc32(repr(kinds).encode()):08x}.used"
+    source = Path(function.__code__.co_filename).resolve()
+    kind = crc32(repr(kinds).encode())
+    name = f"{source.stem}.{function.__qualname__}.{source_hash(source)}.{kind:08x}.used"
     return Path(compiled.stats.cache_path, name) if compiled.stats.cache_path else Path(os.devnull)
 
 

@@ -29,11 +29,13 @@ def is_waiting() -> bool:
     return bool(_waits)
 
 
-def compile_in_one_process(dispatcher: Any, name: str) -> None:
-    """Let other processes wait while one compiles a function for the same types, which numba caches on disk."""
+def keep_code(dispatcher: Any, cache: Any, kind: str = "") -> None:
+    """Keep a function's machine code on disk, and let other processes wait while one compiles it for the same types."""
+    dispatcher._cache = cache
     if fcntl is None:
         return
-    compile_here, cache = dispatcher.compile, dispatcher._cache
+    compile_here, function = dispatcher.compile, dispatcher.py_func
+    name = f"{function.__module__}.{function.__qualname__}{kind and f', {kind}'}"
 
     def compile_or_load(signature: Any) -> Any:
         # numba's own lock comes first: a thread that holds it must not wait for a thread that needs it.

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 import mjsheaf
-from mjsheaf import jit
+from mjsheaf import machine_code
 
 PACKAGE = Path(mjsheaf.__file__).parent
 HASHES = """
 import sys
 from pathlib import Path
-from mjsheaf import jit
-root = Path(jit.__file__).resolve().parent
+from mjsheaf import machine_code
+root = Path(machine_code.__file__).resolve().parent
 for name in sys.argv[1:]:
-    print(jit._source_hash(root / name))
+    print(machine_code.source_hash(root / name))
 """
 FILES = (
     "noise.py",
@@ -62,12 +62,12 @@ def test_an_edit_of_the_decorator_makes_all_code_stale(tmp_path: Path) -> None:
 
 def test_imports_are_found_as_the_parser_finds_them() -> None:
     """Oracle: Python's own parser, on every file with compiled functions."""
-    package = Path(jit.__file__).resolve().parent
-    for path in sorted(path for pattern in jit._SOURCES for path in package.glob(pattern)):
+    package = Path(machine_code.__file__).resolve().parent
+    for path in sorted(path for pattern in machine_code.SOURCES for path in package.glob(pattern)):
         nodes = [node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ImportFrom)]
         ours = [node for node in nodes if not node.level and str(node.module).split(".")[0] == "mjsheaf"]
-        expected = {jit._origin_of(str(node.module), alias.name) for node in ours for alias in node.names}
-        assert expected <= jit._imports_of(path), path
+        expected = {machine_code._origin_of(str(node.module), alias.name) for node in ours for alias in node.names}
+        assert expected <= machine_code._imports_of(path), path
 
 
 TWO = """

@@ -1,0 +1,186 @@
+"""Machine code on disk: files named by the sources that they were compiled from, and checked as they are read.
+
+numba caches machine code next to the source. It notices when that source changes, but not when a compiled function
+that it calls in another file changes. So the name of each file has a hash of the function's source and of all sources
+that it imports, directly or indirectly: an edit recompiles only its callers, and two versions of the package have files
+side by side. Sources are read as they are imported. A process that runs while its sources change neither reads nor
+writes machine code of what it imports from then on, of which it cannot know what it has in memory.
+
+Files that are damaged, by a full disk, a power cut or a bad block, count as missing. Each begins with a hash of the
+rest.
+"""
+
+import ast
+import hashlib
+import logging
+import pickle
+import re
+import time
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+
+_logger = logging.getLogger("mjsheaf")
+_BEGUN = time.time()
+_HASH = 16  # bytes of a hash
+_KEPT = 30 * 86400.0  # age at which files of other versions are removed, s
+_PACKAGE = Path(__file__).resolve().parent
+SOURCES = (
+    "jit.py",
+    "linking.py",
+    "system.py",
+    "noise.py",
+    "sheaf/*.py",
+    "dynamics/*.py",
+    "media/*.py",
+    "control/*.py",
+    "vehicles/*.py",
+    "simulation/*.py",
+    "checking/theorem/*.py",
+)
+"""Files of the package whose text decides on machine code."""
+
+_IMPORT = re.compile(r"^\s*from (mjsheaf[\w.]*) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
+_COMMENT = re.compile(r"#.*")
+_NAME = re.compile(r"(\w+)(?: as \w+)?")
+
+
+class StoredCode(FunctionCache):
+    """The machine code of a function on disk.
+
+    Raises:
+        RuntimeError: There is no directory that can be written.
+    """
+
+    _impl_class: Any = CompileResultCacheImpl
+    _warned = False
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        base, own = self._impl.filename_base, source_hash(Path(function.__code__.co_filename).resolve())
+        self._cache_file = _Files(self._cache_path, f"{base}.{own}", "")
+        self._others = f"{base}.*.nb[ci]", f"{base}.{own}."
+        if own == _CHANGED:
+            self.disable()
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """Return the machine code for a signature, or None where there is none that can be used."""
+        try:
+            return super().load_overload(signature, target_context)
+        except Exception:  # of whatever it is that code of other libraries cannot be rebuilt from
+            return None
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        """Write the machine code for a signature; where that fails, warn once that each process compiles anew."""
+        try:
+            super().save_overload(signature, data)
+            self._remove_old()
+        except OSError as error:
+            if not StoredCode._warned:
+                StoredCode._warned = True
+                why = error.strerror or error
+                _logger.warning("%s: machine code cannot be kept, and is compiled again: %s", self._cache_path, why)
+
+    def _remove_old(self) -> None:
+        pattern, own = self._others
+        for path in Path(self._cache_path).glob(pattern):
+            if not path.name.startswith(own) and time.time() - path.stat().st_mtime > _KEPT:
+                path.unlink(missing_ok=True)
+
+
+class _Files(IndexDataCacheFile):
+    """The index of a function's machine code by signature, and the machine code, each behind its hash."""
+
+    def _load_index(self) -> dict[Any, str]:
+        return self._read(self._index_path) or {}
+
+    def _save_index(self, names: dict[Any, str]) -> None:
+        self._write(self._index_path, names)
+
+    def _load_data(self, name: str) -> Any:
+        return self._read(self._data_path(name))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _read(self, path: str) -> Any:
+        """Return what a file holds; None if there is none or it is damaged."""
+        try:
+            content = Path(path).read_bytes()
+            return pickle.loads(content[_HASH:]) if _hash(content[_HASH:]) == content[:_HASH] else None
+        except FileNotFoundError:
+            return None
+
+    def _write(self, path: str, data: Any) -> None:
+        content = self._dump(data)
+        with self._open_for_write(path) as file:
+            file.write(_hash(content) + content)
+
+
+def _hash(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=_HASH).digest()
+
+
+_CHANGED = "changed"
+
+
+@cache
+def _text_of(path: Path) -> str | None:
+    """Return the text of a source; None if it changed after this process began, or is no file."""
+    try:
+        return None if path.stat().st_ctime > _BEGUN else path.read_text(encoding="utf-8")
+    except OSError:
+        return None
+
+
+@cache
+def _imports_of(path: Path) -> frozenset[Path]:
+    """Return the files of the package from which a file imports names, looking through the faces of packages.
+
+    The text is searched: parsing some sixty files would take a third of a second at each start.
+    """
+    found = set()
+    for module, several, one in _IMPORT.findall(_COMMENT.sub("", _text_of(path) or "")):
+        found |= {_origin_of(module, name) for name in _NAME.findall(several or one)}
+    return frozenset(found)
+
+
+@cache
+def _origin_of(module: str, name: str) -> Path:
+    """Return the file in which a name that is imported from a module of the package is defined."""
+    base = _PACKAGE.joinpath(*module.split(".")[1:])
+    if not base.is_dir():
+        return base.with_suffix(".py")
+    if (base / f"{name}.py").exists():
+        return base / f"{name}.py"
+    face = base / "__init__.py"
+    for node in ast.walk(ast.parse(face.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and any((alias.asname or alias.name) == name for alias in node.names):
+            return _origin_of(str(node.module), name)
+    return face
+
+
+@cache
+def source_hash(path: Path) -> str:
+    """Return a hash of a file, of all files of the package that its compiled functions may call, and of the compiler.
+
+    It is 'changed' if one of them changed after this process began, or is no file.
+    """
+    reached, pending = set(), {path, _PACKAGE / "jit.py"}
+    while pending:
+        file = pending.pop()
+        reached.add(file)
+        pending |= _imports_of(file) - reached
+    digest = hashlib.blake2b(f"{numba.__version__} {llvmlite.__version__}".encode(), digest_size=8)
+    for file in sorted(reached):
+        inside = file.is_relative_to(_PACKAGE)
+        if file == path or (inside and any(file.relative_to(_PACKAGE).match(pattern) for pattern in SOURCES)):
+            text = _text_of(file)
+            if text is None:
+                return _CHANGED
+            digest.update(text.encode())
+    return digest.hexdigest()
