@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from html import escape
 from numbers import Real
 from typing import Any
 
@@ -206,6 +207,22 @@ class CheckRecord(PartRecord):
         return self.links is not None and not self.links.exact
 
 
+class Answer(dict[str, Any]):
+    """The record of a check as a mapping, as `mjsheaf check --json` prints it; it prints as the screen does."""
+
+    def __init__(self, record: CheckRecord) -> None:
+        from mjsheaf.checking.screen import screen  # which reads this module's records
+
+        super().__init__(record.model_dump(mode="json"))
+        self._lines = screen(record)
+
+    def __repr__(self) -> str:
+        return "\n".join(self._lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
 def check(
     scenario: Scenario,
     *,
@@ -214,7 +231,7 @@ def check(
     rho: RhoLike | None = None,
     trial: bool = True,
     progress: bool | None = True,
-) -> dict[str, Any]:
+) -> Answer:
     """Check a scenario: the paper's assumptions, Theorem 1, margins, fragility, and a trial of the mission.
 
     Args:
@@ -227,7 +244,8 @@ def check(
         progress: True shows a bar on a terminal or in a notebook, False and None nothing.
 
     Returns:
-        The record that `mjsheaf check --json` prints; its schema is that of `CheckRecord`.
+        The record that `mjsheaf check --json` prints, a mapping whose schema is that of `CheckRecord`. It prints, also
+        in a notebook, as what `mjsheaf check` prints.
 
     Raises:
         InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
@@ -243,7 +261,7 @@ def check(
             record = try_out(record, scenario, partial(bar, "trying the mission") if bar else None)
         else:
             record = untried(record)
-        return record.model_dump(mode="json")
+        return Answer(record)
 
 
 def untried(record: CheckRecord) -> CheckRecord:

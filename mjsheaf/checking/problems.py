@@ -30,6 +30,7 @@ _FIXES = {
 _RESERVE = 0.5  # fraction of the largest gain that is proposed
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
 _LEAST_DELIVERY = 1e-3  # fraction of the measurements that arrive, of links that deliver fewer
+_LATEST = 7.0 / 16.0 * math.pi  # phase at the crossover above which a loop over links is undecided, rad
 _MAX_DEFICIT = 0.5  # m: distance behind q* at the end that still counts as keeping up
 
 
@@ -84,7 +85,7 @@ def untried_of(record: "CheckRecord") -> list[Problem]:
     parts: list[PartRecord] = [record, *record.phases]
     for part in parts:
         bodies = part.margins.bodies
-        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > 0.5 * math.pi
+        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > _LATEST
         if bodies.stable is None and undecided:
             what = "the vehicles' loop is undecided, and the mission was not tried"
             return [Problem(kind="untried", what=what, why=bodies.reason)]
@@ -215,7 +216,7 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     if bodies.stable_over_exact_links is False:
         what = "the vehicles' loop is unstable, even if links were exact"
         yield Problem(kind="bodies", what=what, fix="lower controller.gain")
-    elif _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
+    elif not part.law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
         what = "the vehicles' loop is unstable over its links"
         why = "measurements are too old for vehicles that are as slow"
         yield Problem(kind="bodies", what=what, why=why, fix="lower controller.gain, or use links with less delay")
@@ -236,11 +237,11 @@ def _late_phase(part: "PartRecord", tau: float) -> float:
 
     Of vehicles that follow a command with the time constant tau, s, the loop k1 lambda e^(-s d) / (s (1 + tau s)) has
     the gain 1 at omega^2 = (sqrt(1 + 4 tau^2 k1^2 lambda^2) - 1) / (2 tau^2). It is stable if atan(omega tau) + omega d
-    is below pi / 2. The delay d is that of the links, half a period, and the mean age of measurements that are held
+    is below pi / 2; terms of the law are left out. The delay d is that of the links, half a period, and the mean age of measurements that are held
     because later ones were lost.
     """
     links, hold = part.links, part.margins.hold
-    if links is None or hold is None or links.delay.delay is None or links.exact or part.law.terms or tau <= 0.0:
+    if links is None or hold is None or links.delay.delay is None or links.exact or tau <= 0.0:
         return 0.0
     lost = 1.0 - min((share for share in links.delivery.values() if share is not None), default=1.0)
     delay = links.delay.delay + hold.period * (0.5 + lost / max(1.0 - lost, _LEAST_DELIVERY))

@@ -26,19 +26,19 @@ _MAX_DRIFTS = 8
 _LABEL = 22
 
 
-def screen(record: CheckRecord, name: str, *, pending: bool = False) -> list[str]:
+def screen(record: CheckRecord, name: str | None = None, *, pending: bool = False) -> list[str]:
     """Return the answer as lines of text.
 
     Args:
         record: Record of the check.
-        name: Scenario as the user named it, for the last line.
+        name: Scenario as the user named it, for a last line on the whole report; None where that is not at hand.
         pending: True while the mission is being tried: a verdict of OK is still open.
     """
     verdict = "no problem found by analysis" if pending and record.ok else headline(record)
     head = _cut(_wrapped(f"{record.scenario}: {verdict}", ""), _MAX_LINES_OF_THE_HEADLINE)
     numbers = ["", *_numbers(record)]
     notes = [line for note in record.notes[:_MAX_NOTES] for line in _cut(_wrapped(f"note: {note}", "  "), 2)]
-    ending = ["", f"mjsheaf check {name} --full prints the whole report."]
+    ending = [] if name is None else ["", f"mjsheaf check {name} --full prints the whole report."]
     rest = [*numbers, *([""] if notes else []), *notes, *ending]
     lines = list(head)
     for k, problem in enumerate(record.problems):

@@ -89,7 +89,7 @@ def check(
     if not trial:
         record = untried(record)
     else:
-        above = [] if as_json or full else [*screen(record, scenario, pending=True)[:-2], ""]
+        above = [] if as_json or full else [*screen(record, pending=True), ""]
         with progress_bars("trying the mission", lines=None if as_json else "stderr", above=above) as report:
             record = try_out(record, loaded, partial(report, "trying the mission"))
     examination = replace(examination, record=record)

@@ -27,6 +27,7 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.page.ghosts import Ghost, add_ghosts
 from mjsheaf.page.safety import RECORDED, add_safety
 from mjsheaf.results.dataset import join
+from mjsheaf.results.metrics import edge_residuals
 from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
 from mjsheaf.results.variables import labelled_edges
 from mjsheaf.system import Phase
@@ -427,7 +428,9 @@ def _add_edges(
         labelled = labelled_edges(phase.system)
         columns = np.array([number[key] for key, _ in labelled], dtype=np.int64)
         if here.any() and labelled:
-            residual[np.ix_(here, columns)] = _residuals([edge for _, edge in labelled], index, positions[here])
+            edges = [edge for _, edge in labelled]
+            with np.errstate(all="ignore"):  # of what blew up
+                residual[np.ix_(here, columns)] = edge_residuals(phase.system.team, edges, positions[here])
     if "heard" in own:
         _mark_silence(residual, number, own)
     packer.add_float("residual", residual)
@@ -451,19 +454,3 @@ def _mark_silence(residual: Array, number: dict[tuple[str, str], int], own: xr.D
         if " ".join(key) in heard:
             silent = own["heard"].values[:, heard[" ".join(key)]] == 0
             residual[silent, e] = -np.abs(residual[silent, e])
-
-
-def _residuals(edges: list[Edge], index: dict[str, int], positions: Array) -> Array:
-    """Compute |F_i x_i - F_j x_j - b| of edges, shape (K, E), m."""
-    found = np.empty((len(positions), len(edges)))
-    shapes: dict[tuple[tuple[int, ...], ...], list[int]] = {}
-    for e, edge in enumerate(edges):
-        shapes.setdefault((edge.F_tail.shape, edge.F_head.shape), []).append(e)
-    with np.errstate(all="ignore"):
-        for ((_, n), (_, m)), chosen in shapes.items():
-            own = [edges[e] for e in chosen]
-            tails, heads = ([index[getattr(e, end)] for e in own] for end in ("tail", "head"))
-            tail = np.einsum("kei,emi->kem", positions[:, tails, :n], np.stack([e.F_tail for e in own]))
-            head = np.einsum("kei,emi->kem", positions[:, heads, :m], np.stack([e.F_head for e in own]))
-            found[:, chosen] = np.linalg.norm(tail - head - np.stack([e.b for e in own]), axis=2)
-    return found

@@ -449,6 +449,13 @@ class Scenario(Section):
             _ = self.drawn_scales
         return self
 
+    def __repr__(self) -> str:
+        parts = {"agent": self.agents, "target": self.targets, "edge": [*self.communication, *self.sensing]}
+        counts = [f"{len(of)} {what}{'s' * (len(of) != 1)}" for what, of in parts.items()]
+        return f"Scenario({self.name!r}: {', '.join(counts)}; {self.time.start:g} to {self.time.end:g} s)"
+
+    __str__ = __repr__
+
     @property
     def drawn_scales(self) -> Array:
         """Scale at which the scenario has each vehicle drawn, shape (V,), agents first; NaN where it gives none."""

@@ -63,6 +63,10 @@ class Sheaf(Cochains):
         self._bundles: list[EdgeBundle] = []
         self._edges = 0
 
+    def __repr__(self) -> str:
+        rows, columns = self.shape
+        return f"Sheaf({len(self.vertices)} vertices and {self._edges} edges; dim C^0 = {columns}, dim C^1 = {rows})"
+
     @cached_property
     def edge_product(self) -> InnerProduct | None:
         """The inner product K of C^1; None where it is the identity."""

@@ -1,5 +1,10 @@
 """The answer of `check` on one screen; that of every scenario is tried in test_check.py, which has their records."""
 
+import html
+import json
+import pickle
+
+import numpy as np
 import pytest
 
 import mjsheaf
@@ -55,3 +60,20 @@ def test_the_command_prints_the_answer_alone_on_stdout() -> None:
     assert len(short.out.splitlines()) <= MAX_LINES
     assert "--full" in short.out
     assert "assumptions of the paper" in answer_of("check", "midpoint", "--no-trial", "--full").out
+
+
+def test_the_answer_in_python_prints_as_the_screen_and_stays_a_mapping() -> None:
+    answer = mjsheaf.check(mjsheaf.load_scenario("midpoint"), trial=False, progress=False)
+    said = answer_of("check", "midpoint", "--no-trial").out
+    assert said.startswith(repr(answer))
+    assert answer._repr_html_() == f"<pre>{html.escape(repr(answer))}</pre>"
+    assert json.loads(json.dumps(answer)) == dict(answer) == answer
+    again = pickle.loads(pickle.dumps(answer))
+    assert (again, repr(again)) == (answer, repr(answer))
+
+
+def test_scenarios_and_sheaves_have_a_short_form() -> None:
+    assert str(mjsheaf.load_scenario("midpoint")) == "Scenario('midpoint': 1 agent, 2 targets, 2 edges; 0 to 40 s)"
+    sheaf = mjsheaf.Sheaf({"a": 2, "b": 3})
+    sheaf.add_edge("a", "b", np.eye(1, 2), np.eye(1, 3))
+    assert repr(sheaf) == "Sheaf(2 vertices and 1 edges; dim C^0 = 5, dim C^1 = 1)"

@@ -94,6 +94,21 @@ def test_links_carry_their_residuals_while_they_are_there(lost: Made) -> None:
         assert shown == pytest.approx(np.linalg.norm(off), rel=1e-2, abs=0.02)
 
 
+@pytest.mark.parametrize("name", ["range_formation", "bearing_formation"])
+def test_links_that_measure_ranges_and_bearings_are_off_by_what_they_measure(name: str) -> None:
+    """The distance from the desired length, or that from the place in the desired direction: 0 in formation."""
+    made = make_page(name, "ideal", {"time.end": 2})
+    said, residual = said_in(made.page), series_in(made.page)["residual"]
+    x, team = positions_of(made.dataset)[-1], made.scenario.system.team
+    for edge in (*team.communication, *team.sensing):
+        z, desired = x[team.index[edge.head]] - x[team.index[edge.tail]], edge.offset
+        z = z[: edge.F_tail.shape[0]]
+        length = np.linalg.norm(z)
+        off = abs(length - desired[0]) if edge.measures == "range" else np.linalg.norm(z - length * desired)
+        k = [drawn["name"] for drawn in said["edges"]].index(f"{edge.tail}-{edge.head}")
+        assert residual[-1, k] == pytest.approx(off, rel=1e-3, abs=1e-6)
+
+
 @pytest.mark.slow
 def test_bounds_are_drawn_in_every_phase_and_lie_above_the_error() -> None:
     """Over sqrt(N), as the error is the RMS over agents."""
