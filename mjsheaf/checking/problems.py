@@ -237,8 +237,8 @@ def _late_phase(part: "PartRecord", tau: float) -> float:
 
     Of vehicles that follow a command with the time constant tau, s, the loop k1 lambda e^(-s d) / (s (1 + tau s)) has
     the gain 1 at omega^2 = (sqrt(1 + 4 tau^2 k1^2 lambda^2) - 1) / (2 tau^2). It is stable if atan(omega tau) + omega d
-    is below pi / 2; terms of the law are left out. The delay d is that of the links, half a period, and the mean age of measurements that are held
-    because later ones were lost.
+    is below pi / 2; terms of the law are left out. The delay d is that of the links, half a period, and the mean age of
+    measurements that are held because later ones were lost.
     """
     links, hold = part.links, part.margins.hold
     if links is None or hold is None or links.delay.delay is None or links.exact or tau <= 0.0:

@@ -67,6 +67,7 @@ _UNDECAYED = 0.95  # amplitude of the last quarter over that of the third, above
 _RESONANCE = 3.0  # times the motion by a disturbance alone, below which an oscillation may be due to it
 _REVERSALS = 4  # in the second half, from which on a motion is an oscillation
 _MIN_COMMAND = 0.1  # m/s, below which an agent counts as commanded to stay
+_MIN_SHARE = 0.65  # part of its commanded velocity that an agent makes unless it is short of it
 _MIN_HEADWAY = 0.15  # fraction of the commanded speed that an agent makes in its direction
 _APPROACHING = 0.9  # mean error of the last quarter over that of the third, below which an agent approaches
 _AT_REST = 1e-3  # mean disagreement over mean tracking error, below which a law is at rest
@@ -290,7 +291,10 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
 
 
 def _without_headway(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield agents that move, but not where they are commanded to, as boats that circle about their places."""
+    """Yield agents that move, but not where they are commanded to, or too little, and do not get nearer.
+
+    Boats that circle about their places are such agents, and drones whose commands jump faster than they can lean.
+    """
     system, last = of_phase(phases, data, -1)
     duration = 0.25 * float(last["time"][-1] - last["time"][0])
     if last.sizes["time"] < _MIN_SAMPLES or duration < MIN_DURATION:
@@ -307,8 +311,10 @@ def _without_headway(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[Tr
     size = np.linalg.norm(command, axis=2)
     headway = ((made * command).sum(axis=2) / np.where(size > 0.0, size, 1.0)).mean(axis=0)
     commanded = size.mean(axis=0)
-    idle = (commanded > _MIN_COMMAND) & (headway < _MIN_HEADWAY * commanded)
-    failed = np.flatnonzero(idle & (fourth > 2.0 * _FAR_BY) & (fourth > _APPROACHING * third))
+    idle = (headway < _MIN_HEADWAY * commanded) & (fourth > 2.0 * _FAR_BY) & (fourth > _APPROACHING * third)
+    share = (made * command).sum(axis=(0, 2)) / np.maximum((command**2).sum(axis=(0, 2)), ROUNDING)
+    short = (share < _MIN_SHARE) & (fourth > 3.0 * _FAR_BY) & (fourth > third)
+    failed = np.flatnonzero((commanded > _MIN_COMMAND) & (idle | short))
     if len(failed):
         worst = int(failed[int(fourth[failed].argmax())])
         name, time = system.team.agent_ids[worst], float(last["time"][-1])
