@@ -14,18 +14,20 @@ import xarray as xr
 import yaml
 
 from mjsheaf import check, load_scenario, simulate
+from mjsheaf.results.metrics import summarize
 from mjsheaf.scenario.load import parse_override
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import QUADROTOR_PAIR, REPOSITORY, Simulated
 
 DOCS = REPOSITORY / "docs"
-CLAIMS = (DOCS / "claims.md").read_text()
+CLAIMS, PAPER = ((DOCS / page).read_text() for page in ("claims.md", "paper.md"))
+PAPERS = ("paper", "paper_text")
 
 
-def rows(heading: str) -> list[list[str]]:
+def rows(heading: str, page: str = CLAIMS) -> list[list[str]]:
     """The cells of the table below a heading, without its two first lines."""
-    section = CLAIMS.split(f"## {heading}\n")[1].split("\n## ")[0]
+    section = page.split(f"## {heading}\n")[1].split("\n## ")[0]
     found = [line for line in section.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in found[2:]]
 
@@ -87,6 +89,33 @@ def test_runs(heading: str, shown: str, command: str, simulated: Simulated) -> N
 def test_distances_are_those_that_the_test_of_convergence_holds() -> None:
     for tau, _, distance, _ in rows("The theory and the published run")[1:]:
         assert agrees(distance, 31.8 * float(tau)) or float(distance) == pytest.approx(31.8 * float(tau), rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_text_of_the_paper_and_the_published_run(simulated: Simulated) -> None:
+    """Both tables of that page; each difference is made alone in the published run."""
+    published, text = (yaml.safe_load((REPOSITORY / f"scenarios/{name}.yaml").read_text()) for name in PAPERS)
+    runs = [simulated(name, "ideal") for name in PAPERS]
+    finals = [summarize(load_scenario(name).team, run) for name, run in zip(PAPERS, runs, strict=True)]
+    disagreement, tracking, centering = rows("Results", PAPER)
+    for k, final in enumerate(finals):
+        assert agrees(disagreement[k + 1], final["mean_disagreement"])
+        assert agrees(tracking[k + 1], late_error(runs[k]))
+        assert agrees(centering[k + 1], final["centering_error"])
+    flow, width = published["flow"], text["flow"]["targets"]["channels"][0]["width"]
+    wide = {kind: [{**field["channels"][0], "width": width}, field["channels"][1]] for kind, field in flow.items()}
+    changes: list[dict[str, Any]] = [
+        {"target_formation": text["target_formation"]},
+        {"flow": {**flow, "agents": flow["targets"]}},
+        {"flow": {kind: {**field, "drift": [0.0] * field["dimension"]} for kind, field in flow.items()}},
+        {"flow": {kind: {**field, "channels": wide[kind]} for kind, field in flow.items()}},
+        {"targets": text["targets"]},
+    ]
+    for row, change in zip(rows("Differences", PAPER), changes, strict=True):
+        run = simulate(load_scenario({**published, **change}), "ideal")
+        moved = np.nan_to_num((run.agent_position - runs[0].agent_position).values[len(run.time) // 2 :])
+        assert agrees(row[4], np.linalg.norm(moved, axis=2).max()), row
+        assert agrees(row[5], late_error(run)), row
 
 
 @pytest.mark.slow
