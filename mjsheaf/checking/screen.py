@@ -174,7 +174,7 @@ def _better(proposals: list[Proposal], radius: float, as_if: str) -> str:
     """Return the law with the smallest bound among those that are stable on the vehicles."""
     usable = [p for p in proposals if p.stable_on_bodies is not False]
     if not usable:
-        return f"none found with a certified error of at most {radius:g} m"
+        return f"none can be certified to keep the error below {radius:g} m; terms of the law may still reduce it"
     best = min(usable, key=lambda p: p.bound_per_agent)
     fields = ", ".join(f"{key}: {_value(value)}" for key, value in best.controller.items() if value is not None)
     cost = f", {best.exchanges:.4g} exchanges per second" if best.exchanges else ""

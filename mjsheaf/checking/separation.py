@@ -10,6 +10,7 @@ include the velocities that the filter adds.
 
 from collections import Counter
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
@@ -24,6 +25,9 @@ from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.errors import select_true
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _MOST_PAIRS = 200  # maximum number of pairs in a record, the closest ones
 _ROUNDING = 1e-9  # tolerance of a distance, m
@@ -112,6 +116,20 @@ def _places(system: System, certificate: Certificate) -> tuple[Array, Array]:
     lift = np.zeros((len(system.planar), 3))
     lift[system.planar, 2] = system.bodies.surface_height
     return times, np.concatenate([q_star, samples], axis=1) + lift
+
+
+def too_close_in(system: System, run: "xr.Dataset") -> dict[tuple[str, ...], TooClose]:
+    """Return the pairs that are too close in a run or a piece of it, each when it is closest, the closest first."""
+    run = run.isel(time=np.flatnonzero(run["separation"].values < 0.0))
+    if not run.sizes["time"]:
+        return {}
+    safety, what = system.separation(np.zeros(len(system.planar))), "body_position"
+    what = what if f"agent_{what}" in run else "position"
+    places = np.concatenate([run[f"{kind}_{what}"].values for kind in ("agent", "target")], axis=1)
+    heights = [[0.0, 0.0, member.height] for member in system.team.members]
+    places = np.where(np.isnan(places), heights, places)
+    names = [member.id for member in system.team.members] + (system.safety.obstacle_ids if system.safety else [])
+    return {tuple(one.pair): one for one in find_too_close(safety, names, run["time"].values, places)}
 
 
 def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places: Array) -> list[TooClose]:

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import ROUNDING, ending_of_run
-from mjsheaf.checking.separation import TooClose, find_too_close
+from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.checking.stuck import MIN_DURATION, MIN_SPEED, find_stuck
 from mjsheaf.errors import NotUniqueError, RankError
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
@@ -176,8 +176,8 @@ def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, i
             part = piece.isel(time=slice(0, samples - done))
             if "separation" in part:
                 if not done:
-                    initial = _too_close(system, part.isel(time=[0]))
-                for pair, worst in _too_close(system, part).items():
+                    initial = too_close_in(system, part.isel(time=[0]))
+                for pair, worst in too_close_in(system, part).items():
                     if pair not in closest or worst.gap < closest[pair].gap:
                         closest[pair] = worst
             length = part.sizes["time"]
@@ -191,17 +191,6 @@ def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, i
                 break
     data = join(part for part in parts if part.sizes["time"])
     return _Run(data, samples == end or data.attrs["status"] != "finished", initial, closest)
-
-
-def _too_close(system: System, part: "xr.Dataset") -> dict[tuple[str, ...], TooClose]:
-    """Return the pairs that are too close in a piece of a run, each when it is closest."""
-    part = part.isel(time=np.flatnonzero(part["separation"].values < 0.0))
-    if not part.sizes["time"]:
-        return {}
-    safety = system.separation(np.zeros(len(system.planar)))
-    places = np.concatenate([part[f"{kind}_body_position"].values for kind in ("agent", "target")], axis=1)
-    names = [member.id for member in system.team.members] + (system.safety.obstacle_ids if system.safety else [])
-    return {tuple(one.pair): one for one in find_too_close(safety, names, part["time"].values, places)}
 
 
 def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterator[TrialProblem]:

@@ -155,13 +155,16 @@ def _safety(safety: dict[str, Any] | None) -> list[str]:
     """Return how close vehicles came, and what the filter that keeps them apart did; nothing without one."""
     if safety is None:
         return []
-    shares, left = safety["filtered"], safety["smallest_separation"]
+    shares, left, closest = safety["filtered"], safety["smallest_separation"], safety.get("closest")
     busiest = max(shares, key=shares.__getitem__)
     lines = [
         f"separation: all distances exceed the required ones by at least {left:.3g} m; the filter acted on "
         f"{sum(share > 0.0 for share in shares.values())} of {len(shares)} agents, on {busiest} most, "
         f"{100.0 * shares[busiest]:.3g} % of the time"
         if left is not None and left >= 0.0
+        else f"TOO CLOSE: {' and '.join(closest['pair'])} are {-closest['gap']:.3g} m closer than required at t = "
+        f"{closest['time']:.6g} s"
+        if closest
         else f"TOO CLOSE: a distance is {0.0 if left is None else -left:.3g} m below the required one"
     ]
     if safety["deadlocked"]:

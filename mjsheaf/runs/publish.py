@@ -343,6 +343,7 @@ def account_of(
 ) -> Account:
     """Compute the errors, bounds and notes of a run from its data, in memory or in an open file."""
     from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.separation import too_close_in
     from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
     from mjsheaf.scenario.slips import slips_of
 
@@ -355,6 +356,10 @@ def account_of(
     with timings.part("notes"):
         summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, *bounds[0])
         summary["safety"] = safety = safety_of(dataset)
+        if safety:
+            moment = dataset.isel(time=[int(dataset["separation"].argmin())])
+            closest = next(iter(too_close_in(phases[0].system, moment).values()), None)
+            safety["closest"] = closest and closest.model_dump(mode="json", include={"pair", "time", "gap"})
         summary["expect"] = _expectation(scenario, dataset.attrs, summary["final"], own, safety)
         terms = examine_terms(phases, dataset)
         if terms is not None:

@@ -1,11 +1,15 @@
 """Record of `check` about the safety filter."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from mjsheaf import check, load_scenario, simulate
+from tests.commands import answer_of
 
 
 def escort(**safety: Any) -> dict[str, Any]:
@@ -55,6 +59,18 @@ def test_pairs_that_begin_too_close_are_named() -> None:
     assert check(load_scenario(raw), trial=False)["safety"]["initial"] == [
         {"pair": ["B1", "B2"], "time": 0.0, "gap": pytest.approx(-1.0), "fraction": 1.0}
     ]
+
+
+def test_a_run_names_the_pair_that_is_closest_and_when(tmp_path: Path) -> None:
+    raw = escort()
+    raw["agents"][0]["position"] = [-20, -4]
+    raw["time"] = {"end": 1}
+    place = tmp_path / "escort.yaml"
+    place.write_text(yaml.safe_dump(raw))
+    answer = answer_of("run", place, "--backend", "ideal", "--no-video", "--out", tmp_path / "run")
+    assert "TOO CLOSE: B1 and B2 are 1 m closer than required at t = 0 s" in answer.out
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["safety"]["closest"] == {"pair": ["B1", "B2"], "time": 0.0, "gap": pytest.approx(-1.0)}
 
 
 @pytest.mark.parametrize(
