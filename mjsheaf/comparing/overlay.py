@@ -378,7 +378,8 @@ def _draw_error(panel: Any, runs: Sequence[OpenRun], errors: Sequence[Array]) ->
 
 
 def _legend(run: OpenRun) -> str:
-    law = run.law if run.gain is None else f"gain {run.gain:g} 1/s"
+    terms = run.scenario.system.law.term_names
+    law = run.law if run.gain is None else ", ".join([f"gain {run.gain:g} 1/s", *terms])
     return plain(f"{run.name} ({run.dataset.attrs['backend']}, {law})")
 
 

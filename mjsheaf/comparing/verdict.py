@@ -219,7 +219,7 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
         return [f"{error}: ideal {ideal}, as given zero to rounding: nothing to gain"]
     cost = budget.all_m - budget.ideal_m
     return [
-        f"dominant cause: {_lever(record, TEAM)}",
+        f"dominant cause of the {display_name(record.measure)}: {_lever(record, TEAM)}",
         f"{error}: ideal {budget.ideal_m:.3g} m, as given {budget.all_m:.3g} m; "
         f"bodies {'add' if cost >= 0 else 'remove'} {abs(cost):.2g} m ({_relative(budget.ideal_m, budget.all_m)})",
     ]
@@ -332,7 +332,8 @@ def _lever_of_bodies(budget: BudgetRecord, changes: dict[str, str], cost: float,
     if effects and effects[0][0] >= _LEAST_CAUSE_SHARE * cost:
         most, effect = effects[0]
         others = [(x, other) for x, other in effects[1:2] if x >= 0.5 * most]
-        then = "".join(f"; then {display_name(e)} with {x:.2g} m: {changes[e]}" for x, e in others)
+        # Each is what the error would be less without that effect alone, so that they do not add up.
+        then = "".join(f"; without {display_name(e)} instead, {x:.2g} m less: {changes[e]}" for x, e in others)
         less = f"without it the error would be {most:.2g} m less ({now})"
         return _Lever(display_name(effect), less, f"{changes[effect]}{then}")
     share, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
