@@ -111,14 +111,18 @@ class RunBound:
         """Describe how the run exceeds a bound that applies, in a sentence; empty where it does not."""
         if self.ratio is None or (self.ratio <= BROKEN and (self.bodies or not self.blew_up)):
             return ""
-        if self.blew_up and not self.bodies:
-            found = "the run blows up, which Theorem 1 excludes: please report it"
-        else:
-            found = f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s"
-            if self.bodies:
-                return f"{found}: bodies have inertia, which the theorem does not know"
-            found = f"{found}, which proves a constant wrong: please report it"
-        return f"{found}; constants: {self.certificate.describe_constants()}"
+        if self.bodies:
+            return (
+                f"Theorem 1 is about ideal kinematics; on bodies |e| is up to {self.ratio:.4g} times its bound, at "
+                f"t = {self.worst:.6g} s"
+            )
+        found = "the run blows up, which Theorem 1 excludes"
+        if not self.blew_up:
+            found = (
+                f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s, which proves a "
+                "constant wrong"
+            )
+        return f"{found}: please report it; constants: {self.certificate.describe_constants()}"
 
 
 def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int = 0) -> RunBound:

@@ -119,7 +119,9 @@ def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
 
 def test_a_link_without_offset_is_the_sheafs_fault_and_spares_who_has_none(torn: CompareRecord) -> None:
     told = torn.verdict
-    assert told[0].startswith("dominant cause of the formation error: the sheaf, not the law or the vehicles: q* itself is")
+    assert told[0].startswith(
+        "dominant cause of the formation error: the sheaf, not the law or the vehicles: q* itself is"
+    )
     assert "`offset`" in told[0]
     for scope in ("line_T1", "line_T2"):
         assert any(s.startswith(f"{scope}: the sheaf") for s in told)
