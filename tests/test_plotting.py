@@ -36,6 +36,7 @@ from mjsheaf.plotting import (
     spread_ends,
     write_figure,
 )
+from mjsheaf.runs.figures import _start_of_last_round
 from tests.pictures import is_legible, overlaps, written
 
 _BLINDNESS = {
@@ -220,3 +221,14 @@ def test_a_plot_without_title_has_all_else(drawn: list[Figure]) -> None:
         lost = [text for text in both[0] - both[1] if not text.replace("−", "").replace(".", "").isdigit()]
         assert len(lost) == 1  # next to numbers on axes, because panels are larger
         assert "midpoint" in lost[0]
+
+
+def test_the_last_round_of_a_team_begins_where_it_was_a_period_before() -> None:
+    """Of a team that drifts while it goes round and round; a team that goes somewhere has no rounds."""
+    t = np.linspace(0.0, 50.0, 1501)
+    circle = np.array([20.0 * np.cos(t) + 0.2 * t, 20.0 * np.sin(t), np.zeros_like(t)])
+    tracks = np.stack([circle, circle + np.array([5.0, 3.0, np.nan])[:, None]])
+    assert 50.0 - t[_start_of_last_round(tracks)] == pytest.approx(2.0 * np.pi, abs=0.5)
+    away = np.stack([np.array([t, 0.0 * t, 0.0 * t])])
+    assert _start_of_last_round(away) == 0
+    assert _start_of_last_round(0.0 * away) == 0

@@ -48,6 +48,10 @@ from mjsheaf.team import Team
 _WORST = 3  # number of worst agents that are highlighted and named
 _MOST_CURVES = 60  # maximum number of agents with a curve each
 _MOST_RANKED = 26  # maximum number of agents with a name each below their bars
+_ELSEWHERE, _BACK = 0.5, 0.15  # distance from where a team ends, of its largest, to be elsewhere and back
+_PALE = 0.35  # opacity of earlier rounds, of that of the last
+_LEAST_ENLARGED, _SHORT = 8, 0.04  # samples, and fraction of the run, of a beginning that is drawn again
+_EMPTY = 0.5  # part of a panel's height that curves leave to it
 _MOST_POINTS = 1500  # maximum number of points of a curve, about the width of a printed panel in dots
 _MOST_KEYS = 12  # maximum number of groups in a legend
 _MOST_EVENTS = 12  # maximum number of events listed below a figure
@@ -117,6 +121,25 @@ class _Panel:
         log_axis(axis, "y", np.concatenate(drawn))
         label_axes(axis, self.title, y=self.label)
         axis.set_xlim(*_span(time))
+        self._enlarge_beginning(axis, time, np.nanmax([values[_last_half(time)] for values in drawn], initial=0.0))
+
+    def _enlarge_beginning(self, axis: Any, time: Array, late: float) -> None:
+        """Draw the first moments again in the empty corner where the error falls so fast that its curve is vertical.
+
+        The corner is empty if what is drawn in the second half of the run is at most `late`, far below the top.
+        """
+        above = np.flatnonzero(self.team > 1.5 * late)
+        first = time <= time[0] + 2.0 * (time[above[-1]] - time[0]) if len(above) else np.zeros(len(time), dtype=bool)
+        low, high = axis.get_ylim()
+        if not _LEAST_ENLARGED <= first.sum() <= _SHORT * len(time) or late > low * (high / low) ** _EMPTY:
+            return
+        corner = axis.inset_axes((0.5, 0.62, 0.48, 0.33))
+        corner.plot(time[first], self.team[first], **_EVERYONE)
+        if self.bound is not None:
+            corner.plot(time[first], self.bound[first], **_BOUND)
+        log_axis(corner, "y", self.team[first])
+        corner.tick_params(labelsize=SMALL)
+        corner.set_title("the beginning", fontsize=SMALL, pad=2)
 
 
 def _error_panels(team: Team, dataset: xr.Dataset, members: dict[int, BoolArray], bound: Array | None) -> list[_Panel]:
@@ -341,6 +364,7 @@ def draw_trajectories(
     absent = np.isnan(dataset["tracking_error"].values).T
     spatial = max(m.dimension for m in team.members) == 3
     tracks = np.moveaxis(_positions(dataset), 0, 2)  # (V, 3, T)
+    rounds = _start_of_last_round(tracks)
     low, high = _room(tracks, absent)
     inside = np.asarray(((tracks >= low) & (tracks <= high)).all(axis=1))
     low, high = include_obstacles(low, high, obstacles, dataset["time"].values)
@@ -359,17 +383,17 @@ def draw_trajectories(
         above = figure.subplots()
         views = {above: (0, 1)}
     for axis, plane in views.items():
-        _draw_tracks(axis, team, tracks[:, plane], absent, inside)
+        _draw_tracks(axis, team, tracks[:, plane], absent, inside, rounds)
         draw_obstacles(axis, obstacles, dataset["time"].values, np.eye(3)[list(plane)])
         label_axes(axis, "", *(f"{'xyz'[coordinate]} (m)" for coordinate in plane))
         for line in (axis.xaxis, axis.yaxis):
             line.set_major_locator(MaxNLocator(6 if axis is above else "auto", steps=[1, 2, 2.5, 5, 10]))
-    keys = [*group_keys(groups, names, colours), *_keys_of_marks(bool(absent[:, -1].any()), obstacles)]
+    keys = [*group_keys(groups, names, colours), *_keys_of_marks(bool(absent[:, -1].any()), rounds > 0, obstacles)]
     legend_below(figure, keys, 6)
     if spatial:
         for axis, name in ((above, "above"), (front, "the front"), (side, "the side")):
             axis.set_title(f"from {name}", fontsize=HEADING, loc="right" if axis is side else "center")
-        seen = _draw_in_space(corner, team, tracks, absent, inside, view)
+        seen = _draw_in_space(corner, team, tracks, absent, inside, rounds, view)
         draw_obstacles(corner, obstacles, dataset["time"].values, seen)
     lay_out(figure)  # the sizes of the panels determine the region that each shows
     stretched = _fill_views(views, middle, size)
@@ -381,10 +405,12 @@ def draw_trajectories(
     return figure
 
 
-def _keys_of_marks(lost: bool, obstacles: ObstacleArrays | None) -> list[Line2D]:
-    """Return the keys of starts, ends, places where vehicles were lost, and obstacles."""
+def _keys_of_marks(lost: bool, several: bool, obstacles: ObstacleArrays | None) -> list[Line2D]:
+    """Return the keys of starts, ends, places where vehicles were lost, rounds before the last, and obstacles."""
     keys = [key("start", color="black", marker="o", markerfacecolor="white", markersize=4)]
     keys.append(key("end", color="black", marker="o", markersize=5))
+    if several:
+        keys.append(key("earlier rounds", color="black", linewidth=0.4, alpha=_PALE))
     if lost:
         keys.append(key("lost", color="black", marker="X", markersize=5))
     if obstacles is not None and len(obstacles.kind):
@@ -418,8 +444,21 @@ def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -
     return "" if stretch == 1.0 else f", heights ×{stretch:.2g}"
 
 
-def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray) -> None:
-    """Draw the trajectories (V, 2, T) in a view as lines with start and end points.
+def _start_of_last_round(tracks: Array) -> int:
+    """Return the sample at which a team that goes round and round begins its last round; 0 if it does not.
+
+    Trajectories are (V, 3, T). It is the last sample at which the team was where it ends, having been elsewhere since.
+    """
+    with np.errstate(all="ignore"):
+        away = np.nan_to_num(np.sqrt(np.nanmean((tracks - tracks[:, :, -1:]) ** 2, axis=(0, 1))))
+    farthest = away[len(away) // 2 :].max()
+    elsewhere = np.flatnonzero(away > _ELSEWHERE * farthest)
+    back = np.flatnonzero(away[: elsewhere[-1]] < _BACK * farthest) if len(elsewhere) else elsewhere
+    return int(back[-1]) if len(back) else 0
+
+
+def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray, start: int) -> None:
+    """Draw the trajectories (V, 2, T) in a view as lines with start and end points; pale up to the sample `start`.
 
     `absent` (N, T) marks absent agents, and `inside` (V, T) vehicles near the others.
     """
@@ -427,9 +466,13 @@ def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside
     N, few = len(absent), len(tracks) <= MOST_NAMED
     there = np.vstack([~absent, np.ones((len(tracks) - N, tracks.shape[2]), dtype=bool)])
     seen = np.where(there, 0, np.where(inside, 1, 2))  # 2: not drawn
+    earlier = np.where(there & (np.arange(tracks.shape[2]) <= start), 0, 2)
+    seen = np.where(there & (np.arange(tracks.shape[2]) < start), 2, seen)
     width, faint = (0.8, 0.8) if few else (0.3, 0.5)
     for own, dashes in ((slice(0, N), "-"), (slice(N, None), (0, (4, 1.5)))):
         style = {"linewidths": width, "linestyles": [dashes], "zorder": 2}
+        pale = {**style, "linewidths": 0.5 * width, "zorder": 1}
+        _draw_paths(axis, tracks[own], earlier[own], [(*colours[k], _PALE * faint) for k in groups[own]], pale)
         _draw_paths(axis, tracks[own], seen[own], [(*colours[k], faint) for k in groups[own]], style)
     first = tracks[np.arange(len(tracks)), :, there.argmax(axis=1)]
     lost = ~there[:, -1]
@@ -456,7 +499,7 @@ def _draw_paths(axis: Any, tracks: Array, seen: IntArray, colours: list[Any], st
 
 
 def _draw_in_space(
-    axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray, view: tuple[float, float]
+    axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray, start: int, view: tuple[float, float]
 ) -> Array:
     """Draw the trajectories (V, 3, T) from the azimuth and elevation of an eye, degrees, without tick labels.
 
@@ -467,7 +510,7 @@ def _draw_in_space(
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     up = np.array([-np.sin(tilt) * np.cos(turn), -np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     seen = np.stack([right, up])
-    _draw_tracks(axis, team, np.einsum("ij,vjt->vit", seen, tracks), absent, inside)
+    _draw_tracks(axis, team, np.einsum("ij,vjt->vit", seen, tracks), absent, inside, start)
     axis.set_axis_off()
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.05)
