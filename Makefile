@@ -76,7 +76,7 @@ $(VENV)/.docs: $(TESTS)
 	@touch $@
 
 docs: $(VENV)/.docs
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	$(BIN)/python -m sphinx -W --keep-going -b html docs build/docs
 	@echo "site    build/docs/index.html"
 
 # The page's script and style, from web/: only who changes those needs node 18 or later. CI compares.

@@ -73,6 +73,7 @@ def make(name: str) -> None:
     (to / "report.html").write_bytes(page)
     (to / "summary.json").write_text(json.dumps(summary))
     _draw(scenario, result, to / "picture.jpg")
+    print(f"replay of {name}", flush=True)
     (to / "key").write_text(_key(name))
 
 
