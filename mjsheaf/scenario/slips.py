@@ -32,6 +32,8 @@ def slips_of(scenario: Scenario) -> list[str]:
 def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
     """Return a warning for each suspicious value in a vehicle's description, in sentences."""
     slips = [shortfall.sentence for shortfall in shortfalls_of(vehicle)]
+    if vehicle.left_out:
+        slips.append(f"{vehicle.name} leaves out what its file has of a scene: {listed(vehicle.left_out)}")
     if not isinstance(vehicle.steering, ThrustVector) or vehicle.steering.largest_tilt >= _LEAST_TILT:
         return slips
     tilt = vehicle.steering.largest_tilt

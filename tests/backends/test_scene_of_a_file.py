@@ -40,7 +40,7 @@ def with_mocap(root: ElementTree.Element) -> None:
 
 def test_a_scene_is_left_out(tmp_path: Path) -> None:
     vehicle, plain = load_vehicle(altered(tmp_path, "x500", with_scene)), load_vehicle("x500")
-    assert vehicle.left_out == ("plane 'floor'", "height field 'hills'", "a light", "camera 'top'")
+    assert vehicle.left_out == ("plane 'floor'", "height field 'hills'", "a light", "camera 'top'", "2 sensors")
     assert plain.left_out == ()
     assert vehicle.mass == plain.mass
     np.testing.assert_array_equal(vehicle.inertia, plain.inertia)
