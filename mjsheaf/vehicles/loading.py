@@ -281,6 +281,7 @@ def read_spec(path: Path) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
         _require_modelled(spec)
         for joint in list(spec.joints):
             left_out.append(_name("free joint", joint))
+            joint.parent.sleep = mujoco.mjtSleepPolicy.mjSLEEP_AUTO  # others need a joint
             spec.delete(joint)
         left_out += _move_to_origin(spec.worldbody)
         left_out += _take_gravity(spec)
@@ -316,8 +317,8 @@ def _remove_scene(spec: mujoco.MjSpec) -> list[str]:
     for actuator in spec.actuators:
         if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.target not in names:
             raise InputError(
-                f"{_name('actuator', actuator)} acts on {actuator.target!r}; every actuator must act on a site of the "
-                "vehicle, and its force turn with it"
+                f"{_name('actuator', actuator)} acts on {_shown(actuator.trntype)} {actuator.target!r}; every actuator "
+                "must act on a site of the vehicle"
             )
     scene += [("keyframe", key) for key in spec.keys]
     left_out = [_name(kind, element) for kind, element in scene]
@@ -515,7 +516,8 @@ def _check(vehicle: Vehicle) -> None:
     if fault := vehicle.steering.fault(vehicle):
         raise InputError(f"{path}: {fault}")
     trim, (low, high) = vehicle.trim, vehicle.limits.T
-    short = np.flatnonzero((trim < low) | (trim > high))
+    rounding = 1e-9 * np.abs(trim).max(initial=0.0)
+    short = np.flatnonzero((trim < low - rounding) | (trim > high + rounding))
     if short.size:
         k = short[0]
         raise InputError(
