@@ -219,7 +219,8 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     known = list_vehicles()
     path = known.get(source) or (directory or Path()) / source
     if source in known:
-        return _shipped(path)
+        mjcf = path.with_suffix(".xml")
+        return _shipped(path, path.read_bytes(), mjcf.read_bytes())
     if path.suffix == ".xml":
         name = shortened(path.stem, 50)
         raise InputError(
@@ -242,7 +243,10 @@ def _load(path: Path) -> Vehicle:
     return replace(_from_model(path.stem, description, mjcf, model), left_out=left_out)
 
 
-_shipped = cache(_load)  # the runs of a study share it
+@cache
+def _shipped(path: Path, *content: bytes) -> Vehicle:
+    """Load a vehicle that comes with mjsheaf and has this content; the runs of a study share it."""
+    return _load(path)
 
 
 def read_description(path: Path) -> VehicleDescription:
