@@ -22,7 +22,7 @@ from pydantic import ValidationError
 from mjsheaf.arguments import require_type
 from mjsheaf.arrays import Array
 from mjsheaf.engine import mujoco, refusing
-from mjsheaf.errors import InputError, expected, in_field, shortened
+from mjsheaf.errors import InputError, expected, in_field, joined, shortened
 from mjsheaf.io.files import confined, read_bytes, resource_directory
 from mjsheaf.io.section import validation_problems
 from mjsheaf.io.yaml import SUFFIXES, read_yaml
@@ -301,13 +301,16 @@ def _remove_scene(spec: mujoco.MjSpec) -> list[str]:
     """Remove everything but the vehicle with its free joint from a specification; return the names of what is removed.
 
     Raises:
-        InputError: There are several vehicles, or an actuator acts on something else.
+        InputError: There are several vehicles, an actuator acts on something else, or something may hold the vehicle.
     """
+    for kind, elements in (("equality", spec.equalities), ("tendon", spec.tendons), ("flex", spec.flexes)):
+        for element in elements:
+            raise InputError(f"{_name(kind, element)} is not modelled; expected a rigid body with actuators on sites")
     world, free = spec.worldbody, mujoco.mjtJoint.mjJNT_FREE
     free_bodies = [body for body in world.bodies if any(joint.type == free for joint in body.joints)]
     if len(free_bodies) > 1:
-        names = " and ".join(_name("body", body) for body in free_bodies)
-        raise InputError(f"{names} have free joints; expected one: a file has one vehicle")
+        several = joined([_name("body", body) for body in free_bodies])
+        raise InputError(f"{several} have free joints; expected one: a file has one vehicle")
     if free_bodies:
         own_sites = free_bodies[0].find_all("site")
         scene = [(_GROUND.get(geom.type, "geom"), geom) for geom in world.geoms]
@@ -317,9 +320,9 @@ def _remove_scene(spec: mujoco.MjSpec) -> list[str]:
         own_sites = spec.sites
         scene = [(_GROUND[geom.type], geom) for geom in spec.geoms if geom.type in _GROUND]
     scene += [("light", light) for light in world.lights] + [("camera", camera) for camera in world.cameras]
-    names = {site.name for site in own_sites}
+    sites = {site.name for site in own_sites}
     for actuator in spec.actuators:
-        if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.target not in names:
+        if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.target not in sites:
             raise InputError(
                 f"{_name('actuator', actuator)} acts on {_shown(actuator.trntype)} {actuator.target!r}; every actuator "
                 "must act on a site of the vehicle"
@@ -345,9 +348,6 @@ def _require_modelled(spec: mujoco.MjSpec) -> None:
     Raises:
         InputError: The message names the element and its attribute.
     """
-    for kind in ("equality", "tendon", "flex"):
-        for element in getattr(spec, {"equality": "equalities", "tendon": "tendons", "flex": "flexes"}[kind]):
-            raise InputError(f"{_name(kind, element)} is not modelled; expected a rigid body with actuators on sites")
     for joint in spec.joints:
         if joint.type != mujoco.mjtJoint.mjJNT_FREE or joint.parent.parent.name != "world":
             raise InputError(

@@ -241,6 +241,10 @@ ELEMENTS = {  # what a file may contain next to the vehicle's body, and what bec
     "bodies": (WORLD.format('<body name="table"><geom size=".1"/></body>'), "said: body 'table'"),
     "cameras": (WORLD.format('<camera name="top" mode="targetbody" target="quad"/>'), "said: camera 'top'"),
     "equalities": ('<equality><connect name="e" body1="quad" anchor="0 0 0"/></equality>', "refused: equality 'e'"),
+    "equalities ": (
+        WORLD.format('<body name="m" mocap="true"/>') + '<equality><weld name="w" body1="m" body2="quad"/></equality>',
+        "refused: equality 'w'",
+    ),
     "excludes": (WORLD.format('<body name="t"/>') + '<contact><exclude body1="quad" body2="t"/></contact>', "said: t"),
     "flexes": (
         '<deformable><flex name="f" dim="1" body="quad quad" vertex="0 0 0 1 0 0" element="0 1"/></deformable>',
@@ -421,7 +425,8 @@ def test_all_attributes_of_mujoco_are_known(kind: str) -> None:
 def test_an_attribute_means_what_mujoco_makes_of_it(kind: str, name: str, tmp_path: Path) -> None:
     change = KINDS[kind][1][name]
     assert change is not None
-    found = verdict(write(tmp_path, **{kind: change}), name, CALLED.get(name, next(iter(change))))
+    changes: dict[str, Any] = {kind: change}
+    found = verdict(write(tmp_path, **changes), name, CALLED.get(name, next(iter(change))))
     expected = "refused" if name in REFUSED[kind].split() else "said" if name in SAID.get(kind, ()) else "same"
     assert found == expected
 
@@ -443,14 +448,14 @@ def test_all_flags_arrays_and_elements_of_mujoco_are_known() -> None:
         (mujoco.mjtDisableBit, "mjDSBL_", "disable"),
         (mujoco.mjtEnableBit, "mjENBL_", "enable"),
     ):
-        names = {name.removeprefix(prefix).lower() for name in kind.__members__ if name.startswith(prefix)}
-        assert names == set(FLAGS[setting].split())
-    for kind, names in ARRAYS.items():
-        of_model = {name.removeprefix(f"{kind}_") for name in dir(mujoco.MjModel) if name.startswith(f"{kind}_")}
-        assert of_model == set(names.split())
+        flags = {name.removeprefix(prefix).lower() for name in kind.__members__ if name.startswith(prefix)}
+        assert flags == set(FLAGS[setting].split())
+    for of, arrays in ARRAYS.items():
+        of_model = {name.removeprefix(f"{of}_") for name in dir(mujoco.MjModel) if name.startswith(f"{of}_")}
+        assert of_model == set(arrays.split())
     spec = mujoco.MjSpec()
     names = {name for name in dir(spec) if not name.startswith("_")} - {"copy_during_attach"}  # which cannot be read
-    assert {name for name in names if isinstance(getattr(spec, name), list | tuple)} == set(ELEMENTS)
+    assert {name for name in names if isinstance(getattr(spec, name), list | tuple)} == {*map(str.strip, ELEMENTS)}
 
 
 @pytest.mark.parametrize("name", ELEMENTS)
