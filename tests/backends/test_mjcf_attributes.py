@@ -345,7 +345,7 @@ def motion(model: mujoco.MjModel, prefix: str, pose: list[float] | None) -> NDAr
     the description's there, and contacts are off.
     """
     model.opt.timestep, model.opt.density, model.opt.viscosity = STEP, 0.0, 0.0
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    model.opt.integrator, model.opt.enableflags = mujoco.mjtIntegrator.mjINT_EULER, 0
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     gears, places = model.actuator_gear.copy(), []
