@@ -11,7 +11,7 @@ import typer
 
 from mjsheaf.cli.options import require_file_name
 from mjsheaf.cli.terminal import make_console, make_table, print_lines, progress_bars
-from mjsheaf.errors import InputError, in_field, listed, raise_first, shortened
+from mjsheaf.errors import InputError, in_field, raise_first, shortened
 
 _ROOM = 40.0  # m around the origin that the vehicles of the new scenario need
 _LEAST_DURATION = 1.0  # s
@@ -84,9 +84,6 @@ def _list_vehicles(files: list[str]) -> None:
             vehicle.description.summary,
         )
         slips += [f"note: {slip}" for slip in slips_of_vehicle(vehicle)]
-        if vehicle.left_out:
-            elements = listed(list(vehicle.left_out))
-            slips.append(f"note: {vehicle.name} leaves out what its file has of a scene: {elements}")
     note = (
         "size is the longest side; thrust is forward, at constant height; forward is the steady speed of full thrust "
         "forward, all-way that in the horizontal direction in which the vehicle is slowest (of a boat that turns "

@@ -1,7 +1,7 @@
 """Warnings about valid but suspicious values: angles in radians, static targets in a flow.
 
-`check` and `run` print them, also about vehicles that cannot do what their description asks of them; see
-`mjsheaf.vehicles.authority`.
+`check`, `run` and `list --vehicles` print them, also about vehicles that cannot do what their description asks of them,
+see `mjsheaf.vehicles.authority`, and what is left out of their files.
 """
 
 import math
@@ -32,6 +32,8 @@ def slips_of(scenario: Scenario) -> list[str]:
 def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
     """Return a warning for each suspicious value in a vehicle's description, in sentences."""
     slips = [shortfall.sentence for shortfall in shortfalls_of(vehicle)]
+    if vehicle.left_out:
+        slips.append(f"left out of {vehicle.path.name}: {listed(vehicle.left_out)}")
     if not isinstance(vehicle.steering, ThrustVector) or vehicle.steering.largest_tilt >= _LEAST_TILT:
         return slips
     tilt = vehicle.steering.largest_tilt

@@ -8,11 +8,8 @@ itself, force in world axes and moment in body axes, and the forces are the same
 body, it is written before every step (see `bodies`).
 """
 
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -23,7 +20,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
 from mjsheaf.simulation.walls import add_obstacles
 from mjsheaf.vehicles.body import GRAVITY
-from mjsheaf.vehicles.loading import mass_properties, read_spec
+from mjsheaf.vehicles.loading import is_at_origin, mass_properties, read_spec
 from mjsheaf.vehicles.vehicle import Vehicle
 
 
@@ -31,15 +28,14 @@ def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
     """Read a vehicle's file, fit to be attached.
 
     Every body has the inertia that `vehicle` has for it, whatever geoms and compiler settings would make of it. Gone
-    are keyframes, whose state has no free joint, and actuators with the sensors on them, as actuators are made anew.
+    are actuators, which are made anew.
 
     Raises:
         InputError: the file has changed since the vehicle was loaded.
     """
     spec, _ = read_spec(vehicle.path)
-    on_actuators = [sensor for sensor in spec.sensors if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR]
-    for element in [*on_actuators, *spec.actuators, *spec.keys]:
-        spec.delete(element)
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
     settings = spec.compiler  # all of these are in the inertias already
     settings.inertiafromgeom, settings.settotalmass, settings.balanceinertia = 2, -1.0, False
     settings.boundmass = settings.boundinertia = 0.0
@@ -117,7 +113,9 @@ def compose(
     Raises:
         InputError: A vehicle's file cannot be combined with the others in one model, or would change its meaning there.
     """
-    root = mujoco.MjSpec.from_file(str(resource_directory("models") / "arena.xml"))
+    scene = str(resource_directory("models") / "arena.xml")
+    with refusing(scene):
+        root = mujoco.MjSpec.from_file(scene)
     root.option.timestep = timestep
     root.option.gravity = [0.0, 0.0, -GRAVITY]
     if not contacts:
@@ -131,7 +129,7 @@ def compose(
     if obstacles is not None:
         add_obstacles(root, **obstacles)
     _attach_all(root, vehicles, ids, colours, visible)
-    with refusing("the vehicles do not compile into one model"), _quiet():
+    with refusing("the vehicles do not compile into one model"):
         model = root.compile()
     joint = np.array([model.joint(f"{name}/").id for name in ids])
     arena = Arena(
@@ -169,11 +167,8 @@ def _attach_all(
             whole, bare, alone = kinds[key]
             _attach(group, whole if owner == name else bare, alone, vehicles[v], name)
         _paint(group, looks)
-        with _quiet():
+        with refusing("the vehicles do not fit into one model"):
             root.attach(group, prefix="", frame=root.worldbody.add_frame())
-
-
-_ALONE = Lock()  # handlers of warnings belong to the process, not to a thread
 
 
 def size_of(vehicle: Vehicle) -> float:
@@ -188,20 +183,6 @@ def size_of(vehicle: Vehicle) -> float:
     middle = data.geom_xpos[own] + np.einsum("gij,gj->gi", frames, model.geom_aabb[own, :3])
     half = np.einsum("gij,gj->gi", np.abs(frames), model.geom_aabb[own, 3:])
     return float(((middle + half).max(axis=0) - (middle - half).min(axis=0)).max())
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """No word of MuJoCo's that parts attached without a prefix may make a model that cannot be written as a file."""
-    with _ALONE:
-        handler = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(lambda _: None)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                yield
-        finally:
-            mujoco.set_mju_user_warning(handler)
 
 
 def _prepared(vehicle: Vehicle, visible: bool) -> tuple[mujoco.MjSpec, mujoco.MjSpec, bool]:
@@ -227,12 +208,7 @@ def _is_one_body(world: mujoco.MjsBody) -> bool:
     """Return True if a file has one body, at the origin and level, and nothing next to it."""
     if world.geoms or world.sites or world.cameras or world.lights:
         return False
-    return len(world.bodies) == 1 and _is_at_origin(world.bodies[0])
-
-
-def _is_at_origin(body: mujoco.MjsBody) -> bool:
-    turned = body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT or not np.array_equal(body.quat, [1, 0, 0, 0])
-    return not (turned or body.frame or body.joints or np.any(body.pos))
+    return len(world.bodies) == 1 and is_at_origin(world.bodies[0])
 
 
 def _paint(group: mujoco.MjSpec, looks: dict[str, tuple[str, Array | None]]) -> None:

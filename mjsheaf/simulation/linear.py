@@ -18,7 +18,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control import ControlArrays
-from mjsheaf.engine import mujoco
+from mjsheaf.engine import mujoco, quiet
 from mjsheaf.media import FlowField
 from mjsheaf.media.medium import pack_medium
 from mjsheaf.remember import remember_last
@@ -78,6 +78,7 @@ def _linear_key(stations: Sequence[Station], control: ControlArrays, timestep: f
 
 
 @remember_last(_linear_key)
+@quiet()
 def linearise(
     stations: Sequence[Station], control: ControlArrays, timestep: float, steps: int
 ) -> list[LinearVehicle | str]:

@@ -14,7 +14,7 @@ import numpy as np
 from mjsheaf.arguments import phases_given
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
-from mjsheaf.engine import mujoco
+from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import external, inline_jit, jit
 from mjsheaf.media.medium import advance
@@ -312,6 +312,7 @@ class World(ClosedLoop):
     def _set_motion(self, values: Array) -> None:
         mujoco.mj_setState(self.model, self.data, values, _STATE)
 
+    @quiet()
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         if _advance(self._loop, self._arrays, np.full(1, step), count, recorder, self._bad, self._gate):
             return None
@@ -371,6 +372,7 @@ class SplitWorld(ThreadedLoop):
         for part in self._parts:  # forces are written too, which the next step overwrites
             apply_forces(self._loop, part.arrays, self.time, part.first, part.last)
 
+    @quiet()
     def _work(self, loop: Loop, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray) -> None:
         first, last, arrays, own, _, _ = self._parts[thread]
         steps, threads = self._count, self._thread_team.count

@@ -115,15 +115,15 @@ class Job:
         swarm = "swarm" in self.scenario or any(path.startswith("swarm") for path in changes)
         if seed is not None and 0 <= seed < 2**63 and not swarm:
             try:
-                return _of_any_seed(self.scenario, {**changes, "seed": 0}, self.source).with_seed(seed)
+                return _of_any_seed(self.scenario, {**changes, "seed": 0}, self.source, self.files).with_seed(seed)
             except InputError:  # the call below raises it again, with the point's own seed in the message
                 pass
         return scenario_from_mapping(self.scenario, changes, self.source)
 
 
-@remember_last(lambda scenario, changes, source: (scenario, changes, source))
-def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str) -> Scenario:
-    """Return the scenario of a study's point that all of its seeds share."""
+@remember_last(lambda *arguments: arguments)
+def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str, files: dict[str, str]) -> Scenario:
+    """Return the scenario of a study's point that all of its seeds share; files are by their content, see `Job`."""
     return scenario_from_mapping(scenario, changes, source)
 
 

@@ -22,7 +22,7 @@ from pydantic import ValidationError
 from mjsheaf.arguments import require_type
 from mjsheaf.arrays import Array
 from mjsheaf.engine import mujoco, refusing
-from mjsheaf.errors import InputError, expected, in_field, shortened
+from mjsheaf.errors import InputError, expected, in_field, joined, shortened
 from mjsheaf.io.files import confined, read_bytes, resource_directory
 from mjsheaf.io.section import validation_problems
 from mjsheaf.io.yaml import SUFFIXES, read_yaml
@@ -42,6 +42,38 @@ _GRIDS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
 _WORDS = ("name", "class", "childclass")  # attributes that are words, even if they look like numbers
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _IN_MESHDIR = ("mesh", "hfield", "skin")
+_GROUND = {mujoco.mjtGeom.mjGEOM_PLANE: "plane", mujoco.mjtGeom.mjGEOM_HFIELD: "height field"}
+ACCEPTED = {
+    kind: frozenset(names.split())
+    for kind, names in {
+        "actuator": """
+            actearly actlimited actrange biasprm classname compiler ctrllimited ctrlrange dynprm dyntype forcelimited
+            forcerange gainprm gear group id info lengthrange name plugin signature target trntype type userdata
+        """,
+        "joint": """
+            actgravcomp align axis classname compiler frame group id info limited margin name parent pos range ref
+            signature solimp_friction solimp_limit solref_friction solref_limit springref type userdata
+        """,
+        "body": """
+            alt bodies cameras childclass classname compiler explicitinertial frame frames fullinertia fuse geoms
+            gravcomp ialt id inertia info ipos iquat joints lights mass name parent plugin pos quat signature simple
+            sites sleep userdata
+        """,
+        "option": """
+            ccd_iterations ccd_tolerance cone density disableflags enableflags gravity impratio integrator iterations
+            jacobian ls_iterations ls_tolerance magnetic noslip_iterations noslip_tolerance o_friction o_margin
+            o_solimp o_solref sdf_initpoints sdf_iterations sleep_tolerance solver timestep tolerance viscosity wind
+        """,
+        "flag": """
+            autoreset constraint contact equality eulerdamp filterparent frictionloss gravity island limit midphase
+            multiccd nativeccd refsafe sensor warmstart
+        """,
+    }.items()
+}
+"""Attributes of MuJoCo's elements, and flags that may be disabled, that are modelled or have no effect on a vehicle.
+
+Others must have MuJoCo's default: what MuJoCo gains is refused until it is listed here.
+"""
 _LAG_NAMES = {int(getattr(mujoco.mjtDyn, f"mjDYN_{name.upper()}")): name for name in LAGS}
 
 
@@ -187,7 +219,8 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     known = list_vehicles()
     path = known.get(source) or (directory or Path()) / source
     if source in known:
-        return _shipped(path)
+        mjcf = path.with_suffix(".xml")
+        return _shipped(path, path.read_bytes(), mjcf.read_bytes())
     if path.suffix == ".xml":
         name = shortened(path.stem, 50)
         raise InputError(
@@ -210,7 +243,10 @@ def _load(path: Path) -> Vehicle:
     return replace(_from_model(path.stem, description, mjcf, model), left_out=left_out)
 
 
-_shipped = cache(_load)  # the runs of a study share it
+@cache
+def _shipped(path: Path, *content: bytes) -> Vehicle:
+    """Load a vehicle that comes with mjsheaf and has this content; the runs of a study share it."""
+    return _load(path)
 
 
 def read_description(path: Path) -> VehicleDescription:
@@ -230,39 +266,181 @@ def read_description(path: Path) -> VehicleDescription:
 def read_spec(path: Path) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """Read a vehicle's file without what belongs to a scene.
 
-    That is its ground (planes and height fields), and the lights and cameras of its world, with the sensors and contact
-    pairs that refer to them.
+    The body with the free joint is the vehicle, and everything else in the world is a scene. In a file without a free
+    joint, all bodies are the vehicle, and planes, height fields, and the lights and cameras of the world are a scene.
+    The free joint, the pose of the vehicle's body, sensors, keyframes and options are left out too. Gravity is not:
+    the bodies have the weight that they have in the file.
 
     Returns:
-        The specification, and the names of the elements that are left out.
+        The specification, and the names of what is left out.
 
     Raises:
-        InputError: The file is not valid, or has an element that cannot move with a vehicle; the message names it.
+        InputError: The file is not valid, or has something that changes a vehicle's motion and is not modelled; the
+            message names it.
     """
     with refusing(str(path)):
         spec = mujoco.MjSpec.from_file(str(path))
+    with in_field(str(path)):
+        left_out = _remove_scene(spec)
+        _require_modelled(spec)
+        for joint in list(spec.joints):
+            left_out.append(_name("free joint", joint))
+            joint.parent.sleep = mujoco.mjtSleepPolicy.mjSLEEP_AUTO  # others need a joint
+            spec.delete(joint)
+        left_out += _move_to_origin(spec.worldbody)
+        left_out += _take_gravity(spec)
+    return spec, tuple(dict.fromkeys(left_out))
+
+
+def _name(kind: str, element: Any) -> str:
+    article = "an" if kind[0] in "aeiou" else "a"
+    return f"{kind} {element.name!r}" if element.name else f"{article} {kind}"
+
+
+def _remove_scene(spec: mujoco.MjSpec) -> list[str]:
+    """Remove everything but the vehicle with its free joint from a specification; return the names of what is removed.
+
+    Raises:
+        InputError: There are several vehicles, an actuator acts on something else, or something may hold the vehicle.
+    """
+    for kind, elements in (("equality", spec.equalities), ("tendon", spec.tendons), ("flex", spec.flexes)):
+        for element in elements:
+            raise InputError(f"{_name(kind, element)} is not modelled; expected a rigid body with actuators on sites")
+    world, free = spec.worldbody, mujoco.mjtJoint.mjJNT_FREE
+    free_bodies = [body for body in world.bodies if any(joint.type == free for joint in body.joints)]
+    if len(free_bodies) > 1:
+        several = joined([_name("body", body) for body in free_bodies])
+        raise InputError(f"{several} have free joints; expected one: a file has one vehicle")
+    if free_bodies:
+        own_sites = free_bodies[0].find_all("site")
+        scene = [(_GROUND.get(geom.type, "geom"), geom) for geom in world.geoms]
+        scene += [("site", site) for site in world.sites]
+        scene += [("body", body) for body in world.bodies if not any(joint.type == free for joint in body.joints)]
+    else:
+        own_sites = spec.sites
+        scene = [(_GROUND[geom.type], geom) for geom in spec.geoms if geom.type in _GROUND]
+    scene += [("light", light) for light in world.lights] + [("camera", camera) for camera in world.cameras]
+    sites = {site.name for site in own_sites}
+    for actuator in spec.actuators:
+        if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.target not in sites:
+            raise InputError(
+                f"{_name('actuator', actuator)} acts on {_shown(actuator.trntype)} {actuator.target!r}; every actuator "
+                "must act on a site of the vehicle"
+            )
+    scene += [("keyframe", key) for key in spec.keys]
+    left_out = [_name(kind, element) for kind, element in scene]
+    if spec.sensors:
+        left_out.append(f"{len(spec.sensors)} sensors")
+    skies = [texture for texture in spec.textures if texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX]
+    for element in [*spec.sensors, *spec.tuples, *skies, *(element for _, element in scene)]:
+        spec.delete(element)
+    geoms, bodies = {geom.name for geom in spec.geoms}, {body.name for body in spec.bodies}
+    missing = [pair for pair in spec.pairs if not {pair.geomname1, pair.geomname2} <= geoms]
+    missing += [one for one in [*spec.cameras, *spec.lights] if one.targetbody and one.targetbody not in bodies]
+    for element in missing:
+        spec.delete(element)
+    return left_out
+
+
+def _require_modelled(spec: mujoco.MjSpec) -> None:
+    """Refuse a specification that MuJoCo would move in another way than a rigid body with thrusters.
+
+    Raises:
+        InputError: The message names the element and its attribute.
+    """
+    for joint in spec.joints:
+        if joint.type != mujoco.mjtJoint.mjJNT_FREE or joint.parent.parent.name != "world":
+            raise InputError(
+                f"{_name('joint', joint)} of {_name('body', joint.parent)}: a vehicle must have no joints; mjsheaf "
+                "gives the vehicle its free joint"
+            )
     for body in spec.bodies:
         if body.mocap:
             raise InputError(
-                f'{path}: body {body.name!r} has mocap="true", so it would not move with the vehicle; remove it, or '
-                "the attribute"
+                f'{_name("body", body)} has mocap="true", so it would not move with the vehicle; remove it, or the '
+                "attribute"
             )
-    ground = {mujoco.mjtGeom.mjGEOM_PLANE: "plane", mujoco.mjtGeom.mjGEOM_HFIELD: "height field"}
-    world = spec.worldbody
-    scene = [(ground[geom.type], geom) for geom in spec.geoms if geom.type in ground]
-    scene += [("light", light) for light in world.lights] + [("camera", camera) for camera in world.cameras]
-    left_out = tuple(f"{kind} {element.name!r}" if element.name else f"a {kind}" for kind, element in scene)
-    geom, camera = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_CAMERA
-    gone = {(camera if kind == "camera" else geom, element.name) for kind, element in scene if kind != "light"}
-    for sensor in list(spec.sensors):
-        if gone & {(sensor.objtype, sensor.objname), (sensor.reftype, sensor.refname)}:
-            spec.delete(sensor)
-    for pair in list(spec.pairs):
-        if gone & {(geom, pair.geomname1), (geom, pair.geomname2)}:
-            spec.delete(pair)
-    for _, element in scene:
-        spec.delete(element)
-    return spec, left_out
+    plain = mujoco.MjSpec()
+    body = plain.worldbody.add_body()
+    for kind, elements, default in (
+        ("actuator", spec.actuators, plain.add_actuator()),
+        ("joint", spec.joints, body.add_freejoint()),
+        ("body", spec.bodies[1:], body),
+        ("option", [spec.option], mujoco.MjSpec().option),
+    ):
+        for element in elements:
+            what = kind if kind == "option" else _name(kind, element)
+            for attribute in dir(element):
+                value = getattr(element, attribute)
+                if attribute.startswith("_") or attribute in ACCEPTED[kind] or callable(value):
+                    continue
+                if not np.array_equal(value, getattr(default, attribute)):
+                    wanted = _shown(getattr(default, attribute))
+                    raise InputError(
+                        f"{what}: {attribute} is {_shown(value)}, which is not modelled; expected {wanted}"
+                    )
+    for actuator in spec.actuators:
+        if int(actuator.dyntype) not in _LAG_NAMES:
+            raise InputError(f"{_name('actuator', actuator)}: dyntype must be one of {', '.join(LAGS)}")
+
+
+def _shown(value: Any) -> str:
+    """Return an attribute of an element as MJCF has it."""
+    if isinstance(value, str):
+        return repr(value)
+    return value.name.split("_")[1].lower() if hasattr(value, "name") else " ".join(f"{x:g}" for x in np.ravel(value))
+
+
+def _move_to_origin(world: mujoco.MjsBody) -> list[str]:
+    """Put the vehicle's body at the origin, level: its pose is where it stands; return the name of what is left out.
+
+    Raises:
+        InputError: Several elements in the world are the vehicle, none of them at the origin.
+    """
+    if any(is_at_origin(body) for body in world.bodies) or not world.bodies:
+        return []
+    if len(world.bodies) > 1 or world.geoms or world.sites:
+        raise InputError(
+            f"{_name('body', world.bodies[0])} is neither at the origin nor alone in <worldbody>; expected a free "
+            'joint in the body that is the vehicle, or pos="0 0 0"'
+        )
+    place = world.bodies[0]
+    while place is not None:
+        place.pos, place.quat, place.alt.type = [0, 0, 0], [1, 0, 0, 0], mujoco.mjtOrientation.mjORIENTATION_QUAT
+        place = place.frame
+    return [f"pose of {_name('body', world.bodies[0])}"]
+
+
+def is_at_origin(body: mujoco.MjsBody) -> bool:
+    """Return True if a body of the world is at the origin, level, and in no frame."""
+    turned = body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT or not np.array_equal(body.quat, [1, 0, 0, 0])
+    return not (turned or body.frame or np.any(body.pos))
+
+
+def _take_gravity(spec: mujoco.MjSpec) -> list[str]:
+    """Give bodies their weight under the file's gravity, and forget all options; return the names of those left out.
+
+    Raises:
+        InputError: Gravity is not along z, or a flag changes the motion of a vehicle.
+    """
+    option, default = spec.option, mujoco.MjSpec().option
+    weightless = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    for name, bit in mujoco.mjtDisableBit.__members__.items():
+        prefix, _, flag = name.lower().partition("_")
+        if prefix == "mjdsbl" and option.disableflags & int(bit) and flag not in ACCEPTED["flag"]:
+            raise InputError(f'option: flag {flag}="disable" is not modelled; expected "enable"')
+    x, y, z = np.zeros(3) if option.disableflags & weightless else option.gravity
+    if x or y:
+        raise InputError(f"option: gravity is {_shown(option.gravity)}; expected one along z")
+    for body in spec.bodies[1:] if z != -GRAVITY else []:
+        body.gravcomp = 1.0 + z / GRAVITY * (1.0 - body.gravcomp)
+    kept = {"gravity", "disableflags", "enableflags"}
+    own = sorted(ACCEPTED["option"] - kept)
+    names = [name for name in own if not np.array_equal(getattr(option, name), getattr(default, name))]
+    names += ["flag"] if option.disableflags & ~weightless or option.enableflags else []
+    of_drag = " (drag is that of the description)" if option.density or option.viscosity else ""
+    spec.option = default
+    return [f"option {', '.join(names)}{of_drag}"] if names else []
 
 
 def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
@@ -274,35 +452,16 @@ def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
     # Geoms of the world have no mass, but they would get one when the world becomes the vehicle's frame.
     for geom in spec.worldbody.geoms:
         if geom.density > 0.0 if np.isnan(geom.mass) else geom.mass > 0.0:
-            name = f"geom {geom.name!r}" if geom.name else "a geom"
             raise InputError(
-                f'{path}: {name} with mass is directly in <worldbody>; put it into a <body>, or set mass="0"'
+                f"{path}: {_name('geom', geom)} with mass is directly in <worldbody>; put it into a <body>, or set "
+                'mass="0"'
             )
+    if not model.body_mass.sum() > 0.0:
+        raise InputError(f"{path}: its mass is 0 kg; expected a positive one")
     return model, left_out
 
 
-def _require_supported(model: mujoco.MjModel, path: Path) -> None:
-    """Refuse a model with joints, without mass, or with actuators that mjsheaf does not know."""
-    for holds, wanted in (
-        (not model.nq, "must have no joints; mjsheaf gives the vehicle its free joint"),
-        ((model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE).all(), "every actuator must act on a site"),
-        (
-            (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED).all()
-            and (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all(),
-            "every actuator must have a fixed gain and no bias",
-        ),
-        (
-            np.isin(model.actuator_dyntype, list(_LAG_NAMES)).all(),
-            f"every actuator's dyntype must be one of {', '.join(LAGS)}",
-        ),
-        (model.body_mass.sum() > 0.0, "its mass is 0 kg; expected a positive one"),
-    ):
-        if not holds:
-            raise InputError(f"{path}: {wanted}")
-
-
 def _from_model(name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel) -> Vehicle:
-    _require_supported(model, path)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     mass, centre, inertia = mass_properties(model, data, slice(None))
@@ -361,7 +520,8 @@ def _check(vehicle: Vehicle) -> None:
     if fault := vehicle.steering.fault(vehicle):
         raise InputError(f"{path}: {fault}")
     trim, (low, high) = vehicle.trim, vehicle.limits.T
-    short = np.flatnonzero((trim < low) | (trim > high))
+    rounding = 1e-9 * np.abs(trim).max(initial=0.0)
+    short = np.flatnonzero((trim < low - rounding) | (trim > high + rounding))
     if short.size:
         k = short[0]
         raise InputError(

@@ -193,7 +193,7 @@ def test_mass_and_drag_scale_g(tmp_path: Path) -> None:
 
 
 def with_joint(root: ElementTree.Element) -> None:
-    ElementTree.SubElement(find(root, ".//body"), "freejoint")
+    ElementTree.SubElement(find(root, ".//body"), "joint", name="tilt", type="hinge")
 
 
 def without(*names: str) -> Edit:
@@ -240,10 +240,25 @@ def flat(root: ElementTree.Element) -> None:
 @pytest.mark.parametrize(
     ("name", "edit", "description", "message"),
     [
-        ("hull", with_joint, {}, r"hull\.xml: must have no joints; mjsheaf gives the vehicle its free joint"),
-        ("hull", on_a_body, {}, r"hull\.xml: every actuator must act on a site"),
-        ("hull", with_bias, {}, r"hull\.xml: every actuator must have a fixed gain and no bias"),
-        ("hull", with_muscle, {}, r"dyntype must be one of none, filter, filterexact"),
+        (
+            "hull",
+            with_joint,
+            {},
+            r"hull\.xml: joint 'tilt' of body 'body': a vehicle must have no joints; mjsheaf gives",
+        ),
+        ("hull", on_a_body, {}, r"hull\.xml: an actuator acts on body 'body'; every actuator must act on a site"),
+        (
+            "hull",
+            with_bias,
+            {},
+            r"hull\.xml: actuator 'thruster_bow_port': biastype is affine, which is not modelled; expected none",
+        ),
+        (
+            "hull",
+            with_muscle,
+            {},
+            r"'thruster_bow_port': dyntype must be one of none, filter, filterexact",
+        ),
         ("hull", weightless, {}, r"hull\.xml: its mass is 0 kg; expected a positive one"),
         ("hull", heavy_world, {}, r"hull\.xml: geom 'ballast' with mass is directly in <worldbody>; put it into a"),
         ("hull", broken, {}, r"hull\.xml: .*unrecognized attribute: 'colour'"),

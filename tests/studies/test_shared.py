@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import read_scenario, scenario_from_mapping
 from mjsheaf.studies.job import Job, run_job
 from mjsheaf.studies.schema import Point
+from tests.builders import ONE_BOAT, altered, find
 
 SHORT = {"time.end": 0.3, "disturbance": {"agents": {"bound": 0.2}}}
 
@@ -78,3 +80,14 @@ def test_a_seed_that_no_scenario_takes_is_refused_as_alone() -> None:
         with pytest.raises(ScenarioError, match=r"seed|gain") as shared:
             job_of(-1, changes=rest).load()
         assert str(shared.value) == str(alone.value)
+
+
+def test_a_file_that_changed_is_read_again(tmp_path: Path) -> None:
+    """A worker outlives the studies that it works for; the digests of a job tell their files apart."""
+    masses = []
+    for mass in ("400", "401"):
+        altered(tmp_path, "hull", lambda root, mass=mass: find(root, ".//inertial").set("mass", mass))  # type: ignore[misc]
+        scenario = {"name": "boat", **ONE_BOAT, "vehicles": {"agents": str(tmp_path / "hull.yaml"), "targets": "hull"}}
+        job = Job(Point(0, {}, 0), "boat", scenario, {}, "/", "ideal", files={"hull.xml": mass})
+        masses.append(job.load().system.vehicles[0].mass)
+    assert masses == [400.0, 401.0]
