@@ -91,6 +91,8 @@ def _in_plane(columns: dict[str, Array], origin: list[float] | None) -> dict[str
     for name, values, limit in (("latitude", latitude, 90.0), ("longitude", longitude, 360.0)):
         if (np.abs(values) > limit).any():
             raise InputError(f"{name} is {float(values[np.abs(values) > limit][0]):g}; expected degrees")
+    if ((latitude == 0.0) & (longitude == 0.0)).any():
+        raise InputError("a position is at 0, 0 degrees, as receivers write without a fix; expected it left out")
     east, north = to_plane(latitude, longitude, (origin[0], origin[1]))
     height = columns.get("up", columns.get("z"))
     return {"east": east, "north": north} | ({} if height is None else {"up": height})

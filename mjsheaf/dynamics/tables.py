@@ -27,7 +27,9 @@ _COLUMNS = {
     "down": "down depth",
     "latitude": "lat latitude lat_deg latitude_deg",
     "longitude": "lon lng long longitude lon_deg longitude_deg",
-    "vehicle": "mmsi trajectory trajectory_id drifter drifter_id track_id vehicle agent target",
+    "vehicle": "mmsi trajectory trajectory_id drifter drifter_id track_id vehicle agent target device instrument "
+    "platform platform_code",
+    "stamp": "header_stamp",
     "px4": "xy_valid",
 }
 _TITLES = {title: column for column, titles in _COLUMNS.items() for title in titles.split()}
@@ -57,12 +59,15 @@ def read_table(path: Path, selection: Selection) -> Rows:
     found = _find_columns(titles) if titles else {}
     if len(titles) != len(lines[0][1]) or not _is_complete(found):
         found = _unnamed(lines[0][1]) if all(map(_is_number, lines[0][1])) else _find_columns(lines.pop(0)[1])
-    if not _is_complete(found):
+    found["t"] = found.pop("stamp", found.get("t", (-1, "")))  # stamps count before times of reception, as in logs
+    if found["t"][0] < 0 or not _is_complete(found):
         raise InputError(_EXPECTED)
     if "px4" in found and selection.axes is None and "x" in found:
         raise InputError("axes: missing; columns with xy_valid are PX4's local position; expected ned, or enu if not")
     lines = _of_vehicle(lines, found.pop("vehicle", None), selection)
     found.pop("px4", None)
+    places = [place for name, (place, _) in found.items() if name != "t"]
+    lines = [(k, row) for k, row in lines if any(place < len(row) and row[place] for place in places)]
     texts = {name: _cells(lines, place, name) for name, (place, _) in found.items()}
     columns = {name: _scale(name, found[name][1]) * np.array(texts[name], np.float64) for name in found if name != "t"}
     if "down" in columns:
@@ -118,7 +123,7 @@ def _understand(title: str) -> tuple[str, str]:
     """Return what a column is, and its unit; nothing if its title says neither."""
     brackets = _BRACKETS.fullmatch(title.strip(" #%\"'"))
     name, unit = brackets.groups() if brackets else (title, "")
-    words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_").removeprefix("field_")  # of rostopic echo -p
     suffix = _SUFFIX.fullmatch(words)
     for candidate, ending in ((words, unit), (suffix[1], suffix[2]) if suffix and not unit else ("", "")):
         position = _POSITION.fullmatch(candidate)

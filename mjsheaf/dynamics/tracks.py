@@ -87,7 +87,7 @@ def _find(dataset: "xr.Dataset") -> dict[str, "xr.DataArray"]:
     times = ["time"] if "time" in dataset else listing.standard_names.get("time", listing.coordinates.get("time", []))
     dims = next(found[axis].dims for axis in ("x", "latitude") if axis in found)
     if len(times) != 1 or not dataset[times[0]].dims or not set(dataset[times[0]].dims) <= set(dims):
-        raise InputError("expected a coordinate time")
+        raise InputError(f"expected a coordinate time over {listed(list(map(str, dims)))}, as the positions")
     return {**found, "time": dataset[times[0]]}
 
 
@@ -100,6 +100,16 @@ def _of_trajectory(
     counts = next((v for v in variables if v.attrs.get("sample_dimension") in dims), None)
     index = next((v for v in variables if "instance_dimension" in v.attrs and v.dims == dims), None)
     ids = [dataset[name] for name in dataset.cf.cf_roles.get("trajectory_id", ())]
+    apart = [v for v in ids if v.ndim == 1 and v.dims[0] not in dims]
+    if counts is None and index is None and apart:  # CF asks for an attribute; others only count
+        length = found["time"].size
+        counts = next(
+            (v for v in variables if v.dims == apart[0].dims and v.dtype.kind in "iu" and v.sum() == length), None
+        )
+        if counts is None:
+            raise InputError(
+                f"{apart[0].name} names several trajectories; expected their counts or an index, as CF has it"
+            )
     instance = None
     if counts is not None:
         instance = counts.dims[0]
