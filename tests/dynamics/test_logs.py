@@ -147,7 +147,8 @@ FOXGLOVE = foxglove_types()
 
 
 def write_foxglove(path: Path, messages: list[Message], summary: bool = True, start: int = 2 * START) -> str:
-    plain: dict[str, Any] = {} if summary else {"index_types": IndexType.NONE, "use_summary_offsets": False, "use_statistics": False}
+    none = {"index_types": IndexType.NONE, "use_summary_offsets": False, "use_statistics": False}
+    plain: dict[str, Any] = {} if summary else none
     repeat: dict[str, Any] = {"repeat_channels": summary, "repeat_schemas": summary}
     with path.open("wb") as file:
         writer = McapWriter(file, **plain, **repeat)
