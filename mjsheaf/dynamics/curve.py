@@ -56,18 +56,15 @@ def fit_curve(t: Array, places: Array) -> Curve:
     path = _spline(t, places)
     off = _deviation(path, t, places)
     leaves = off > 0.0
-    notes = _gaps(t)
+    gaps = _gaps(t)
     if not leaves.any():
-        return Curve(path, "".join(notes))
+        return Curve(path, "".join(gaps))
     farthest = int(off.argmax())
-    notes += [
-        f"the cubic spline through all samples is up to {off.max():.3g} m off their track, between t = "
-        f"{t[farthest]:.6g} and {t[farthest + 1]:.6g} s"
-    ]
+    notes = [f"its spline is up to {off.max():.3g} m off the track (t = {t[farthest]:.6g} to {t[farthest + 1]:.6g} s)"]
     kept = _thin(t)
     if not kept.all():
         least = MIN_INTERVAL * float(np.median(np.diff(t)))
-        notes.append(f"{(~kept).sum()} of {len(t)} samples within {least:.3g} s of another are left out")
+        notes.append(f"{(~kept).sum()} of {len(t)} samples within {least:.3g} s of another left out")
         t, places = t[kept], places[kept]
         path = _spline(t, places)
         leaves = _deviation(path, t, places) > 0.0
@@ -80,8 +77,8 @@ def fit_curve(t: Array, places: Array) -> Curve:
             path = CubicHermiteSpline(t, places, np.where(ends[:, None], monotone, smooth))
             leaves = (_deviation(path, t, places) > 0.0) & ~(ends[:-1] & ends[1:])
         count = int((ends[:-1] & ends[1:]).sum())
-        notes.append(f"{count} of {len(t) - 1} pieces are monotone between their samples (PCHIP)")
-    return Curve(path, "; ".join(notes))
+        notes.append(f"{count} of {len(t) - 1} pieces monotone instead (PCHIP)")
+    return Curve(path, "; ".join([*notes, *gaps]))
 
 
 def _gaps(t: Array) -> list[str]:
@@ -89,7 +86,8 @@ def _gaps(t: Array) -> list[str]:
     h = np.diff(t)
     gaps = int((h > MAX_INTERVAL * np.median(h)).sum())
     k = int(h.argmax())
-    return [f"{gaps} gaps, the longest from t = {t[k]:.6g} to {t[k + 1]:.6g} s"] if gaps else []
+    longest = f"from t = {t[k]:.6g} to {t[k + 1]:.6g} s"
+    return [f"a gap {longest}" if gaps == 1 else f"{gaps} gaps, the longest {longest}"] if gaps else []
 
 
 def _spline(t: Array, places: Array) -> "PPoly":
