@@ -180,8 +180,8 @@ class Recorded(Tagged):
     )
     path: str | None = Field(
         None,
-        description="file with the positions: CSV, netCDF, MCAP, or a bag of ROS; relative to the scenario. Times of "
-        "CSV, and of netCDF without a date, are those of the run; others count from the first position",
+        description="file with the positions: CSV, netCDF, MCAP, or a bag of ROS; relative to the scenario. Times "
+        "of tables and netCDF without a date are those of the run; dates and clocks count from the first position",
     )
     topic: str | None = Field(
         None, description="topic of a log; the agent or target in a run's result.nc; one of several trajectories"

@@ -1,6 +1,6 @@
 """Recorded positions: rows t, x, y[, z] out of CSV, netCDF, MCAP and bags of ROS.
 
-Times of a table and of netCDF without a date are those of the run. Others count from the first row.
+Times of a table and of netCDF without a date are those of the run. Dates and clocks count from the first row.
 """
 
 import os
