@@ -5,12 +5,13 @@ is the paper's: the flow carries the target away from its reference. The consens
 """
 
 from math import factorial
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Own
+from mjsheaf.dynamics.curve import Curve, fit_curve
 from mjsheaf.dynamics.recordings import read_positions
 from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Tagged
@@ -163,10 +164,10 @@ class Waypoints(Tagged):
 
 
 class Recorded(Tagged):
-    """A path through recorded positions: a cubic spline (not-a-knot) through the samples.
+    """A path through recorded positions: a cubic spline (not-a-knot) through the samples, unless that leaves the track.
 
     Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away. A
-    loaded scenario has the samples of a file in place of its path.
+    loaded scenario has the samples of a file in place of its path. See `mjsheaf.dynamics.curve` for uneven samples.
     """
 
     kind: Literal["recorded"] = Field("recorded", description="always recorded")
@@ -179,11 +180,22 @@ class Recorded(Tagged):
     )
     path: str | None = Field(
         None,
-        description="file with the positions: CSV, netCDF, MCAP, or a bag of ROS; relative to the scenario. Times of "
-        "CSV, and of netCDF without a date, are those of the run; others count from the first position",
+        description="file with the positions: CSV, netCDF, MCAP, or a bag of ROS; relative to the scenario. Times "
+        "of tables and netCDF without a date are those of the run; dates and clocks count from the first position",
     )
-    topic: str | None = Field(None, description="topic of a log; the agent or target in a run's result.nc")
+    topic: str | None = Field(
+        None, description="topic of a log; the agent or target in a run's result.nc; one of several trajectories"
+    )
     frame: str | None = Field(None, description="child frame, of a topic with the transforms of several")
+    time: Literal["stamp", "log"] | None = Field(
+        None, description="clock of a log: stamps in its messages, where they have any, or the times in the log"
+    )
+    axes: Literal["enu", "ned"] | None = Field(
+        None, description="axes of x, y and z, where the file does not say: east, north, up or north, east, down"
+    )
+    origin: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
+        None, description="latitude and longitude of the scenario's origin, for positions in degrees [deg]"
+    )
     pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
 
     @model_validator(mode="after")
@@ -192,8 +204,8 @@ class Recorded(Tagged):
             ValueError,
             {
                 "expected either samples or path": (self.samples is None) == (self.path is None),
-                "topic and frame select from the file of `path`; expected them only with it": (
-                    self.path is None and (self.topic is not None or self.frame is not None)
+                "topic and frame select from the file of `path`, as time, axes and origin do; expected only with it": (
+                    self.path is None and any(value is not None for value in self._selection())
                 ),
             },
         )
@@ -207,7 +219,10 @@ class Recorded(Tagged):
         """
         if self.path is None:
             return self
-        return Recorded(samples=read_positions(self.path, self.topic, self.frame), pull=self.pull)
+        return Recorded(samples=read_positions(self.path, *self._selection()), pull=self.pull)
+
+    def _selection(self) -> tuple[Any, ...]:
+        return self.topic, self.frame, self.time, self.axes, self.origin
 
     def spline(self, n: int, start: float, end: float) -> "PPoly":
         """The path, its first n coordinates, m, over time, s, of the degree of `Waypoints.spline`.
@@ -215,24 +230,30 @@ class Recorded(Tagged):
         Raises:
             InputError: samples are of another dimension, do not rise, or do not cover the run from `start` to `end`.
         """
-        from scipy.interpolate import PPoly, make_interp_spline
+        from scipy.interpolate import PPoly
 
+        path = self.curve(n).path
+        if path.x[0] > start + _CLOCK or path.x[-1] < end - _CLOCK:  # the path stands still for that long
+            covered = f"{path.x[0]:g} to {path.x[-1]:g} s"
+            raise InputError(f"samples cover {covered}; expected all of the run, {start:g} to {end:g} s")
+        higher = np.zeros((_ORDER - len(path.c), *path.c.shape[1:]))
+        return PPoly(np.concatenate([higher, path.c]), path.x)
+
+    def curve(self, n: int) -> Curve:
+        """The curve through the first n coordinates of the samples, m, and what there is to say about it.
+
+        Raises:
+            InputError: samples are of another dimension, or do not rise.
+        """
         samples = self.read().samples or []
         for k, row in enumerate(samples):
             if len(row) < n + 1:
                 raise InputError(f"sample {k} has {len(row)} entries; expected t and {n} coordinates")
         t = np.array([row[0] for row in samples])
-        path = np.array([row[1 : n + 1] for row in samples])
         if not (np.diff(t) > 0.0).all():
             k = int((np.diff(t) > 0.0).argmin())
             raise InputError(f"sample {k + 1} is of t = {t[k + 1]:g} s, after one of {t[k]:g} s; expected a later time")
-        if t[0] > start + _CLOCK or t[-1] < end - _CLOCK:  # the path stands still for that long
-            raise InputError(f"samples cover {t[0]:g} to {t[-1]:g} s; expected all of the run, {start:g} to {end:g} s")
-        cubic = make_interp_spline(t, path, k=min(3, len(t) - 1))
-        knots = cubic.t[cubic.k : len(cubic.t) - cubic.k]
-        taylor = [cubic(knots[:-1], order) / factorial(order) for order in range(cubic.k, -1, -1)]
-        higher = np.zeros((_ORDER - 1 - cubic.k, *taylor[0].shape))
-        return PPoly(np.concatenate([higher, taylor]), knots)
+        return fit_curve(t, np.array([row[1 : n + 1] for row in samples]))
 
 
 class File(Tagged):

@@ -1,4 +1,4 @@
-"""Warnings about valid but suspicious values: angles in radians, static targets in a flow.
+"""Warnings about valid but suspicious values: angles in radians, static targets in a flow, uneven recordings.
 
 `check`, `run` and `list --vehicles` print them, also about vehicles that cannot do what their description asks of them,
 see `mjsheaf.vehicles.authority`, and what is left out of their files.
@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from mjsheaf.dynamics.motion import Adrift, Motion, Static
+from mjsheaf.dynamics.motion import Adrift, Motion, Recorded, Static
 from mjsheaf.errors import listed
 from mjsheaf.media.probe import mean_flow
 from mjsheaf.scenario.scenario import Agent, Scenario, Target
@@ -25,6 +25,7 @@ def slips_of(scenario: Scenario) -> list[str]:
     return [
         *_headings(scenario),
         *_static_in_flow(scenario),
+        *_uneven_paths(scenario),
         *(slip for vehicle in vehicles.values() for slip in slips_of_vehicle(vehicle)),
     ]
 
@@ -54,6 +55,13 @@ def _headings(scenario: Scenario) -> list[str]:
     heading = next(iter(small.values()))
     example = f"{heading:g} rad are {math.degrees(heading):.4g} degrees"
     return [f"headings are in degrees, and of {listed(small)} they look like radians: {example}"]
+
+
+def _uneven_paths(scenario: Scenario) -> list[str]:
+    """Return what differs from a spline through all samples, for each target with a recorded path."""
+    pairs = zip(scenario.targets, scenario.target_motions, strict=True)
+    curves = {t.id: m.curve(len(t.position)) for t, m in pairs if isinstance(m, Recorded)}
+    return [f"recorded path of {name}: {curve.note}" for name, curve in curves.items() if curve.note]
 
 
 _STEPS = 200  # of the estimate of a drift

@@ -98,7 +98,7 @@ def test_a_run_s_scenario_holds_the_samples(tmp_path: Path) -> None:
         ("0,1,2\n0,1,2\n", "sample 1 is of t = 0 s, after one of 0 s"),
         ("0,0,0\n3,1,1\n", "samples cover 0 to 3 s; expected all of the run, 0 to 4 s"),
         ("", "samples: "),
-        ("0,1\n5,2\n", "samples.0: "),
+        ("0,1\n5,2\n", "has 2 columns without titles; expected a table of numbers with columns t, x, y"),
     ],
 )
 def test_bad_files_are_refused(tmp_path: Path, text: str, message: str) -> None:

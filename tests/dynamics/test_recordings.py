@@ -54,7 +54,7 @@ FILES = [
 
 @pytest.mark.parametrize(("name", "selection"), FILES)
 def test_an_exported_run_is_read_back_to_the_bit(
-    name: str, selection: dict[str, str], logs: tuple[Path, np.ndarray]
+    name: str, selection: dict[str, Any], logs: tuple[Path, np.ndarray]
 ) -> None:
     folder, rows = logs
     found = np.array(read_positions(str(folder / name), **selection))
@@ -64,7 +64,7 @@ def test_an_exported_run_is_read_back_to_the_bit(
 
 @pytest.mark.parametrize(("name", "selection"), FILES)
 def test_a_target_follows_a_log_as_it_follows_its_rows(
-    name: str, selection: dict[str, str], logs: tuple[Path, np.ndarray]
+    name: str, selection: dict[str, Any], logs: tuple[Path, np.ndarray]
 ) -> None:
     folder, rows = logs
     runs = []
@@ -133,7 +133,7 @@ def test_times_with_a_date_count_from_the_first_and_units_are_read(tmp_path: Pat
     ],
 )
 def test_mistakes_name_the_file_and_what_it_has(
-    name: str, selection: dict[str, str], message: str, logs: tuple[Path, np.ndarray]
+    name: str, selection: dict[str, Any], message: str, logs: tuple[Path, np.ndarray]
 ) -> None:
     folder, _ = logs
     (folder / "empty").mkdir(exist_ok=True)

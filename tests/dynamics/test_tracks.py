@@ -1,0 +1,212 @@
+"""Trajectories in netCDF: each form and attribute of CF is read with the right value, or refused.
+
+Oracle: xarray's own decoding of times and missing values; values that the test chose.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf.dynamics.recordings import read_positions
+from mjsheaf.errors import InputError
+from mjsheaf.io.geography import EARTH
+
+COUNT = 4
+T = np.array([0.0, 60.0, 120.0, 300.0])
+LAT, LON = 60.0 + 2e-4 * np.arange(COUNT), 10.0 + 1e-4 * np.arange(COUNT)
+UP = -np.array([1.0, 2.0, 4.0, 3.0])
+METRE = np.radians(1.0) * EARTH
+ROWS = np.column_stack([T, METRE * 1e-4 * np.arange(COUNT) / 2, METRE * 2e-4 * np.arange(COUNT), UP])
+ORIGIN = {"origin": [60.0, 10.0]}
+NORTH = {"standard_name": "latitude", "units": "degrees_north"}
+EAST = {"standard_name": "longitude", "units": "degrees_east"}
+HEIGHT = {"standard_name": "height", "units": "m", "positive": "up"}
+CLOCK = {"standard_name": "time", "units": "seconds since 2026-01-01"}
+Variables = dict[str, Any]
+
+
+def single(dim: str = "time", **change: Any) -> Variables:
+    """One trajectory over time; `change` replaces variables."""
+    own = {"lat": (dim, LAT, NORTH), "lon": (dim, LON, EAST), "z": (dim, UP, HEIGHT), "time": (dim, T, CLOCK)}
+    return {**own, **change}
+
+
+def several(time_of_each: bool = False) -> Variables:
+    """Three trajectories in an array, of which `b` begins later and ends earlier than the others."""
+    dims = ("trajectory", "obs" if time_of_each else "time")
+    shift = np.array([5.0, 0.0, 7.0])[:, None]
+    pad = np.full((3, 1), np.nan)
+
+    def padded(values: np.ndarray) -> np.ndarray:
+        return np.hstack([pad, values, pad])
+
+    ids = np.array(["a", "b", "c"], dtype=object)
+    times = np.array([-60.0, *T, 400.0])
+    own: Variables = {
+        "trajectory": ("trajectory", ids, {"cf_role": "trajectory_id"}),
+        "lat": (dims, padded(LAT + shift), NORTH),
+        "lon": (dims, padded(LON + shift), EAST),
+        "z": (dims, padded(UP + shift), HEIGHT),
+        "time": (dims, padded(T + 0 * shift), CLOCK) if time_of_each else ("time", times, CLOCK),
+    }
+    return own
+
+
+def ragged(indexed: bool = False, attribute: bool = True) -> Variables:
+    """Trajectories 11 (two samples), 12 and 13 (one sample), one after another or by an index of each sample."""
+    owners = np.array([0, 0, 1, 1, 1, 1, 2])
+    order = np.array([2, 0, 3, 4, 1, 6, 5]) if indexed else np.arange(7)  # the samples of each in order
+    places = [np.concatenate([[1, 2], values, [5]])[order] for values in (LAT, LON, UP, T)]
+    named = dict(zip(("lat", "lon", "z", "time"), places, strict=True))
+    own: Variables = {name: ("obs", values, single()[name][2]) for name, values in named.items()}
+    own["trajectory"] = ("trajectory", np.array([11, 12, 13]), {"cf_role": "trajectory_id"})
+    if indexed:
+        own["owner"] = ("obs", owners[order], {"instance_dimension": "trajectory"})
+    else:
+        own["rowsize"] = ("trajectory", np.array([2, 4, 1]), {"sample_dimension": "obs"} if attribute else {})
+    return own
+
+
+def in_metres(**change: Any) -> Variables:
+    x, y = ROWS[:, 1], ROWS[:, 2]
+    return {
+        "x": ("time", x, {"units": "m"}),
+        "y": ("time", y, {"units": "m"}),
+        "z": ("time", UP, {"units": "m"}),
+        "time": ("time", T, CLOCK),
+        **change,
+    }
+
+
+def timed(units: str, scale: float, **attributes: Any) -> Variables:
+    return single(time=("time", T / scale + (7.0 if "since" in units else 0.0), {"units": units, **attributes}))
+
+
+FORMS: dict[str, tuple[Variables, dict[str, Any], np.ndarray]] = {
+    "one trajectory over time": (single(), ORIGIN, ROWS),
+    "one trajectory over its samples": (single("obs"), ORIGIN, ROWS),
+    "one trajectory with a name": ({**single(), "id": ((), "b", {"cf_role": "trajectory_id"})}, ORIGIN, ROWS),
+    "an array with one time for all": (several(), {"topic": "b", **ORIGIN}, ROWS),
+    "an array with times of each": (several(True), {"topic": "b", **ORIGIN}, ROWS),
+    "counts": (ragged(), {"topic": "12", **ORIGIN}, ROWS),
+    "counts without their attribute": (ragged(attribute=False), {"topic": "12", **ORIGIN}, ROWS),
+    "an index": (ragged(indexed=True), {"topic": "12", **ORIGIN}, ROWS),
+    "units alone": (
+        single(lat=("time", LAT, {"units": "degree_north"}), lon=("time", LON, {"units": "degrees_E"})),
+        ORIGIN,
+        ROWS,
+    ),
+    "names alone": (single(lat=None, lon=None, latitude=("time", LAT), longitude=("time", LON)), ORIGIN, ROWS),
+    "metres by name": (in_metres(), {}, ROWS),
+    "metres with standard names": (
+        in_metres(
+            x=None,
+            y=None,
+            e=("time", ROWS[:, 1] / 1e3, {"standard_name": "projection_x_coordinate", "units": "km"}),
+            n=("time", ROWS[:, 2], {"standard_name": "projection_y_coordinate", "units": "m"}),
+        ),
+        {},
+        ROWS,
+    ),
+    "metres with degrees of their own": ({**in_metres(), **single(z=("time", UP, HEIGHT))}, {}, ROWS),
+    "degrees with metres of their own": ({**in_metres(x=("time", 9 * T), y=("time", 9 * T)), **single()}, ORIGIN, ROWS),
+    "axes ned": (in_metres(x=("time", ROWS[:, 2]), y=("time", ROWS[:, 1]), z=("time", -UP)), {"axes": "ned"}, ROWS),
+    "depth": (single(z=("time", -UP, {"standard_name": "depth", "units": "m"})), ORIGIN, ROWS),
+    "depth that points up": (
+        single(z=("time", UP, {"standard_name": "depth", "units": "m", "positive": "up"})),
+        ORIGIN,
+        ROWS,
+    ),
+    "positive down": (single(z=("time", -UP * 100, {"units": "cm", "positive": "down"})), ORIGIN, ROWS),
+    "altitude": (single(z=None, h=("time", UP, {"standard_name": "altitude", "units": "m"})), ORIGIN, ROWS),
+    "no height": (single(z=None), ORIGIN, ROWS[:, :3]),
+    "a height that is missing everywhere": (single(z=("time", np.nan * UP, HEIGHT)), ORIGIN, ROWS[:, :3]),
+    "longitudes of another turn": (single(lon=("time", LON - 360.0, EAST)), {"origin": [60.0, 10.0]}, ROWS),
+    "radians": (single(lat=("time", np.radians(LAT), {**NORTH, "units": "radian"})), ORIGIN, ROWS),
+    "minutes since": (timed("minutes since 2026-01-01 00:00:00", 60.0), ORIGIN, ROWS),
+    "days since, another calendar": (timed("days since 2026-02-01", 86400.0, calendar="360_day"), ORIGIN, ROWS),
+    "milliseconds since": (timed("milliseconds since 1970-01-01", 1e-3), ORIGIN, ROWS),
+    "hours of the run": (timed("hours", 3600.0), ORIGIN, ROWS),
+    "packed": (
+        single(lat=("time", np.arange(COUNT, dtype="i2"), {**NORTH, "scale_factor": 2e-4, "add_offset": 60.0})),
+        ORIGIN,
+        ROWS,
+    ),
+    "fill value": (single(lat=("time", np.append(LAT[:3], 1e20), {**NORTH, "_FillValue": 1e20})), ORIGIN, ROWS[:3]),
+    "missing value": (
+        single(lat=("time", np.append(LAT[:3], -999.0), {**NORTH, "missing_value": -999.0})),
+        ORIGIN,
+        ROWS[:3],
+    ),
+    "valid range": (
+        single(lat=("time", np.append(LAT[:3], 80.0), {**NORTH, "valid_range": [50.0, 70.0]})),
+        ORIGIN,
+        ROWS[:3],
+    ),
+    "valid maximum": (single(z=("time", np.append(UP[:3], 80.0), {**HEIGHT, "valid_max": 70.0})), ORIGIN, ROWS[:3]),
+    "valid minimum": (single(z=("time", np.append(UP[:3], -80.0), {**HEIGHT, "valid_min": -70.0})), ORIGIN, ROWS[:3]),
+    "other variables": (
+        {**single(), "sst": ("time", T), "u": ("time", T, {"standard_name": "eastward_wind"})},
+        ORIGIN,
+        ROWS,
+    ),
+}
+
+
+def write(path: Path, variables: Variables) -> str:
+    kept = {name: variable for name, variable in variables.items() if variable is not None}
+    xr.Dataset(kept).to_netcdf(path, engine="h5netcdf")
+    return str(path)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_form_is_read(form: str, tmp_path: Path) -> None:
+    variables, fields, expected = FORMS[form]
+    rows = np.array(read_positions(write(tmp_path / "a.nc", variables), **fields))
+    np.testing.assert_allclose(rows, expected, rtol=1e-9, atol=1e-5)
+
+
+def test_times_are_those_that_xarray_decodes(tmp_path: Path) -> None:
+    time = np.array(
+        [1_778_234_355_123_456_789, 1_778_234_355_123_456_790, 1_778_234_356_000_000_000, 1_778_234_357_000_000_000]
+    )
+    path = write(tmp_path / "a.nc", single(time=("time", time, {"units": "nanoseconds since 1970-01-01"})))
+    with xr.open_dataset(path) as dataset:
+        expected = (dataset["time"].values - dataset["time"].values[0]) / np.timedelta64(1, "ns") / 1e9
+    times = [row[0] for row in read_positions(path, origin=[60.0, 10.0])]
+    np.testing.assert_allclose(times, expected, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("variables", "fields", "message"),
+    [
+        (single(), {}, "origin: missing; positions are in degrees"),
+        (in_metres(), ORIGIN, "origin: positions are in metres"),
+        (single(), {"axes": "ned", **ORIGIN}, "axes: the file names the directions"),
+        (single(), {"topic": "b", **ORIGIN}, "topic: this kind of file has none"),
+        (single(), {"time": "log", **ORIGIN}, "time: this kind of file has none"),
+        (several(), ORIGIN, "topic: missing; expected a, b, c"),
+        (several(), {"topic": "d", **ORIGIN}, "topic: there is no 'd'; expected a, b, c"),
+        (ragged(), ORIGIN, "topic: missing; expected 11, 12, 13"),
+        ({**ragged(), "rowsize": None}, ORIGIN, "trajectory names several trajectories; expected their counts"),
+        (single(lat=("time", [*LAT[:2], np.nan, LAT[3]], NORTH)), ORIGIN, "position 2 is not a number"),
+        (single(lat2=("time", LAT, NORTH)), ORIGIN, "lat, lat2 are all latitude .* expected one"),
+        (single(lat=("time", LAT, {**NORTH, "units": "m"})), ORIGIN, r"latitude \(lat\): the unit is 'm'"),
+        (single(z=("time", UP, {"standard_name": "height", "units": "Pa"})), ORIGIN, r"z \(z\): the unit is 'Pa'"),
+        (in_metres(x=("time", T, {"units": "degrees"})), {}, r"x \(x\): the unit is 'degrees'; expected m"),
+        (timed("months since 2026-01-01", 1.0), ORIGIN, "time is in 'months since 2026-01-01'; expected seconds"),
+        (timed("m", 1.0), ORIGIN, "time: the unit is 'm'; expected s"),
+        (single(time=None), ORIGIN, "expected a coordinate time over time"),
+        (single(time=("other", T, CLOCK)), ORIGIN, "expected a coordinate time over time"),
+        ({"u": ("time", T), "time": ("time", T)}, {}, "expected variables x, y, and in space z"),
+    ],
+)
+def test_what_is_not_understood_is_refused_in_one_line(
+    variables: Variables, fields: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "a.nc", variables)
+    with pytest.raises(InputError, match=rf"^[^\n]*a\.nc: {message}[^\n]*$"):
+        read_positions(path, **fields)
