@@ -99,24 +99,17 @@ Part = tuple[int, Any]  # its time in the log, ns, and a message or a transform 
 
 def read_mcap(path: Path, selection: Selection) -> Rows:
     """Read an MCAP file with messages in protobuf, in CDR as ROS 2 writes them, or converted from a bag of ROS 1."""
-    from mcap.reader import McapReader, NonSeekingReader, make_reader
+    from mcap.reader import NonSeekingReader
     from mcap_protobuf.decoder import DecoderFactory
 
+    decoders: list[Any] = [DecoderFactory(), _Ros1Decoder()]
     with path.open("rb") as file:
-        decoders: list[Any] = [DecoderFactory(), _Ros1Decoder()]
-        reader: McapReader = make_reader(file, validate_crcs=True, decoder_factories=decoders)
-        summary = reader.get_summary()
+        # Not by the summary, which is optional, and whose checksum no reader compares.
         types: dict[str, set[tuple[str, str]]] = {}
-        if summary is not None and summary.channels:
-            for channel in summary.channels.values():
-                schema = summary.schemas.get(channel.schema_id)
-                types.setdefault(channel.topic, set()).add((channel.message_encoding, schema.name if schema else ""))
-        else:  # both are optional
-            file.seek(0)
-            for schema, channel, _ in NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False):
-                types.setdefault(channel.topic, set()).add((channel.message_encoding, schema.name if schema else ""))
-            file.seek(0)
-            reader = NonSeekingReader(file, validate_crcs=True, decoder_factories=decoders)
+        for schema, channel, _ in NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False):
+            types.setdefault(channel.topic, set()).add((channel.message_encoding, schema.name if schema else ""))
+        file.seek(0)
+        reader = NonSeekingReader(file, validate_crcs=True, decoder_factories=decoders)
         topic = selection.choose(sorted(types))
         encodings = {encoding for encoding, _ in types[topic]}
         if encodings == {"cdr"}:
