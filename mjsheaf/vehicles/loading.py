@@ -330,7 +330,7 @@ def _remove_scene(spec: mujoco.MjSpec) -> list[str]:
     scene += [("keyframe", key) for key in spec.keys]
     left_out = [_name(kind, element) for kind, element in scene]
     if spec.sensors:
-        left_out.append(f"{len(spec.sensors)} sensors")
+        left_out.append("sensors")
     skies = [texture for texture in spec.textures if texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX]
     for element in [*spec.sensors, *spec.tuples, *skies, *(element for _, element in scene)]:
         spec.delete(element)

@@ -267,7 +267,7 @@ ELEMENTS = {  # what a file may contain next to the vehicle's body, and what bec
         "said: geom 'wall'",
     ),
     "plugins": ('<extension><plugin plugin="mujoco.pid"/></extension>', "refused: plugin"),
-    "sensors": ('<sensor><framepos objtype="site" objname="fl"/><clock name="c"/></sensor>', "said: 2 sensors"),
+    "sensors": ('<sensor><framepos objtype="site" objname="fl"/><clock name="c"/></sensor>', "said: sensors"),
     "sites": (WORLD.format('<site name="mark"/>'), "said: site 'mark'"),
     "skins": (
         '<deformable><skin name="s" vertex="0 0 0 1 0 0 0 1 0" face="0 1 2"><bone body="quad" bindpos="0 0 0" '
@@ -431,11 +431,8 @@ def test_an_attribute_means_what_mujoco_makes_of_it(kind: str, name: str, tmp_pa
     assert found == expected
 
 
-@pytest.mark.parametrize("setting", FLAGS)
-@pytest.mark.parametrize("flag", sorted({*FLAGS["disable"].split(), *FLAGS["enable"].split()}))
-def test_a_flag_is_left_out_or_refused(flag: str, setting: str, tmp_path: Path) -> None:
-    if flag not in FLAGS[setting].split():
-        pytest.skip("it has no such setting")
+@pytest.mark.parametrize(("setting", "flag"), [(setting, flag) for setting in FLAGS for flag in FLAGS[setting].split()])
+def test_a_flag_is_left_out_or_refused(setting: str, flag: str, tmp_path: Path) -> None:
     option = {"integrator": "discrete", "solver": "CG"} if flag == "ipc" else {}  # without which MuJoCo refuses it
     path = write(tmp_path, flag=f'<flag {flag}="{setting}"/>', body={"gravcomp": "0.3"}, option=option)
     found = verdict(path, "flag", flag)
