@@ -59,6 +59,7 @@ _FILLS = {"f4": 9.969209968386869e36, "f8": 9.969209968386869e36, "i2": -32767, 
 _FILLS |= {"u4": 4294967295, "i8": -9223372036854775806, "u8": 18446744073709551614}
 """Values that netCDF writes where nothing was written; bytes have none."""
 _WORDS = ("standard_name", "long_name", "axis", "positive", "coordinates", "grid_mapping", "bounds", "cell_methods")
+_STEP = 100.0  # m, of differences of a projection, which pyproj inverts to 1 mm
 _TURNED = 1e-3  # rad; a grid that is turned less has its axes east and north
 
 
@@ -392,7 +393,7 @@ def _selected(part: "xr.DataArray", select: tuple[tuple[str, float | str], ...])
         if values.ndim > 1:
             raise InputError(f"select: {name} has {values.ndim} dimensions; expected an axis")
         if isinstance(value, str) or values.dtype.kind not in "fiu":
-            equal = np.array([str(v).startswith(str(value)) for v in values])
+            equal = np.array([str(v).replace(" ", "T").startswith(str(value).replace(" ", "T")) for v in values])
         else:
             equal = np.isclose(values.astype(np.float64), value, rtol=1e-6, atol=0.0)
         if equal.sum() != 1:
@@ -409,9 +410,7 @@ def _readable(axis: "xr.DataArray") -> Any:
 
 
 def _shown(values: Any) -> str:
-    return listed(
-        [f"{v:.6g}" if isinstance(v, float | np.floating) else shortened(str(v), 30) for v in values.tolist()]
-    )
+    return listed([f"{v:.6g}" if values.dtype.kind in "fiu" else str(v)[:19] for v in values])
 
 
 def _require_none_left(part: "xr.DataArray", dims: tuple[Any, ...]) -> "xr.DataArray":
@@ -522,8 +521,8 @@ def _distances(axis: "xr.DataArray", medium: Medium | None) -> Array | None:
     signed = -values if direction and direction != side else values
     if values.min() < 0.0 < values.max() or (signed.min() < 0.0 and (positive or direction not in ("", side))):
         raise InputError(
-            f"{axis.name} goes from {values.min():g} to {values.max():g} m {direction or 'up or down'}; expected one side "
-            f"of the surface, that of the {medium or 'medium'}"
+            f"{axis.name} goes from {values.min():g} to {values.max():g} m {direction or 'up or down'}; expected one "
+            f"side of the surface, that of the {medium or 'medium'}"
         )
     return np.abs(values)
 
@@ -704,8 +703,10 @@ def _seconds(dates: Any, start: str | None) -> Array:
         return np.zeros(1)
     zero, text = dates[0], (start or "").removesuffix("Z")
     try:
-        if text and (not text[0].isdigit() or (not 1678 <= int(text[:4]) <= 2261 and dates.dtype.kind == "M")):
-            raise ValueError("beyond the file's times")
+        if text and not re.match(r"\d{4}(-|$)", text):
+            raise ValueError("expected for example 2026-05-01T06:00")
+        if text and dates.dtype.kind == "M" and not 1678 <= int(text[:4]) <= 2261:
+            raise ValueError("centuries away from its times")
         if dates.dtype.kind == "M":
             zero = np.datetime64(text, "ns") if text else zero
             times = (dates - zero) / np.timedelta64(1, "ns") * 1e-9
@@ -743,10 +744,10 @@ class _Plane(NamedTuple):
     def axes(self, x: Any, y: Any) -> Array:
         """Return the directions of the axes at places, as columns (east, north), shape (..., 2, 2)."""
         columns = []
-        for dx, dy in ((1.0, 0.0), (0.0, 1.0)):
+        for dx, dy in ((_STEP, 0.0), (0.0, _STEP)):
             lat, lon = self.geographic(x - dx, y - dy)
             further = self.geographic(x + dx, y + dy)
-            east = ((further[1] - lon + 180.0) % 360.0 - 180.0) * np.cos(np.radians(lat))
+            east = ((further[1] - lon + 180.0) % 360.0 - 180.0) * np.cos(np.radians(0.5 * (lat + further[0])))
             column = np.stack([east, further[0] - lat], axis=-1)
             columns.append(column / np.linalg.norm(column, axis=-1, keepdims=True))
         return np.stack(columns, axis=-1)
@@ -760,6 +761,8 @@ def _plane_of(
     Raises:
         InputError: The grid is not rectangular in degrees, or in a projection that pyproj knows.
     """
+    from pyproj.exceptions import ProjError
+
     lats, lons = _find_places(part, "latitude", _LATITUDES), _find_places(part, "longitude", _LONGITUDES)
     y, x = lats[0] if lats else None, lons[0] if lons else None
     if x is not None and y is not None and x.ndim == y.ndim == 1:
@@ -792,12 +795,13 @@ def _plane_of(
             try:
                 across, along = (factor(a.attrs.get("units"), unit) * a.values.astype(np.float64) for a in axes)
                 return axes[0], axes[1], _project(crs, across, along, (places[0], places[1]), origin)
-            except InputError as error:
-                reasons.append(str(error))
+            except (InputError, ProjError) as error:
+                reasons.append(" ".join(str(error).split()))
         if reasons or x is None or y is None:
+            why = "".join(f"; {reason}" for reason in dict.fromkeys(reasons))
             raise InputError(
                 f"its axes {axes[0].name} and {axes[1].name} ({_text(axes[0], 'units') or 'no unit'}) are not degrees; "
-                f"expected these, or a grid_mapping that pyproj reads{': '.join(['', *dict.fromkeys(reasons)])}"
+                f"expected these, or a grid_mapping that pyproj reads{why}"
             )
     for axis, kind in ((x, "longitude"), (y, "latitude")):
         if axis is not None and axis.ndim > 1:
@@ -853,7 +857,7 @@ def _project(
     from pyproj.enums import TransformDirection
 
     to_places = Transformer.from_crs(crs, crs.source_crs, always_xy=True)
-    step = 1e-5 if crs.is_geographic else 1.0
+    step = _STEP / EARTH if crs.is_geographic else _STEP
     size = 1.0 if crs.is_geographic else crs.axis_info[0].unit_conversion_factor
 
     def places_of(x: Any, y: Any) -> tuple[Any, Any]:
@@ -862,13 +866,13 @@ def _project(
 
     lat0, lon0 = origin or map(float, places_of(across[len(across) // 2], along[len(along) // 2]))
     x0, y0 = (size * value for value in to_places.transform(lon0, lat0, direction=TransformDirection.INVERSE))
-    if not math.isfinite(x0 + y0):
-        raise InputError(f"origin: ({lat0:g}, {lon0:g}) lies outside the projection of the file")
     scales = []
     for dx, dy in ((step, 0.0), (0.0, step)):
         ends = to_plane(*places_of(np.array([x0 - dx, x0 + dx]), np.array([y0 - dy, y0 + dy])), (lat0, lon0))
         scales.append(float(np.hypot(*np.diff(ends, axis=1))[0]) / (2.0 * step))
     sx, sy = scales
+    if not 0.0 < sx * sy < math.inf:
+        raise InputError(f"origin: ({lat0:g}, {lon0:g}) lies outside the projection of the file")
     corners = np.ix_([0, -1], [0, -1])
     if places[0] is not None and places[1] is not None:
         lat, lon = (place.values[corners] for place in places if place is not None)
