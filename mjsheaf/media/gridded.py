@@ -96,6 +96,7 @@ class GridArrays(NamedTuple):
     time: Array
     velocity: Array
     turn: Array
+    turned: bool
 
 
 class GridState(NamedTuple):
@@ -151,8 +152,10 @@ def grid_velocity(grid, state, v, x, y, z):
         return 0.0, 0.0, 0.0
     if np.isnan(x + y):  # what becomes of a vehicle that has met NaN
         return np.nan, np.nan, np.nan
-    a = grid.turn[0, 0] * x + grid.turn[0, 1] * y
-    b = grid.turn[1, 0] * x + grid.turn[1, 1] * y
+    a, b = x, y
+    if grid.turned:
+        a = grid.turn[0, 0] * x + grid.turn[0, 1] * y
+        b = grid.turn[1, 0] * x + grid.turn[1, 1] * y
     i, j = _cell(grid.x, a), _cell(grid.y, b)
     if i < 0 or j < 0:
         state.place[v, 0], state.place[v, 1] = x, y
@@ -190,7 +193,7 @@ def pack_grid(flow: GriddedFlow, medium: Medium | None, met: IntArray, exposed: 
                 f"path: the file covers {grid.time[0]:.6g} to {grid.time[-1]:.6g} s of the scenario's time; expected "
                 f"{first:.6g} to {last:.6g} s: choose another start, time.end or file"
             )
-    return GridArrays(met, *grid)
+    return GridArrays(met, *grid, not np.array_equal(grid.turn, np.eye(2)))
 
 
 def flow_at_start(grid: GridArrays, exposed: Exposure) -> Array:
