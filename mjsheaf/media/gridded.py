@@ -43,7 +43,7 @@ class GriddedFlow(FlowField):
         None, description="names of the variables along x, y and, in space, z, where a file has several flows"
     )
     select: dict[str, Number | str] = Field(
-        {}, description="values of further axes by their names, such as {level: 1000}, in the file's units"
+        {}, description="values of further axes by their names, such as {level: 1000}, in the file's units [-]"
     )
     sha256: str | None = Field(
         None, description="SHA-256 of the file, which a run records: another content is refused; none: any"
