@@ -146,7 +146,7 @@ def _within_flow(text: str, netcdf: Path, path: Path) -> str:
     Raises:
         InputError: The file holds no flow, or one that is too small or too short for a scenario.
     """
-    from mjsheaf.media.gridded import propose
+    from mjsheaf.media.flow_files import propose
 
     with in_field("--from-netcdf"):
         found = propose(str(netcdf))

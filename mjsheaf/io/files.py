@@ -14,11 +14,14 @@ Models, scenarios and studies are inside an installed package, or at the top of 
 import ctypes
 import errno
 import fcntl
+import hashlib
 import os
 import re
 import shutil
+import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
 
 from mjsheaf.errors import InputError, shortened
@@ -208,6 +211,35 @@ def read_bytes(path: Path, largest: int) -> bytes:
     if len(data) > largest:
         raise InputError(f"{path}: larger than {largest // 10**6} MB")
     return data
+
+
+@contextmanager
+def open_regular(path: str | Path) -> Iterator[BufferedReader]:
+    """Open a file to read; what is no regular file, such as a pipe, is refused and not waited for.
+
+    Raises:
+        InputError: It does not exist, is no regular file, or cannot be read.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError:
+        raise InputError(f"there is no file {path}") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    with os.fdopen(descriptor, "rb") as file:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise InputError(f"{path} is no regular file")
+        yield file
+
+
+def digest_of(path: str | Path) -> str:
+    """Return the SHA-256 of a file's content, hexadecimal.
+
+    Raises:
+        InputError: It cannot be read; see `open_regular`.
+    """
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def confined(name: str, directory: Path, root: Path | None = None) -> Path:

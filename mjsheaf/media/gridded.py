@@ -1,7 +1,6 @@
 """Gridded flow: currents and winds of forecast and reanalysis files, bilinear in space and linear in time.
 
-Files are netCDF by the CF conventions. A variable is found by its standard name, or by the names that HYCOM and others
-use. Longitude and latitude become x and y in the plane about an origin, an affine map: see `mjsheaf.io.geography`.
+`mjsheaf.media.flow_files` reads the files.
 
 A bilinear function has its largest values at nodes. Its Jacobian is affine along each side of a cell, so that its norm,
 a convex function, is largest at corners; both are linear in time between two times of the file. The bounds are
@@ -9,40 +8,21 @@ therefore exact for the interpolated flow.
 """
 
 import math
-from functools import lru_cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
-from scipy.ndimage import distance_transform_edt
+from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import InputError
-from mjsheaf.io.geography import to_plane
-from mjsheaf.io.section import NonNegative
+from mjsheaf.errors import InputError, in_field
+from mjsheaf.io.files import digest_of
+from mjsheaf.io.section import NonNegative, Number
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.bounded import Bounds
 from mjsheaf.media.flow import FlowField
+from mjsheaf.media.flow_files import Grid, Medium, Reading, Request, read_flow
 from mjsheaf.media.gusts import Exposure
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-_WATER = ("", "surface_", "surface_geostrophic_", "barotropic_")
-_STANDARD = (
-    (*(f"{of}eastward_sea_water_velocity" for of in _WATER), "sea_water_x_velocity", "eastward_wind", "x_wind"),
-    (*(f"{of}northward_sea_water_velocity" for of in _WATER), "sea_water_y_velocity", "northward_wind", "y_wind"),
-    ("upward_sea_water_velocity", "upward_air_velocity"),
-)
-_NAMES = (("uo", "water_u", "u10", "ugos", "u"), ("vo", "water_v", "v10", "vgos", "v"), ("wo", "w"))
-_AXES = {
-    "x": ({"longitude", "projection_x_coordinate"}, {"lon", "longitude", "x", "nav_lon"}),
-    "y": ({"latitude", "projection_y_coordinate"}, {"lat", "latitude", "y", "nav_lat"}),
-    "time": ({"time"}, {"time", "t", "valid_time"}),
-    "depth": ({"depth", "height", "altitude"}, {"depth", "lev", "level", "height", "z"}),
-}
-_SPEEDS = {"m s-1", "m/s", "m s^-1", "m.s-1", "m s**-1", "meter/sec", "meters/second", "meter second-1", "ms-1"}
 _ROUNDING = 1e-9
 
 
@@ -59,223 +39,45 @@ class GriddedFlow(FlowField):
         None, description="time in the file at the scenario's time 0, as 2026-05-01T06:00; its first unless given"
     )
     depth: NonNegative = Field(0.0, description="depth of the water, or height in the air, of the flow [m]")
+    variables: Annotated[list[str], Field(min_length=2, max_length=3)] | None = Field(
+        None, description="names of the variables along x, y and, in space, z, where a file has several flows"
+    )
+    select: dict[str, Number | str] = Field(
+        {}, description="values of further axes by their names, such as {level: 1000}, in the file's units [-]"
+    )
+    sha256: str | None = Field(
+        None, description="SHA-256 of the file, which a run records: another content is refused; none: any"
+    )
 
     @property
     def is_steady(self) -> bool:
         """False: the grid moves."""
         return False
 
-    @property
-    def grid(self) -> "Grid":
-        """The file's data in the scenario's coordinates and time.
+    @model_validator(mode="before")
+    @classmethod
+    def _with_digest(cls, fields: Any) -> Any:
+        """Add the digest of the file, so that the flow stays the one that it was when the scenario was made."""
+        if isinstance(fields, dict) and isinstance(fields.get("path"), str) and fields.get("sha256") is None:
+            with in_field("path"):
+                return {**fields, "sha256": digest_of(fields["path"])}
+        return fields
+
+    def read(self, medium: Medium | None) -> Reading:
+        """Return the file's data in the scenario's coordinates and time.
+
+        Args:
+            medium: Medium of the section; None where vehicles of both meet the flow.
 
         Raises:
-            InputError: The file cannot be read, or has no such data.
+            InputError: The file cannot be read, has changed, or has no such data; the message begins with the field.
         """
-        return read_grid(self.path, self.origin[0], self.origin[1], self.start, self.depth)
-
-
-class Grid(NamedTuple):
-    """Velocities on a grid.
-
-    Attributes:
-        x, y: Places of the nodes, shapes (X,) and (Y,), rising, m.
-        time: Times, shape (T,), rising, s; one for a steady flow.
-        velocity: Velocities, shape (T, Y, X, 3), m/s; NaN on land.
-    """
-
-    x: Array
-    y: Array
-    time: Array
-    velocity: Array
-
-    @property
-    def box(self) -> str:
-        """The box in words."""
-        return f"x from {self.x[0]:.6g} to {self.x[-1]:.6g} m and y from {self.y[0]:.6g} to {self.y[-1]:.6g} m"
-
-
-# -- files ---------------------------------------------------------------------------------------------------------
-
-
-@lru_cache(8)
-def read_grid(path: str, latitude: float, longitude: float, start: str | None, depth: float) -> Grid:
-    """Read the velocities of a file; see `GriddedFlow`.
-
-    Raises:
-        InputError: The file cannot be read, or has no such data; the message begins with the field.
-    """
-    with open_flow(path) as data:
-        parts = [find_velocity(data, k) for k in range(3)]
-        if parts[0] is None or parts[1] is None:
-            raise InputError(
-                f"path: {path} has no velocities; expected two variables with the standard names "
-                f"{_STANDARD[0][0]} and {_STANDARD[1][0]}, eastward_wind and northward_wind, or alike"
-            )
-        axes = {name: _axis(parts[0], name) for name in _AXES}
-        time = _seconds(axes["time"], start, path)
-        found = [_values(part, axes, depth) for part in parts if part is not None]
-        x, y = to_plane(axes["y"].values, axes["x"].values, (latitude, longitude))
-    velocity = np.zeros((*found[0].shape, 3))
-    for k, part in enumerate(found):
-        velocity[..., k] = part
-    columns, rows = np.argsort(x), np.argsort(y)
-    grid = Grid(x[columns], y[rows], time, np.ascontiguousarray(velocity[:, rows][:, :, columns]))
-    if min(len(x), len(y)) < 2 or min(np.diff(grid.x).min(), np.diff(grid.y).min()) <= 0.0:
-        raise InputError(f"path: {path} has {len(x)} longitudes and {len(y)} latitudes; expected two or more of each")
-    return grid
-
-
-def open_flow(path: str) -> "xr.Dataset":
-    """Open a netCDF file.
-
-    Raises:
-        InputError: It cannot be read.
-    """
-    if not Path(path).is_file():
-        raise InputError(f"path: there is no file {path}")
-    import xarray as xr  # slow to import
-
-    try:
-        return xr.open_dataset(path)
-    except Exception as error:  # of any of the libraries that read files
-        raise InputError(f"path: {path} is no netCDF file that can be read: {error}") from None
-
-
-class Proposal(NamedTuple):
-    """Section of a scenario for the flow of a file.
-
-    Attributes:
-        medium: 'water' or 'air'.
-        origin: Latitude and longitude of the node that is farthest from land and from the edge of the grid, deg.
-        start: First time of the file; None for a steady flow.
-        duration: Time from the first to the last, s; infinite for a steady flow.
-        clear: Distance from the origin within which the flow is known at all times, m.
-        grid: The data about that origin.
-    """
-
-    medium: Literal["water", "air"]
-    origin: tuple[float, float]
-    start: str | None
-    duration: float
-    clear: float
-    grid: Grid
-
-
-def propose(path: str) -> Proposal:
-    """Choose the origin and start of a scenario in the flow of a file, at its smallest depth or height.
-
-    Raises:
-        InputError: The file cannot be read, has no such data, or is nowhere known at all times.
-    """
-    with open_flow(path) as data:
-        part = find_velocity(data, 0)
-        if part is None:
-            raise InputError(f"path: {path} has no velocities; expected variables as eastward_sea_water_velocity")
-        x, y, time = (_axis(part, name) for name in ("x", "y", "time"))
-        longitudes, latitudes = (np.sort(axis.values.astype(np.float64)) for axis in (x, y))
-        start = None if time is None else str(np.datetime_as_string(time.values[0].astype("datetime64[s]")))
-        is_wind = "wind" in part.attrs.get("standard_name", "") or str(part.name).lower().startswith("u10")
-    grid = read_grid(path, float(np.mean(latitudes)), float(np.mean(longitudes)), None, 0.0)
-    known = np.isfinite(grid.velocity).all(axis=(0, 3))
-    away = distance_transform_edt(np.pad(known, 1), _spacing(grid))[1:-1, 1:-1]
-    row, column = np.unravel_index(int(np.argmax(away)), away.shape)
-    if not known.any():
-        raise InputError(f"path: the flow of {path} is nowhere known at all times")
-    origin = round(float(latitudes[row]), 6), round(float(longitudes[column]), 6)
-    grid = read_grid(path, *origin, None, 0.0)
-    duration = float(grid.time[-1] - grid.time[0]) if len(grid.time) > 1 else math.inf
-    medium: Literal["water", "air"] = "air" if is_wind else "water"
-    return Proposal(medium, origin, start, duration, float(away[row, column] - max(_spacing(grid))), grid)
-
-
-def _spacing(grid: Grid) -> tuple[float, float]:
-    """Return the smallest spacing of a grid along y and x, m."""
-    return float(np.diff(grid.y).min()), float(np.diff(grid.x).min())
-
-
-def find_velocity(data: "xr.Dataset", component: int) -> "xr.DataArray | None":
-    """Return the eastward (0), northward (1) or upward (2) velocity of a file, or None.
-
-    Raises:
-        InputError: Its unit is not m/s.
-    """
-    variables = [data[name] for name in data.data_vars]
-    by_standard = [v for v in variables if v.attrs.get("standard_name") in _STANDARD[component]]
-    by_name = [v for v in variables if str(v.name).lower() in _NAMES[component]]
-    for found in (*by_standard, *by_name):
-        unit = str(found.attrs.get("units", "m s-1"))
-        if unit.lower() not in _SPEEDS:
-            raise InputError(f"path: the unit of {found.name} is {unit!r}; expected m s-1")
-        return found
-    return None
-
-
-def _axis(part: "xr.DataArray", name: str) -> Any:
-    """Return the coordinate of a variable along an axis; None where it has none.
-
-    Raises:
-        InputError: The grid is curvilinear, or has no longitude or latitude.
-    """
-    standard, names = _AXES[name]
-    for coordinate in part.coords.values():
-        if coordinate.attrs.get("standard_name") in standard or str(coordinate.name).lower() in names:
-            if coordinate.ndim > 1:
-                raise InputError(
-                    f"path: the grid is curvilinear ({coordinate.name} has {coordinate.ndim} dimensions); expected one "
-                    "along longitude and latitude: interpolate it first, for example with cdo remapbil"
-                )
-            if coordinate.ndim == 1:
-                return coordinate
-    if name in ("x", "y"):
-        raise InputError(f"path: {part.name} has no {'longitude' if name == 'x' else 'latitude'}")
-    return None
-
-
-def _seconds(axis: Any, start: str | None, path: str) -> Array:
-    """Return the times of a file, s after `start`.
-
-    Raises:
-        InputError: `start` is no time, the file's times do not rise, or it has none and `start` is given.
-    """
-    if axis is None:
-        if start is not None:
-            raise InputError(f"start: {path} has no times; expected none")
-        return np.zeros(1)
-    try:
-        zero = axis.values[0] if start is None else np.datetime64(start.removesuffix("Z"), "ns")
-        times = (axis.values - zero) / np.timedelta64(1, "ns") * 1e-9
-    except (ValueError, TypeError) as error:
-        raise InputError(f"start: {start!r} or the file's times are no dates: {error}") from None
-    if (np.diff(times) <= 0.0).any():
-        raise InputError(f"path: the times of {path} do not rise")
-    return np.asarray(times, dtype=np.float64)
-
-
-def _values(part: "xr.DataArray", axes: dict[str, Any], depth: float) -> Array:
-    """Return a component at a depth, shape (T, Y, X).
-
-    Raises:
-        InputError: The depth is not within the file's, or is given and the file has none.
-    """
-    if axes["depth"] is None and depth > 0.0:
-        raise InputError(f"depth: the file has no axis of depth or height; expected none, not {depth:g} m")
-    if axes["depth"] is not None:
-        name = axes["depth"].dims[0]
-        levels = np.abs(axes["depth"].values.astype(np.float64))
-        if depth <= levels.min():
-            part = part.isel({name: int(np.argmin(levels))})
-        elif depth > levels.max():
-            raise InputError(f"depth: {depth:g} m is beyond the file's; expected up to {levels.max():g} m")
-        else:
-            part = part.assign_coords({name: levels}).sortby(name).interp({name: depth})
-    order = [axes["y"].dims[0], axes["x"].dims[0]]
-    if axes["time"] is not None:
-        order.insert(0, axes["time"].dims[0])
-    others = [dim for dim in part.dims if dim not in order]
-    part = part.isel(dict.fromkeys(others, 0)).transpose(*order)
-    values = part.values.astype(np.float64)
-    return values if axes["time"] is not None else values[None]
+        latitude, longitude = self.origin
+        select = tuple(self.select.items())
+        variables = tuple(self.variables or ())
+        return read_flow(
+            Request(self.path, self.sha256, (latitude, longitude), self.start, self.depth, variables, select, medium)
+        )
 
 
 # -- compiled ------------------------------------------------------------------------------------------------------
@@ -293,6 +95,8 @@ class GridArrays(NamedTuple):
     y: Array
     time: Array
     velocity: Array
+    turn: Array
+    turned: bool
 
 
 class GridState(NamedTuple):
@@ -348,12 +152,16 @@ def grid_velocity(grid, state, v, x, y, z):
         return 0.0, 0.0, 0.0
     if np.isnan(x + y):  # what becomes of a vehicle that has met NaN
         return np.nan, np.nan, np.nan
-    i, j = _cell(grid.x, x), _cell(grid.y, y)
+    a, b = x, y
+    if grid.turned:
+        a = grid.turn[0, 0] * x + grid.turn[0, 1] * y
+        b = grid.turn[1, 0] * x + grid.turn[1, 1] * y
+    i, j = _cell(grid.x, a), _cell(grid.y, b)
     if i < 0 or j < 0:
         state.place[v, 0], state.place[v, 1] = x, y
         return np.nan, np.nan, np.nan
-    f = (x - grid.x[i]) / (grid.x[i + 1] - grid.x[i])
-    g = (y - grid.y[j]) / (grid.y[j + 1] - grid.y[j])
+    f = (a - grid.x[i]) / (grid.x[i + 1] - grid.x[i])
+    g = (b - grid.y[j]) / (grid.y[j + 1] - grid.y[j])
     last = grid.time.shape[0] - 1
     t = min(max(state.time[v], grid.time[0]), grid.time[last])
     k = 0 if last == 0 else _cell(grid.time, t)
@@ -370,13 +178,13 @@ def grid_velocity(grid, state, v, x, y, z):
     return east, north, up
 
 
-def pack_grid(flow: GriddedFlow, met: IntArray, exposed: Exposure) -> GridArrays:
-    """Pack a gridded flow for compiled code.
+def pack_grid(flow: GriddedFlow, medium: Medium | None, met: IntArray, exposed: Exposure) -> GridArrays:
+    """Pack a gridded flow of a medium for compiled code.
 
     Raises:
         InputError: The file does not cover the run's time, or where a vehicle begins.
     """
-    grid = flow.grid
+    grid = flow.read(medium).grid
     first, last = exposed.start, exposed.end
     if len(grid.time) > 1:
         slack = _ROUNDING * (1.0 + abs(last))
@@ -385,7 +193,7 @@ def pack_grid(flow: GriddedFlow, met: IntArray, exposed: Exposure) -> GridArrays
                 f"path: the file covers {grid.time[0]:.6g} to {grid.time[-1]:.6g} s of the scenario's time; expected "
                 f"{first:.6g} to {last:.6g} s: choose another start, time.end or file"
             )
-    return GridArrays(met, *grid)
+    return GridArrays(met, *grid, not np.array_equal(grid.turn, np.eye(2)))
 
 
 def flow_at_start(grid: GridArrays, exposed: Exposure) -> Array:
@@ -411,7 +219,7 @@ def bound_grid(grid: GridArrays) -> Bounds:
     slope = 0.0
     for rows in (slice(None, -1), slice(1, None)):
         for columns in (slice(None, -1), slice(1, None)):
-            J = np.stack([along_x[:, rows], along_y[:, :, columns]], axis=-1)
+            J = np.stack([along_x[:, rows], along_y[:, :, columns]], axis=-1) @ grid.turn
             known = J[np.isfinite(J).all(axis=(-2, -1))]
             slope = max(slope, float(np.linalg.norm(known, ord=2, axis=(1, 2)).max(initial=0.0)))
     change, rate = 0.0, 0.0
@@ -430,7 +238,8 @@ def describe_unknown(grid: GridArrays, state: GridState, v: int) -> str:
     if math.isnan(x + y):
         return ""
     at = f"({x:.6g}, {y:.6g}) m"
-    if grid.x[0] <= x <= grid.x[-1] and grid.y[0] <= y <= grid.y[-1]:
-        return f"it ran aground at {at}: the file of the flow has land there"
-    box = Grid(grid.x, grid.y, grid.time, grid.velocity).box
+    a, b = grid.turn @ (x, y)
+    if grid.x[0] <= a <= grid.x[-1] and grid.y[0] <= b <= grid.y[-1]:
+        return f"it ran aground at {at}: the file of the flow has land there, or no data"
+    box = Grid(grid.x, grid.y, grid.time, grid.velocity, grid.turn).box
     return f"it left the file of the flow at {at}, which covers {box}"

@@ -17,11 +17,15 @@ from mjsheaf.errors import in_field
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity, evaluate_sines, pack
 from mjsheaf.media.flow import FlowField, flow_velocity
+from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow, flow_at_start, pack_grid
 from mjsheaf.media.gusts import Exposure, pack_frozen, pack_gusts
 from mjsheaf.media.moving import Parts, add_surfaces, add_velocities, advance_parts, hold_parts, new_states, silence
 from mjsheaf.media.varying import pack_varying
 from mjsheaf.media.waves import pack_waves
+
+_MEDIA: dict[str, Medium] = {"wind": "air", "current": "water"}
+"""Medium of a flow field by its name; those by role have none."""
 
 
 class MediumArrays(NamedTuple):
@@ -97,7 +101,7 @@ def pack_parts(
             parts.append(pack_varying(flow.tide, flow.ramp, flow.moving_vortices, numbers))
         if isinstance(flow, GriddedFlow):
             with in_field(name):
-                parts.append(pack_grid(flow, numbers, exposed))
+                parts.append(pack_grid(flow, _MEDIA.get(name), numbers, exposed))
                 met = met._replace(wind=met.wind + flow_at_start(parts[-1], exposed))
         if flow.gusts is not None and met.met.any():
             with in_field(f"{name}: gusts"):

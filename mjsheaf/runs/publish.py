@@ -101,6 +101,8 @@ def _copy_files(sections: dict[str, Any], field: str, folder: str, directory: Pa
             copies[file] = f"{store.VEHICLES}/{folder}/{name}{Path(file).suffix}"
             (directory / copies[file]).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, directory / copies[file])
+            if section.get("sha256", "") not in ("", store.digest(directory / copies[file])):
+                raise InputError(f"flow.{name}.path: {file} has changed since the run read it; run again")
         section[field] = copies[file]
     return copies
 

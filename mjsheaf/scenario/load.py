@@ -181,7 +181,7 @@ def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] 
         return {key: map_vehicles(item, change, (*path, key)) for key, item in node.items()}
     if isinstance(node, list):
         return [map_vehicles(item, change, (*path, str(k))) for k, item in enumerate(node)]
-    if len(path) not in map(len, places) or not node.endswith((*_SUFFIXES, ".py", ".nc")):
+    if len(path) not in map(len, places) or not (path[0] == "flow" or node.endswith((*_SUFFIXES, ".py"))):
         return node
     with in_field(".".join(path)):
         return change(node)

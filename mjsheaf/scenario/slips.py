@@ -10,6 +10,8 @@ import numpy as np
 
 from mjsheaf.dynamics.motion import Adrift, Motion, Recorded, Static
 from mjsheaf.errors import listed
+from mjsheaf.media.flow_files import Medium
+from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.probe import mean_flow
 from mjsheaf.scenario.scenario import Agent, Scenario, Target
 from mjsheaf.vehicles.authority import shortfalls_of
@@ -26,6 +28,7 @@ def slips_of(scenario: Scenario) -> list[str]:
         *_headings(scenario),
         *_static_in_flow(scenario),
         *_uneven_paths(scenario),
+        *_flows_of_files(scenario),
         *(slip for vehicle in vehicles.values() for slip in slips_of_vehicle(vehicle)),
     ]
 
@@ -42,6 +45,23 @@ def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
         *slips,
         f"steering.largest_tilt of {vehicle.name} is {tilt:g} degrees, so that it hardly leans; "
         f"{tilt:g} rad are {math.degrees(tilt):.3g} degrees",
+    ]
+
+
+def _flows_of_files(scenario: Scenario) -> list[str]:
+    """Name choices in reading the files of flows that a user may not expect."""
+    media: tuple[tuple[str, Medium | None], ...] = (
+        ("agents", None),
+        ("targets", None),
+        ("air", "air"),
+        ("water", "water"),
+    )
+    flows = [(name, getattr(scenario.flow, name), medium) for name, medium in media]
+    return [
+        f"flow.{name}: {note}"
+        for name, flow, medium in flows
+        if isinstance(flow, GriddedFlow)
+        for note in flow.read(medium).notes
     ]
 
 

@@ -1,6 +1,5 @@
 """From a study file or a scenario to a plan: its scenario, its points, and the record that identifies it."""
 
-import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,7 +13,7 @@ from pydantic import ValidationError
 from mjsheaf.arguments import require_mapping, require_type
 from mjsheaf.control.source import LawFile, find_law
 from mjsheaf.errors import InputError, NotUniqueError, ScenarioError, in_field, joined, raise_first
-from mjsheaf.io.files import confined, list_studies, naming
+from mjsheaf.io.files import confined, digest_of, list_studies
 from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
@@ -280,10 +279,9 @@ def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) 
     for description in named:
         from mjsheaf.vehicles.loading import files_of, read_description
 
-        own = [] if description.suffix == ".nc" else files_of(description, read_description(description).mjcf)
-        for path in [description, *own]:
-            with naming(path, verb="read"):
-                digests[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+        is_vehicle = description.suffix in SUFFIXES
+        own = files_of(description, read_description(description).mjcf) if is_vehicle else []
+        digests |= {str(path): digest_of(path) for path in [description, *own]}
     return digests
 
 

@@ -133,17 +133,20 @@ def test_a_vehicle_that_meets_land_runs_aground(tmp_path: Path, backend: str) ->
             session.step()
 
 
-def test_curvilinear_grids_and_other_units_are_refused(file: Path, tmp_path: Path) -> None:
+def test_curvilinear_grids_are_refused_and_other_units_converted(file: Path, tmp_path: Path) -> None:
     with xr.open_dataset(file) as data:
         turned = data.rename(lat="j", lon="i").drop_vars(["i", "j"])
         turned = turned.assign_coords(lat=(("j", "i"), np.zeros((21, 41))), lon=(("j", "i"), np.zeros((21, 41))))
         turned.to_netcdf(tmp_path / "curved.nc", engine="h5netcdf")
-        data["uo"].attrs["units"] = "cm s-1"
-        data.to_netcdf(tmp_path / "slow.nc", engine="h5netcdf")
+        slow = 100.0 * data[["uo", "vo"]]
+        for name in ("uo", "vo"):
+            slow[name].attrs = {**data[name].attrs, "units": "cm s-1"}
+        slow.to_netcdf(tmp_path / "slow.nc", engine="h5netcdf")
     with pytest.raises(InputError, match="curvilinear"):
         in_flow(tmp_path / "curved.nc")
-    with pytest.raises(InputError, match=r"unit of uo is 'cm s-1'; expected m s-1"):
-        in_flow(tmp_path / "slow.nc")
+    place, at = [30.0, 40.0, 0.0], [7.0]
+    found = mjsheaf.medium(in_flow(tmp_path / "slow.nc")).velocity("buoy", at, place)
+    assert found == pytest.approx(mjsheaf.medium(in_flow(file)).velocity("buoy", at, place), rel=1e-12)
 
 
 def test_a_depth_is_interpolated_between_the_levels_of_a_file(file: Path, tmp_path: Path) -> None:

@@ -1,0 +1,1028 @@
+"""Flow out of netCDF files by the CF conventions: variables, axes, units, times and missing data.
+
+xarray decodes a file, cf-xarray finds its axes, pint converts units, cftime reads calendars, and pyproj projections.
+Names of variables and axes count only where a file has no attributes. What has no clear meaning is refused, in one
+line that names file, variable and choice.
+
+Longitude and latitude become x and y in the plane about an origin, an affine map: see `mjsheaf.io.geography`. A
+projected grid keeps its axes, and the plane is turned to them where the origin is.
+"""
+
+import hashlib
+import math
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from mjsheaf.arrays import Array
+from mjsheaf.errors import InputError, expected, in_field, listed, shortened
+from mjsheaf.io.files import digest_of, open_regular
+from mjsheaf.io.geography import EARTH, to_plane
+from mjsheaf.io.units import factor
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from pyproj import CRS
+
+Medium = Literal["water", "air"]
+
+FASTEST: dict[Medium | None, float] = {"water": 20.0, "air": 150.0, None: 150.0}
+"""Speeds that no medium has, m/s. The fastest tidal currents run at 11 m/s (Saltstraumen), the fastest gust measured
+at the ground was 113 m/s (Barrow Island, 1996) and a tornado's 135 m/s (Bridge Creek, 1999)."""
+
+_COMPONENTS = {"eastward": 0, "x": 0, "northward": 1, "y": 1, "upward": 2}
+_FLOWS = re.compile(
+    r"(?P<water>(surface_|geostrophic_|surface_geostrophic_|barotropic_)?(\*_sea_water|sea_water_\*)_velocity)"
+    r"|(?P<air>\*_(wind|air_velocity))"
+)
+_NAMES: tuple[tuple[str, str, Medium | None], ...] = (
+    ("uo", "vo", "water"),
+    ("water_u", "water_v", "water"),
+    ("ugos", "vgos", "water"),
+    ("u10", "v10", "air"),
+    ("u100", "v100", "air"),
+    ("u", "v", None),
+)
+"""Names of velocities in files without standard names: CMEMS, HYCOM, altimetry, ERA5."""
+_LENGTHS = {"depth": "down", "height": "up", "altitude": "up", "height_above_mean_sea_level": "up"}
+"""Standard names of distances from the surface, with their direction."""
+_HEIGHTS = re.compile(r"(depth[tuvw]?|height|altitude)|(z|lev|levels?|plev|pressure.*|isobaric.*|sigma)", re.IGNORECASE)
+"""Names of vertical axes in files without attributes; those of the first group are in metres."""
+_LATITUDES, _LONGITUDES = ("lat", "latitude", "nav_lat"), ("lon", "longitude", "nav_lon")
+_FILLS = {"f4": 9.969209968386869e36, "f8": 9.969209968386869e36, "i2": -32767, "u2": 65535, "i4": -2147483647}
+_FILLS |= {"u4": 4294967295, "i8": -9223372036854775806, "u8": 18446744073709551614}
+"""Values that netCDF writes where nothing was written; bytes have none."""
+_WORDS = ("standard_name", "long_name", "axis", "positive", "coordinates", "grid_mapping", "bounds", "cell_methods")
+_STEP = 100.0  # m, of differences of a projection, which pyproj inverts to 1 mm
+_TURNED = 1e-3  # rad; a grid that is turned less has its axes east and north
+
+
+class Grid(NamedTuple):
+    """Velocities on a grid.
+
+    Attributes:
+        x, y: Places of the nodes along the axes of the grid, shapes (X,) and (Y,), rising, m.
+        time: Times, shape (T,), rising, s; one for a steady flow.
+        velocity: Velocities along the axes of the plane, shape (T, Y, X, 3), m/s; NaN on land.
+        turn: Matrix from a place in the plane to one along the axes of the grid, shape (2, 2).
+    """
+
+    x: Array
+    y: Array
+    time: Array
+    velocity: Array
+    turn: Array
+
+    @property
+    def box(self) -> str:
+        """The box in words."""
+        along = "" if np.array_equal(self.turn, np.eye(2)) else ", along the axes of its grid"
+        return f"x from {self.x[0]:.6g} to {self.x[-1]:.6g} m and y from {self.y[0]:.6g} to {self.y[-1]:.6g} m{along}"
+
+
+class Request(NamedTuple):
+    """What is read of a file; see the fields of `mjsheaf.media.gridded.GriddedFlow`.
+
+    Attributes:
+        sha256: Digest of the content that is meant; None for the present one.
+        medium: Medium of the section; None where vehicles of both meet it.
+    """
+
+    path: str
+    sha256: str | None
+    origin: tuple[float, float]
+    start: str | None = None
+    depth: float = 0.0
+    variables: tuple[str, ...] = ()
+    select: tuple[tuple[str, float | str], ...] = ()
+    medium: Medium | None = None
+
+
+class Reading(NamedTuple):
+    """A grid, the medium that its variables are of, and notes on choices that a user may not expect."""
+
+    grid: Grid
+    medium: Medium | None
+    notes: tuple[str, ...]
+
+
+@lru_cache(8)
+def read_flow(asked: Request) -> Reading:
+    """Read the velocities of a file. With a digest, the cache returns what the file held.
+
+    Raises:
+        InputError: The file cannot be read, has changed, or has no flow that is understood.
+    """
+    notes: list[str] = []
+    with in_field(f"path: {asked.path}"), open_flow(asked.path, asked.sha256) as data:
+        pair = _choose(data, asked)
+        known = {name for name, _ in asked.select}
+        parts = []
+        for name in pair.names:
+            part, used = _selected(_with_coordinates(data, name), asked.select)
+            known -= used
+            with in_field(name):
+                parts.append(_read_part(data, part, asked, pair.medium or asked.medium, notes))
+        if known:
+            raise InputError(f"select: {pair.names[0]} has no axis {min(known)!r}; expected {_axes_of(data, pair)}")
+        return Reading(_merge(parts, pair, notes), pair.medium, tuple(dict.fromkeys(notes)))
+
+
+@contextmanager
+def open_flow(path: str, sha256: str | None = None) -> "Iterator[xr.Dataset]":
+    """Open a netCDF file as it is, with attributes that are text where CF says so, and without warnings.
+
+    Raises:
+        InputError: It cannot be read, or its content is not the expected one.
+    """
+    import xarray as xr  # slow to import
+
+    with open_regular(path) as file, warnings.catch_warnings():
+        if sha256 is not None and hashlib.file_digest(file, "sha256").hexdigest() != sha256:
+            raise InputError("has changed since it was read; expected the content of its sha256, or no such field")
+        file.seek(0)
+        warnings.simplefilter("ignore")
+        try:
+            data = xr.open_dataset(file, decode_cf=False)
+        except Exception as error:  # of any of the libraries that read files
+            reason = shortened(" ".join(str(error).split()), 200)
+            raise InputError(f"is no netCDF file that can be read: {reason}") from None
+        try:
+            for variable in data.variables.values():
+                words = [key for key in _WORDS if not isinstance(variable.attrs.get(key, ""), str)]
+                for key in words:
+                    del variable.attrs[key]
+            yield data
+        except (OSError, RuntimeError) as error:  # of the libraries, about damaged data
+            raise InputError(f"cannot be read: {shortened(' '.join(str(error).split()), 200)}") from None
+        finally:
+            data.close()
+
+
+def _text(variable: Any, key: str) -> str:
+    return str(variable.attrs.get(key, ""))
+
+
+# -- variables -----------------------------------------------------------------------------------------------------
+
+
+class _Pair(NamedTuple):
+    """Components of one flow.
+
+    Attributes:
+        names: Names of the variables, two or three.
+        medium: Their medium; None if the file does not say it.
+        along: Directions that they have: of the earth, of the grid's axes; None if the file does not say it.
+    """
+
+    names: tuple[str, ...]
+    medium: Medium | None
+    along: Literal["earth", "grid"] | None
+
+
+def _meaning(variable: Any) -> tuple[str, int, Medium, Literal["earth", "grid"]] | None:
+    """Return family, component, medium and direction of a velocity by its standard name; None for all else."""
+    words = re.sub(r"_at_[uv]_location$", "", _text(variable, "standard_name")).split("_")
+    places = [k for k, word in enumerate(words) if word in _COMPONENTS]
+    if len(places) != 1:
+        return None
+    word = words[places[0]]
+    words[places[0]] = "*"
+    found = _FLOWS.fullmatch("_".join(words))
+    if found is None:
+        return None
+    medium: Medium = "water" if found["water"] else "air"
+    return found[0], _COMPONENTS[word], medium, "grid" if word in "xy" else "earth"
+
+
+def _statistic(variable: Any) -> str:
+    """Return the statistic of a variable that is no flow, such as a variance; empty for values and means."""
+    methods = re.sub(r"\(.*?\)", "", _text(variable, "cell_methods"))
+    within = re.search(r"\b(?:within|over) (?:days|years)", methods)
+    others = [method for method in re.findall(r":\s*([a-z_]+)", methods) if method not in ("point", "mean")]
+    return within[0] if within else others[0] if others else ""
+
+
+def _is_speed(variable: Any) -> bool:
+    try:
+        return _speed_factor(variable) > 0.0
+    except InputError:
+        return False
+
+
+def _speed_factor(variable: Any) -> float:
+    """Return the factor from the unit of a variable to m/s.
+
+    Raises:
+        InputError: It is none of speed. By CF, a variable without units has no dimension.
+    """
+    units = variable.attrs.get("units")
+    if units is None:
+        raise InputError(
+            "has no units, by CF a number without dimension; expected a speed: add it, for example by ncatted -a "
+            f"units,{variable.name},c,c,'m s-1'"
+        )
+    if str(units).lower() in ("ms-1", "m/s", "m s-1", "meter second-1"):  # the first would be 1/ms
+        return 1.0
+    return factor(str(units), "m s-1")
+
+
+def _pairs(data: "xr.Dataset") -> list[_Pair]:
+    """Return the horizontal flows of a file: those of standard names, or if there are none, by name."""
+    families: dict[tuple[str, Medium, Literal["earth", "grid"]], tuple[list[str], list[str]]] = {}
+    for name, variable in data.data_vars.items():
+        found = _meaning(variable)
+        if found and found[1] < 2 and not _statistic(variable):
+            family, component, medium, along = found
+            families.setdefault((family, medium, along), ([], []))[component].append(str(name))
+    pairs = []
+    for (_, medium, along), (us, vs) in families.items():
+        both = [(u, v) for u in us for v in vs if len(us) == len(vs) == 1 or _are_named_alike(u, v)]
+        pairs += [_Pair(names, medium, along) for names in both or [(u, v) for u in us for v in vs]]
+    return pairs or _pairs_by_name(data)
+
+
+def _pairs_by_name(data: "xr.Dataset") -> list[_Pair]:
+    plain = {
+        str(n).lower(): str(n) for n, v in data.data_vars.items() if not (_text(v, "standard_name") or _statistic(v))
+    }
+    pairs = []
+    for u, v, medium in _NAMES:
+        if u in plain and v in plain:
+            about = f"{_text(data[plain[u]], 'long_name')} {_text(data[plain[v]], 'long_name')}".lower()
+            said: Medium | None = (
+                "air" if "wind" in about else "water" if re.search("current|water|sea", about) else None
+            )
+            pairs.append(_Pair((plain[u], plain[v]), medium or said, None))
+    return pairs
+
+
+def _are_named_alike(u: str, v: str) -> bool:
+    """Return True if two names differ in one word or letter, as u10 and v10 do."""
+    changes = (
+        ("eastward", "northward"),
+        ("east", "north"),
+        ("zonal", "meridional"),
+        ("u", "v"),
+        ("x", "y"),
+        ("U", "V"),
+    )
+    return any(u[: at.start()] + b + u[at.end() :] == v for a, b in (*changes, ("X", "Y")) for at in re.finditer(a, u))
+
+
+def _choose(data: "xr.Dataset", asked: Request) -> _Pair:
+    """Return the variables of the flow that fits a request.
+
+    Raises:
+        InputError: There is none, or several; the message names them.
+    """
+    if asked.variables:
+        return _named(data, asked)
+    pairs = _pairs(data)
+    fits = [pair for pair in pairs if asked.medium is None or pair.medium in (None, asked.medium)]
+    shown = [f"[{', '.join(pair.names)}]" for pair in fits or pairs]
+    left = [f"{n} ({_statistic(v)})" for n, v in data.data_vars.items() if _is_speed(v) and _statistic(v)]
+    speeds = [str(n) for n, v in data.data_vars.items() if _is_speed(v) and not _meaning(v) and not _statistic(v)]
+    others = f"; expected two of {listed(speeds)} in `variables`" if len(speeds) > 1 else ""
+    if pairs and not fits:
+        there = "wind" if pairs[0].medium == "air" else "current"
+        raise InputError(
+            f"has a {there}, {listed(shown)}, which fits flow.{pairs[0].medium}, but no flow of {asked.medium}{others}"
+        )
+    if len(fits) > 1:
+        raise InputError(f"has several flows: {listed(shown)}; expected one of them in `variables`")
+    if not fits:
+        raise InputError(
+            "has no velocities with the standard names eastward_sea_water_velocity and northward_sea_water_velocity, "
+            "eastward_wind and northward_wind, or alike"
+            + (f"; statistics are no flow: {listed(left)}" if left else others)
+        )
+    (pair,) = fits
+    medium = pair.medium or asked.medium
+    up = [str(name) for name, v in data.data_vars.items() if (m := _meaning(v)) and m[1] == 2 and m[2] == medium]
+    up += [n for n in ("wo", "w") if n in data and not _text(data[n], "standard_name") and _is_speed(data[n])]
+    return pair._replace(names=(*pair.names, *up[:1]))
+
+
+def _named(data: "xr.Dataset", asked: Request) -> _Pair:
+    """Return the variables that a user names.
+
+    Raises:
+        InputError: One does not exist, or is no flow of the medium.
+    """
+    known = [str(name) for name, variable in data.data_vars.items() if _is_speed(variable)]
+    meanings = []
+    for k, name in enumerate(asked.variables):
+        if name not in data.data_vars:
+            raise InputError(f"variables: there is no {name!r}; {expected(name, known)}")
+        if statistic := _statistic(data[name]):
+            raise InputError(f"variables: {name} is no flow but a statistic: {statistic}")
+        meaning = _meaning(data[name])
+        if meaning is not None and meaning[1] != k:
+            raise InputError(f"variables: {name} is {data[name].standard_name}; expected u, v and, in space, w")
+        if meaning is not None and asked.medium not in (None, meaning[2]):
+            raise InputError(f"variables: {name} is {data[name].standard_name}; expected it in flow.{meaning[2]}")
+        meanings.append(meaning)
+    u, v = meanings[:2]
+    if u is not None and v is not None and (u[0], u[3]) != (v[0], v[3]):
+        raise InputError(f"variables: {asked.variables[0]} and {asked.variables[1]} are of different flows")
+    meaning = u or v
+    return _Pair(asked.variables, meaning and meaning[2], meaning and meaning[3])
+
+
+def _axes_of(data: "xr.Dataset", pair: _Pair) -> str:
+    return listed(sorted({str(dim) for name in pair.names for dim in data[name].dims}))
+
+
+# -- axes ----------------------------------------------------------------------------------------------------------
+
+
+class _Part(NamedTuple):
+    """A component: times, places along the axes of its grid, values (T, Y, X) in m/s, and the grid's projection."""
+
+    name: str
+    time: Array
+    x: Array
+    y: Array
+    values: Array
+    plane: "_Plane"
+
+
+def _with_coordinates(data: "xr.Dataset", name: str) -> "xr.DataArray":
+    """Return a variable, undecoded, with its decoded coordinates, also those that nothing but their units name."""
+    import xarray as xr
+
+    variable = data[name]
+    places = ("degree_north", "degrees_north", "degree_east", "degrees_east")
+    named = _text(variable, "coordinates").split() + _text(data, "coordinates").split()
+    near = [
+        other
+        for other, its in data.variables.items()
+        if set(its.dims) <= set(variable.dims)
+        and (
+            other in named
+            or other in variable.dims
+            or _text(its, "units") in places
+            or _text(its, "standard_name") == "time"
+        )
+        and other != name
+    ]
+    decoded = xr.decode_cf(data[near], decode_times=False, decode_timedelta=False).set_coords(near)
+    return variable.drop_vars(list(variable.coords)).assign_coords(decoded.coords)
+
+
+def _selected(part: "xr.DataArray", select: tuple[tuple[str, float | str], ...]) -> "tuple[xr.DataArray, set[str]]":
+    """Return a variable at chosen places along some of its axes, and the names of those that it has.
+
+    Raises:
+        InputError: An axis does not have the value, to rounding.
+    """
+    used = set()
+    for name, value in select:
+        if name not in part.dims and name not in part.coords:
+            continue
+        used.add(name)
+        axis = part[name] if name in part.coords else None
+        values = np.arange(part.sizes[name]) if axis is None else np.atleast_1d(_readable(axis))
+        if values.ndim > 1:
+            raise InputError(f"select: {name} has {values.ndim} dimensions; expected an axis")
+        if isinstance(value, str) or values.dtype.kind not in "fiu":
+            equal = np.array([str(v).replace(" ", "T").startswith(str(value).replace(" ", "T")) for v in values])
+        else:
+            equal = np.isclose(values.astype(np.float64), value, rtol=1e-6, atol=0.0)
+        if equal.sum() != 1:
+            raise InputError(f"select: {name} has no {value!r}; expected one of {_shown(values)}")
+        dims = (name,) if axis is None else axis.dims
+        gone = [str(c) for c in part.coords if part[c].dims == dims and _is_vertical(part, part[c])]
+        part = part.isel(dict.fromkeys(dims, int(np.argmax(equal)))).drop_vars(gone)
+    return part, used
+
+
+def _readable(axis: "xr.DataArray") -> Any:
+    """Return the values of an axis, times as dates."""
+    return _dates(axis) if "since" in _text(axis, "units") else axis.values
+
+
+def _shown(values: Any) -> str:
+    return listed([f"{v:.6g}" if values.dtype.kind in "fiu" else str(v)[:19] for v in values])
+
+
+def _require_none_left(part: "xr.DataArray", dims: tuple[Any, ...]) -> "xr.DataArray":
+    """Return a variable that has no axis but these.
+
+    Raises:
+        InputError: It has another of several values.
+    """
+    for dim in part.dims:
+        if dim not in dims and part.sizes[dim] > 1:
+            _refuse_axis(part, next((str(c) for c in part.coords if part[c].dims == (dim,)), str(dim)))
+    return part.isel({dim: 0 for dim in part.dims if dim not in dims}).transpose(*dims)
+
+
+def _refuse_axis(part: "xr.DataArray", name: str) -> None:
+    values = np.arange(part.sizes[name]) if name not in part.coords else np.atleast_1d(_readable(part[name]))
+    units = f" in {_text(part[name], 'units')}" if name in part.coords and _text(part[name], "units") else ""
+    example = values.ravel()[0]
+    raise InputError(
+        f"has an axis {name}{units}, which is no time, place or distance from the surface; expected one of its "
+        f"values in `select`: {_shown(values.ravel())}, for example select: {{{name}: {_shown(np.array([example]))}}}"
+    )
+
+
+def _cf(part: "xr.DataArray", *roles: str) -> list[str]:
+    """Return the names of the coordinates of a variable that have one of these roles by cf-xarray."""
+    import cf_xarray  # noqa: F401  # registers the accessor
+
+    tables = {**part.cf.axes, **part.cf.coordinates}
+    return list(dict.fromkeys(str(name) for role in roles for name in tables.get(role, ()) if name in part.coords))
+
+
+def _is_vertical(part: "xr.DataArray", axis: "xr.DataArray") -> bool:
+    """Return True for an axis of depth, height, pressure, density or layers."""
+    if axis.name in _cf(part, "vertical", "Z"):
+        return True
+    if axis.name in _cf(part, "X", "Y", "T", "time", "latitude", "longitude") or axis.dtype.kind not in "fiu":
+        return False
+    return _converts(axis, "Pa") or _converts(axis, "m") or _HEIGHTS.fullmatch(str(axis.name)) is not None
+
+
+def _converts(axis: Any, unit: str) -> bool:
+    try:
+        return "units" in axis.attrs and factor(axis.attrs["units"], unit) > 0.0
+    except InputError:
+        return False
+
+
+def _at_depth(part: "xr.DataArray", depth: float, medium: Medium | None, notes: list[str]) -> "xr.DataArray":
+    """Return the values of a component at a distance from the surface.
+
+    Raises:
+        InputError: Its vertical axis is not understood, or does not reach there.
+    """
+    axes = {str(c): part[c] for c in part.coords if part[c].ndim < 2 and _is_vertical(part, part[c])}
+    along_dims = {name: axis for name, axis in axes.items() if axis.ndim}
+    deciding = along_dims or axes
+    levels = {name: found for name, axis in deciding.items() if (found := _distances(axis, medium)) is not None}
+    for name, axis in deciding.items():
+        if not any(axis.dims == axes[other].dims for other in levels):
+            _refuse_axis(part, name)
+    if not levels:
+        if depth > 0.0:
+            raise InputError(f"depth: the file has no axis of depth or height; expected none, not {depth:g} m")
+        return _decoded(part)
+    name = max(levels, key=lambda name: (axes[name].ndim, name in part.dims))
+    along = levels[name]
+    if depth > along.max():
+        raise InputError(f"depth: {depth:g} m is beyond the file's; expected up to {along.max():g} m")
+    if depth <= along.min():
+        if along.min() - depth > 1.0:
+            notes.append(f"the flow is that of {name} {along.min():g} m, the nearest to the surface in its file")
+        part = _decoded(part.isel(dict.fromkeys(axes[name].dims, int(np.argmin(along)))))
+    elif axes[name].ndim == 0:
+        part = _decoded(part)
+    else:
+        dim = axes[name].dims[0]
+        part = _decoded(part).assign_coords({dim: along}).sortby(dim)
+        if (np.diff(part[dim].values) <= 0.0).any():
+            raise InputError(f"{name} has a value twice")
+        part = part.interp({dim: depth})
+    return part.drop_vars([other for other in axes if other in part.coords])
+
+
+def _distances(axis: "xr.DataArray", medium: Medium | None) -> Array | None:
+    """Return the distances of the levels of an axis from the surface, m; None if they are something else.
+
+    Raises:
+        InputError: They are missing, or not where the medium is.
+    """
+    standard = _text(axis, "standard_name")
+    named = _HEIGHTS.fullmatch(str(axis.name))
+    if standard and standard not in _LENGTHS:
+        return None
+    if "units" in axis.attrs:
+        if not _converts(axis, "m"):
+            return None
+        values = factor(axis.attrs["units"], "m") * np.atleast_1d(axis.values).astype(np.float64)
+    elif standard or (named and named[1]):
+        values = np.atleast_1d(axis.values).astype(np.float64)
+    else:
+        return None
+    positive = _text(axis, "positive").lower()
+    direction = positive if positive in ("up", "down") else _LENGTHS.get(standard, "")
+    side = {"water": "down", "air": "up", None: direction}[medium]
+    if not np.isfinite(values).all():
+        raise InputError(f"{axis.name} has missing values")
+    signed = -values if direction and direction != side else values
+    if values.min() < 0.0 < values.max() or (signed.min() < 0.0 and (positive or direction not in ("", side))):
+        raise InputError(
+            f"{axis.name} goes from {values.min():g} to {values.max():g} m {direction or 'up or down'}; expected one "
+            f"side of the surface, that of the {medium or 'medium'}"
+        )
+    return np.abs(values)
+
+
+# -- values --------------------------------------------------------------------------------------------------------
+
+
+def _decoded(part: "xr.DataArray") -> "xr.DataArray":
+    """Return the values of a variable by CF: unpacked, and NaN where they are missing or not valid.
+
+    `valid_min`, `valid_max` and `valid_range` are about packed values, unless they have the type of unpacked ones.
+
+    Raises:
+        InputError: They are no numbers.
+    """
+    import xarray as xr
+
+    part = part.load()
+    attrs = part.attrs
+    if not {"flag_values", "flag_masks", "flag_meanings"}.isdisjoint(attrs) or part.dtype.kind not in "fiu":
+        raise InputError(f"has values of type {part.dtype}; expected numbers")
+    decoded = xr.decode_cf(xr.Dataset({"flow": part}), decode_times=False, decode_timedelta=False)["flow"]
+    raw = part.values
+    limits = [attrs.get("valid_min"), attrs.get("valid_max")]
+    if "valid_range" in attrs:
+        limits = list(np.ravel(attrs["valid_range"])[:2])
+    missing = np.zeros(raw.shape, bool)
+    if str(attrs.get("_Unsigned", "")).lower() == "true" and raw.dtype.kind == "i":
+        raw = raw.view(f"u{raw.dtype.itemsize}")
+        limits = [None if v is None else np.asarray(v).astype(part.dtype).view(raw.dtype) for v in limits]
+    for limit, beyond in zip(limits, (np.less, np.greater), strict=False):
+        if limit is not None:
+            internal = np.asarray(limit).dtype.kind == "f" and raw.dtype.kind in "iu"
+            missing |= beyond(decoded.values if internal else raw, np.asarray(limit).astype(np.float64))
+    if "_FillValue" not in attrs and "missing_value" not in attrs:
+        fill = _FILLS.get(f"{raw.dtype.kind}{raw.dtype.itemsize}")
+        missing |= False if fill is None else raw == np.asarray(fill).astype(raw.dtype)
+    return (decoded.where(~missing) if missing.any() else decoded).rename(part.name)
+
+
+def _read_part(
+    data: "xr.Dataset", part: "xr.DataArray", asked: Request, medium: Medium | None, notes: list[str]
+) -> _Part:
+    """Read a component at its depth.
+
+    Raises:
+        InputError: It is not understood, or has values that no flow has.
+    """
+    to_speed = _speed_factor(part)
+    if 0 in part.shape:
+        raise InputError("has no values")
+    x, y, plane = _plane_of(data, part, asked.origin)
+    axis = _time_axis(part)
+    moving = () if axis is None else axis.dims
+    part = _require_none_left(_at_depth(part, asked.depth, medium, notes), (*moving, *y.dims, *x.dims))
+    dates = None if axis is None else _dates(_means_at_their_middle(data, part, axis, notes))
+    values = part.values.astype(np.float64).reshape(-1, len(plane.y), len(plane.x))
+    if to_speed != 1.0:
+        values = to_speed * values
+    if not np.isfinite(values).any():
+        raise InputError("has no values")
+    _require_plausible(values, (x, y, dates), medium)
+    if len(values) == 1:
+        notes.append(
+            f"the flow is steady: its file has no times{'' if dates is None else f' but {str(dates[0])[:19]}'}"
+        )
+    columns, rows = np.argsort(plane.x), np.argsort(plane.y)
+    for of, along in ((x, plane.x[columns]), (y, plane.y[rows])):
+        if len(along) < 2 or np.diff(along).min() <= 0.0:
+            raise InputError(
+                f"{of.name} has {len(along)} values, or one of them twice; expected two or more, each once"
+            )
+    values = values[:, rows][:, :, columns]
+    return _Part(str(part.name), _seconds(dates, asked.start), plane.x[columns], plane.y[rows], values, plane)
+
+
+def _require_plausible(values: Array, axes: "tuple[xr.DataArray, xr.DataArray, Any]", medium: Medium | None) -> None:
+    """Refuse velocities that no medium has: most stand for missing data."""
+    fastest = float(np.nanmax(np.abs(values)))
+    if fastest <= FASTEST[medium]:
+        return
+    k, j, i = np.unravel_index(int(np.nanargmax(np.abs(values))), values.shape)
+    x, y, dates = axes
+    when = "" if dates is None else f" at {str(dates[k])[:19]}"
+    raise InputError(
+        f"is {values[k, j, i]:.4g} m/s{when}, {y.name} {y.values[j]:.6g}, {x.name} {x.values[i]:.6g}; expected at most "
+        f"{FASTEST[medium]:g} m/s: what stands for missing data needs _FillValue, missing_value or valid_range"
+    )
+
+
+# -- time ----------------------------------------------------------------------------------------------------------
+
+
+def _time_axis(part: "xr.DataArray") -> "xr.DataArray | None":
+    """Return the times of a variable, one for each or one for all; None if it has none.
+
+    Times of a forecast are its reference time and the periods after it.
+
+    Raises:
+        InputError: Its times are no dates, of a climatology, or have two dimensions.
+    """
+    names = [*_cf(part, "time", "T"), *(n for n in ("time", "t", "valid_time") if n in part.coords)]
+    names += [str(c) for c in part.coords if "since" in _text(part[c], "units")]
+    axes = [part[n] for n in dict.fromkeys(names) if _text(part[n], "standard_name") in ("", "time")]
+    axes.sort(key=lambda axis: (-axis.ndim, axis.dims != (axis.name,)))
+    if not axes:
+        steps = [part[c] for c in part.coords if _text(part[c], "standard_name") == "forecast_period"]
+        zeros = [part[c] for c in part.coords if _text(part[c], "standard_name") == "forecast_reference_time"]
+        if not (steps and zeros and steps[0].ndim == 1 and zeros[0].ndim == 0):
+            return None
+        seconds = factor(steps[0].attrs.get("units"), "s") * steps[0].astype(np.float64)
+        return seconds.assign_attrs(units=f"seconds since {_dates(zeros[0])[0]}", calendar=_text(zeros[0], "calendar"))
+    axis = axes[0]
+    if axis.ndim > 1:
+        raise InputError(
+            f"{axis.name} has the axes {', '.join(map(str, axis.dims))}; expected one of one of them in `select`"
+        )
+    if "climatology" in axis.attrs:
+        raise InputError(f"{axis.name} is of a climatology, whose times are no dates; expected a flow over time")
+    return axis
+
+
+def _means_at_their_middle(
+    data: "xr.Dataset", part: "xr.DataArray", axis: "xr.DataArray", notes: list[str]
+) -> "xr.DataArray":
+    """Return the times of a variable, those of means over time in the middle of their bounds."""
+    bounds = data.variables.get(_text(axis, "bounds"))
+    names = "|".join(re.escape(str(name)) for name in {axis.name, *axis.dims})
+    if bounds is None or not re.search(rf"\b({names}): (\w+: )*mean", _text(part, "cell_methods")):
+        return axis
+    middles = bounds.values.astype(np.float64).mean(axis=-1)
+    if middles.shape != axis.shape or np.allclose(middles, axis.values.astype(np.float64), rtol=1e-12, atol=1e-9):
+        return axis
+    notes.append(
+        f"values are means over the intervals {axis.bounds}, and are taken in their middle, not at {axis.name}"
+    )
+    return axis.copy(data=middles)
+
+
+def _dates(axis: "xr.DataArray") -> Any:
+    """Return the dates of an axis, shape (T,), of numpy or of cftime.
+
+    Raises:
+        InputError: They are no dates.
+    """
+    import xarray as xr
+
+    units, calendar = _text(axis, "units"), _text(axis, "calendar") or "standard"
+    if "since" not in units or re.match(r"\s*(common_)?(month|year)", units):
+        raise InputError(
+            f"{axis.name} has the unit {units!r}; expected seconds, minutes, hours or days since a date, such as "
+            "'hours since 2026-05-01'"
+        )
+    numbers = np.atleast_1d(axis.values)
+    if numbers.dtype.kind not in "fiu" or not np.isfinite(numbers).all():
+        raise InputError(f"{axis.name} has missing values; expected a time everywhere")
+    attrs = {"units": units, "calendar": calendar}
+    try:
+        dates = xr.decode_cf(xr.Dataset(coords={"time": ("time", numbers, attrs)}))["time"].values
+    except (ValueError, OverflowError):
+        raise InputError(f"{axis.name} has no dates: unit {units!r}, calendar {calendar!r}") from None
+    if dates.dtype.kind == "M" and np.isnat(dates).any():
+        raise InputError(f"{axis.name} has missing values; expected a time everywhere")
+    return dates
+
+
+def _seconds(dates: Any, start: str | None) -> Array:
+    """Return times, s after `start`, or after the first.
+
+    Raises:
+        InputError: `start` is no time, or times do not rise.
+    """
+    import cftime  # type: ignore[import-untyped]
+
+    if dates is None and start is not None:
+        raise InputError("start: the file has no times; expected none")
+    if dates is None:
+        return np.zeros(1)
+    zero, text = dates[0], (start or "").removesuffix("Z")
+    try:
+        if text and not re.match(r"\d{4}(-|$)", text):
+            raise ValueError("expected for example 2026-05-01T06:00")
+        if text and dates.dtype.kind == "M" and not 1678 <= int(text[:4]) <= 2261:
+            raise ValueError("centuries away from its times")
+        if dates.dtype.kind == "M":
+            zero = np.datetime64(text, "ns") if text else zero
+            times = (dates - zero) / np.timedelta64(1, "ns") * 1e-9
+        else:
+            zero = cftime.num2date(0, f"seconds since {text}", zero.calendar) if text else zero
+            times = np.array([(date - zero).total_seconds() for date in dates])
+    except (ValueError, TypeError) as error:
+        raise InputError(f"start: {start!r} is no date for this file: {error}") from None
+    if (np.diff(times) <= 0.0).any():
+        raise InputError("its times do not rise")
+    return np.asarray(times, dtype=np.float64)
+
+
+# -- places --------------------------------------------------------------------------------------------------------
+
+
+class _Plane(NamedTuple):
+    """Places of the nodes of a grid in the plane about an origin.
+
+    Attributes:
+        x, y: Places along the axes of the grid, in the order of the file, m.
+        origin: Latitude and longitude of the origin, deg.
+        turn: Matrix from a place in the plane to one along the axes of the grid, shape (2, 2).
+        geographic: Function from x and y to latitude and longitude, deg.
+        projected: True if the axes of the grid are not longitude and latitude.
+    """
+
+    x: Array
+    y: Array
+    origin: tuple[float, float]
+    turn: Array
+    geographic: Callable[[Any, Any], tuple[Any, Any]]
+    projected: bool = False
+
+    def axes(self, x: Any, y: Any) -> Array:
+        """Return the directions of the axes at places, as columns (east, north), shape (..., 2, 2)."""
+        columns = []
+        for dx, dy in ((_STEP, 0.0), (0.0, _STEP)):
+            lat, lon = self.geographic(x - dx, y - dy)
+            further = self.geographic(x + dx, y + dy)
+            east = ((further[1] - lon + 180.0) % 360.0 - 180.0) * np.cos(np.radians(0.5 * (lat + further[0])))
+            column = np.stack([east, further[0] - lat], axis=-1)
+            columns.append(column / np.linalg.norm(column, axis=-1, keepdims=True))
+        return np.stack(columns, axis=-1)
+
+
+def _plane_of(
+    data: "xr.Dataset", part: "xr.DataArray", origin: tuple[float, float] | None
+) -> "tuple[xr.DataArray, xr.DataArray, _Plane]":
+    """Return the coordinates of a variable along x and y, and its plane; without an origin, that about its middle.
+
+    Raises:
+        InputError: The grid is not rectangular in degrees, or in a projection that pyproj knows.
+    """
+    from pyproj.exceptions import ProjError
+
+    lats, lons = _find_places(part, "latitude", _LATITUDES), _find_places(part, "longitude", _LONGITUDES)
+    y, x = lats[0] if lats else None, lons[0] if lons else None
+    if x is not None and y is not None and x.ndim == y.ndim == 1:
+        if x.dims == y.dims:
+            raise InputError(
+                f"lies at places in a list ({x.dims[0]}), not on a grid; expected one: interpolate it first"
+            )
+        lat, lon = _degrees(y), _degrees(x)
+        if np.abs(lat).max() > 90.0:
+            raise InputError(f"{y.name} has values from {lat.min():g} to {lat.max():g}; expected at most 90 degrees")
+        lat0, lon0 = origin or (float(np.mean(lat)), float(lon[len(lon) // 2]))
+        per_degree = math.radians(1.0) * EARTH
+        per_longitude = per_degree * math.cos(math.radians(lat0))
+        across, along = to_plane(lat, lon, (lat0, lon0))
+        plane = _Plane(
+            across,
+            along,
+            (lat0, lon0),
+            np.eye(2),
+            lambda x, y: (lat0 + y / per_degree, lon0 + x / per_longitude),
+        )
+        return x, y, plane
+    axes = [part[c] for role in ("X", "Y") for c in [c for c in _cf(part, role) if part[c].ndim == 1][:1]]
+    if len(axes) == 2 and 1 not in (getattr(x, "ndim", 0), getattr(y, "ndim", 0)):
+        dims = (*axes[1].dims, *axes[0].dims)
+        places = [a.transpose(*dims) if a is not None and set(a.dims) == set(dims) else None for a in (y, x)]
+        reasons = []
+        for crs in _projections(data, part, axes[0]):
+            unit = "degree" if crs.is_geographic else "m"
+            try:
+                across, along = (factor(a.attrs.get("units"), unit) * a.values.astype(np.float64) for a in axes)
+                return axes[0], axes[1], _project(crs, across, along, (places[0], places[1]), origin)
+            except (InputError, ProjError) as error:
+                reasons.append(" ".join(str(error).split()))
+        if reasons or x is None or y is None:
+            why = "".join(f"; {reason}" for reason in dict.fromkeys(reasons))
+            raise InputError(
+                f"its axes {axes[0].name} and {axes[1].name} ({_text(axes[0], 'units') or 'no unit'}) are not degrees; "
+                f"expected these, or a grid_mapping that pyproj reads{why}"
+            )
+    for axis, kind in ((x, "longitude"), (y, "latitude")):
+        if axis is not None and axis.ndim > 1:
+            raise InputError(
+                f"the grid is curvilinear ({axis.name} has {axis.ndim} dimensions); expected one along longitude and "
+                "latitude: interpolate it first, for example with cdo remapbil"
+            )
+        if axis is None or axis.ndim == 0:
+            raise InputError(f"has no {kind} along an axis; expected one in degrees")
+    raise InputError("has no longitude and latitude; expected both in degrees")
+
+
+def _find_places(part: "xr.DataArray", role: str, names: tuple[str, ...]) -> "list[xr.DataArray]":
+    """Return the longitudes or latitudes of a variable, those along one axis first."""
+    found = [part[name] for name in _cf(part, role)]
+    bare = [c for c in part.coords if str(c).lower() in names and not _text(part[c], "standard_name")]
+    return sorted([*found, *(part[c] for c in bare if c not in [f.name for f in found])], key=lambda c: abs(c.ndim - 1))
+
+
+def _degrees(axis: "xr.DataArray") -> Array:
+    """Return angles in degrees; those without units are in degrees.
+
+    Raises:
+        InputError: They are in something else, or missing.
+    """
+    with in_field(str(axis.name)):
+        to_degrees = factor(axis.attrs["units"], "degree") if "units" in axis.attrs else 1.0
+        if axis.dtype.kind not in "fiu" or not np.isfinite(axis.values).all():
+            raise InputError("has missing values; expected a number everywhere")
+    values = axis.values.astype(np.float64)
+    return values if to_degrees == 1.0 else to_degrees * values
+
+
+def _project(
+    crs: "CRS",
+    across: Array,
+    along: Array,
+    places: "tuple[xr.DataArray | None, xr.DataArray | None]",
+    origin: tuple[float, float] | None,
+) -> _Plane:
+    """Return the plane of a projected grid: with its axes, but with the scale that holds about the origin.
+
+    Args:
+        crs: Projection.
+        across, along: Places along the axes, m, or degrees of a rotated pole.
+        places: Latitude and longitude of the nodes, which must agree; None where the file has none along both axes.
+        origin: Latitude and longitude of the origin; None for the middle of the grid.
+
+    Raises:
+        InputError: The projection does not agree, or the origin lies outside.
+    """
+    from pyproj import Transformer
+    from pyproj.enums import TransformDirection
+
+    to_places = Transformer.from_crs(crs, crs.source_crs, always_xy=True)
+    step = _STEP / EARTH if crs.is_geographic else _STEP
+    size = 1.0 if crs.is_geographic else crs.axis_info[0].unit_conversion_factor
+
+    def places_of(x: Any, y: Any) -> tuple[Any, Any]:
+        lon, lat = to_places.transform(np.asarray(x) / size, np.asarray(y) / size)
+        return np.asarray(lat), np.asarray(lon)
+
+    lat0, lon0 = origin or map(float, places_of(across[len(across) // 2], along[len(along) // 2]))
+    x0, y0 = (size * value for value in to_places.transform(lon0, lat0, direction=TransformDirection.INVERSE))
+    scales = []
+    for dx, dy in ((step, 0.0), (0.0, step)):
+        ends = to_plane(*places_of(np.array([x0 - dx, x0 + dx]), np.array([y0 - dy, y0 + dy])), (lat0, lon0))
+        scales.append(float(np.hypot(*np.diff(ends, axis=1))[0]) / (2.0 * step))
+    sx, sy = scales
+    if not 0.0 < sx * sy < math.inf:
+        raise InputError(f"origin: ({lat0:g}, {lon0:g}) lies outside the projection of the file")
+    corners = np.ix_([0, -1], [0, -1])
+    if places[0] is not None and places[1] is not None:
+        lat, lon = (place.values[corners] for place in places if place is not None)
+        there = places_of(*np.meshgrid(across[[0, -1]], along[[0, -1]]))
+        off = np.hypot(((there[1] - lon + 180.0) % 360.0 - 180.0) * np.cos(np.radians(lat)), there[0] - lat)
+        worst = math.radians(float(off.max())) * EARTH
+        if not worst < 0.1 * sx * float(np.abs(np.diff(across)).min()):
+            raise InputError(f"it misses {places[0].name} and {places[1].name} by {worst:.3g} m")
+    plane = _Plane(
+        sx * (across - x0),
+        sy * (along - y0),
+        (lat0, lon0),
+        np.eye(2),
+        lambda x, y: places_of(np.asarray(x) / sx + x0, np.asarray(y) / sy + y0),
+        projected=True,
+    )
+    axes = plane.axes(np.zeros(()), np.zeros(()))
+    return (
+        plane
+        if np.abs(axes - np.eye(2)).max() < 1e-7
+        else plane._replace(turn=np.asarray(np.linalg.inv(axes), np.float64))
+    )
+
+
+def _projections(data: "xr.Dataset", part: "xr.DataArray", x: "xr.DataArray") -> "Iterator[CRS]":
+    """Yield the projections of a variable: by CF's attributes, and by a string of PROJ that some files add."""
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    for name in _text(part, "grid_mapping").replace(":", " ").split():
+        attrs = data.variables[name].attrs if name in data.variables and name != x.name else {}
+        ways: list[tuple[Callable[[Any], CRS], Any]] = [(CRS.from_cf, attrs)]
+        ways += [(CRS.from_proj4, attrs[key]) for key in ("proj4", "proj4_string", "proj4text") if key in attrs]
+        for read, given in ways if attrs else []:
+            try:
+                crs = read(given)
+            except (CRSError, KeyError, TypeError, ValueError):  # attributes are missing, or no numbers
+                continue
+            if crs.is_projected or crs.is_bound or crs.is_derived:
+                yield crs
+
+
+# -- grids ---------------------------------------------------------------------------------------------------------
+
+
+def _merge(parts: list[_Part], pair: _Pair, notes: list[str]) -> Grid:
+    """Return the grid of some components: on a C-grid, that of the middles of its cells.
+
+    Raises:
+        InputError: They have different times, or no places in common.
+    """
+    u, v = parts[:2]
+    if any(len(p.time) != len(u.time) or np.abs(p.time - u.time).max() > 1e-3 for p in parts):
+        raise InputError(
+            f"{u.name} and {' or '.join(p.name for p in parts[1:])} have different times; expected the same"
+        )
+    x, y = u.x, u.y
+    if not all(_are_equal(p.x, x) and _are_equal(p.y, y) for p in parts):
+        x, y = (
+            along[(along >= max(first)) & (along <= min(last))]
+            for along, first, last in (
+                (v.x, [p.x[0] for p in parts], [p.x[-1] for p in parts]),
+                (u.y, [p.y[0] for p in parts], [p.y[-1] for p in parts]),
+            )
+        )
+        if min(len(x), len(y)) < 2:
+            raise InputError(f"{u.name} and {v.name} lie on different grids; expected one, or a C-grid")
+        notes.append(f"{u.name} and {v.name} have places of their own (C-grid), and are interpolated to common ones")
+    velocity = np.zeros((len(u.time), len(y), len(x), 3))
+    for k, part in enumerate(parts):
+        velocity[..., k] = _at_nodes(_at_nodes(part.values, part.x, x, 2), part.y, y, 1)
+    plane = u.plane
+    if plane.projected:
+        local = plane.axes(*np.meshgrid(x, y))
+        if pair.along is None and np.abs(local - np.eye(2)).max() > _TURNED:
+            raise InputError(
+                f"{u.name} and {v.name} have no standard names, so that they may be along the axes of the grid "
+                "or east and north; expected such names"
+            )
+        turned = np.linalg.inv(plane.turn) @ (np.linalg.inv(local) if pair.along == "earth" else np.eye(2))
+        velocity[..., :2] = np.einsum(
+            "...ij,t...j->t...i" if turned.ndim == 2 else "yxij,tyxj->tyxi", turned, velocity[..., :2]
+        )
+    return Grid(x, y, u.time, velocity, plane.turn)
+
+
+def _are_equal(a: Array, b: Array) -> bool:
+    """Return True for the same places but for rounding."""
+    return len(a) == len(b) and bool(np.abs(a - b).max() < 1e-3 * np.diff(a).min())
+
+
+def _at_nodes(values: Array, at: Array, to: Array, axis: int) -> Array:
+    """Return values at places along an axis, those in between by linear interpolation; NaN next to land."""
+    if _are_equal(at, to):
+        return values
+    if np.isin(to, at).all():
+        return np.take(values, np.searchsorted(at, to), axis)
+    import xarray as xr
+
+    dims = ("time", "y", "x")
+    return xr.DataArray(values, {dims[axis]: at}, dims).interp({dims[axis]: to}).values
+
+
+class Proposal(NamedTuple):
+    """Section of a scenario for the flow of a file.
+
+    Attributes:
+        medium: 'water' or 'air'.
+        origin: Latitude and longitude of the node that is farthest from land and from the edge of the grid, deg.
+        start: First time of the file; None for a steady flow.
+        duration: Time from the first to the last, s; infinite for a steady flow.
+        clear: Distance from the origin within which the flow is known at all times, m.
+        grid: The data about that origin.
+    """
+
+    medium: Medium
+    origin: tuple[float, float]
+    start: str | None
+    duration: float
+    clear: float
+    grid: Grid
+
+
+def propose(path: str) -> Proposal:
+    """Choose the origin and start of a scenario in the flow of a file, at its smallest depth or height.
+
+    Raises:
+        InputError: The file cannot be read, has no such data, or is nowhere known at all times.
+    """
+    sha256 = digest_of(path)
+    with in_field(f"path: {path}"), open_flow(path, sha256) as data:
+        part = _with_coordinates(data, _choose(data, Request(path, sha256, (0.0, 0.0))).names[0])
+        with in_field(str(part.name)):
+            _, _, plane = _plane_of(data, part, None)
+        axis = _time_axis(part)
+        start = None if axis is None or axis.ndim == 0 else str(_dates(axis)[0])[:19].replace(" ", "T")
+    grid = read_flow(Request(path, sha256, plane.origin)).grid
+    known = np.isfinite(grid.velocity).all(axis=(0, 3))
+    away = distance_transform_edt(np.pad(known, 1), _spacing(grid))[1:-1, 1:-1]
+    row, column = np.unravel_index(int(np.argmax(away)), away.shape)
+    if not known.any():
+        raise InputError(f"path: the flow of {path} is nowhere known at all times")
+    latitude, longitude = plane.geographic(grid.x[column], grid.y[row])
+    origin = round(float(latitude), 6), round(float(longitude), 6)
+    grid, medium, _ = read_flow(Request(path, sha256, origin))
+    duration = float(grid.time[-1] - grid.time[0]) if len(grid.time) > 1 else math.inf
+    clear = float(away[row, column] - max(_spacing(grid)))
+    return Proposal(medium or "water", origin, start, duration, clear, grid)
+
+
+def _spacing(grid: Grid) -> tuple[float, float]:
+    """Return the smallest spacing of a grid along y and x, m."""
+    return float(np.diff(grid.y).min()), float(np.diff(grid.x).min())
