@@ -457,8 +457,8 @@ def _start_of_last_round(tracks: Array) -> int:
     return int(back[-1]) if len(back) else 0
 
 
-def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray, start: int) -> None:
-    """Draw the trajectories (V, 2, T) in a view as lines with start and end points; pale up to the sample `start`.
+def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray, round_from: int) -> None:
+    """Draw the trajectories (V, 2, T) in a view as lines with start and end points; pale up to the sample `round_from`.
 
     `absent` (N, T) marks absent agents, and `inside` (V, T) vehicles near the others.
     """
@@ -466,8 +466,8 @@ def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside
     N, few = len(absent), len(tracks) <= MOST_NAMED
     there = np.vstack([~absent, np.ones((len(tracks) - N, tracks.shape[2]), dtype=bool)])
     seen = np.where(there, 0, np.where(inside, 1, 2))  # 2: not drawn
-    earlier = np.where(there & (np.arange(tracks.shape[2]) <= start), 0, 2)
-    seen = np.where(there & (np.arange(tracks.shape[2]) < start), 2, seen)
+    earlier = np.where(there & (np.arange(tracks.shape[2]) <= round_from), 0, 2)
+    seen = np.where(there & (np.arange(tracks.shape[2]) < round_from), 2, seen)
     width, faint = (0.8, 0.8) if few else (0.3, 0.5)
     for own, dashes in ((slice(0, N), "-"), (slice(N, None), (0, (4, 1.5)))):
         style = {"linewidths": width, "linestyles": [dashes], "zorder": 2}

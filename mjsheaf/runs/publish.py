@@ -358,8 +358,8 @@ def account_of(
     with timings.part("notes"):
         summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, *bounds[0])
         summary["safety"] = safety = safety_of(dataset)
-        if safety:
-            moment = dataset.isel(time=[int(dataset["separation"].argmin())])
+        if safety and (safety["smallest_separation"] or 0.0) < 0.0:
+            moment = dataset.isel(time=[int(np.nanargmin(dataset["separation"].values))])
             closest = next(iter(too_close_in(phases[0].system, moment).values()), None)
             safety["closest"] = closest and closest.model_dump(mode="json", include={"pair", "time", "gap"})
         summary["expect"] = _expectation(scenario, dataset.attrs, summary["final"], own, safety)

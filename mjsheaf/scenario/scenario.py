@@ -450,8 +450,9 @@ class Scenario(Section):
         return self
 
     def __repr__(self) -> str:
-        parts = {"agent": self.agents, "target": self.targets, "edge": [*self.communication, *self.sensing]}
-        counts = [f"{len(of)} {what}{'s' * (len(of) != 1)}" for what, of in parts.items()]
+        edges = len(self.communication) + len(self.sensing)
+        parts = {"agent": len(self.agents), "target": len(self.targets), "edge": edges}
+        counts = [f"{count} {what}{'s' * (count != 1)}" for what, count in parts.items()]
         return f"Scenario({self.name!r}: {', '.join(counts)}; {self.time.start:g} to {self.time.end:g} s)"
 
     __str__ = __repr__

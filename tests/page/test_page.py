@@ -103,6 +103,7 @@ def test_links_that_measure_ranges_and_bearings_are_off_by_what_they_measure(nam
     for edge in (*team.communication, *team.sensing):
         z, desired = x[team.index[edge.head]] - x[team.index[edge.tail]], edge.offset
         z = z[: edge.F_tail.shape[0]]
+        assert desired is not None
         length = np.linalg.norm(z)
         off = abs(length - desired[0]) if edge.measures == "range" else np.linalg.norm(z - length * desired)
         k = [drawn["name"] for drawn in said["edges"]].index(f"{edge.tail}-{edge.head}")
