@@ -159,8 +159,11 @@ def apart_jit(function: Callable[..., Any]) -> Any:
 
 
 def user_jit(function: Callable[..., Any]) -> Any:
-    """Compile a function of a user's as `jit` does, but for the cache, which has it as a part of what calls it."""
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+    """Compile a function of a user's as `jit` does, but for the cache, which has it as a part of what calls it.
+
+    An index out of range raises an IndexError: it would read and write the numbers of others.
+    """
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "boundscheck": True, "_nrt": False}
     return function if INTERPRETED else njit(**options)(function)
 
 

@@ -14,7 +14,6 @@ from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.control.separation import FilteredVehicles, Safety, pack_safety
 from mjsheaf.control.station import Station, no_station
-from mjsheaf.control.terms import TermArrays, cover
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field, raise_first
@@ -620,7 +619,7 @@ def during(phases: Sequence[Phase], k: int, initial: Array | None = None) -> Sys
 
 
 def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
-    """A run as phases: one for a system alone. Agents know bounds on the eigenvalues of H that hold in all phases.
+    """A run as phases: one for a system alone.
 
     Raises:
         InputError: they do not begin with sample 0, do not follow one another, or differ in what is the whole run's;
@@ -630,10 +629,7 @@ def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
     _require_in_order(phases)
     for phase in phases[1:]:
         _require_same_run(phase, phases[0].system)
-    systems = list({id(phase.system): phase.system for phase in phases}.values())
-    covering = zip(systems, cover([system.law.terms for system in systems]), strict=True)
-    known = {id(system): _with_terms(system, terms) for system, terms in covering}
-    return tuple(_after_earlier([replace(phase, system=known[id(phase.system)]) for phase in phases]))
+    return tuple(_after_earlier(phases))
 
 
 def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
@@ -675,10 +671,3 @@ def _fixed(system: System) -> Iterator[tuple[str, Any]]:
     yield "headings (bodies.heading)", plan.heading
     names = ("time_constant", "effects", "timestep", "contacts", "surface", "surface_height", "engine", "threads")
     yield from ((f"bodies.{name}", getattr(plan, name)) for name in names)
-
-
-def _with_terms(system: System, terms: TermArrays) -> System:
-    """The system under a law of these terms: itself where they are its own."""
-    if np.array_equal(terms.eigenvalues, system.law.terms.eigenvalues):
-        return system
-    return replace(system, law=system.law._replace(terms=terms))

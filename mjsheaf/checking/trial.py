@@ -16,7 +16,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import ROUNDING, ending_of_run
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.checking.stuck import MIN_DURATION, MIN_SPEED, find_stuck
-from mjsheaf.errors import NotUniqueError, RankError
+from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.results.dataset import join, make_datasets, of_phase
@@ -124,9 +124,11 @@ def try_mission(
     try:
         require_simulable(phases, "physics")
     except (NotUniqueError, RankError) as error:
-        problem = TrialProblem(kind="refused", text=f"the run is refused: {error}", agent=None, time=None, number=None)
-        return TrialRecord(ok=False, seconds=0.0, complete=False, tracking_error=None, ending=None, problems=[problem])
-    run = _run(scenario, phases, progress)
+        return _refused(error)
+    try:
+        run = _run(scenario, phases, progress)
+    except InputError as error:  # of a registered term
+        return _refused(error)
     data = run.data
     finished = data.attrs["status"] == "finished"
     late = late_errors(phases[0].system.team, data)["tracking_error"]
@@ -141,6 +143,12 @@ def try_mission(
         ending=ending_of_run(phases, data) if finished else None,
         problems=problems,
     )
+
+
+def _refused(error: Exception) -> TrialRecord:
+    """Return the record of a trial that an error ends."""
+    problem = TrialProblem(kind="refused", text=f"the run is refused: {error}", agent=None, time=None, number=None)
+    return TrialRecord(ok=False, seconds=0.0, complete=False, tracking_error=None, ending=None, problems=[problem])
 
 
 class _Run(NamedTuple):

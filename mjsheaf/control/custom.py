@@ -21,6 +21,7 @@ import inspect
 import marshal
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -34,7 +35,8 @@ from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.io.section import Section
 from mjsheaf.io.user_code import describe, execute_file
-from mjsheaf.jit import INTERPRETED, NumbaError, overload, types, user_jit
+from mjsheaf.jit import INTERPRETED, NumbaError, inline_jit, overload, types, user_jit
+from mjsheaf.team import Team
 
 _PREFIX = "Term_"
 _MOST_NUMBERS = 1000  # that a term may remember of an agent
@@ -301,27 +303,75 @@ def carry_custom(old: Sequence[Any], kept: Array, new: Sequence[Any], memory: Ar
             memory[:, term.first : term.first + size] = kept[:, first : first + size]
 
 
-def add_custom(terms, residual, command, memory):
-    """Add the registered terms to the commands (V, 3) by eta (V, 3), m, and what they remember (V, m)."""
-    for term in terms:
+def naming_terms(terms: Sequence[Any], team: Team, evaluated: Array) -> AbstractContextManager[None]:
+    """Return a context that turns an exception of a registered term into an InputError with term, agent and time.
+
+    Args:
+        terms: Registered terms of the law that is evaluated inside.
+        team: The team.
+        evaluated: See `add_custom`.
+    """
+    return _naming(terms, team, evaluated) if terms else _NOTHING
+
+
+_NOTHING = nullcontext()
+
+
+@contextmanager
+def _naming(terms: Sequence[Any], team: Team, evaluated: Array) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        k, v, t = evaluated
+        what = str(error) if isinstance(error, InputError) else describe(error)
+        name, agent = names_of(terms)[int(k)], team.agent_ids[int(v)]
+        raise InputError(f"controller.custom.{name}: {agent} at t = {t:.6g} s: {what}") from error
+
+
+@inline_jit
+def is_finite(velocity):
+    """Return True if a velocity (3,) is finite."""
+    return abs(velocity[0]) + abs(velocity[1]) + abs(velocity[2]) < np.inf
+
+
+@inline_jit
+def require_finite(was_finite, velocity):
+    """Raise an InputError if a velocity (3,) is not finite, and was before."""
+    if was_finite and not is_finite(velocity):
+        raise InputError("the velocity that it commands is not finite")
+
+
+def add_custom(terms, t, residual, command, memory, evaluated):
+    """Add the registered terms to the commands (V, 3) by eta (V, 3), m, and what they remember (V, m).
+
+    Before each call, `evaluated` (3,) gets the numbers of the term and of the vehicle, and the time t, s.
+    """
+    for k, term in enumerate(terms):
         known = _of_kind[type(term).__name__]
         for v in range(term.agents):
+            evaluated[:] = k, v, t
             own = memory[v, term.first : term.first + known.memory]
+            was_finite = is_finite(command[v]) and is_finite(residual[v])
             known.function(residual[v], command[v], own, term.parameters, term.period)
+            require_finite(was_finite, command[v])
 
 
 @overload(add_custom)
-def _add_custom(terms, residual, command, memory):
+def _add_custom(terms, t, residual, command, memory, evaluated):
     """Write the calls out, one after the other: numba then compiles a function for these types."""
     known = [_of_kind[kind.instance_class.__name__] for kind in terms]
-    names = {f"term_{k}": one.function for k, one in enumerate(known)}
-    lines = ["def add_all(terms, residual, command, memory):", "    pass"]
+    names: dict[str, Any] = {f"term_{k}": one.function for k, one in enumerate(known)}
+    names |= {"is_finite": is_finite, "require_finite": require_finite}
+    lines = ["def add_all(terms, t, residual, command, memory, evaluated):", "    pass"]
     for k, one in enumerate(known):
         lines += [
             f"    own_{k} = terms[{k}]",
             f"    for v in range(own_{k}.agents):",
+            f"        evaluated[0], evaluated[1], evaluated[2] = {k}, v, t",
             f"        kept_{k} = memory[v, own_{k}.first : own_{k}.first + {one.memory}]",
+            "        was_finite = is_finite(command[v]) and is_finite(residual[v])",
             f"        term_{k}(residual[v], command[v], kept_{k}, own_{k}.parameters, own_{k}.period)",
+            "        require_finite(was_finite, command[v])",
         ]
     exec("\n".join(lines), names)
     return names["add_all"]

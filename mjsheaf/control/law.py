@@ -59,6 +59,8 @@ from mjsheaf.dynamics.motion import MotionArrays, add_reference
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.team import Edge, Member, Team
 
+_NEVER = -1e30  # s; time of the last sample before the first
+
 
 class EdgeArrays(NamedTuple):
     """The edges of a team of V vehicles: E of them, with m numbers y_e in all.
@@ -224,17 +226,20 @@ class Memory(NamedTuple):
     """State of the onboard computers between samples: views of one array, which is saved with the state.
 
     Attributes:
-        flat: all of it, shape (m + 9 V + what terms and links hold,).
+        flat: all of it.
         y: Delivered measurements, -b where nothing is received, shape (m,), m.
         residual: eta of the agents by these, L_T p - c_T of the targets, padded, shape (V, 3), m.
         command: commanded velocities, limited, shape (V, 3), m/s.
         supplied: Velocities commanded by a law in Python, shape (V, 3), m/s; without one, velocities added to the
             compiled law's.
+        last: Time of the last sample, s, shape (1,); empty where no term holds anything.
+        now, before: What terms hold after that sample and before it, shape (k,); see `begin_sample`.
         terms: what the terms hold.
         links: what the links hold.
         custom: what registered terms hold of each vehicle, shape (V, k).
         compared: What range and bearing edges make of y, shape (m,); y itself where all edges compare positions.
         safety: What keeps vehicles apart found at the last sample; no part of the state.
+        evaluated: Registered term that was called last, its vehicle, and the time, s, shape (3,); no part of the state.
     """
 
     flat: Array
@@ -242,34 +247,42 @@ class Memory(NamedTuple):
     residual: Array
     command: Array
     supplied: Array
+    last: Array
+    now: Array
+    before: Array
     terms: TermMemory
     links: LinkMemory
     custom: Array
     compared: Array
     safety: SafetyMemory
+    evaluated: Array
 
 
 def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
-    m = len(law.edges.b)
-    sizes = [m, 9 * V, size_of_memory(law.terms, law.edges.first, V), size_of_link_memory(law.links, m)]
-    sizes.append(V * size_of_custom(law.custom))
+    m, own = len(law.edges.b), size_of_custom(law.custom)
+    shipped, under_way = size_of_memory(law.terms, law.edges.first, V)
+    held = shipped + V * own
+    sizes = [m, 9 * V, int(held > 0), held, held, under_way, size_of_link_memory(law.links, m)]
     flat = np.zeros(sum(sizes) + (m if law.edges.kinds else 0))
-    y, rest, terms, links, own, compared = np.split(flat, np.cumsum(sizes))
-    custom = own.reshape(V, size_of_custom(law.custom))
+    y, rest, last, now, before, line, links, compared = np.split(flat, np.cumsum(sizes))
+    last[:] = _NEVER
     residual, command, supplied = rest.reshape(3, V, 3)
-    of_terms, of_links = split_memory(terms, law.terms, law.edges.first, V), split_link_memory(links, law.links, m)
     return Memory(
         flat,
         y,
         residual,
         command,
         supplied,
-        of_terms,
-        of_links,
-        custom,
+        last,
+        now,
+        before,
+        split_memory(now[:shipped], line, law.terms, law.edges.first, V),
+        split_link_memory(links, law.links, m),
+        now[shipped:].reshape(V, own),
         compared if law.edges.kinds else y,
         new_safety_memory(law.safety, V),
+        np.zeros(3),
     )
 
 
@@ -297,6 +310,7 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory
         alone[edges.tail[edges.listens[:, 0]]] = alone[edges.head[edges.listens[:, 1]]] = False
         for values in (new.terms.v, new.terms.delta):
             values[alone] = 0.0
+    new.before[:] = new.now
     return new
 
 
@@ -403,14 +417,15 @@ def evaluate_law(control, t, x, drift, memory):
     """
     law, stages, edges = control.law, control.stages, control.law.edges
     V = x.shape[0]
-    navigate(stages.terms, law.terms, t, x, drift, memory.command, memory.terms)
+    begin_sample(t, memory)
+    navigate(stages.terms, law.terms, x, drift, memory.command, memory.terms)
     measure(edges, 0, edges.tail.shape[0], x, memory.y)
     deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
     compare(edges.kinds, edges, memory.y, memory.compared)
     for v in range(V):
         respond(law, v, memory)
     add_terms(stages.terms, stages, law, x, memory)
-    add_custom(law.custom, memory.residual, memory.command, memory.custom)
+    add_custom(law.custom, t, memory.residual, memory.command, memory.custom, memory.evaluated)
     for v in range(V):
         add_given(control, v, t, x, memory)
     keep_apart(stages.safety, law, t, x, memory)
@@ -418,7 +433,23 @@ def evaluate_law(control, t, x, drift, memory):
         clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(stages.safety, memory.safety, v)
         if not clipped:
             integrate(stages.terms, law.terms, v, memory.residual[v], memory.terms)
-    remember(stages.terms, law.terms, t, x, memory.y, memory.terms)
+    remember(stages.terms, law.terms, x, memory.y, memory.terms)
+
+
+@inline_jit
+def begin_sample(t, memory):
+    """Keep what terms hold before the sample at time t, s; the law may be evaluated there again, and begins with that.
+
+    So a sample counts once, whoever looks at it before the run goes on. Links do the same by the number of the sample.
+    """
+    if memory.last.shape[0] == 0:
+        return
+    previous = memory.last[0]
+    memory.last[0] = t  # rounded, where the memory is in single precision
+    again = memory.last[0] == previous
+    source, copy = (memory.before, memory.now) if again else (memory.now, memory.before)
+    for k in range(source.shape[0]):
+        copy[k] = source[k]
 
 
 @inline_jit

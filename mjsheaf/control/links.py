@@ -9,7 +9,7 @@ Of every edge with a link, at sample n, in this order:
     hold       without an arrival the last measurement is held for a limited time; then y_e = -b_e, which has no effect
 
 Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks. A
-sample may be taken again: what changes from sample to sample is kept for n and for n - 1 in turn.
+sample may be taken again (see `law.begin_sample`): what changes from sample to sample is kept for n and n - 1 in turn.
 
 Numbers that agents send each other in rounds have links of their own: see `mjsheaf.control.rounds`.
 """

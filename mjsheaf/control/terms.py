@@ -8,16 +8,15 @@ With H and B of the harmonic extension H q* = B p + c, an agent at a sample
     integral      subtracts k_I z, where z' = eta
 
 Both linear systems are solved by rounds of Chebyshev's iteration, starting from the result of the previous sample. A
-round is one exchange: agent i receives F_j x_j from its neighbours j. The range of the eigenvalues of H is fixed before
-the run. Over links on which messages can be delayed or lost, rounds are those of `mjsheaf.control.rounds`. An agent
-that senses a target computes the target's velocity from the change of its measurement and from its own motion.
+round is one exchange: agent i receives F_j x_j from its neighbours j. Agents know bounds on the eigenvalues of H, which
+change with events. Rounds over links on which messages can be delayed or lost are those of `mjsheaf.control.rounds`. An
+agent that senses a target computes the target's velocity from the change of its measurement and from its own motion.
 
 Differences need earlier samples. At the first sample of a run feedforward and drift add nothing. On an edge that is new
 in a phase, the target is assumed to move with v for one sample. v is extrapolated once rounds have reduced the initial
 residual to a thousandth. After a change of its edges an agent waits for that again; the others do not.
 """
 
-from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -173,9 +172,7 @@ class TermMemory(NamedTuple):
     """State of the terms of V vehicles between samples; V is 0 without terms.
 
     Attributes:
-        now, before: all that follows, and the same before the present sample, shape (2 + 3 m + 34 V,) and
-            `rounds.held`.
-        clock: Number of past samples and time of the last, s, shape (2,).
+        clock: Number of past samples, shape (1,).
         y: measurements of the sample before, shape (m,), m.
         rate: F p' of targets, filtered, of sensing edges without a link, shape (m,), m/s.
         age: Number of past samples with the edge that measures each number, shape (m,).
@@ -190,11 +187,9 @@ class TermMemory(NamedTuple):
         z: integral of eta, shape (V, 3), m s.
         right: a right side, shape (V, 3).
         direction, residue: Vectors of Chebyshev's iteration, shape (V, 3).
-        rounds: what was sent in rounds; of it `now` and `before` have no line.
+        rounds: what was sent in rounds.
     """
 
-    now: Array
-    before: Array
     clock: Array
     y: Array
     rate: Array
@@ -214,22 +209,24 @@ class TermMemory(NamedTuple):
     rounds: RoundMemory
 
 
-def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> int:
-    """Count the numbers that the terms of V vehicles store, whose edges' numbers begin at `first` (E + 1,)."""
+def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> tuple[int, int]:
+    """Count the numbers that the terms of V vehicles store, whose edges' numbers begin at `first` (E + 1,).
+
+    Returns:
+        Numbers that change from sample to sample, and numbers of messages under way, each of which is written once.
+    """
     held, line = size_of_round_memory(terms.rounds, first)
-    return 2 * (2 + 3 * int(first[-1]) + 34 * V + held) + line if terms.agents else 0
+    return (1 + 3 * int(first[-1]) + 34 * V + held, line) if terms.agents else (0, 0)
 
 
-def split_memory(flat: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
+def split_memory(flat: Array, under_way: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
     """Return views of the numbers that terms store; `size_of_memory` counts them."""
     rounds = terms.rounds
     m, V, C = (int(first[-1]), V, len(rounds.streams)) if terms.agents else (0, 0, 0)
-    line = size_of_round_memory(rounds, first)[1] * bool(terms.agents)
-    now, before, under_way = np.split(flat, [(len(flat) - line) // 2, len(flat) - line])
-    ends = np.cumsum([2, m, m, m, V, 33 * V])
-    clock, y, rate, age, since, vehicles, held = np.split(now, np.minimum(ends, len(now)))
+    ends = np.cumsum([1, m, m, m, V, 33 * V])
+    clock, y, rate, age, since, vehicles, held = np.split(flat, np.minimum(ends, len(flat)))
     sent = RoundMemory(held, under_way, np.ascontiguousarray(rounds.streams[:C]), np.ascontiguousarray(first[: C + 1]))
-    return TermMemory._make((now, before, clock, y, rate, age, since, *vehicles.reshape(11, V, 3), sent))
+    return TermMemory._make((clock, y, rate, age, since, *vehicles.reshape(11, V, 3), sent))
 
 
 def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolArray) -> None:
@@ -241,7 +238,7 @@ def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolA
             shape (m,).
         changed: True where the edges of a vehicle differ from the phase before, shape (V,).
     """
-    if not (len(old.now) and len(new.now)):
+    if not (len(old.clock) and len(new.clock)):
         return
     for name in ("clock", "since", "x", "walked", "v", "delta", "drift", "z"):
         getattr(new, name)[:] = getattr(old, name)
@@ -372,15 +369,6 @@ def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:
     return terms._replace(eigenvalues=np.array([low, high]), settled=settled)
 
 
-def cover(laws: Sequence[TermArrays]) -> list[TermArrays]:
-    """The terms of a run's phases, with bounds on the eigenvalues of H that hold in all of them."""
-    bounds = np.array([terms.eigenvalues for terms in laws if terms.feedforward or terms.newton])
-    if not len(bounds):
-        return list(laws)
-    low, high = float(bounds[:, 0].min()), float(bounds[:, 1].max())
-    return [with_eigenvalues(terms, low, high) if terms.feedforward or terms.newton else terms for terms in laws]
-
-
 def contraction(rounds: int, low: float, high: float) -> float:
     """Bound what rounds leave of an error in the 2-norm: 1 / T_r((kappa + 1) / (kappa - 1)), kappa = high / low."""
     if rounds == 0 or high <= low:
@@ -494,36 +482,20 @@ def solve(edges, terms, rounds, b, y, x, memory):
         before, scale = scale, 1.0 / (2.0 * middle - square * scale)
 
 
-@inline_jit
-def begin_sample(t, memory):
-    """Keep the memory of before the sample at time t, s; one that is taken again begins with what was kept."""
-    last = memory.clock[1]
-    memory.clock[1] = t  # rounded, where the memory is in single precision
-    again = memory.clock[0] > 0.0 and memory.clock[1] == last
-    memory.clock[1] = last
-    source, copy = (memory.before, memory.now) if again else (memory.now, memory.before)
-    for k in range(source.shape[0]):
-        copy[k] = source[k]
-
-
 @jit
-def navigate(stage, terms, t, x, drift, command, memory):
-    """Begin a sample, and write what agents see of their own motion since the sample before.
+def navigate(stage, terms, x, drift, command, memory):
+    """Write what agents see of their own motion since the sample before.
 
     Args:
         stage: () where the law has no terms.
         terms: the terms.
-        t: Time of the sample, s.
         x: positions, shape (V, 3), m.
         drift: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
             the part of the displacement that the command does not explain.
         command: since the sample before, as limited, shape (V, 3), m/s.
         memory: see TermMemory.
     """
-    if len(stage) == 0:
-        return
-    begin_sample(t, memory)
-    if memory.clock[0] == 0.0:
+    if len(stage) == 0 or memory.clock[0] == 0.0:
         return
     h = terms.period
     for v in range(terms.agents):
@@ -676,12 +648,11 @@ def integrate(stage, terms, v, residual, memory):
 
 
 @inline_jit
-def remember(stage, terms, t, x, y, memory):
-    """Keep what the next sample compares with, unless `stage` is (); t is the time of this one, s."""
+def remember(stage, terms, x, y, memory):
+    """Keep what the next sample compares with, unless `stage` is ()."""
     if len(stage) == 0:
         return
     memory.clock[0] += 1.0
-    memory.clock[1] = t
     for r in range(y.shape[0]):
         memory.y[r] = y[r]
         memory.age[r] += 1.0

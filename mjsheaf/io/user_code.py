@@ -11,6 +11,7 @@ from types import ModuleType
 
 from mjsheaf.errors import visible
 
+_PACKAGE = Path(__file__).parents[1]
 _MAX_MESSAGE = 300  # maximum number of characters of an exception in a message
 
 
@@ -34,9 +35,10 @@ def _working_directory() -> str | None:
 
 
 def describe(error: BaseException) -> str:
-    """Describe an exception of the user's code and its location in one line."""
-    frames = traceback.extract_tb(error.__traceback__)[-1:]
-    place = "".join(f" ({visible(Path(frame.filename).name)}, line {frame.lineno})" for frame in frames)
+    """Describe an exception of the user's code and its location in one line; compiled code may not know the latter."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if not Path(frame.filename).is_relative_to(_PACKAGE)][-1:]
+    place = "".join(f" ({visible(Path(frame.filename).name)}, line {frame.lineno})" for frame in own)
     try:
         text = str(error)
     except (Exception, SystemExit):

@@ -11,6 +11,7 @@ from mjsheaf.results.dataset import make_datasets
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
 from mjsheaf.simulation.session import Session
+from mjsheaf.team.shapes import Path
 
 MAX_FACTOR = 10.0
 """Largest ratio of a gain or a flow to that of the scenario, and of the scenario's gain to a gain."""
@@ -113,6 +114,7 @@ class Recorder:
         self.samples = 0
         self.flow_factors: list[tuple[float, float]] = []
         self.words: dict[str, str] = {}
+        self._path = Path()
 
     @property
     def phase(self) -> int:
@@ -130,7 +132,7 @@ class Recorder:
         if not len(piece.time):
             return None, piece.message
         seed = session.scenario.seed
-        chunk = next(make_datasets([piece], session.backend, seed, session.engine.phases, self.samples))
+        chunk = next(make_datasets([piece], session.backend, seed, session.engine.phases, self.samples, self._path))
         self.samples += len(piece.time)
         return chunk, piece.message
 

@@ -17,6 +17,7 @@ from mjsheaf.results import variables as declared
 from mjsheaf.results.variables import Samples, labelled_edges
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import Phase, System
+from mjsheaf.team.shapes import Path
 
 Coordinate = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
 """Dimensions, values and attributes, in the form that xarray expects."""
@@ -38,24 +39,35 @@ def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
 
 
 def make_datasets(
-    pieces: Iterable[Trajectory], backend: str, seed: int, phases: Sequence[Phase] = (), first: int = 0
+    pieces: Iterable[Trajectory],
+    backend: str,
+    seed: int,
+    phases: Sequence[Phase] = (),
+    first: int = 0,
+    path: Path | None = None,
 ) -> Iterator[xr.Dataset]:
     """Collect a trajectory in pieces, each as in `make_dataset`.
 
     The last piece has the run's status, the communication between agents (see `terms.traffic_of`) and the fraction of
     measurements that arrived. `phases` determine the phase of each sample and the edges that have a link at some time;
-    a run of one phase does not need them. `first` is the number of the first sample in the run.
+    a run of one phase does not need them. `first` is the number of the first sample in the run, and `path` has q* up to
+    there. In each phase q* begins anew.
     """
     attributes: dict[str, Any] = {}
     delivery = Delivery([phase.system for phase in phases])
     traffic = np.zeros(3, dtype=np.int64)
     done = first
+    path = path or Path()
+    starts = {phase.start for phase in phases}
     for piece in pieces:
+        if done in starts:
+            path.last = path.held = None
+            path.moving = True
         attributes = attributes or _attributes(piece.system, backend, seed) | _about_phases(phases)
         delivery.add(piece)
         samples = np.arange(done, done + len(piece.time))
         done += len(piece.time)
-        read_from = Samples(piece, delivery.edges, delivery.sizes, delivery.share)
+        read_from = Samples(piece, delivery.edges, delivery.sizes, delivery.share, path)
         dataset = gather(read_from, _number_phases(phases or [Phase(0, piece.system)], samples))
         traffic += len(piece.time) * np.array(traffic_of(piece.system.law.terms, piece.system.team))
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}

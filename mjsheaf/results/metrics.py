@@ -17,6 +17,7 @@ from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
 from mjsheaf.team import Edge, Formation, Team
 from mjsheaf.team.links import KINDS
+from mjsheaf.team.shapes import Path
 
 if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect
@@ -61,10 +62,10 @@ class Errors:
         return np.max(distances, axis=0) if distances else np.full(len(self.tracking), np.nan)
 
 
-def evaluate_errors(team: Team, positions: Array) -> Errors:
-    """Compute all errors from positions (T, V, 3)."""
+def evaluate_errors(team: Team, positions: Array, path: Path | None = None) -> Errors:
+    """Compute all errors from positions (T, V, 3), with a q* that continues a path if one is given."""
     q, p = team.split(positions)
-    q_star = team.extend(p, q)
+    q_star = team.extend(p, q, path)
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
         tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),

@@ -23,6 +23,7 @@ from mjsheaf.control.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.errors import first_true
 from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
 from mjsheaf.team import Edge
+from mjsheaf.team.shapes import Path
 
 if TYPE_CHECKING:
     from mjsheaf.simulation.trajectory import Log, Trajectory
@@ -41,12 +42,14 @@ class Samples:
         linked: Edges of the run that have a link in some phase, in order.
         sizes: Dimension of the values that each edge of the run compares.
         delivered: Fraction of each linked edge's measurements that have arrived, shape (L,).
+        path: q* up to these samples.
     """
 
     trajectory: "Trajectory"
     linked: list[Key]
     sizes: dict[Key, int]
     delivered: Array
+    path: Path = field(default_factory=Path)
     _known: dict[Any, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -77,7 +80,7 @@ class Samples:
     @cached_property
     def errors(self) -> Errors:
         """Errors of the team."""
-        return evaluate_errors(self.team, self.positions)
+        return evaluate_errors(self.team, self.positions, self.path)
 
     @cached_property
     def eta(self) -> Array:

@@ -16,6 +16,7 @@ from numpy.typing import DTypeLike
 
 from mjsheaf.arguments import require_type, require_whole
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.custom import naming_terms
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.fused import Fused, advance_block
@@ -236,12 +237,13 @@ class Batch:
         T, chunk, stop, rows = self.goal.samples, self.chunk, Event(), self.rows
 
         def one(w: int) -> None:
-            loop, thread_team = rows.loop_of(w), ThreadTeam(members)
+            system, loop, thread_team = self._systems[w], rows.loop_of(w), ThreadTeam(members)
             try:
                 for begin in range(0, T, chunk):
                     if stop.is_set():
                         return
-                    thread_team.run(partial(part, loop, w, begin, min(begin + chunk, T)))
+                    with naming_terms(system.law.custom, system.team, loop.state.memory.evaluated):
+                        thread_team.run(partial(part, loop, w, begin, min(begin + chunk, T)))
             finally:
                 thread_team.close()
 

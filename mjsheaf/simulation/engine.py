@@ -6,6 +6,7 @@ compiled code. `mjsheaf.simulation.session` chooses one and offers it as a `Sess
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
+from mjsheaf.control.custom import naming_terms
 from mjsheaf.control.law import ControlArrays, Memory, carry, new_control
 from mjsheaf.control.sample import Sample, Traffic, View
 from mjsheaf.errors import InputError, UnstableError
@@ -231,10 +233,12 @@ class Engine(ABC):
         sample = max(step // self.steps_per_sample, 0)
         system = [phase.system for phase in self._phases if phase.start <= sample][-1]
         if system is not self.system:
-            law = self._control.law
+            law, memory = self._control.law, self.memory
+            if len(memory.last) and memory.last[0] == self.time:  # evaluated for the next sample, under the old law
+                memory.now[:] = memory.before
             self.system = system
             self._control = self._law_of_phase()
-            self._enter(carry(self.memory, law, self._control.law, sample))
+            self._enter(carry(memory, law, self._control.law, sample))
         return step
 
     def change_phases(self, phases: Sequence[Phase]) -> None:
@@ -276,7 +280,8 @@ class Engine(ABC):
                 self._place_targets(recorder)
                 self._consult()
             count = min(count, self.steps_per_sample - into)
-        bad = self._move(step, count, recorder)
+        with self._naming_terms():
+            bad = self._move(step, count, recorder)
         if bad:
             raise UnstableError(self._describe_blow_up(*bad))
         return count
@@ -323,7 +328,8 @@ class Engine(ABC):
             self._enter_phase()
             self._place_targets(recorder)
             self._consult()
-            self._record_now(recorder)
+            with self._naming_terms():
+                self._record_now(recorder)
 
     def _recorder(self, samples: int, targets: Array | None = None) -> Recorder:
         """Return a place for samples of the present phase."""
@@ -365,13 +371,18 @@ class Engine(ABC):
         kept = memory.flat.copy()
         if not self._commanded:
             memory.supplied[:] = 0.0
-        self._evaluate_law()
+        with self._naming_terms():
+            self._evaluate_law()
         x = self.positions()
         displacement = self._displaced(x[: len(self.system.team.agents)])
         moved = displacement, self._velocity(displacement)
         sample = Sample(self._view, self.time, x, self.quaternions(), *moved, memory, self._traffic)
         memory.flat[:] = kept
         return sample
+
+    def _naming_terms(self) -> AbstractContextManager[None]:
+        """Return a context that names the registered term whose exception ends it."""
+        return naming_terms(self._control.law.custom, self.system.team, self.memory.evaluated)
 
     def _displaced(self, q: Array) -> Array:
         """Return the displacement of agents at q (N, 3), m, since the sample before, shape (N, 3), m."""

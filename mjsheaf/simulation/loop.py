@@ -440,7 +440,8 @@ class ClosedLoop(Engine):
         x[:, 3:] = quaternions_of(plan.heading)
         trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
         self._loop.state.act[:] = trim[self._fleet.channels["late"] > 0]
-        self._evaluate_law()
+        with self._naming_terms():
+            self._evaluate_law()
         self._command()
 
     def _control_of(self, system: System) -> ControlArrays:
@@ -481,7 +482,8 @@ class ClosedLoop(Engine):
             sample = self.steps_taken % self._loop.params.per_law == 0
         if sample:
             self._consult()
-            self._evaluate_law()
+            with self._naming_terms():
+                self._evaluate_law()
         self._command()
 
     @property

@@ -239,10 +239,12 @@ def likely_cause(system: System, law_period: float) -> str:
         if np.isinf(fastest) and gain > 0.0:
             return f"likely cause: {what} diverges at any gain: it is unstable about q*"
         if gain * h * fastest >= limit:
+            fix = f"take {field} below {limit / (h * fastest):.4g}"
+            if field == "controller.gain" and not _is_gain_known(system):
+                fix = f"take a lower {field}, and mjsheaf check says how low,"
             return (
-                f"likely cause: {what} diverges, as {margin} = {gain * h * fastest:.3g} is not below {limit:.3g}; take "
-                f"{field} below {limit / (h * fastest):.4g} or a shorter "
-                f"{shorter if limit == 2.0 else 'delay'}"
+                f"likely cause: {what} diverges, as {margin} = {gain * h * fastest:.3g} is not below {limit:.3g}; "
+                f"{fix} or a shorter {shorter if limit == 2.0 else 'delay'}"
             )
     if rough:
         return (
@@ -273,6 +275,14 @@ def _margins(system: System, rough: bool) -> list[tuple[float, float, float, str
         (target_gain, consensus, 2.0, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
         (pull, 1.0, 2.0, "pull h", "a target's held pull to its path", "its motion.pull"),
     ]
+
+
+def _is_gain_known(system: System) -> bool:
+    """Return True if the largest gain is exact: no term changes it, and all measurements are equally old."""
+    law, delays = system.law, system.law.links.table["delay"]
+    alike = not delays.any() or (len(delays) == len(system.team.measuring_edges) and len(set(delays.tolist())) == 1)
+    changed = law.terms.newton or law.terms.integral or law.custom
+    return alike and not (changed or (law.extended and not system.local.team.symmetric))
 
 
 def _agents_loop(system: System) -> tuple[float, str, str, int]:

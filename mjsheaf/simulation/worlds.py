@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.control.custom import naming_terms
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.batch import require_world
 from mjsheaf.simulation.fused import Fused, advance_block
@@ -158,4 +159,6 @@ class Worlds:
 
     def _take(self, loop: Loop, row: Array, own: slice, alive: BoolArray) -> None:
         of_worlds = self.rows.values[own], alive[own], self.steps[own], self._bad[own], self.squares[own]
-        take_periods(loop, row, self.rows.motion, self._goal, self._nothing, *of_worlds)
+        system = self._runs[0].system
+        with naming_terms(system.law.custom, system.team, loop.state.memory.evaluated):
+            take_periods(loop, row, self.rows.motion, self._goal, self._nothing, *of_worlds)

@@ -1,12 +1,14 @@
 """q* of teams with nonlinear or directed edges, and of teams without targets and anchors.
 
 q* is a stationary point: D^T c = 0 at the agents (see `mjsheaf.sheaf.nonlinear`). Along a path it continues from sample
-to sample. At the first sample it is searched for from the present positions; if no exact shape is found there, also
-from the places of the formations, and the one with the smaller residual is q*. Where motions are free, as in a team
-without targets and anchors, each sample begins at its present positions and free motions stay as they are there: the
-centroid of a team and, of bearings, its size, as in the law.
+to sample, whatever the pieces in which it is computed (see `Path`). At the first sample it is searched for from the
+present positions; if no exact shape is found there, also from the places of the formations, and the one with the
+smaller residual is q*. Where motions are free, as in a team without targets and anchors, each sample begins at its
+present positions and free motions stay as they are there: the centroid of a team and, of bearings, its size, as in the
+law.
 """
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -23,6 +25,21 @@ _EXACT = 1e-7  # of the team's size: residual of an exact shape
 _DENSE = 600  # states up to which free directions are counted
 
 
+@dataclass
+class Path:
+    """q* along a run, up to the last of the samples computed so far.
+
+    Attributes:
+        last: q* there, shape (n_q,), m; None before the first.
+        held: Targets there, shape (n_p,), m.
+        moving: True if motions have been free at every sample.
+    """
+
+    last: Array | None = None
+    held: Array | None = None
+    moving: bool = True
+
+
 class Shapes:
     """Solver of q* of a team without absent agents."""
 
@@ -34,22 +51,20 @@ class Shapes:
         """Solver with targets and ground held."""
         return self._team.nonlinear_sheaf.solver([*self._team.target_ids, GROUND])
 
-    def extend(self, p: Array, q: Array) -> Array:
-        """Return q* (..., n_q) of targets at p (..., n_p), near agents at q (..., n_q), m."""
+    def extend(self, p: Array, q: Array, path: Path) -> Array:
+        """Return q* (..., n_q) of targets at p (..., n_p), near agents at q (..., n_q), m; it continues the path."""
         boundary = p.reshape(-1, p.shape[-1]) if p.shape[-1] else np.zeros((int(np.prod(p.shape[:-1])), 0))
         start = q.reshape(-1, q.shape[-1])
         found = np.full_like(start, np.nan)
-        last: Array | None = None
-        moving = True
         for k, (held, near) in enumerate(zip(boundary, start, strict=True)):
-            if not (np.isfinite(held).all() and np.isfinite(near).all()):
-                continue
-            if last is None or moving:
-                last = self.first(held, near).x
-                moving = moving and self.has_free_motions(last, held)
-            elif k == 0 or not np.array_equal(held, boundary[k - 1]):
-                last = self.solver.settle(last, held).x
-            found[k] = last
+            if np.isfinite(held).all() and np.isfinite(near).all():
+                if path.last is None or path.moving:
+                    path.last = self.first(held, near).x
+                    path.moving = path.moving and self.has_free_motions(path.last, held)
+                elif path.held is None or not np.array_equal(held, path.held):
+                    path.last = self.solver.settle(path.last, held).x
+                found[k] = path.last
+            path.held = held
         return found.reshape(q.shape)
 
     def first(self, held: Array, near: Array) -> Settled:

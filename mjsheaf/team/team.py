@@ -16,7 +16,7 @@ from mjsheaf.sheaf.blocks import assembled
 from mjsheaf.sheaf.nonlinear import SOLVED_RANK_TOLERANCE, StationaryProblem, linear_maps
 from mjsheaf.team.edges import GROUND, Anchor, Edge, LinearEdge, Member, Slope, require_ends
 from mjsheaf.team.formation import Explicit, Formation
-from mjsheaf.team.shapes import Shapes
+from mjsheaf.team.shapes import Path, Shapes
 
 _GROUND = Member(GROUND, 0)
 _COINCIDENT = 1e-9  # m, between places of a formation
@@ -223,18 +223,18 @@ class Team:
         q, p = self.split(positions)
         return self.unpack(self.extend(p, q))
 
-    def extend(self, p: Array, q: Array | None = None) -> Array:
+    def extend(self, p: Array, q: Array | None = None, path: Path | None = None) -> Array:
         """Return the stacked q* (..., n_q) of stacked targets (..., n_p), m; NaN for absent agents.
 
         If q* is not linear in p, or the team has neither targets nor anchors, this is the solution near the agents'
-        positions q (..., n_q), or near 0 without q; see `mjsheaf.team.shapes`.
+        positions q (..., n_q), or near 0 without q; see `mjsheaf.team.shapes`. It continues a path if one is given.
         """
         if self.plain:
             known = self.dirichlet.extend(p)
         else:
             present = np.repeat(self.present, np.diff(self.first_state))
             start = np.zeros((*p.shape[:-1], len(present))) if q is None else q
-            known = self.remaining.shapes.extend(p, start[..., present])
+            known = self.remaining.shapes.extend(p, start[..., present], path or Path())
         if not self.absent:
             return known
         q = np.full((*p.shape[:-1], int(self.first_state[-1])), np.nan)

@@ -4,9 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.typing import NDArray
 
-from mjsheaf import World
+from mjsheaf import Session, World, load_scenario, simulate, simulate_many
+from mjsheaf.live.actions import Recorder
+from mjsheaf.results.dataset import make_datasets
 from mjsheaf.simulation.loop import ClosedLoop
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import System
@@ -107,3 +110,59 @@ def test_a_blow_up_between_samples_keeps_the_samples_before_it() -> None:
         values = getattr(trajectory.log, name)
         assert len(values) == len(trajectory.time)
         assert np.isfinite(values).all(), name
+
+
+TWO_PLACES: dict[str, Any] = {
+    "time": {"end": 2.0},
+    "controller": {"gain": 0.2, "control_period": 0.02},
+    "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, -2]}],
+    "targets": [
+        {"id": "T", "position": [0, 0], "motion": {"kind": "fixed"}},
+        {
+            "id": "S",
+            "position": [6, 0.5],
+            "motion": {"kind": "lissajous", "amplitude": [1, 8], "rate": [0.5, 1.5]},
+        },
+    ],
+    "communication": [["A", "B"]],
+    "sensing": [
+        ["A", "T"],
+        *({"between": ["B", target], "measures": "range", "offset": [4.0]} for target in ("T", "S")),
+    ],
+    "events": [{"time": 0.1, "cut": ["A", "B"]}],
+}
+"""B keeps two distances, which two places do; the line between the targets sweeps over it."""
+
+
+@pytest.mark.parametrize("kind", [("ideal", "mujoco"), pytest.param(("physics", "fused"), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("free", [False, True], ids=["two-places", "free"])
+def test_the_harmonic_extension_does_not_depend_on_the_pieces(kind: tuple[str, str], free: bool) -> None:
+    """Random pieces of a run, one after the other, have the q* of the whole; so has a run among many."""
+    backend, engine = kind
+    fields = {**TWO_PLACES, "sensing": TWO_PLACES["sensing"][:2]} if free else TWO_PLACES
+    scenario = load_scenario(fields)
+    options: dict[str, Any] = {"engine": engine, "allow_drift": True, "progress": False}
+    whole = simulate(scenario, backend, threads=1, **options)
+    (alone,) = simulate_many([scenario], backend, **options)
+    assert isinstance(alone, xr.Dataset)
+    np.testing.assert_array_equal(alone.harmonic_extension, whole.harmonic_extension)
+    for samples in np.random.default_rng(0).integers(1, 40, 4).tolist():
+        with Session(scenario, backend, engine=engine, allow_drift=True) as session:
+            pieces = list(make_datasets(session.engine.record(samples), backend, 0, session.engine.phases))
+        for name in ("agent_position", "harmonic_extension", "tracking_error"):
+            found = np.concatenate([piece[name].values for piece in pieces])
+            np.testing.assert_array_equal(found, whole[name].values, err_msg=f"{name} in pieces of {samples}")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_harmonic_extension_of_a_live_session_is_that_of_the_run(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scenario = load_scenario(TWO_PLACES)
+    whole = simulate(scenario, "ideal", progress=False)
+    chunks = []
+    with Session(scenario, "ideal") as session:
+        recorder = Recorder(session)
+        while not session.finished:
+            chunks.append(recorder.record(int(rng.integers(1, 20)))[0])
+    found = np.concatenate([chunk.harmonic_extension.values for chunk in chunks if chunk is not None])
+    np.testing.assert_array_equal(found, whole.harmonic_extension.values[: len(found)])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import simulate
+from mjsheaf import load_scenario, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.checking import check
 from mjsheaf.checking.loop.directed import directed_loop, largest_delay
@@ -327,6 +327,20 @@ def test_a_blow_up_names_the_largest_gain_of_check() -> None:
         )
     beyond = three_ranges(20.0).system
     assert "take controller.gain below 9.275" in likely_cause(beyond, beyond.grid.period)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"controller.newton.rounds": 2}, {"controller.integral.gain": 0.2}, {"links.sensing.delay": 0.1}],
+    ids=["newton", "integral", "unlike-delays"],
+)
+def test_a_blow_up_points_to_check_where_no_formula_has_the_largest_gain(changed: dict[str, Any]) -> None:
+    from mjsheaf.simulation.trajectory import likely_cause
+
+    system = load_scenario("paper", {"controller.gain": 1e4, **changed}).system
+    message = likely_cause(system, system.grid.period)
+    assert "mjsheaf check says how low" in message
+    assert "controller.gain below" not in message
 
 
 BEARINGS = [[0.6, 0.8], [0.0, -1.0], [1.0, 0.0]]

@@ -6,6 +6,7 @@ Oracles: the paper's law at another gain; the shipped integral; the same run wit
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -343,3 +344,64 @@ def test_a_run_can_be_repeated_from_its_directory(file: Path, tmp_path: Path) ->
     path.write_text(outside)
     with pytest.raises(InputError, match="lies outside"):
         mjsheaf.load_scenario(path)
+
+
+FACES = Path(__file__).with_name("faces_of_terms.py")
+INTERPRETED = [{"NUMBA_DISABLE_JIT": "1"}, pytest.param({}, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("environment", INTERPRETED, ids=["interpreted", "compiled"])
+def test_a_sample_counts_once_on_every_face(environment: dict[str, str]) -> None:
+    """Every face gives the run of `simulate`, to the bit, and looking at a run changes nothing of it."""
+    command = [sys.executable, str(FACES)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | environment)
+    for name, found in json.loads(done.stdout).items():
+        assert found["counts"] == [3.0, 3.0, 7.0], name
+        expected = found["ends"]["simulate"]
+        for face, places in found["ends"].items():
+            assert places == expected, (name, face)
+
+
+FAULTS = """
+import mjsheaf
+
+
+@mjsheaf.register(parameters=["kind"], memory=3)
+def faulty(residual, command, memory, parameters, period):
+    memory[0] += 1.0
+    if memory[0] == 4.0 and residual[0] < 0.0:
+        if parameters[0] == 0.0:
+            memory[int(memory[0]) - 1] += 1.0  # one beyond its three numbers is the next agent's
+        if parameters[0] == 1.0:
+            raise ValueError("no such residual")
+        command[1] += 1.0 / (residual[0] - residual[0])
+"""
+
+
+@pytest.mark.parametrize("environment", INTERPRETED, ids=["interpreted", "compiled"])
+def test_a_fault_of_a_term_names_term_agent_and_time(environment: dict[str, str], tmp_path: Path) -> None:
+    """One line and exit code 2 on both backends, in environments too, whether compiled or not."""
+    (tmp_path / "faulty.py").write_text(FAULTS)
+    script = (
+        "import mjsheaf\n"
+        "from mjsheaf.envs import vector_env\n"
+        "for kind in (0.0, 1.0, 2.0):\n"
+        "    section = {'file': 'faulty.py', 'parameters': {'kind': kind}}\n"
+        "    scenario = mjsheaf.load_scenario('midpoint', {'time.end': 0.2, 'controller.custom.faulty': section})\n"
+        "    for backend, engine in (('ideal', 'mujoco'), ('physics', 'mujoco'), ('physics', 'fused'), ('env', '')):\n"
+        "        try:\n"
+        "            if backend == 'env':\n"
+        "                worlds = vector_env(scenario, 2)\n"
+        "                worlds.reset()\n"
+        "                for _ in range(5): worlds.step(0.0 * worlds.action_space.low)\n"
+        "            else: mjsheaf.simulate(scenario, backend, engine=engine, progress=False)\n"
+        "        except mjsheaf.errors.InputError as error: print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, env=os.environ | environment
+    )
+    lines = done.stdout.splitlines()
+    assert len(lines) == 12, done.stderr
+    for k, line in enumerate(lines):
+        assert re.match(r"controller\.custom\.faulty: \w+ at t = 0\.06 s: ", line), line
+        assert ("out of bounds", "ValueError: no such residual (faulty.py, line 12)", "not finite")[k // 4] in line

@@ -264,12 +264,19 @@ class LawModel:
 
         Returns:
             Memories, shape (L, n + K, m), and commands, shape (L, n + K, 3), m/s.
+
+        Raises:
+            UndecidedError: A registered term raises an exception.
         """
         cases = len(cells) + len(points)
         ends = np.empty((len(weights), cases, len(self._rest)))
         commands = np.empty((len(weights), cases, 3))
         time = self._sample * self._period
-        _answer(control, time, self._rest, cells, _MOTION, points, weights, _STILL[0], self._memory, ends, commands)
+        still = _STILL[0]
+        try:
+            _answer(control, time, self._rest, cells, _MOTION, points, weights, still, self._memory, ends, commands)
+        except Exception as error:  # of a registered term
+            raise UndecidedError(f"the law cannot be evaluated ({self._terms}): {error}") from error
         return ends, commands
 
     def _columns(self, points: Array, weights: Array) -> Array:
