@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
-from mjsheaf.arguments import require_whole
+from mjsheaf.arguments import real_numbers, require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, Memory, carry, new_control
@@ -104,15 +104,20 @@ class Engine(ABC):
         """Begin anew with the same team under another seed.
 
         Raises:
-            InputError: The run was not made from a scenario, or the seed is no whole number of at least 0.
+            InputError: The run was not made from a scenario, or the seed is not one.
         """
+        self.take_seed(seed)
+        self.reset()
+
+    def take_seed(self, seed: int) -> None:
+        """Take over the run of another seed, which begins with the next `reset`; see `restart`."""
         if self.run_under is None:
             raise InputError(f"seed is {seed}; expected None for a run that was not made from a Scenario")
         self._take(self.run_under(seed))
-        self.seed = seed
+        self._control = self._law_of_phase()
+        self.seed = int(seed)
         if self.controller:
-            self.controller.seed = seed
-        self.reset()
+            self.controller.seed = self.seed
 
     def reset(self) -> None:
         """Go back to the initial condition."""
@@ -401,7 +406,8 @@ class Engine(ABC):
         """
         self._enter_phase()  # where a phase begins, as `set_state` expects it
         before = self._before if self._observed == self.steps_taken else self._now
-        return np.concatenate([[self.seed], self._get_motion(), self.memory.flat, before.ravel()])
+        seed = divmod(self.seed, 2**32)  # doubles keep no number of 63 bits
+        return np.concatenate([seed, self._get_motion(), self.memory.flat, before.ravel()])
 
     def set_state(self, state: Array) -> None:
         """Continue from a state of `get_state`, bit for bit as the run from which it was taken, with its seed.
@@ -409,23 +415,28 @@ class Engine(ABC):
         Raises:
             InputError: The state has another size, so it is not one of this scenario, or it is not finite.
         """
-        values = np.ascontiguousarray(state, dtype=np.float64)
         before = self.get_state()
-        if values.ndim != 1 or not np.isfinite(values).all() or not self._restore(values):
-            self._restore(before)
+        values = real_numbers("state", state, np.shape(state), "numbers")
+        if values.ndim != 1 or not self.restore(values):
+            self.restore(before)
             raise InputError(
                 f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
             )
 
-    def _restore(self, state: Array) -> bool:
-        """Take over a state; return False if it is not of the size that its phase needs."""
-        begin = 1 + len(self._get_motion())
+    @staticmethod
+    def seed_of(state: Array) -> int:
+        """Return the seed of the run that a state belongs to; -1 if it is unknown."""
+        return int(state[0]) * 2**32 + int(state[1])
+
+    def restore(self, state: Array) -> bool:
+        """Take over a state, finite or not; return False if it is not of the size that its phase needs."""
+        begin = 2 + len(self._get_motion())
         if len(state) <= begin:
             return False
-        seed = int(state[0])
+        seed = self.seed_of(state)
         if self.run_under is not None and seed not in (-1, self.seed):
             self.restart(seed)
-        self._set_motion(state[1:begin])
+        self._set_motion(state[2:begin])
         self._enter_phase()
         memory = self.memory.flat
         end = begin + len(memory)
