@@ -57,14 +57,14 @@ def require_seed(name: str, value: Any) -> None:
         raise InputError(f"{name} is {_given(value)}; expected a whole number below 2^63")
 
 
-def real_numbers(name: str, value: Any, shape: tuple[int, ...], unit: str, rows: Any = ...) -> Array:
+def real_numbers(name: str, value: Any, shape: tuple[int, ...], accepted: str, rows: Any = ...) -> Array:
     """Return an argument as an array.
 
     Args:
         name: Name of the argument.
         value: The argument.
         shape: Shape that it must have.
-        unit: Kind of numbers that are expected, in words.
+        accepted: What is expected, in words.
         rows: Index of the rows that must be finite.
 
     Raises:
@@ -75,9 +75,10 @@ def real_numbers(name: str, value: Any, shape: tuple[int, ...], unit: str, rows:
     except ValueError:  # rows of different lengths
         numbers = np.array(None)
     if numbers.dtype.kind not in "fiu" or numbers.shape != shape or not np.isfinite(numbers[rows]).all():
-        wrong_shape = numbers.dtype.kind in "fiu" and numbers.shape != shape
-        what = f"has shape {numbers.shape}" if wrong_shape else f"is {_given(value)}"
-        raise InputError(f"{name} {what}; expected {shape[0] if len(shape) == 1 else shape} finite {unit}")
+        what = f"is {_given(value)}"
+        if numbers.dtype.kind in "fiu":
+            what = f"has shape {numbers.shape}{' and is not finite' if numbers.shape == shape else ''}"
+        raise InputError(f"{name} {what}; expected {accepted}")
     return numbers.astype(np.float64)
 
 

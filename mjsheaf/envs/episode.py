@@ -19,6 +19,7 @@ from mjsheaf.arguments import real_numbers, require_choice, require_scenario, re
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.noise import next_seed
+from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.engine import Commanded
 from mjsheaf.simulation.loop import ClosedLoop
@@ -114,7 +115,9 @@ class Episode:
             scenario = scenario.with_seed(seed)
         require_choice("action", action, ACTIONS)
         self.action = action
-        self.session = Session(scenario, visible=visible, commanded=_COMMANDED[action], engine=engine)
+        with shown(True, f"preparing {scenario.name}"):
+            self.session = Session(scenario, visible=visible, commanded=_COMMANDED[action], engine=engine)
+            self.session.engine.compile()
         self.same_episode = same_episode
         self.visible = visible
         self.engine = engine
@@ -196,7 +199,7 @@ class Episode:
             if name not in given:
                 raise InputError(f"action: unknown agent {name!r}; {expected(str(name), self.agents)}")
             bounds = self.bounds[name]
-            numbers = real_numbers(f"action of {name}", action, bounds.shape[1:], unit)
+            numbers = real_numbers(f"action of {name}", action, bounds.shape[1:], f"{bounds.shape[1]} finite {unit}")
             given[name] = np.clip(scaled(numbers, bounds) if normalized else numbers, *bounds)
         if self.action == "thrust":
             self.world.add_to_command(np.concatenate(list(given.values())))

@@ -49,7 +49,7 @@ class TeamEnv(gymnasium.Env[Array, Array]):
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Take one control period; see `env`."""
         episode = self.episode
-        found = real_numbers("action", action, self._shape, "numbers")
+        found = real_numbers("action", action, self._shape, f"{self._shape} finite numbers")
         episode.act_flat(dict(zip(episode.agents, np.split(found, self._ends), strict=True)))
         episode.step_period()
         broken = bool(episode.message)

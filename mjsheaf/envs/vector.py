@@ -21,6 +21,7 @@ from mjsheaf.envs.episode import named_edges, scaled
 from mjsheaf.envs.flat import FlatEpisode
 from mjsheaf.envs.gym import TeamEnv
 from mjsheaf.errors import InputError
+from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.loop import Loop
@@ -167,7 +168,8 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             require_seed("seed", seed)
             seeds = [int(seed) + k for k in range(n)]
         which = np.flatnonzero(mask).tolist()
-        return self._observations.copy(), self._begin({k: self._episode(k).next_seed(seeds[k]) for k in which})
+        info = self._begin({k: self._episode(k).next_seed(seeds[k]) for k in which})
+        return self._observations.copy(), info
 
     def _episode(self, k: int) -> FlatEpisode:
         """Return the episode of run k."""
@@ -197,7 +199,7 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     def step(self, actions: Array) -> tuple[Array, Array, BoolArray, BoolArray, dict[str, Any]]:
         """Take one control period of every run; one that has ended begins its next episode instead, or stands still."""
         alive = ~self._ended
-        given = real_numbers("actions", actions, self._shape, "numbers", alive)
+        given = real_numbers("actions", actions, self._shape, f"{self._shape} finite numbers", alive)
         take = self._take_one_by_one if self._worlds is None else self._take_together
         rewards, terminated = take(given, alive)
         truncated = alive & self._finished & ~terminated
@@ -279,7 +281,8 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 def _make(scenario: Scenario, seeds: Sequence[int], mode: AutoresetMode, options: dict[str, Any]) -> TeamVectorEnv:
     """Make runs of a scenario under these seeds."""
     runs = [scenario.with_seed(seed) for seed in seeds]
-    return TeamVectorEnv([TeamEnv(FlatEpisode(run, **options)) for run in runs], mode)
+    with shown(True, f"preparing {len(seeds)} runs of {scenario.name}"):
+        return TeamVectorEnv([TeamEnv(FlatEpisode(run, **options)) for run in runs], mode)
 
 
 def _copy(

@@ -543,9 +543,8 @@ class Scenario(Section):
             InputError: fields do not fit together; the message begins with the field.
         """
         system = self._of_some_seed
-        initial, heading = self.spread.place(self.agents, self.targets, self.seed)
-        if not (np.array_equal(initial, system.initial) and np.array_equal(heading, system.bodies.heading)):
-            system = self._moved(system, initial, heading)
+        if self.spread.position > 0.0 or self.spread.heading > 0.0:
+            system = self._moved(system, *self.spread.place(self.agents, self.targets, self.seed))
         harmonics = self.disturbance.draw(self.team, max(abs(self.time.start), abs(self.time.end)), self.seed)
         system = replace(system, seed=self.seed, harmonics=harmonics, law=with_seed(system.law, self.seed))
         system.require_fitting()

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
-from mjsheaf.arguments import real_numbers, require_whole
+from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, Memory, carry, new_control
@@ -265,6 +265,10 @@ class Engine(ABC):
         while n > 0:
             n -= self._advance(min(n, self._stride), self._unrecorded)
 
+    def compile(self) -> None:
+        """Compile what steps call, without taking one."""
+        self._move(self.steps_taken, 0, self._unrecorded)
+
     def step_period(self) -> None:
         """Take the steps up to the next sample; see `step`."""
         self._displaced(self.positions()[: len(self.system.team.agents)])
@@ -406,8 +410,9 @@ class Engine(ABC):
         """
         self._enter_phase()  # where a phase begins, as `set_state` expects it
         before = self._before if self._observed == self.steps_taken else self._now
-        seed = divmod(self.seed, 2**32)  # doubles keep no number of 63 bits
-        return np.concatenate([seed, self._get_motion(), self.memory.flat, before.ravel()])
+        seed = float(self.seed)  # a double has 53 bits, and a seed 63
+        rest = float(self.seed - int(seed))
+        return np.concatenate([[seed], self._get_motion(), self.memory.flat, [rest], before.ravel()])
 
     def set_state(self, state: Array) -> None:
         """Continue from a state of `get_state`, bit for bit as the run from which it was taken, with its seed.
@@ -415,36 +420,35 @@ class Engine(ABC):
         Raises:
             InputError: The state has another size, so it is not one of this scenario, or it is not finite.
         """
-        before = self.get_state()
-        values = real_numbers("state", state, np.shape(state), "numbers")
-        if values.ndim != 1 or not self.restore(values):
+        values, before = np.asarray(state), self.get_state()
+        good = values.dtype.kind in "fiu" and values.ndim == 1 and bool(np.isfinite(values).all())
+        if not good or not self.restore(values.astype(np.float64)):
             self.restore(before)
             raise InputError(
                 f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
             )
 
-    @staticmethod
-    def seed_of(state: Array) -> int:
+    def seed_of(self, state: Array) -> int:
         """Return the seed of the run that a state belongs to; -1 if it is unknown."""
-        return int(state[0]) * 2**32 + int(state[1])
+        return int(state[0]) + int(state[-1 - self._now.size])
 
     def restore(self, state: Array) -> bool:
         """Take over a state, finite or not; return False if it is not of the size that its phase needs."""
-        begin = 2 + len(self._get_motion())
-        if len(state) <= begin:
+        begin = 1 + len(self._get_motion())
+        if len(state) <= begin + self._now.size:
             return False
         seed = self.seed_of(state)
         if self.run_under is not None and seed not in (-1, self.seed):
             self.restart(seed)
-        self._set_motion(state[2:begin])
+        self._set_motion(state[1:begin])
         self._enter_phase()
         memory = self.memory.flat
         end = begin + len(memory)
-        if len(state) != end + self._now.size:
+        if len(state) != end + self._now.size + 1:
             return False
         memory[:] = state[begin:end]
         self._observed = -1
-        self._now = state[end:].reshape(-1, 3).copy()
+        self._now = state[end + 1 :].reshape(-1, 3).copy()
         return True
 
     @property

@@ -388,8 +388,11 @@ class ClosedLoop(Engine):
             self._vehicles = system.vehicles
             self._heading = plan.heading
             self._hand = np.array([[vehicle.steering.hand] for vehicle in self._vehicles])
-            self._trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
             self._fleet = pack_fleet(self._vehicles, plan.heading, system.timestep, plan.surface)
+            trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
+            self._act = trim[self._fleet.channels["late"] > 0]
+            self._attitudes = quaternions_of(plan.heading)
+            self._forward = np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
         self.steps_per_sample = system.steps_per_sample
         self._timestep = system.timestep
         self._chunk = self._stride = max(1, min(4000, self._at_once // len(self._vehicles)))
@@ -442,13 +445,12 @@ class ClosedLoop(Engine):
 
     def place(self) -> None:
         """Put the vehicles where they begin; rotors turn before a multirotor is let go."""
-        plan = self.system.bodies
         x = self._loop.state.qpos.reshape(-1, 7)
         x[:, :3] = self.system.initial
-        x[:, :2] -= self._hand * np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
-        x[self.system.planar, 2] = plan.surface_height
-        x[:, 3:] = quaternions_of(plan.heading)
-        self._loop.state.act[:] = self._trim[self._fleet.channels["late"] > 0]
+        x[:, :2] -= self._hand * self._forward
+        x[self.system.planar, 2] = self.system.bodies.surface_height
+        x[:, 3:] = self._attitudes
+        self._loop.state.act[:] = self._act
 
     def _control_of(self, system: System) -> ControlArrays:
         return system.control_of_bodies

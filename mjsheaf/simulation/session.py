@@ -129,8 +129,8 @@ class Session:
         """
         engine = self.engine
         shape = engine.command_shape
-        unit = "velocities in m/s" if len(shape) == 2 else "commands of actuators"
-        engine.add_to_command(real_numbers("command", np.zeros(shape) if command is None else command, shape, unit))
+        accepted = f"{shape} finite {'velocities in m/s' if len(shape) == 2 else 'commands of actuators'}"
+        engine.add_to_command(real_numbers("command", np.zeros(shape) if command is None else command, shape, accepted))
         engine.step_period()
 
     def change_events(self, scenario: "Scenario") -> None:

@@ -130,6 +130,8 @@ class Worlds:
         self.squares = np.zeros((W, len(system.team.agents)))
         for w in range(W):
             self._adopt(w)
+        self.step(np.zeros(W, dtype=np.bool_))  # compiles, as does the next line
+        begin_periods(self._template.loop_of(0), self._template.values[0], self.rows.values, np.zeros(0, dtype=np.int64))
 
     def _adopt(self, w: int) -> None:
         """Let run w continue in its world."""
@@ -171,7 +173,7 @@ class Worlds:
             The reason for each world that diverged, by its number.
         """
         if self._is_random:
-            for w in np.flatnonzero(alive).tolist():
+            for w in np.flatnonzero(alive).tolist() or [0]:
                 self._take(self.rows.loop_of(w), self.rows.values[w], slice(w, w + 1), alive)
         else:
             self._take(self._template.loop_of(0), self._template.values[0], slice(0, len(alive)), alive)
