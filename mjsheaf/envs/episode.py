@@ -214,7 +214,6 @@ class Episode:
         sizes = zip(self.action_limits, self.scenario.team.agents, strict=True)
         return [np.outer([-limit, limit], np.ones(agent.dimension)) for limit, agent in sizes]
 
-
     def advance(self, steps: int) -> None:
         """Take physics steps, `world.steps_per_sample` in a control period, and a sample at the end of a period.
 
@@ -302,8 +301,8 @@ class Episode:
         return _copy, (type(self), self.scenario, self.options, self.present_state())
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        copied: Self = _copy(type(self), self.scenario, self.options, deepcopy(self.present_state(), memo))
-        return copied
+        copied = _copy(type(self), self.scenario, self.options, deepcopy(self.present_state(), memo))
+        return cast(Self, copied)  # with the same scenario, which does not change
 
     def sample(self) -> None:
         """Let agents measure, if a control period begins now, and keep their observations and rewards.

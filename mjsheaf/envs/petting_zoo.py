@@ -103,8 +103,8 @@ def parallel_env(scenario: Scenario, **options: Any) -> TeamParallelEnv:
 
     An agent that is lost for good terminates. One that rejoins, or joins later, takes part from the start: while it is
     absent its observation is zero, and its action is ignored. All are truncated at `time.end`, or at the horizon, and
-    terminate if the simulation blows up. `reset(seed)` begins the episode of that seed, and `reset()` the next; `info["seed"]` has
-    the seed of each, for `mjsheaf run --seed`.
+    terminate if the simulation blows up. `reset(seed)` begins the episode of that seed, and `reset()` the next one.
+    `info["seed"]` is the seed of each, for `mjsheaf run --seed`.
 
     Args:
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.

@@ -28,7 +28,6 @@ from mjsheaf.simulation.loop import Loop
 from mjsheaf.simulation.rows import Rows
 from mjsheaf.simulation.worlds import Worlds
 
-
 _OF_RUNS = ("envs", "_worlds", "_gathering")  # what a copy of an environment makes anew
 
 
@@ -128,7 +127,7 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.action_space = batch_space(first.action_space, self.num_envs)
         self.observation_space = batch_space(first.observation_space, self.num_envs)
         self._mode = autoreset_mode
-        self._shape = (self.num_envs, len(first.action_space.low))
+        self._shape = (self.num_envs, int(first.episode.dimensions.sum()))
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         self._observations = np.stack([one.observe() for one in self.envs])
         episode = first.episode
@@ -236,8 +235,7 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         make, (scenario, *rest) = self.__reduce__()
-        copied: Self = make(scenario, *deepcopy(rest, memo))  # scenarios are not changed, and shared
-        return copied
+        return cast(Self, make(scenario, *deepcopy(rest, memo)))  # with the same scenario, which does not change
 
     @property
     def _finished(self) -> BoolArray:
@@ -305,10 +303,11 @@ def vector_env(
 ) -> TeamVectorEnv:
     """Return n runs of a scenario on the fused engine as a `gymnasium.vector.VectorEnv`, with the spaces of `env`.
 
-    Run k begins with the scenario's seed plus k, and goes on by itself: the seed of an episode determines the run's next
-    one, whenever others end; see `Episode.reset`. `info["seed"]` names the episodes that begin. The samples of run k under zero actions are those of
-    `simulate_many(..., engine="fused")` with the episode's seed, to the bit. The runs are stepped together by compiled code,
-    unless the scenario has events, edges that are not linear, or headings that the seed draws.
+    Run k begins with the scenario's seed plus k, and continues by itself: the seed of an episode determines that of the
+    run's next one, whenever others end; see `Episode.reset`. `info["seed"]` names the episodes that begin. Samples under
+    zero actions are those of `simulate_many(..., engine="fused")` with that seed, to the bit. The runs are stepped
+    together by compiled code, unless the scenario has events, edges that are not linear, or headings that the seed
+    draws.
 
     Args:
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.

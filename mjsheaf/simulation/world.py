@@ -296,6 +296,7 @@ class World(ClosedLoop):
         (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
 
     def restore(self, state: Array) -> bool:
+        """Take over a state, as `Engine.restore`, and what MuJoCo computes of positions."""
         fits = super().restore(state)
         mujoco.mj_fwdPosition(self.model, self.data)
         return fits

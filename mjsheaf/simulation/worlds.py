@@ -122,7 +122,9 @@ class Worlds:
         self._nothing = new_log(0, law, actuators=self.rows.loop.state.ctrl.shape[1])
         self._starts = self.rows.values[:W].copy()
         params, state = runs[0].compiled[0]
-        arrays = EngineArrays(*(np.zeros_like(each) for each in (state.qpos, state.qvel, state.ctrl, state.act, params.gain)))
+        arrays = EngineArrays(
+            *(np.zeros_like(each) for each in (state.qpos, state.qvel, state.ctrl, state.act, params.gain))
+        )
         empty = new_loop(params.fleet, params.control, params.medium, arrays, timestep=params.timestep)
         self._empty = self.rows.row_of(empty)
         self._bad = np.full((W, len(system.team.members)), NEVER)
@@ -131,7 +133,9 @@ class Worlds:
         for w in range(W):
             self._adopt(w)
         self.step(np.zeros(W, dtype=np.bool_))  # compiles, as does the next line
-        begin_periods(self._template.loop_of(0), self._template.values[0], self.rows.values, np.zeros(0, dtype=np.int64))
+        begin_periods(
+            self._template.loop_of(0), self._template.values[0], self.rows.values, np.zeros(0, dtype=np.int64)
+        )
 
     def _adopt(self, w: int) -> None:
         """Let run w continue in its world."""

@@ -164,7 +164,8 @@ def test_one_seed_determines_all_episodes(name: str) -> None:
 
 def test_info_names_the_seed() -> None:
     scenario = random_scenario()
-    whole, team, runs = env(scenario), parallel_env(scenario), vector_env(scenario, 2)
+    whole, team = env(scenario), parallel_env(scenario)
+    runs: Any = vector_env(scenario, 2)
     assert whole.reset(seed=7)[1] == {"seed": 7}
     assert whole.reset()[1] == {"seed": next_seed(7)}
     assert team.reset(seed=7)[1] == {name: {"seed": 7} for name in team.possible_agents}
@@ -181,7 +182,7 @@ def test_info_names_the_seed() -> None:
 def test_runs_of_a_vector_are_single_environments_whenever_they_end() -> None:
     """Each goes on by its own seeds: rewards, observations and seeds are those of `env`, to the bit."""
     scenario = random_scenario()
-    runs = vector_env(scenario, 3)
+    runs: Any = vector_env(scenario, 3)
     assert runs._worlds is not None
     alone = [env(scenario, engine="fused") for _ in range(3)]
     found, _ = runs.reset(seed=4)
@@ -218,7 +219,8 @@ def test_new_episodes_of_shipped_scenarios(name: str, change: dict[str, Any]) ->
     """Gusts, waves, rotors and noise of runs that are stepped together are those of `env`, to the bit."""
     period = load_scenario(name).whole.grid.period
     scenario = load_scenario(name, {"physics.contacts": False, "time.end": 4 * period} | change)
-    runs, alone = vector_env(scenario, 2), [env(scenario, engine="fused") for _ in range(2)]
+    runs: Any = vector_env(scenario, 2)
+    alone = [env(scenario, engine="fused") for _ in range(2)]
     together = runs._worlds is not None
     np.testing.assert_array_equal(runs.reset(seed=3)[0], [one.reset(seed=3 + k)[0] for k, one in enumerate(alone)])
     zero = np.zeros(runs.action_space.shape)
@@ -241,16 +243,15 @@ def test_copies_go_on_by_themselves_to_the_bit(name: str, how: str) -> None:
             face.reset()
     copied = type(face)(COPIED[how](face.env))
     actions = rng.uniform(-1.0, 1.0, (2 * STEPS, face.size()))
-    taken = []
-    for one in (face, copied):
-        taken.append([])
+    taken: list[list[Any]] = [[], []]
+    for own, one in zip(taken, (face, copied), strict=True):
         for action in actions:
             found, over = one.step(action)
-            taken[-1].append(found)
+            own.append(found)
             if over and name in ("env", "parallel_env"):
-                taken[-1].append(one.reset())
-        taken[-1].append([episode.seed for episode in one.episodes])
-    np.testing.assert_equal(*taken)
+                own.append(one.reset())
+        own.append([episode.seed for episode in one.episodes])
+    np.testing.assert_equal(taken[0], taken[1])
 
 
 def test_a_copy_within_a_period_and_after_a_blow_up() -> None:
@@ -262,7 +263,7 @@ def test_a_copy_within_a_period_and_after_a_blow_up() -> None:
     for one in (control, copied):
         one.physics.step(17)
     assert copied.physics.data.qpos.tobytes() == control.physics.data.qpos.tobytes()
-    whole = env(mixed_scenario(controller={"gain": 1e8, "control_period": 0.01}))
+    whole: Any = env(mixed_scenario(controller={"gain": 1e8, "control_period": 0.01}))
     whole.reset()
     over = False
     while not over:
@@ -284,7 +285,8 @@ def test_spaces_of_copies_draw_the_same() -> None:
 
 @pytest.mark.parametrize("make", [np.int8, np.uint8, np.int16, np.int32, np.uint32, np.int64, np.uint64, int])
 def test_every_whole_number_is_a_seed(make: Any) -> None:
-    whole, runs = env(random_scenario()), vector_env(random_scenario(), 2)
+    whole = env(random_scenario())
+    runs: Any = vector_env(random_scenario(), 2)
     for seed in (0, 7):
         np.testing.assert_array_equal(whole.reset(seed=make(seed))[0], whole.reset(seed=seed)[0])
         assert runs.reset(seed=make(seed))[1]["seed"].tolist() == [seed, seed + 1]
@@ -296,7 +298,8 @@ def test_every_whole_number_is_a_seed(make: Any) -> None:
 @pytest.mark.parametrize("seed", [2**63, 2**64, -1, np.int64(-1), True, 1.0, "1", 1 + 0j, object()])
 def test_what_is_no_seed_is_refused_and_changes_nothing(seed: Any) -> None:
     scenario = random_scenario()
-    whole, team, runs = env(scenario), parallel_env(scenario), vector_env(scenario, 2)
+    whole, team = env(scenario), parallel_env(scenario)
+    runs: Any = vector_env(scenario, 2)
     resets: list[Callable[[], Any]] = [
         partial(whole.reset, seed=seed),
         partial(team.reset, seed=seed),
@@ -336,19 +339,20 @@ WRONG: list[Any] = ["x", None, {}, 1, [], [[0.0]], 1j, object(), ["1"], 10**400,
 def test_wrong_actions_are_refused_in_one_line_and_change_nothing(wrong: Any) -> None:
     scenario = random_scenario()
     whole, team, runs, control = env(scenario), parallel_env(scenario), vector_env(scenario, 2), dm_env(scenario)
-    for one in (whole, team, runs, control):
+    acting: list[Any] = [team, control]
+    for one in (whole, runs, *acting):
         one.reset()
-    before = [one.state() for one in (whole.episode, team.episode, control.task.episode, *[e.episode for e in runs.envs])]
+    episodes = [whole.episode, team.episode, control.task.episode, *(single.episode for single in runs.envs)]
+    before = [episode.state() for episode in episodes]
     steps: list[Callable[[], Any]] = [partial(whole.step, wrong), partial(runs.step, wrong)]
     if wrong != {}:  # no agent need be named
-        steps += [partial(one.step, wrong) for one in (team, control)]
-    steps += [partial(one.step, {"boat": wrong}) for one in (team, control)]
-    steps += [partial(one.step, {"boat": [0.0, 0.0], "Z": [0.0, 0.0]}) for one in (team, control)]
+        steps += [partial(one.step, wrong) for one in acting]
+    steps += [partial(one.step, {"boat": wrong}) for one in acting]
+    steps += [partial(one.step, {"boat": [0.0, 0.0], "Z": [0.0, 0.0]}) for one in acting]
     for step in steps:
         with refused(InputError, "expected"):
             step()
-    after = [one.state() for one in (whole.episode, team.episode, control.task.episode, *[e.episode for e in runs.envs])]
-    np.testing.assert_equal(before, after)
+    np.testing.assert_equal([episode.state() for episode in episodes], before)
 
 
 def test_agents_that_have_ended_need_no_action_and_may_have_one() -> None:
@@ -373,7 +377,7 @@ def test_environments_travel_to_other_processes() -> None:
         found, info = runs.reset(seed=[5, 6])
         assert info["seed"].tolist() == [5, 6]
         np.testing.assert_array_equal(found[0], alone.reset(seed=5)[0])
-        zero = np.zeros(runs.action_space.shape)
+        zero = np.zeros((2, *alone.action_space.shape))  # type: ignore[misc]
         np.testing.assert_array_equal(runs.step(zero)[0][0], alone.step(zero[0])[0])
     finally:
         runs.close()
