@@ -31,19 +31,19 @@ class SheafLaw:
         limits: Velocity that an action of 1 stands for, shape (n_a,), m/s.
     """
 
-    def __init__(self, env: Any) -> None:
+    def __init__(self, episode: Any) -> None:
         """Collect the matrices of all agents.
 
         Args:
-            env: An environment of `env`, `parallel_env` or `vector_env`, or its episode.
+            episode: An environment of `env`, `parallel_env` or `vector_env`, or its episode.
 
         Raises:
             InputError: Actions are not velocities; the observations lack `measurements` or `received`; or an edge
                 compares distances or directions, from which alone no agent can compute eta.
         """
-        first = getattr(env, "envs", [env])[0]
-        episode = getattr(first, "episode", first)
-        require_type("env", episode, FlatEpisode, "an environment of env, parallel_env or vector_env")
+        episode = getattr(episode, "envs", [episode])[0]
+        episode = getattr(episode, "episode", episode)
+        require_type("episode", episode, FlatEpisode, "an environment of env, parallel_env or vector_env")
         if episode.action == "thrust":
             raise InputError("action is 'thrust'; expected 'velocity' or 'residual', as the sheaf law is a velocity")
         for part in ("measurements", "received"):

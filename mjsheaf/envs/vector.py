@@ -304,10 +304,10 @@ def vector_env(
     """Return n runs of a scenario on the fused engine as a `gymnasium.vector.VectorEnv`, with the spaces of `env`.
 
     Run k begins with the scenario's seed plus k, and continues by itself: the seed of an episode determines that of the
-    run's next one, whenever others end; see `Episode.reset`. `info["seed"]` names the episodes that begin. Samples under
-    zero actions are those of `simulate_many(..., engine="fused")` with that seed, to the bit. The runs are stepped
-    together by compiled code, unless the scenario has events, edges that are not linear, or headings that the seed
-    draws.
+    run's next one, whenever others end; see `Episode.reset`. `info["seed"]` names the episodes that begin. Samples
+    under zero actions are those of `simulate_many(..., engine="fused")` with that seed, to the bit. The runs are
+    stepped together by compiled code, unless the scenario has events, edges that are not linear, or headings that the
+    seed draws.
 
     Args:
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.
