@@ -430,7 +430,8 @@ class Engine(ABC):
 
     def seed_of(self, state: Array) -> int:
         """Return the seed of the run that a state belongs to; -1 if it is unknown."""
-        return int(state[0]) + int(state[-1 - self._now.size])
+        rest = int(state[-1 - self._now.size]) if state[0] >= 2.0**53 else 0
+        return int(state[0]) + rest
 
     def restore(self, state: Array) -> bool:
         """Take over a state, finite or not; return False if it is not of the size that its phase needs."""
