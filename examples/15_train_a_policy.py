@@ -30,7 +30,7 @@ def regrets(worlds, policies):
 
     A policy (a, b, c) adds a eta + b d(eta)/dt + c (integral of eta) to the velocity of a boat, eta its disagreement.
     """
-    law = mjsheaf.envs.SheafLaw(worlds.envs[0].episode)
+    law = mjsheaf.envs.SheafLaw(worlds)
     grid = worlds.envs[0].episode.scenario.whole.grid
     observation, _ = worlds.reset()
     before = law.disagreement(observation)

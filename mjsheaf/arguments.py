@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, shortened
 
 
@@ -43,6 +44,42 @@ def require_whole(name: str, value: Any, least: int) -> None:
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or value < least:
         raise InputError(f"{name} is {_given(value)}; expected a whole number of at least {least}")
+
+
+def require_seed(name: str, value: Any) -> None:
+    """Refuse an argument that is no seed.
+
+    Raises:
+        InputError: naming the argument.
+    """
+    require_whole(name, value, 0)
+    if value >= 2**63:
+        raise InputError(f"{name} is {_given(value)}; expected a whole number below 2^63")
+
+
+def real_numbers(name: str, value: Any, shape: tuple[int, ...], accepted: str, rows: Any = ...) -> Array:
+    """Return an argument as an array.
+
+    Args:
+        name: Name of the argument.
+        value: The argument.
+        shape: Shape that it must have.
+        accepted: What is expected, in words.
+        rows: Index of the rows that must be finite.
+
+    Raises:
+        InputError: It is not made of real numbers, has another shape, or is not finite.
+    """
+    try:
+        numbers = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        numbers = np.array(None)
+    if numbers.dtype.kind not in "fiu" or numbers.shape != shape or not np.isfinite(numbers[rows]).all():
+        what = f"is {_given(value)}"
+        if numbers.dtype.kind in "fiu":
+            what = f"has shape {numbers.shape}{' and is not finite' if numbers.shape == shape else ''}"
+        raise InputError(f"{name} {what}; expected {accepted}")
+    return numbers.astype(np.float64)
 
 
 def require_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:

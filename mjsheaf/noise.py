@@ -36,6 +36,12 @@ def generator_of(seed: int, *words: object) -> np.random.Generator:
     return np.random.default_rng([seed, *stream_of(*words)])
 
 
+def next_seed(seed: int) -> int:
+    """Return the seed of the episode that follows that of a seed: below 2^53, which JSON and doubles keep exactly."""
+    first, second = stream_of(seed, "next episode")
+    return (first & (2**22 - 1)) << 31 | second
+
+
 @inline_jit
 def philox(key, counter):
     """Four words of 32 bits, as uint64, for a key of two such words and a counter of four."""

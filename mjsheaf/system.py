@@ -640,8 +640,9 @@ def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
         matters = system.safety is not None and (system.motion.pull > 0.0).any()
         if matters and (earlier > np.maximum(system.medium_speeds, system.earlier_medium)).any():
             system = replace(system, earlier_medium=earlier)
-        yield replace(phase, system=system)
-        earlier = np.maximum(earlier, system.medium_speeds)
+        yield phase if system is phase.system else replace(phase, system=system)
+        if phase is not phases[-1]:
+            earlier = np.maximum(earlier, system.medium_speeds)
 
 
 def _require_in_order(phases: Sequence[Phase]) -> None:

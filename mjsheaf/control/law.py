@@ -215,6 +215,11 @@ class ControlArrays(NamedTuple):
     stages: Stages
 
 
+def with_seed(law: LawArrays, seed: int) -> LawArrays:
+    """Return a law whose links and terms draw from another seed."""
+    return law._replace(links=law.links._replace(seed=seed), terms=law.terms._replace(seed=seed))
+
+
 def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
     """Make the parameters of the onboard computers."""
     present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect, len(law.safety) > 0]

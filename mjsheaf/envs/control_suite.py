@@ -1,6 +1,7 @@
 """A scenario as an environment of dm_control: its viewer, wrappers and learners work on it."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 from typing import Any, cast
 
 import numpy as np
@@ -32,8 +33,8 @@ class BodyPhysics(Physics):  # type: ignore[misc] # dm_control has no types
         self.episode.advance(nstep)
 
     def reset(self, keyframe_id: int | None = None) -> None:
-        """Go back to the scenario's initial condition; there are no keyframes."""
-        self.episode.reset()
+        """Go back to the initial condition of the present episode; there are no keyframes."""
+        self.episode.repeat()
 
     def after_reset(self) -> None:
         """Update what depends on positions, which may have been changed since the reset."""
@@ -42,18 +43,10 @@ class BodyPhysics(Physics):  # type: ignore[misc] # dm_control has no types
 
     def copy(self, share_model: bool = False) -> "BodyPhysics":
         """Return physics in the same state with a world of its own, whose model it does not share."""
-        return _restored(*self.__reduce__()[1])
+        return deepcopy(self)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        episode = self.episode
-        return _restored, (episode.scenario, episode.horizon, episode.action, episode.state())
-
-
-def _restored(scenario: Scenario, horizon: float, action: str, state: Array) -> BodyPhysics:
-    """Make physics in a state."""
-    episode = Episode(scenario, horizon=horizon, action=action)
-    episode.set_state(state)
-    return BodyPhysics(episode)
+        return BodyPhysics, (self.episode,)
 
 
 class Tracking(control.Task):  # type: ignore[misc] # dm_control has no types
@@ -69,7 +62,8 @@ class Tracking(control.Task):  # type: ignore[misc] # dm_control has no types
         self.one_reward = one_reward
 
     def initialize_episode(self, physics: BodyPhysics) -> None:
-        """Do nothing: the reset of the physics has placed all vehicles."""
+        """Begin the next episode."""
+        self.episode.reset()
 
     def before_step(self, action: Mapping[str, Array], physics: BodyPhysics) -> None:
         """Choose the action of the coming control period."""
@@ -130,11 +124,12 @@ def dm_env(
     seed: int | None = None,
     action: str = "residual",
     one_reward: bool = False,
+    same_episode: bool = False,
 ) -> TeamEnvironment:
     """Return a scenario on bodies as an environment of dm_control; a step is one control period.
 
-    Zero actions give the run of `mjsheaf run`, to the bit. Every episode is the same: `reset` goes back to the
-    scenario's initial condition, with the same disturbances and links. For others take another seed.
+    Zero actions give the run of `mjsheaf run`, to the bit. The first episode is that of the seed, and each `reset`
+    begins the next, whose seed is `env.task.episode.seed`; see `Episode.reset`.
 
     Action: a dict by agent id of velocities (n_i,), m/s, that are added to the law's commands before the speed limit.
     Of other kinds of `action` zeros are commands, and not the run: to stand still in the medium, or no thrust.
@@ -148,12 +143,14 @@ def dm_env(
     Args:
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.
         horizon: Length of an episode, s, a whole number of control periods; up to `time.end` unless given.
-        seed: Seed of every episode instead of the scenario's.
+        seed: Seed of the first episode instead of the scenario's.
         action: Kind of the actions; see `Episode`.
         one_reward: True for the sum of the rewards, for learners and wrappers that take one number, such as Shimmy.
+        same_episode: True to begin the same episode again with each `reset`, to the bit.
 
     Raises:
         InputError: The scenario cannot be simulated on bodies, an argument is not valid, or dm_control is missing.
         NotUniqueError: The harmonic extension is not unique.
     """
-    return TeamEnvironment(Episode(scenario, horizon=horizon, seed=seed, action=action), one_reward)
+    episode = Episode(scenario, horizon=horizon, seed=seed, action=action, same_episode=same_episode)
+    return TeamEnvironment(episode, one_reward)

@@ -9,17 +9,21 @@ against a known optimum.
 import logging
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import cast
+from copy import deepcopy
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjsheaf.arguments import require_choice, require_scenario
+from mjsheaf.arguments import real_numbers, require_choice, require_scenario, require_seed
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
+from mjsheaf.noise import next_seed
+from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.engine import Commanded
 from mjsheaf.simulation.loop import ClosedLoop
+from mjsheaf.simulation.scores import SquareErrors
 from mjsheaf.simulation.session import Session
 from mjsheaf.team import Edge
 from mjsheaf.vehicles.effects import capability_of, of_each
@@ -32,6 +36,7 @@ ACTIONS = tuple(_COMMANDED)
 """Kinds of actions: velocities that are added to the commands of the law, velocities that take their place, or commands
 of actuators, which take the place of law and autopilot."""
 
+_SPACES = ("action_spaces", "observation_spaces")  # of a `FlatEpisode`, which draw samples from generators of their own
 _log = logging.getLogger("mjsheaf")
 
 
@@ -59,7 +64,6 @@ class Episode:
     """A scenario on MuJoCo bodies, one control period at a time, with actions added to its law.
 
     Attributes:
-        scenario: The scenario, with the seed of its episodes.
         session: The run, period by period.
         world: Its closed loop on bodies.
         agents: Ids of all agents, those included that are lost or have yet to join.
@@ -72,6 +76,8 @@ class Episode:
         edges: Edges at which each agent measures in some phase, by its id.
         keys: Names of these edges; see `named_edges`.
         periods: Control periods of an episode.
+        same_episode: True if `reset` repeats the episode.
+        begun: True once an episode has begun by `reset`.
         message: Reason why the simulation blew up; empty if it did not.
     """
 
@@ -84,18 +90,20 @@ class Episode:
         visible: bool = True,
         action: str = "residual",
         engine: str = "mujoco",
+        same_episode: bool = False,
     ) -> None:
         """Prepare the first episode.
 
         Args:
             scenario: The scenario, as `mjsheaf.load_scenario` returns it.
             horizon: Length of an episode, s, a whole number of control periods; up to `time.end` unless given.
-            seed: Seed of every episode instead of the scenario's.
+            seed: Seed of the first episode instead of the scenario's.
             visible: False for a model without the geoms that are only to be seen.
             action: 'residual': actions are added to the commands of the agents' law; 'velocity': they take their place;
                 'thrust': actions are the commands of the agents' actuators. They replace law and autopilot, so neither
                 the speed limit nor `safety` acts on these agents. Zero stops all thrusters.
             engine: Engine that moves the bodies, 'mujoco' or 'fused'.
+            same_episode: True to begin the same episode again with each `reset`, to the bit; see there.
 
         Raises:
             InputError: The scenario cannot be simulated on bodies, or an argument is not valid; or actions are 'thrust'
@@ -107,8 +115,13 @@ class Episode:
             scenario = scenario.with_seed(seed)
         require_choice("action", action, ACTIONS)
         self.action = action
-        self.session = Session(scenario, visible=visible, commanded=_COMMANDED[action], engine=engine)
-        self.scenario = scenario
+        with shown(True, f"preparing {scenario.name}"):
+            self.session = Session(scenario, visible=visible, commanded=_COMMANDED[action], engine=engine)
+            self.session.engine.compile()
+        self.same_episode = same_episode
+        self.visible = visible
+        self.engine = engine
+        self.begun = False
         self.world = cast(ClosedLoop, self.session.engine)
         team = scenario.team
         self.agents = list(team.agent_ids)
@@ -121,12 +134,49 @@ class Episode:
         every = named_edges(team.measuring_edges)
         self.keys = {name: [key for key, edge in every.items() if _measures(name, edge)] for name in self.agents}
         self.edges = {name: [every[key] for key in keys] for name, keys in self.keys.items()}
-        self.reset()
+        self._errors = SquareErrors(self.world.system)
+        self.repeat()
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario, with the seed of the present episode."""
+        return self.session.scenario
+
+    @property
+    def seed(self) -> int:
+        """Seed of the present episode, which `mjsheaf run --seed` takes to repeat it."""
+        return self.scenario.seed
+
+    def next_seed(self, seed: int | None = None) -> int:
+        """Return the seed of the episode that `reset` begins.
+
+        Raises:
+            InputError: The argument is not a seed.
+        """
+        if seed is not None:
+            require_seed("seed", seed)
+            return int(seed)
+        return next_seed(self.seed) if self.begun and not self.same_episode else self.seed
 
     def reset(self, seed: int | None = None) -> None:
-        """Go back to the start: the same episode again, to the bit, or that of another seed from here on."""
+        """Begin an episode: that of a seed or, without one, the next.
+
+        The first episode is that of the scenario's seed. Each seed determines the next one (see
+        `mjsheaf.noise.next_seed`), so one seed determines all episodes that follow.
+
+        Raises:
+            InputError: The argument is not a seed; the present episode continues.
+        """
+        new = self.next_seed(seed)
+        self._begin(None if new == self.seed else new)
+        self.begun = True
+
+    def repeat(self) -> None:
+        """Go back to the start of the present episode."""
+        self._begin(None)
+
+    def _begin(self, seed: int | None) -> None:
         self.session.reset(seed)
-        self.scenario = self.session.scenario
         self.message = ""
         self.sample()
 
@@ -143,12 +193,13 @@ class Episode:
         """
         if not isinstance(actions, Mapping):
             raise InputError(f"action is a {type(actions).__name__}; expected a mapping of agent ids to arrays")
+        unit = "commands of its actuators" if self.action == "thrust" else "velocities in m/s"
         given = {name: np.zeros(n) for name, n in zip(self.agents, self.dimensions.tolist(), strict=True)}
         for name, action in actions.items():
             if name not in given:
                 raise InputError(f"action: unknown agent {name!r}; {expected(str(name), self.agents)}")
-            numbers = self._checked(name, action)
             bounds = self.bounds[name]
+            numbers = real_numbers(f"action of {name}", action, bounds.shape[1:], f"{bounds.shape[1]} finite {unit}")
             given[name] = np.clip(scaled(numbers, bounds) if normalized else numbers, *bounds)
         if self.action == "thrust":
             self.world.add_to_command(np.concatenate(list(given.values())))
@@ -162,22 +213,6 @@ class Episode:
         """Return the smallest and largest velocity of each agent, shape (2, n_i), m/s."""
         sizes = zip(self.action_limits, self.scenario.team.agents, strict=True)
         return [np.outer([-limit, limit], np.ones(agent.dimension)) for limit, agent in sizes]
-
-    def _checked(self, name: str, action: ArrayLike) -> Array:
-        """Return an action as numbers.
-
-        Raises:
-            InputError: It is of another shape, or not finite.
-        """
-        n = self.bounds[name].shape[1]
-        unit = "commands of its actuators" if self.action == "thrust" else "velocities in m/s"
-        try:
-            numbers = np.asarray(action, dtype=np.float64)
-        except (TypeError, ValueError):
-            numbers = np.full(0, np.nan)
-        if numbers.shape != (n,) or not np.isfinite(numbers).all():
-            raise InputError(f"action of {name} is {str(action)[:60]}; expected {n} finite {unit}")
-        return numbers
 
     def advance(self, steps: int) -> None:
         """Take physics steps, `world.steps_per_sample` in a control period, and a sample at the end of a period.
@@ -236,14 +271,38 @@ class Episode:
         return self.session.state
 
     def set_state(self, state: Array) -> None:
-        """Continue from a result of `state`, to the bit.
+        """Continue from a result of `state`, to the bit: also in the episode of another seed, and all that follow.
 
         Raises:
             InputError: It is not a state of this scenario.
         """
         self.session.state = state
+        self.begun = True
         self.message = ""
         self.sample()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments that make an equal episode."""
+        names = ("horizon", "visible", "action", "engine", "same_episode")
+        return {name: getattr(self, name) for name in names}
+
+    def present_state(self) -> dict[str, Any]:
+        """Return all that a copy of the episode has of its own; see `continue_from`."""
+        names = ("begun", "message", "_observations", "_rewards", *_SPACES)
+        return {"state": self.state(), **{name: self.__dict__[name] for name in names if name in self.__dict__}}
+
+    def continue_from(self, present: Mapping[str, Any]) -> None:
+        """Continue from a result of `present_state`, also within a period, or after a blow-up."""
+        self.world.restore(present["state"])
+        self.__dict__ |= {name: value for name, value in present.items() if name != "state"}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _copy, (type(self), self.scenario, self.options, self.present_state())
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        copied = _copy(type(self), self.scenario, self.options, deepcopy(self.present_state(), memo))
+        return cast(Self, copied)  # with the same scenario, which does not change
 
     def sample(self) -> None:
         """Let agents measure, if a control period begins now, and keep their observations and rewards.
@@ -251,7 +310,7 @@ class Episode:
         A sample may be taken again.
         """
         world = self.world
-        if world.steps_taken % world.steps_per_sample:
+        if self.message or world.steps_taken % world.steps_per_sample:
             return
         world.close_loop(sample=True)
         sample = self.session.observe()
@@ -273,9 +332,16 @@ class Episode:
                 "angular_velocity": np.where(present, sample.angular_velocity[i], 0.0),
                 "present": np.array(present),
             }
-        truth = sample.truth
-        error = truth.harmonic_extension - truth.positions[: len(self.agents)]
-        self._rewards = np.where(self.present, -(error**2).sum(axis=1), 0.0)
+        if self._errors.team is not world.system.team:
+            self._errors = SquareErrors(world.system)
+        self._rewards = np.where(self.present, -self._errors(sample.truth.positions), 0.0)
+
+
+def _copy(kind: type[Episode], scenario: Scenario, options: dict[str, Any], present: Mapping[str, Any]) -> Episode:
+    """Make an episode that continues from a result of `present_state`."""
+    episode = kind(scenario, **options)
+    episode.continue_from(present)
+    return episode
 
 
 def _action_limits(scenario: Scenario) -> Array:

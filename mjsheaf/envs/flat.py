@@ -55,6 +55,13 @@ class FlatEpisode(Episode):
         self.render_mode = render_mode
         super().__init__(scenario, visible=render_mode is not None, **options)
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments that make an equal episode."""
+        options = super().options | {"parts": self.parts, "render_mode": self.render_mode}
+        del options["visible"]  # follows from the render mode
+        return options
+
     @cached_property
     def action_spaces(self) -> dict[str, spaces.Box]:
         """Space of each agent's action, by id."""

@@ -6,9 +6,9 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from mjsheaf.arguments import real_numbers
 from mjsheaf.arrays import Array
 from mjsheaf.envs.flat import LARGEST, RENDER_MODES, FlatEpisode, box
-from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 
 
@@ -32,6 +32,7 @@ class TeamEnv(gymnasium.Env[Array, Array]):
         each = episode.action_spaces.values()
         low, high = (np.concatenate([getattr(space, end) for space in each]) for end in ("low", "high"))
         self.action_space = spaces.Box(low, high, dtype=np.float64)
+        self._shape = low.shape
         self.observation_space = box(len(self.observe()), LARGEST)
         self._ends = np.cumsum(episode.dimensions)[:-1]
 
@@ -40,17 +41,15 @@ class TeamEnv(gymnasium.Env[Array, Array]):
         return np.concatenate(list(self.episode.flat().values()))
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode: that of a seed, or the same again; `options` are accepted and not used."""
-        super().reset(seed=seed)
+        """Begin an episode, that of a seed or the next, see `Episode.reset`; `options` are accepted and not used."""
         self.episode.reset(seed)
-        return self.observe(), {}
+        super().reset(seed=None if seed is None else int(seed))
+        return self.observe(), {"seed": self.episode.seed}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Take one control period; see `env`."""
         episode = self.episode
-        found = np.asarray(action, dtype=np.float64)
-        if found.shape != self.action_space.shape:
-            raise InputError(f"action has shape {found.shape}; expected {self.action_space.shape}")
+        found = real_numbers("action", action, self._shape, f"{self._shape} finite numbers")
         episode.act_flat(dict(zip(episode.agents, np.split(found, self._ends), strict=True)))
         episode.step_period()
         broken = bool(episode.message)

@@ -1,6 +1,7 @@
 """A scenario as a parallel environment of PettingZoo."""
 
 import itertools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -46,20 +47,22 @@ class TeamParallelEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo's type va
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
-        """Begin an episode: that of a seed, or the same again; `options` are accepted and not used."""
+        """Begin an episode, that of a seed or the next, see `Episode.reset`; `options` are accepted and not used."""
         self.episode.reset(seed)
         self.agents = list(self.possible_agents)
-        return self.episode.flat(), {name: {} for name in self.agents}
+        return self.episode.flat(), {name: {"seed": self.episode.seed} for name in self.agents}
 
     def step(
         self, actions: dict[str, Array]
     ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Take one control period; see `parallel_env`."""
+        """Take one control period; see `parallel_env`. Actions of agents whose episode has ended are ignored."""
         if not self.agents:
             return {}, {}, {}, {}, {}
         episode = self.episode
         live = self.agents
-        episode.act_flat({name: actions[name] for name in live if name in actions})
+        ended = set(self.possible_agents) - set(live)
+        given = isinstance(actions, Mapping)
+        episode.act_flat({k: a for k, a in actions.items() if k not in ended} if given else actions)
         episode.step_period()
         rows = [episode.agents.index(name) for name in live]
         terminated = episode.gone[rows] | bool(episode.message)
@@ -100,11 +103,12 @@ def parallel_env(scenario: Scenario, **options: Any) -> TeamParallelEnv:
 
     An agent that is lost for good terminates. One that rejoins, or joins later, takes part from the start: while it is
     absent its observation is zero, and its action is ignored. All are truncated at `time.end`, or at the horizon, and
-    terminate if the simulation blows up. `reset(seed)` begins the episode of that seed, and `reset()` the same again.
+    terminate if the simulation blows up. `reset(seed)` begins the episode of that seed, and `reset()` the next one.
+    `info["seed"]` is the seed of each, for `mjsheaf run --seed`.
 
     Args:
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.
-        **options: `horizon`, `seed`, `action` and `engine` of `Episode`; `parts` of an observation (see
+        **options: `horizon`, `seed`, `action`, `engine` and `same_episode` of `Episode`; `parts` of an observation (see
             `mjsheaf.envs.flat.PARTS`); `render_mode` None or 'rgb_array'.
 
     Raises:

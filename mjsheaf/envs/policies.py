@@ -1,6 +1,7 @@
 """The sheaf law as a policy: the baseline of learners, from the same local observations."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,17 +31,19 @@ class SheafLaw:
         limits: Velocity that an action of 1 stands for, shape (n_a,), m/s.
     """
 
-    def __init__(self, episode: FlatEpisode) -> None:
+    def __init__(self, episode: Any) -> None:
         """Collect the matrices of all agents.
 
         Args:
-            episode: The episode of an environment: `env.episode`, or `vector_env.envs[0].episode`.
+            episode: An environment of `env`, `parallel_env` or `vector_env`, or its episode.
 
         Raises:
             InputError: Actions are not velocities; the observations lack `measurements` or `received`; or an edge
                 compares distances or directions, from which alone no agent can compute eta.
         """
-        require_type("episode", episode, FlatEpisode, "the episode of an environment, such as env.episode")
+        episode = getattr(episode, "envs", [episode])[0]
+        episode = getattr(episode, "episode", episode)
+        require_type("episode", episode, FlatEpisode, "an environment of env, parallel_env or vector_env")
         if episode.action == "thrust":
             raise InputError("action is 'thrust'; expected 'velocity' or 'residual', as the sheaf law is a velocity")
         for part in ("measurements", "received"):

@@ -6,25 +6,29 @@ directed edges, or whose seeds draw headings, which worlds share, are stepped on
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, cast
+from copy import deepcopy
+from typing import Any, Self, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from mjsheaf.arguments import require_whole
+from mjsheaf.arguments import real_numbers, require_scenario, require_seed, require_whole
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control.sample import View
 from mjsheaf.envs.episode import named_edges, scaled
 from mjsheaf.envs.flat import FlatEpisode
 from mjsheaf.envs.gym import TeamEnv
 from mjsheaf.errors import InputError
+from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.loop import Loop
 from mjsheaf.simulation.rows import Rows
 from mjsheaf.simulation.worlds import Worlds
+
+_OF_RUNS = ("envs", "_worlds", "_gathering")  # what a copy of an environment makes anew
 
 
 class Gathering:
@@ -123,6 +127,7 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.action_space = batch_space(first.action_space, self.num_envs)
         self.observation_space = batch_space(first.observation_space, self.num_envs)
         self._mode = autoreset_mode
+        self._shape = (self.num_envs, int(first.episode.dimensions.sum()))
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         self._observations = np.stack([one.observe() for one in self.envs])
         episode = first.episode
@@ -140,53 +145,97 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Begin an episode of each run.
 
         Args:
-            seed: One for each run, or the first run's, followed by the next numbers; None for the same again.
+            seed: One for each run, or the first run's, followed by the next numbers. None, also for one of several
+                runs, begins the run's next episode; see `Episode.reset`.
             options: `reset_mask` True for the runs to reset, shape (n,); all unless given.
-        """
-        mask = np.ones(self.num_envs, dtype=np.bool_)
-        if options and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"], dtype=np.bool_)
-            if mask.shape != (self.num_envs,):
-                raise InputError(f"reset_mask has shape {mask.shape}; expected ({self.num_envs},)")
-        seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
-        if len(seeds) != self.num_envs:
-            raise InputError(f"seed has {len(seeds)} entries; expected {self.num_envs}")
-        for k in np.flatnonzero(mask).tolist():
-            self._begin(k, seeds[k])
-        self._ended[mask] = False
-        return self._observations.copy(), {}
 
-    def _begin(self, k: int, seed: int | None = None) -> None:
-        """Begin an episode of run k."""
-        if self._worlds is None or seed is not None:
-            self._observations[k], _ = self.envs[k].reset(seed=seed)
-        if self._worlds is None:
-            return
-        self.envs[k].episode.message = ""
-        if seed is None:
-            self._worlds.begin(k)
-        else:
+        Returns:
+            The observations, and the seeds of the episodes that begin.
+        """
+        n = self.num_envs
+        mask = np.ones(n, dtype=np.bool_)
+        if options and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"])
+            if mask.dtype != np.bool_ or mask.shape != (n,):
+                raise InputError(f"reset_mask is {mask.dtype} of shape {mask.shape}; expected ({n},) bools")
+        seeds: Sequence[int | None] = [None] * n
+        if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
+            seeds = list(seed)
+            if len(seeds) != n:
+                raise InputError(f"seed has {len(seeds)} entries; expected {n}")
+        elif seed is not None:
+            require_seed("seed", seed)
+            seeds = [int(seed) + k for k in range(n)]
+        which = np.flatnonzero(mask).tolist()
+        info = self._begin({k: self._episode(k).next_seed(seeds[k]) for k in which})
+        return self._observations.copy(), info
+
+    def _episode(self, k: int) -> FlatEpisode:
+        """Return the episode of run k."""
+        return self.envs[k].episode
+
+    def _begin(self, seeds: dict[int, int]) -> dict[str, Any]:
+        """Begin episodes with these seeds, by the numbers of their runs, and return the info that names them."""
+        began = np.isin(np.arange(self.num_envs), list(seeds))
+        if self._worlds is not None:
             try:
-                self._worlds.renew(k)
-            except InputError:  # the seed changes what worlds share
+                self._worlds.begin(seeds)
+            except InputError:  # a seed changes what worlds share
                 self._worlds = None
-                return
-        self._observations[k] = self._gathering.observations(np.arange(self.num_envs) == k)[0]
+            else:
+                self._observations[began] = self._gathering.observations(began)
+        for k, seed in seeds.items():
+            if self._worlds is None:
+                self._episode(k).reset(seed)
+                self._observations[k] = self.envs[k].observe()
+            self._episode(k).begun = True
+            self._episode(k).message = ""
+        self._ended[began] = False
+        named = np.zeros(self.num_envs, dtype=np.int64)
+        named[list(seeds)] = list(seeds.values())
+        return {"seed": named, "_seed": began} if seeds else {}
 
     def step(self, actions: Array) -> tuple[Array, Array, BoolArray, BoolArray, dict[str, Any]]:
-        """Take one control period of every run; one that has ended begins again instead, or stands still."""
-        given = np.asarray(actions, dtype=np.float64)
-        if given.shape != self.action_space.shape or not np.isfinite(given[~self._ended]).all():
-            raise InputError(f"actions have shape {given.shape}; expected {self.action_space.shape} finite numbers")
+        """Take one control period of every run; one that has ended begins its next episode instead, or stands still."""
         alive = ~self._ended
+        given = real_numbers("actions", actions, self._shape, f"{self._shape} finite numbers", alive)
         take = self._take_one_by_one if self._worlds is None else self._take_together
         rewards, terminated = take(given, alive)
         truncated = alive & self._finished & ~terminated
+        info: dict[str, Any] = {}
         if self._mode is AutoresetMode.NEXT_STEP:
-            for k in np.flatnonzero(self._ended).tolist():
-                self._begin(k)
-        self._ended = terminated | truncated | (self._ended & (self._mode is AutoresetMode.DISABLED))
-        return self._observations.copy(), rewards, terminated, truncated, {}
+            info = self._begin({k: self._episode(k).next_seed() for k in np.flatnonzero(self._ended).tolist()})
+        self._ended |= terminated | truncated
+        return self._observations.copy(), rewards, terminated, truncated, info
+
+    def state(self) -> list[Array]:
+        """Return all that determines the rest of each run, see `Episode.state`, one array for each."""
+        return [one.episode.state() for one in self.envs]
+
+    def set_state(self, states: Sequence[Array]) -> None:
+        """Continue each run from its part of a result of `state`, to the bit, also in the episodes of other seeds.
+
+        Raises:
+            InputError: There is another number of them, or one is not a state of this scenario.
+        """
+        if len(states) != self.num_envs:
+            raise InputError(f"states has {len(states)} entries; expected {self.num_envs}")
+        self._begin({k: self._episode(k).world.seed_of(state) for k, state in enumerate(states)})
+        for k, state in enumerate(states):
+            self._episode(k).set_state(state)
+            self._observations[k] = self.envs[k].observe()
+        self._ended = self._finished
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        episodes = [one.episode for one in self.envs]
+        first = episodes[0]
+        kept = {name: value for name, value in self.__dict__.items() if name not in _OF_RUNS}
+        presents = [episode.present_state() for episode in episodes]
+        return _copy, (first.scenario, first.options, [episode.seed for episode in episodes], presents, kept)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        make, (scenario, *rest) = self.__reduce__()
+        return cast(Self, make(scenario, *deepcopy(rest, memo)))  # with the same scenario, which does not change
 
     @property
     def _finished(self) -> BoolArray:
@@ -227,20 +276,44 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             one.close()
 
 
+def _make(scenario: Scenario, seeds: Sequence[int], mode: AutoresetMode, options: dict[str, Any]) -> TeamVectorEnv:
+    """Make runs of a scenario under these seeds."""
+    runs = [scenario.with_seed(seed) for seed in seeds]
+    with shown(True, f"preparing {len(seeds)} runs of {scenario.name}"):
+        return TeamVectorEnv([TeamEnv(FlatEpisode(run, **options)) for run in runs], mode)
+
+
+def _copy(
+    scenario: Scenario,
+    options: dict[str, Any],
+    seeds: Sequence[int],
+    presents: Sequence[dict[str, Any]],
+    kept: dict[str, Any],
+) -> TeamVectorEnv:
+    """Make a copy of an environment from what it has of its own; see `TeamVectorEnv.__reduce__`."""
+    made = _make(scenario, seeds, kept["_mode"], options)
+    for one, present in zip(made.envs, presents, strict=True):
+        one.episode.continue_from(present)
+    made.__dict__ |= kept
+    return made
+
+
 def vector_env(
     scenario: Scenario, n: int, *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, **options: Any
 ) -> TeamVectorEnv:
     """Return n runs of a scenario on the fused engine as a `gymnasium.vector.VectorEnv`, with the spaces of `env`.
 
-    Run k begins with the scenario's seed plus k. Its samples under zero actions are those of
-    `simulate_many(..., engine="fused")` with that seed, to the bit. The runs are stepped together by compiled code,
-    unless the scenario has events, edges that are not linear, or headings that the seed draws.
+    Run k begins with the scenario's seed plus k, and continues by itself: the seed of an episode determines that of the
+    run's next one, whenever others end; see `Episode.reset`. `info["seed"]` names the episodes that begin. Samples
+    under zero actions are those of `simulate_many(..., engine="fused")` with that seed, to the bit. The runs are
+    stepped together by compiled code, unless the scenario has events, edges that are not linear, or headings that the
+    seed draws.
 
     Args:
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.
         n: Number of runs.
         autoreset_mode: What becomes of a run that has ended: NEXT_STEP, or DISABLED and `reset` with a `reset_mask`.
-        **options: Options of `env` except for `engine`, `seed` and `render_mode`.
+        **options: Options of `env` except for `engine`, `seed` and `render_mode`, among them `same_episode`.
 
     Raises:
         InputError: As for `env`; the scenario has what the fused engine lacks, such as contacts; or n or the mode is
@@ -250,5 +323,5 @@ def vector_env(
     mode = AutoresetMode(autoreset_mode)
     if mode is AutoresetMode.SAME_STEP:
         raise InputError("autoreset_mode is SAME_STEP; expected NEXT_STEP or DISABLED")
-    runs = [scenario.with_seed(scenario.seed + k) for k in range(n)]
-    return TeamVectorEnv([TeamEnv(FlatEpisode(run, engine="fused", **options)) for run in runs], mode)
+    require_scenario(scenario)
+    return _make(scenario, [scenario.seed + k for k in range(n)], mode, {"engine": "fused", **options})

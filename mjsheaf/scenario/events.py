@@ -333,6 +333,8 @@ def phases_of_events(
         InputError: an event cannot happen, or an agent that is to drift does not join later; the message begins with
             the field.
     """
+    if not events and not drifting:
+        return (Phase(0, whole),)
     numbers: dict[int, list[int]] = {0: []}  # of the events at each sample
     for k, event in enumerate(events):
         with in_field(f"events.{k}.time"):

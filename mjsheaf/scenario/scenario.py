@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from mjsheaf.arguments import require_whole
+from mjsheaf.arguments import require_seed
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.curved import bound_slopes
 from mjsheaf.control.custom import CustomTerm, pack_custom
-from mjsheaf.control.law import LawArrays, pack_law
+from mjsheaf.control.law import LawArrays, pack_law, with_seed
 from mjsheaf.control.links import pack_links
 from mjsheaf.control.rounds import pack_rounds
 from mjsheaf.control.separation import Safety
@@ -489,14 +489,14 @@ class Scenario(Section):
         )
 
     def with_seed(self, seed: int) -> "Scenario":
-        """The same scenario under another seed; it shares the team and its vehicles, which no seed changes.
+        """The same scenario under another seed; it shares the team and all else that no seed changes.
 
         Raises:
-            InputError: See `phases`, which are built; or the seed is no whole number of at least 0.
+            InputError: See `phases`, which are built; or the seed is no whole number from 0 to 2^63 - 1.
         """
-        require_whole("seed", seed, 0)
-        other = self.model_copy(update={"seed": seed})
-        other.__dict__ |= {"team": self.team, "_compiled": self._compiled}
+        require_seed("seed", seed)
+        other = self.model_copy(update={"seed": int(seed)})
+        other.__dict__ |= {"team": self.team, "_compiled": self._compiled, "_of_some_seed": self._of_some_seed}
         _ = other.phases
         return other
 
@@ -550,20 +550,43 @@ class Scenario(Section):
         Raises:
             InputError: fields do not fit together; the message begins with the field.
         """
+        system = self._of_some_seed
+        if self.spread.position > 0.0 or self.spread.heading > 0.0:
+            system = self._moved(system, *self.spread.place(self.agents, self.targets, self.seed))
+        harmonics = self.disturbance.draw(self.team, max(abs(self.time.start), abs(self.time.end)), self.seed)
+        system = replace(system, seed=self.seed, harmonics=harmonics, law=with_seed(system.law, self.seed))
+        system.require_fitting()
+        return system
+
+    def _moved(self, system: System, initial: Array, heading: Array) -> System:
+        """Return a system whose vehicles begin at other positions (V, 3), m, and headings (V,), rad."""
+        if self.spread.heading > 0.0 or not self.team.linear:
+            law = self._pack_law(self.team, self.controller, self.links, initial, heading)
+            system = replace(system, law=law, bodies=replace(system.bodies, heading=heading))
+        waiting = system.waiting and system.waiting._replace(position=initial)
+        return replace(system, initial=initial, motion=self._pack_motion(initial), waiting=waiting)
+
+    def _pack_motion(self, initial: Array) -> motions.MotionArrays:
+        """Return the motions of vehicles that begin at positions (V, 3), m."""
+        moves = [*[None] * len(self.agents), *self.target_motions]
+        with in_field("targets"):
+            dimensions = [m.dimension for m in self.team.members]
+            return motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
+
+    @cached_property
+    def _of_some_seed(self) -> System:
+        """System of the seed that was asked for first, without its disturbances; scenarios of other seeds share it."""
         team, law, agents, targets = self.team, self.controller, self.agents, self.targets
-        dimensions = [m.dimension for m in team.members]
         with in_field("time"):
             grid = self.time.grid(law.control_period, law.record_period)
         initial, heading = self.spread.place(agents, targets, self.seed)
-        harmonics = self.disturbance.draw(team, max(abs(self.time.start), abs(self.time.end)), self.seed)
-        moves = [*[None] * len(agents), *self.target_motions]
-        with in_field("targets"):
-            motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
+        motion = self._pack_motion(initial)
         with in_field("agents"):
-            g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
+            dimensions = [agent.dimension for agent in team.agents]
+            g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions)
         packed = self._pack_law(team, law, self.links, initial, heading)
         fixed = np.concatenate([np.zeros(len(agents), dtype=np.bool_), self._fixed])
-        system = System(
+        return System(
             name=self.name,
             team=team,
             initial=initial,
@@ -571,10 +594,9 @@ class Scenario(Section):
             gain=law.gain,
             law=packed,
             motion=motion,
-            harmonics=harmonics,
+            harmonics=np.zeros((len(initial), 0, 5)),
             effectiveness=g,
             **self.flow.parts(team),
-            seed=self.seed,
             safety=self.safety,
             waiting=Station(fixed, initial, np.zeros(len(fixed)), packed.limit) if fixed.any() else None,
             tolerance=(self.ideal.rtol, self.ideal.atol),
@@ -590,8 +612,6 @@ class Scenario(Section):
                 compiled=self._compiled,
             ),
         )
-        system.require_fitting()
-        return system
 
     def _pack_law(self, team: Team, law: Controller, links: Links, initial: Array, heading: Array) -> LawArrays:
         """The law of a team under a controller and over links, from initial positions (V, 3) and headings (V,), rad."""

@@ -106,15 +106,20 @@ class Engine(ABC):
         """Begin anew with the same team under another seed.
 
         Raises:
-            InputError: The run was not made from a scenario, or the seed is no whole number of at least 0.
+            InputError: The run was not made from a scenario, or the seed is not one.
         """
+        self.take_seed(seed)
+        self.reset()
+
+    def take_seed(self, seed: int) -> None:
+        """Take over the run of another seed, which begins with the next `reset`; see `restart`."""
         if self.run_under is None:
             raise InputError(f"seed is {seed}; expected None for a run that was not made from a Scenario")
         self._take(self.run_under(seed))
-        self.seed = seed
+        self._control = self._law_of_phase()
+        self.seed = int(seed)
         if self.controller:
-            self.controller.seed = seed
-        self.reset()
+            self.controller.seed = self.seed
 
     def reset(self) -> None:
         """Go back to the initial condition."""
@@ -264,6 +269,10 @@ class Engine(ABC):
         while n > 0:
             n -= self._advance(min(n, self._stride), self._unrecorded)
 
+    def compile(self) -> None:
+        """Compile what steps call, without taking one."""
+        self._move(self.steps_taken, 0, self._unrecorded)
+
     def step_period(self) -> None:
         """Take the steps up to the next sample; see `step`."""
         self._displaced(self.positions()[: len(self.system.team.agents)])
@@ -412,7 +421,9 @@ class Engine(ABC):
         """
         self._enter_phase()  # where a phase begins, as `set_state` expects it
         before = self._before if self._observed == self.steps_taken else self._now
-        return np.concatenate([[self.seed], self._get_motion(), self.memory.flat, before.ravel()])
+        seed = float(self.seed)  # a double has 53 bits, and a seed 63
+        rest = float(self.seed - int(seed))
+        return np.concatenate([[seed], self._get_motion(), self.memory.flat, [rest], before.ravel()])
 
     def set_state(self, state: Array) -> None:
         """Continue from a state of `get_state`, bit for bit as the run from which it was taken, with its seed.
@@ -420,31 +431,36 @@ class Engine(ABC):
         Raises:
             InputError: The state has another size, so it is not one of this scenario, or it is not finite.
         """
-        values = np.ascontiguousarray(state, dtype=np.float64)
-        before = self.get_state()
-        if values.ndim != 1 or not np.isfinite(values).all() or not self._restore(values):
-            self._restore(before)
+        values, before = np.asarray(state), self.get_state()
+        good = values.dtype.kind in "fiu" and values.ndim == 1 and bool(np.isfinite(values).all())
+        if not good or not self.restore(values.astype(np.float64)):
+            self.restore(before)
             raise InputError(
                 f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
             )
 
-    def _restore(self, state: Array) -> bool:
-        """Take over a state; return False if it is not of the size that its phase needs."""
+    def seed_of(self, state: Array) -> int:
+        """Return the seed of the run that a state belongs to; -1 if it is unknown."""
+        rest = int(state[-1 - self._now.size]) if state[0] >= 2.0**53 else 0
+        return int(state[0]) + rest
+
+    def restore(self, state: Array) -> bool:
+        """Take over a state, finite or not; return False if it is not of the size that its phase needs."""
         begin = 1 + len(self._get_motion())
-        if len(state) <= begin:
+        if len(state) <= begin + self._now.size:
             return False
-        seed = int(state[0])
+        seed = self.seed_of(state)
         if self.run_under is not None and seed not in (-1, self.seed):
             self.restart(seed)
         self._set_motion(state[1:begin])
         self._enter_phase()
         memory = self.memory.flat
         end = begin + len(memory)
-        if len(state) != end + self._now.size:
+        if len(state) != end + self._now.size + 1:
             return False
         memory[:] = state[begin:end]
         self._observed = -1
-        self._now = state[end:].reshape(-1, 3).copy()
+        self._now = state[end + 1 :].reshape(-1, 3).copy()
         return True
 
     @property

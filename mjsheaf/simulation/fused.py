@@ -32,7 +32,7 @@ from mjsheaf.simulation.lanes import advance_lanes, end_of_kind, fits_lanes
 from mjsheaf.simulation.loop import HUGE, Loop, finish_law, record, sense_and_command
 from mjsheaf.simulation.motion import move, pack_motion
 from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
-from mjsheaf.tiers import tiered
+from mjsheaf.tiers import Tiered
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
 from mjsheaf.vehicles.vectors import add
 
@@ -129,15 +129,18 @@ def advance(loop, motion, steps, count, recorder, row, bad, thread, threads, gat
         k, row, meetings = k + span, row + (sample >= 0), meetings + 3
 
 
-@tiered(records=True, numbers=_MOST_NUMBERS)
-@jit
-def command_all(loop, t):
+@inline_jit
+def command_vehicles(loop, t):
     """Let every vehicle measure and command at time t, s."""
     params, state = loop
     V = params.fleet.bodies.shape[0]
     advance_medium(params.medium, t, 0, V, state.medium)
     for v in range(V):
         sense_and_command(loop, v)
+
+
+command_all = Tiered(command_vehicles, records=True, numbers=_MOST_NUMBERS)
+"""`command_vehicles`, for calls by Python."""
 
 
 class Fused(ThreadedLoop):

@@ -377,14 +377,22 @@ class ClosedLoop(Engine):
     """
 
     _loop: Loop
+    _heading: Array | None = None  # of the vehicles of `_fleet`
     _at_once: ClassVar = 200_000  # physics steps times vehicles in a compiled call; Ctrl-C takes effect between calls
 
     def _take(self, run: System | Sequence[Phase]) -> None:
         super()._take(run)
         system = self.system
         plan = system.bodies
-        self._vehicles = system.vehicles
-        self._fleet = pack_fleet(self._vehicles, plan.heading, system.timestep, plan.surface)
+        if self._heading is None or not np.array_equal(plan.heading, self._heading):  # no seed changes more
+            self._vehicles = system.vehicles
+            self._heading = plan.heading
+            self._hand = np.array([[vehicle.steering.hand] for vehicle in self._vehicles])
+            self._fleet = pack_fleet(self._vehicles, plan.heading, system.timestep, plan.surface)
+            trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
+            self._act = trim[self._fleet.channels["late"] > 0]
+            self._attitudes = quaternions_of(plan.heading)
+            self._forward = np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
         self.steps_per_sample = system.steps_per_sample
         self._timestep = system.timestep
         self._chunk = self._stride = max(1, min(4000, self._at_once // len(self._vehicles)))
@@ -412,37 +420,38 @@ class ClosedLoop(Engine):
         self._loop = Loop(params, state)
         self._enter(state.memory)
         self._unrecorded = self._recorder(0)
-        self._place()
+        self.place()
+        with self._naming_terms():
+            self._evaluate_law()
+        self._command()
 
     def _enter(self, memory: Memory) -> None:
+        params = self.params()
+        self._loop = Loop(params, self._loop.state._replace(medium=new_state(params.medium), memory=memory))
+
+    def params(self) -> Params:
+        """Return the constants of the present phase."""
         system = self.system
         helm = np.full(len(self._vehicles), AUTOPILOT, dtype=np.int8)
         if system.stopped is not None:
             helm[system.stopped] = STOPPED
         if self._commanded == "thrust":
             helm[: len(system.team.agents)][system.team.present] = OUTSIDE
-        params = self._loop.params._replace(
+        return self._loop.params._replace(
             control=self._control,
             medium=system.medium,
             helm=helm,
             station=system.station_of_bodies,
         )
-        self._loop = Loop(params, self._loop.state._replace(medium=new_state(system.medium), memory=memory))
 
-    def _place(self) -> None:
+    def place(self) -> None:
         """Put the vehicles where they begin; rotors turn before a multirotor is let go."""
-        plan = self.system.bodies
         x = self._loop.state.qpos.reshape(-1, 7)
-        hand = np.array([[vehicle.steering.hand] for vehicle in self._vehicles])
         x[:, :3] = self.system.initial
-        x[:, :2] -= hand * np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
-        x[[vehicle.dimension == 2 for vehicle in self._vehicles], 2] = plan.surface_height
-        x[:, 3:] = quaternions_of(plan.heading)
-        trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
-        self._loop.state.act[:] = trim[self._fleet.channels["late"] > 0]
-        with self._naming_terms():
-            self._evaluate_law()
-        self._command()
+        x[:, :2] -= self._hand * self._forward
+        x[self.system.planar, 2] = self.system.bodies.surface_height
+        x[:, 3:] = self._attitudes
+        self._loop.state.act[:] = self._act
 
     def _control_of(self, system: System) -> ControlArrays:
         return system.control_of_bodies

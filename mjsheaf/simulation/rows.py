@@ -21,7 +21,7 @@ from numpy.typing import DTypeLike
 from mjsheaf.arrays import OWN, Array
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.loop import Loop
+from mjsheaf.simulation.loop import Loop, Params
 
 MAX_NUMBERS = 100_000_000
 """Largest size of the rows of one group."""
@@ -162,22 +162,34 @@ class Rows:
         self.loop: Loop = mapped(laid_out, whole)
         self.motion = self._in_type(motion)
         self.take = world_taker(whole)
+        constants = [leaf for leaf in leaves[0] if leaf.path.startswith("loop.params.")]
+        self._shared = [leaf.path for leaf in constants if not leaf.own]
+        self._read_shared = _reader(self._shared)
+        self._read_own = _reader([leaf.path for leaf in constants if leaf.own])
 
     def _write(self, w: int, leaves: list[Leaf]) -> None:
-        self.values[w] = np.concatenate([leaves[k].value.ravel() for k in self._own])
+        self.values[w] = self._row_of(leaves)
         self._seeds[:, w] = [leaf.value for leaf in leaves if is_seed(leaf)]
 
-    def put(self, w: int, run: Fused) -> None:
-        """Write a copy of a run at its start over world w.
+    def _row_of(self, leaves: list[Leaf]) -> Array:
+        return np.concatenate([leaves[k].value.ravel() for k in self._own])
+
+    def row_of(self, loop: Loop) -> Array:
+        """Return the row of a world with this loop, shape (n,)."""
+        return self._row_of(leaves_of(loop))
+
+    def put(self, w: int, params: Params) -> None:
+        """Write the constants of a run over those of world w.
 
         Raises:
-            InputError: It differs in what worlds share.
+            InputError: They differ in what worlds share.
         """
-        leaves = leaves_of(run.compiled[0])
-        for ours, other in zip(leaves_of(self.loop), leaves, strict=True):
-            if not other.own and not _same(ours.value, other.value):  # seeds of all worlds are an array: not `own`
-                raise InputError(f"{ours.path}: run {w} has another than the others; expected runs of one team")
-        self._write(w, leaves)
+        loop = Loop(params, self.loop.state)
+        for path, ours, other in zip(self._shared, self._read_shared(self.loop), self._read_shared(loop), strict=True):
+            if not (ours is other or _same(ours, other)):
+                raise InputError(f"{path}: run {w} has another than the others; expected runs of one team")
+        for ours, other in zip(self._read_own(self.loop), self._read_own(loop), strict=True):
+            ours[w] = other
 
     def loop_of(self, w: int) -> Loop:
         """Return the Loop of world w, for threads of this machine."""
@@ -203,6 +215,12 @@ class Rows:
         behind = ((part.ctypes.data - whole.ctypes.data, whole, begin) for whole, begin in self._places)
         begin = next(begin + n // whole.itemsize for n, whole, begin in behind if 0 <= n < whole.nbytes)
         return self.values[:, begin : begin + part.size].reshape(W, *part.shape)
+
+
+def _reader(paths: Sequence[str]) -> Callable[[Loop], tuple[Any, ...]]:
+    """Return the function that reads the leaves of these paths from a loop."""
+    reader: Callable[[Loop], tuple[Any, ...]] = eval(f"lambda loop: ({''.join(f'{path}, ' for path in paths)})")
+    return reader
 
 
 def is_seed(leaf: Leaf) -> bool:

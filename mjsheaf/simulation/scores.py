@@ -9,6 +9,7 @@ from mjsheaf.control.law import disagree
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit
 from mjsheaf.system import System
+from mjsheaf.tiers import Tiered
 
 _MOST_NUMBERS = 12_000_000  # of what carries targets to q*
 
@@ -74,6 +75,37 @@ def square_error(goal, x, i):
 
 
 @inline_jit
+def square_errors(goal, x, squares):
+    """Write |q*_i - q_i|^2 of all agents into squares (N,), m^2; NaN for absent agents."""
+    for i in range(squares.shape[0]):
+        squares[i] = square_error(goal, x, i)
+
+
+class SquareErrors:
+    """Squared errors |q*_i - q_i|^2 of the agents of a team, called with positions.
+
+    Attributes:
+        team: The team.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.team = system.team
+        self._goal = goal_of(system, np.zeros((0, 0))) if _is_scorable(system) else None
+
+    def __call__(self, x: Array) -> Array:
+        """Compute them where vehicles are at x (V, 3), m, shape (N,), m^2; NaN for absent agents."""
+        N = len(self.team.agents)
+        squares = np.empty(N)
+        if self._goal is None:
+            return np.asarray(((self.team.harmonic_extension(x) - x[:N]) ** 2).sum(axis=1))
+        _square_errors(self._goal, x, squares)
+        return squares
+
+
+_square_errors = Tiered(square_errors)
+
+
+@inline_jit
 def score(goal, scores, w, n, loop):
     """Take sample n of world w into its scores, from `squares` and what the law left."""
     N, found, square, size, eta = goal.first.shape[0] - 1, scores.found[w], 0.0, 0.0, loop.state.memory.residual
@@ -108,11 +140,17 @@ def require_scorable(system: System) -> None:
             "linear function of the targets, as a batch requires for its scores; expected separate runs"
         )
     n_q, n_p = system.team.first_state[-1], system.team.dirichlet.B.shape[1]
-    if n_q * n_p > _MOST_NUMBERS:
+    if not _is_scorable(system):
         raise InputError(
             f"agents: {n_q} coordinates of theirs by {n_p} of targets are more than a batch scores; expected a product "
             f"of at most {_MOST_NUMBERS}, or runs one by one"
         )
+
+
+def _is_scorable(system: System) -> bool:
+    """Return True if q* is a linear function of the targets, of moderate size."""
+    team = system.team
+    return team.plain and int(team.first_state[-1]) * team.dirichlet.B.shape[1] <= _MOST_NUMBERS
 
 
 def goal_of(system: System, bounds: Array) -> Goal:

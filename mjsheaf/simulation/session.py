@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjsheaf.arguments import require_choice, require_scenario, require_whole
+from mjsheaf.arguments import real_numbers, require_choice, require_scenario, require_whole
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.threads import free_processors
@@ -129,11 +129,8 @@ class Session:
         """
         engine = self.engine
         shape = engine.command_shape
-        velocity = np.zeros(shape) if command is None else np.asarray(command, dtype=np.float64)
-        if velocity.shape != shape or not np.isfinite(velocity).all():
-            unit = "velocities in m/s" if len(shape) == 2 else "commands of actuators"
-            raise InputError(f"command has shape {velocity.shape}; expected {shape} finite {unit}")
-        engine.add_to_command(velocity)
+        accepted = f"{shape} finite {'velocities in m/s' if len(shape) == 2 else 'commands of actuators'}"
+        engine.add_to_command(real_numbers("command", np.zeros(shape) if command is None else command, shape, accepted))
         engine.step_period()
 
     def change_events(self, scenario: "Scenario") -> None:

@@ -295,14 +295,11 @@ class World(ClosedLoop):
         # Where a command is bad MuJoCo would warn and take others; `step` raises.
         (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
 
-    def set_state(self, state: Array) -> None:
-        """Continue from a state of `get_state`, bit for bit as the world from which it was taken.
-
-        Raises:
-            InputError: The state has another size, so it is not one of this scenario, or it is not finite.
-        """
-        super().set_state(state)
+    def restore(self, state: Array) -> bool:
+        """Take over a state, as `Engine.restore`, and what MuJoCo computes of positions."""
+        fits = super().restore(state)
         mujoco.mj_fwdPosition(self.model, self.data)
+        return fits
 
     def _get_motion(self) -> Array:
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))

@@ -5,7 +5,7 @@ a small team. Therefore one Loop stands for all worlds: each row is copied into 
 period there, and is copied back. Only random laws need a Loop of each world, because its seed is not in the row.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.custom import naming_terms
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.batch import require_world
-from mjsheaf.simulation.fused import Fused, advance_block
-from mjsheaf.simulation.loop import Loop, blow_up_of, run_law
+from mjsheaf.simulation.fused import Fused, advance_block, command_vehicles
+from mjsheaf.simulation.loop import EngineArrays, Loop, blow_up_of, new_loop, run_law
 from mjsheaf.simulation.rows import Rows, is_seed, leaves_of
-from mjsheaf.simulation.scores import goal_of, square_error
+from mjsheaf.simulation.scores import goal_of, square_errors
 from mjsheaf.simulation.threaded import NEVER
 from mjsheaf.simulation.trajectory import new_log
 
@@ -44,8 +44,20 @@ def take_periods(loop, row, motion, goal, nothing, values, alive, steps, bad, sq
             row[k] = values[w, k]
         if take_period(loop, motion, nothing, steps[w], bad[w]):
             steps[w] += loop.params.per_sample
-            for i in range(squares.shape[1]):
-                squares[w, i] = square_error(goal, loop.state.x, i)
+            square_errors(goal, loop.state.x, squares[w])
+        for k in range(row.shape[0]):
+            values[w, k] = row[k]
+
+
+@jit
+def begin_periods(loop, row, values, which):
+    """Evaluate the law at the start, and command, in the worlds `which`; other arguments as for `take_periods`."""
+    start = loop.params.start
+    for w in which:
+        for k in range(row.shape[0]):
+            row[k] = values[w, k]
+        run_law(loop, start)
+        command_vehicles(loop, start)
         for k in range(row.shape[0]):
             values[w, k] = row[k]
 
@@ -110,31 +122,51 @@ class Worlds:
         self._goal = goal_of(system, np.full((1, system.grid.steps + 1), np.inf))
         self._nothing = new_log(0, law, actuators=self.rows.loop.state.ctrl.shape[1])
         self._starts = self.rows.values[:W].copy()
+        params, state = runs[0].compiled[0]
+        arrays = EngineArrays(
+            *(np.zeros_like(each) for each in (state.qpos, state.qvel, state.ctrl, state.act, params.gain))
+        )
+        empty = new_loop(params.fleet, params.control, params.medium, arrays, timestep=params.timestep)
+        self._empty = self.rows.row_of(empty)
         self._bad = np.full((W, len(system.team.members)), NEVER)
         self.steps = np.zeros(W, dtype=np.int64)
         self.squares = np.zeros((W, len(system.team.agents)))
         for w in range(W):
             self._adopt(w)
+        self.step(np.zeros(W, dtype=np.bool_))  # compiles, as does the next line
+        begin_periods(
+            self._template.loop_of(0), self._template.values[0], self.rows.values, np.zeros(0, dtype=np.int64)
+        )
 
     def _adopt(self, w: int) -> None:
-        self.steps[w] = 0
-        self._bad[w] = NEVER
+        """Let run w continue in its world."""
         self._runs[w].adopt(self.rows.loop_of(w), self.steps[w : w + 1])
 
-    def begin(self, w: int) -> None:
-        """Put world w back to its start, to the bit."""
-        self.rows.values[w] = self._starts[w]
-        self._adopt(w)
-
-    def renew(self, w: int) -> None:
-        """Continue run w, which has begun anew with another seed, in its world.
+    def begin(self, seeds: Mapping[int, int]) -> None:
+        """Begin runs anew, each with a seed, by the numbers of their worlds.
 
         Raises:
-            InputError: It has another team now.
+            InputError: A seed changes what worlds share.
         """
-        self.rows.put(w, self._runs[w])
-        self._starts[w] = self.rows.values[w]
-        self._adopt(w)
+        which = np.array(list(seeds), dtype=np.int64)
+        new = np.array([w for w, seed in seeds.items() if seed != self._runs[w].seed], dtype=np.int64)
+        for w in new.tolist():
+            run = self._runs[w]
+            run.take_seed(seeds[w])
+            self.rows.values[w] = self._empty
+            self.rows.put(w, run.params())
+            if self._is_random:
+                self._adopt(w)
+            run.place()
+        if self._is_random:
+            for w in new.tolist():
+                begin_periods(self.rows.loop_of(w), self.rows.values[w], self.rows.values, np.array([w]))
+        elif len(new):
+            begin_periods(self._template.loop_of(0), self._template.values[0], self.rows.values, new)
+        self._starts[new] = self.rows.values[new]
+        self.rows.values[which] = self._starts[which]
+        self.steps[which] = 0
+        self._bad[which] = NEVER
 
     def step(self, alive: BoolArray) -> dict[int, str]:
         """Take one control period.
@@ -146,7 +178,7 @@ class Worlds:
             The reason for each world that diverged, by its number.
         """
         if self._is_random:
-            for w in np.flatnonzero(alive).tolist():
+            for w in np.flatnonzero(alive).tolist() or [0]:
                 self._take(self.rows.loop_of(w), self.rows.values[w], slice(w, w + 1), alive)
         else:
             self._take(self._template.loop_of(0), self._template.values[0], slice(0, len(alive)), alive)

@@ -182,15 +182,15 @@ def test_absent_agents_keep_their_places() -> None:
     assert acting.physics.data.qpos.tobytes() != resting.physics.data.qpos.tobytes()
 
 
-def test_episodes_repeat_and_seeds_differ() -> None:
+def test_the_same_episode_repeats_and_seeds_differ() -> None:
     scenario = mixed_scenario(**ALL)
-    env = dm_env(scenario)
+    env = dm_env(scenario, same_episode=True)
     ends = []
     for _ in range(2):
         ends.append([(step.reward.tobytes(), step.discount) for step in steps(env)])
         assert env.step({}).first()  # after the last step a new episode begins
     assert ends[0] == ends[1]
-    other = dm_env(scenario, seed=scenario.seed + 1)
+    other = dm_env(scenario, seed=scenario.seed + 1, same_episode=True)
     assert [step.reward.tobytes() for step in steps(other)] != [reward for reward, _ in ends[0]]
     again = dm_env(scenario.with_seed(scenario.seed + 1))
     assert [step.reward.tobytes() for step in steps(other)] == [step.reward.tobytes() for step in steps(again)]

@@ -156,7 +156,7 @@ def test_every_world_is_the_fused_run_of_its_seed_to_the_bit() -> None:
 def test_a_run_that_ended_begins_again_or_stands_still() -> None:
     scenario = mixed_scenario(time={"end": 0.05})
     for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED):
-        worlds = vector_env(scenario, 2, autoreset_mode=mode)
+        worlds = vector_env(scenario, 2, autoreset_mode=mode, same_episode=True)
         first, _ = worlds.reset()
         zero = still(worlds.action_space)
         for _ in range(5):
@@ -190,7 +190,7 @@ def test_actions_in_place_of_the_law_move_the_vehicles() -> None:
 
 def test_seeds_and_parts() -> None:
     scenario = mixed_scenario(time={"end": 0.1}, spread={"position": 0.5})
-    one = env(scenario, parts=["measurements", "present"])
+    one = env(scenario, parts=["measurements", "present"], same_episode=True)
     first, _ = one.reset(seed=3)
     other, _ = one.reset(seed=4)
     again, _ = one.reset(seed=3)

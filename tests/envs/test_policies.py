@@ -53,6 +53,8 @@ def test_agents_alone_and_teams_at_once_act_as_the_team_does() -> None:
     single, worlds, agents = env(scenario), vector_env(scenario, 2), parallel_env(scenario)
     law = SheafLaw(single.episode)
     whole = law(single.reset()[0])
+    for one in (single, worlds, agents, worlds.envs[0].episode):
+        np.testing.assert_array_equal(SheafLaw(one).gain, law.gain)
     assert 0.1 < np.abs(whole).max() <= 1.0
     np.testing.assert_allclose(law(worlds.reset()[0]), [whole, whole], rtol=1e-12)
     observed, _ = agents.reset()
@@ -78,7 +80,7 @@ def test_what_has_no_law_is_refused() -> None:
     with refused(InputError, "range", "positions"):
         SheafLaw(env(load_scenario("range_formation")).episode)
     with refused(InputError, "episode is 'midpoint' (str)"):
-        SheafLaw("midpoint")  # type: ignore[arg-type]
+        SheafLaw("midpoint")
     law = SheafLaw(env(mixed_scenario()).episode)
     with refused(InputError, "observation has shape (3,)"):
         law(np.zeros(3))
