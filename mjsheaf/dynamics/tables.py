@@ -108,16 +108,13 @@ def _is_complete(found: _Columns) -> bool:
 def _find_columns(titles: list[str]) -> _Columns:
     """Return the columns whose titles are understood."""
     found: _Columns = {}
-    shown: dict[str, str] = {}
     for place, title in enumerate(titles):
         column, unit = _understand(title)
         if column and column in found:
-            raise InputError(
-                f"columns {shown[column]!r} and {title!r} are both {column}; expected one, so rename the other"
-            )
+            both = f"{titles[found[column][0]]!r} and {title!r}"
+            raise InputError(f"columns {both} are both {column}; expected one, so rename the other")
         if column:
             found[column] = (place, unit)
-            shown[column] = title
     return found
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError, expected, in_field, listed
+from mjsheaf.errors import InputError, expected, in_field, listed, shortened
 from mjsheaf.io.cf import decoded, open_netcdf, text_of
 from mjsheaf.io.files import digest_of
 from mjsheaf.io.geography import EARTH, to_plane
@@ -124,7 +124,8 @@ def read_flow(asked: Request) -> Reading:
             with in_field(name):
                 parts.append(_read_part(data, part, asked, pair.medium or asked.medium, notes))
         if known:
-            raise InputError(f"select: {pair.names[0]} has no axis {min(known)!r}; expected {_axes_of(data, pair)}")
+            axes = sorted({str(dim) for name in pair.names for dim in data[name].dims})
+            raise InputError(f"select: {pair.names[0]} has no axis {min(known)!r}; {expected(min(known), axes)}")
         return Reading(_merge(parts, pair, notes), pair.medium, tuple(dict.fromkeys(notes)))
 
 
@@ -166,21 +167,6 @@ def _statistic(variable: Any) -> str:
     within = re.search(r"\b(?:within|over) (?:days|years)", methods)
     others = [method for method in re.findall(r":\s*([a-z_]+)\b(?!:)", methods) if method not in ("point", "mean")]
     return within[0] if within else others[0] if others else ""
-
-
-def _speed_factor(variable: Any) -> float:
-    """Return the factor from the unit of a variable to m/s.
-
-    Raises:
-        InputError: It is none of speed. By CF, a variable without units has no dimension.
-    """
-    units = variable.attrs.get("units")
-    if units is None:
-        raise InputError(
-            "has no units, by CF a number without dimension; expected a speed: add it, for example by ncatted -a "
-            f"units,{variable.name},c,c,'m s-1'"
-        )
-    return factor(str(units), "m s-1")
 
 
 def _pairs(data: "xr.Dataset") -> list[_Pair]:
@@ -288,10 +274,6 @@ def _named(data: "xr.Dataset", asked: Request) -> _Pair:
         raise InputError(f"variables: {asked.variables[0]} and {asked.variables[1]} are of different flows")
     meaning = u or v
     return _Pair(asked.variables, meaning and meaning[2], meaning and meaning[3])
-
-
-def _axes_of(data: "xr.Dataset", pair: _Pair) -> str:
-    return listed(sorted({str(dim) for name in pair.names for dim in data[name].dims}))
 
 
 # -- axes ----------------------------------------------------------------------------------------------------------
@@ -492,7 +474,12 @@ def _read_part(
     Raises:
         InputError: It is not understood, or has values that no flow has.
     """
-    to_speed = _speed_factor(part)
+    if not _converts(part, "m s-1"):
+        unit = shortened(text_of(part, "units"), 50)
+        why = f"the unit is {unit!r}; expected m s-1 or what converts to it" if unit else "has no units"
+        fix = f"ncatted -a units,{part.name},o,c,'m s-1' {asked.path}"
+        raise InputError(f"{why}; if its values are in m/s, write so into the file, for example by {fix}")
+    to_speed = factor(part.attrs["units"], "m s-1")
     if 0 in part.shape:
         raise InputError("has no values")
     x, y, plane = _plane_of(data, part, asked.origin)
