@@ -50,7 +50,7 @@ def read_positions(
     except OSError as error:
         raise InputError(f"{name}: {error.strerror or f'cannot be read: {error}'}") from None
     except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+        raise error.within(name) from None
     except ImportError as error:
         raise InputError(f"{name}: needs {error.name}, which is not installed: pip install 'mjsheaf[mcap]'") from None
     except Exception as error:  # damaged files raise many kinds of exceptions in their readers

@@ -35,13 +35,13 @@ class Selection(NamedTuple):
             if getattr(self, field) is not None:
                 raise InputError(f"{field}: this kind of file has none; leave it out")
 
-    def choose(self, known: list[str], what: str = "a log with a topic") -> str:
+    def choose(self, known: list[str]) -> str:
         """Return the topic to read, which may be left out where there is only one."""
         if self.topic is None and len(known) == 1:
             return known[0]
         if self.topic not in known:
             given = "missing" if self.topic is None else f"there is no {self.topic!r}"
-            raise InputError(f"topic: {given}; expected {listed(known) or what}")
+            raise InputError(f"topic: {given}; expected {listed(known) or 'a log with a topic'}")
         return self.topic
 
 
@@ -58,26 +58,28 @@ def arrange(seconds: Array, columns: dict[str, Array], selection: Selection, axe
     Raises:
         InputError: Degrees have no origin, or a value is not a number.
     """
-    geodetic = "latitude" in columns and ("x" not in columns or selection.origin is not None)
+    in_plane = {"x", "y"} <= set(columns)
+    geodetic = {"latitude", "longitude"} <= set(columns) and (not in_plane or selection.origin is not None)
     if geodetic:
         columns = _in_plane(columns, selection.origin)
     elif selection.origin is not None:
         raise InputError("origin: positions are in metres, not in degrees; leave it out")
-    if selection.axes is not None and (geodetic or "x" not in columns):
+    if selection.axes is not None and (geodetic or not in_plane):
         raise InputError("axes: the file names the directions of its coordinates; leave it out")
-    if "x" in columns and (selection.axes or axes) == "ned":
-        down = {"up": 0.0 - columns["z"]} if "z" in columns else {}
-        columns = {"east": columns["y"], "north": columns["x"], **down, **columns}
-    parts = [next((columns[name] for name in pair if name in columns), None) for pair in _COORDINATES]
-    rows = np.column_stack([seconds, *(part for part in parts if part is not None)])
+    up = columns.get("up", columns.get("z"))
+    if {"east", "north"} <= set(columns):
+        east, north = columns["east"], columns["north"]
+    else:
+        down = (selection.axes or axes) == "ned"
+        east, north = (columns["y"], columns["x"]) if down else (columns["x"], columns["y"])
+        if "z" in columns:
+            up = 0.0 - columns["z"] if down else columns["z"]
+    rows = np.column_stack([seconds, east, north, *([] if up is None else [up])])
     if not np.isfinite(rows).all():
         k = int((~np.isfinite(rows)).any(axis=1).argmax())
         raise InputError(f"position {k} is not a number")
     found: Rows = rows.tolist()
     return found
-
-
-_COORDINATES = (("east", "x"), ("north", "y"), ("up", "z"))
 
 
 def _in_plane(columns: dict[str, Array], origin: list[float] | None) -> dict[str, Array]:

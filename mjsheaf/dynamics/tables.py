@@ -13,7 +13,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.dynamics.selection import Rows, Selection, arrange
-from mjsheaf.errors import InputError, listed, shortened
+from mjsheaf.errors import InputError, in_field, shortened
 from mjsheaf.io.units import factor
 
 _COLUMNS = {
@@ -62,6 +62,8 @@ def read_table(path: Path, selection: Selection) -> Rows:
     found["t"] = found.pop("stamp", found.get("t", (-1, "")))  # stamps count before times of reception, as in logs
     if found["t"][0] < 0 or not _is_complete(found):
         raise InputError(_EXPECTED)
+    if not lines:
+        return []
     if "px4" in found and selection.axes is None and "x" in found:
         raise InputError("axes: missing; columns with xy_valid are PX4's local position; expected ned, or enu if not")
     lines = _of_vehicle(lines, found.pop("vehicle", None), selection)
@@ -106,16 +108,13 @@ def _is_complete(found: _Columns) -> bool:
 def _find_columns(titles: list[str]) -> _Columns:
     """Return the columns whose titles are understood."""
     found: _Columns = {}
-    shown: dict[str, str] = {}
     for place, title in enumerate(titles):
         column, unit = _understand(title)
         if column and column in found:
-            raise InputError(
-                f"columns {shown[column]!r} and {title!r} are both {column}; expected one, so rename the other"
-            )
+            both = f"{titles[found[column][0]]!r} and {title!r}"
+            raise InputError(f"columns {both} are both {column}; expected one, so rename the other")
         if column:
             found[column] = (place, unit)
-            shown[column] = title
     return found
 
 
@@ -149,11 +148,7 @@ def _of_vehicle(lines: _Lines, column: tuple[int, str] | None, selection: Select
         selection.refuse("topic")
         return lines
     names = [row[column[0]] if column[0] < len(row) else "" for _, row in lines]
-    known = sorted(set(names))
-    if selection.topic not in known and (selection.topic is not None or len(known) > 1):
-        given = "missing" if selection.topic is None else f"there is no {selection.topic!r}"
-        raise InputError(f"topic: {given}; the table has several vehicles; expected one of {listed(known)}")
-    chosen = selection.topic or known[0]
+    chosen = selection.choose(sorted(set(names)))
     return [line for line, name in zip(lines, names, strict=True) if name == chosen]
 
 
@@ -177,10 +172,8 @@ def _is_number(text: str) -> bool:
 
 def _scale(name: str, unit: str) -> float:
     """Return the factor of a column into metres or degrees."""
-    try:
+    with in_field(f"column {name}"):
         return factor(unit, _UNITS.get(name, "m")) if unit else 1.0
-    except InputError as error:
-        raise error.within(f"column {name}") from None
 
 
 def _seconds(cells: list[str], unit: str) -> Array:
@@ -190,10 +183,7 @@ def _seconds(cells: list[str], unit: str) -> Array:
     whole = all(re.fullmatch(r"[-+]?\d+", cell) for cell in cells)  # nanoseconds of a clock exceed a float's digits
     numbers = [int(cell) if whole else float(cell) for cell in cells]
     first = numbers[0]
-    try:
-        scale = factor(unit, "s") if unit else 1.0
-    except InputError as error:
-        raise error.within("column t") from None
+    scale = _scale("t", unit)
     if not unit and first >= _LATEST_RUN:
         scale = next((k for k in (1.0, 1e-3, 1e-6, 1e-9) if _CLOCK[0] <= first * k < _CLOCK[1]), 0.0)
         if not scale or (numbers[-1] - first) * scale > _LONGEST:

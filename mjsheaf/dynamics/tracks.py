@@ -11,7 +11,8 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.dynamics.selection import Rows, Selection, arrange
-from mjsheaf.errors import InputError, listed
+from mjsheaf.errors import InputError, in_field, listed
+from mjsheaf.io.cf import decoded, open_netcdf
 from mjsheaf.io.units import factor
 
 if TYPE_CHECKING:
@@ -35,12 +36,14 @@ def read_netcdf(path: Path, selection: Selection) -> Rows:
     import xarray as xr
 
     selection.refuse("frame", "time")
-    with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+    with open_netcdf(str(path)) as raw:
+        dataset = xr.decode_cf(raw, decode_times=False, decode_timedelta=False)
         if "agent_position" in dataset:
             selection.refuse("axes", "origin")
             places = dict(zip("xyz", _of_vehicle(dataset, selection.topic).T, strict=False))
-            return arrange(_seconds(dataset["time"]), places, selection)
-        track = _of_trajectory(dataset, _find(dataset), selection)
+            return arrange(_seconds(raw["time"]), places, selection)
+        found = {axis: raw[variable.name] for axis, variable in _find(dataset).items()}
+        track = _of_trajectory(dataset, found, selection)
         seconds = _seconds(track["time"])
         columns = {name: _values(variable, name) for name, variable in track.items() if name != "time"}
     if "z" in columns and np.isnan(columns["z"]).all():
@@ -141,17 +144,10 @@ def _of_trajectory(
 
 def _values(variable: "xr.DataArray", axis: str) -> Array:
     """Return the values of a coordinate in m, upwards, or in degrees; NaN where they are missing."""
-    values = np.asarray(variable.values, np.float64)
-    packing = variable.encoding
-    scale, offset = packing.get("scale_factor", 1.0), packing.get("add_offset", 0.0)
-    least, most = variable.attrs.get("valid_range", (-np.inf, np.inf))
-    least, most = variable.attrs.get("valid_min", least), variable.attrs.get("valid_max", most)
-    values = np.where((values < least * scale + offset) | (values > most * scale + offset), np.nan, values)
     unit = _AXES[axis][1]
-    try:
+    with in_field(f"{axis} ({variable.name})"):
+        values = np.asarray(decoded(variable).values, np.float64)
         values = factor(variable.attrs.get("units", unit), unit) * values
-    except InputError as error:
-        raise error.within(f"{axis} ({variable.name})") from None
     sense = str(variable.attrs.get("positive", "down" if variable.attrs.get("standard_name") == "depth" else "up"))
     return 0.0 - values if axis == "z" and sense.lower() == "down" else values
 
@@ -164,11 +160,9 @@ def _seconds(time: "xr.DataArray") -> Array:
     word, _, rest = units.strip().partition(" ")
     if word.lower() in _UNEVEN:
         raise InputError(f"time is in {units!r}; expected seconds, minutes, hours or days, which are of one length")
-    try:
+    with in_field("time"):
         scale = factor(word, "s")
-    except InputError as error:
-        raise error.within("time") from None
-    values = time.values
+        values = decoded(time).values
     if rest.lstrip().startswith("since") and len(values):
         values = values - values[np.isfinite(values).argmax()]
     return scale * np.asarray(values, np.float64)

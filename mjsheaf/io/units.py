@@ -12,6 +12,8 @@ def factor(unit: object, into: str) -> float:
     from cf_xarray.units import units  # slow to import
 
     text = " ".join(str(unit).split())
+    if into == "m s-1" and text.lower() in ("m/s", "ms-1"):  # the second would be 1/ms
+        text = into
     try:
         if not text or "since" in text or isinstance(unit, int | float):
             raise ValueError

@@ -8,12 +8,9 @@ Longitude and latitude become x and y in the plane about an origin, an affine ma
 projected grid keeps its axes, and the plane is turned to them where the origin is.
 """
 
-import hashlib
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -22,7 +19,8 @@ from scipy.ndimage import distance_transform_edt
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field, listed, shortened
-from mjsheaf.io.files import digest_of, open_regular
+from mjsheaf.io.cf import decoded, open_netcdf, text_of
+from mjsheaf.io.files import digest_of
 from mjsheaf.io.geography import EARTH, to_plane
 from mjsheaf.io.units import factor
 
@@ -55,10 +53,6 @@ _LENGTHS = {"depth": "down", "height": "up", "altitude": "up", "height_above_mea
 _HEIGHTS = re.compile(r"(depth[tuvw]?|height|altitude)|(z|lev|levels?|plev|pressure.*|isobaric.*|sigma)", re.IGNORECASE)
 """Names of vertical axes in files without attributes; those of the first group are in metres."""
 _LATITUDES, _LONGITUDES = ("lat", "latitude", "nav_lat"), ("lon", "longitude", "nav_lon")
-_FILLS = {"f4": 9.969209968386869e36, "f8": 9.969209968386869e36, "i2": -32767, "u2": 65535, "i4": -2147483647}
-_FILLS |= {"u4": 4294967295, "i8": -9223372036854775806, "u8": 18446744073709551614}
-"""Values that netCDF writes where nothing was written; bytes have none."""
-_WORDS = ("standard_name", "long_name", "axis", "positive", "coordinates", "grid_mapping", "bounds", "cell_methods")
 _STEP = 100.0  # m, of differences of a projection, which pyproj inverts to 1 mm
 _TURNED = 1e-3  # rad; a grid that is turned less has its axes east and north
 
@@ -120,7 +114,7 @@ def read_flow(asked: Request) -> Reading:
         InputError: The file cannot be read, has changed, or has no flow that is understood.
     """
     notes: list[str] = []
-    with in_field(f"path: {asked.path}"), open_flow(asked.path, asked.sha256) as data:
+    with in_field(f"path: {asked.path}"), open_netcdf(asked.path, asked.sha256) as data:
         pair = _choose(data, asked)
         known = {name for name, _ in asked.select}
         parts = []
@@ -130,43 +124,9 @@ def read_flow(asked: Request) -> Reading:
             with in_field(name):
                 parts.append(_read_part(data, part, asked, pair.medium or asked.medium, notes))
         if known:
-            raise InputError(f"select: {pair.names[0]} has no axis {min(known)!r}; expected {_axes_of(data, pair)}")
+            axes = sorted({str(dim) for name in pair.names for dim in data[name].dims})
+            raise InputError(f"select: {pair.names[0]} has no axis {min(known)!r}; {expected(min(known), axes)}")
         return Reading(_merge(parts, pair, notes), pair.medium, tuple(dict.fromkeys(notes)))
-
-
-@contextmanager
-def open_flow(path: str, sha256: str | None = None) -> "Iterator[xr.Dataset]":
-    """Open a netCDF file as it is, with attributes that are text where CF says so, and without warnings.
-
-    Raises:
-        InputError: It cannot be read, or its content is not the expected one.
-    """
-    import xarray as xr  # slow to import
-
-    with open_regular(path) as file, warnings.catch_warnings():
-        if sha256 is not None and hashlib.file_digest(file, "sha256").hexdigest() != sha256:
-            raise InputError("has changed since it was read; expected the content of its sha256, or no such field")
-        file.seek(0)
-        warnings.simplefilter("ignore")
-        try:
-            data = xr.open_dataset(file, decode_cf=False)
-        except Exception as error:  # of any of the libraries that read files
-            reason = shortened(" ".join(str(error).split()), 200)
-            raise InputError(f"is no netCDF file that can be read: {reason}") from None
-        try:
-            for variable in data.variables.values():
-                words = [key for key in _WORDS if not isinstance(variable.attrs.get(key, ""), str)]
-                for key in words:
-                    del variable.attrs[key]
-            yield data
-        except (OSError, RuntimeError) as error:  # of the libraries, about damaged data
-            raise InputError(f"cannot be read: {shortened(' '.join(str(error).split()), 200)}") from None
-        finally:
-            data.close()
-
-
-def _text(variable: Any, key: str) -> str:
-    return str(variable.attrs.get(key, ""))
 
 
 # -- variables -----------------------------------------------------------------------------------------------------
@@ -188,7 +148,7 @@ class _Pair(NamedTuple):
 
 def _meaning(variable: Any) -> tuple[str, int, Medium, Literal["earth", "grid"]] | None:
     """Return family, component, medium and direction of a velocity by its standard name; None for all else."""
-    words = re.sub(r"_at_[uv]_location$", "", _text(variable, "standard_name")).split("_")
+    words = re.sub(r"_at_[uv]_location$", "", text_of(variable, "standard_name")).split("_")
     places = [k for k, word in enumerate(words) if word in _COMPONENTS]
     if len(places) != 1:
         return None
@@ -203,34 +163,10 @@ def _meaning(variable: Any) -> tuple[str, int, Medium, Literal["earth", "grid"]]
 
 def _statistic(variable: Any) -> str:
     """Return the statistic of a variable that is no flow, such as a variance; empty for values and means."""
-    methods = re.sub(r"\(.*?\)", "", _text(variable, "cell_methods"))
+    methods = re.sub(r"\(.*?\)", "", text_of(variable, "cell_methods"))
     within = re.search(r"\b(?:within|over) (?:days|years)", methods)
-    others = [method for method in re.findall(r":\s*([a-z_]+)", methods) if method not in ("point", "mean")]
+    others = [method for method in re.findall(r":\s*([a-z_]+)\b(?!:)", methods) if method not in ("point", "mean")]
     return within[0] if within else others[0] if others else ""
-
-
-def _is_speed(variable: Any) -> bool:
-    try:
-        return _speed_factor(variable) > 0.0
-    except InputError:
-        return False
-
-
-def _speed_factor(variable: Any) -> float:
-    """Return the factor from the unit of a variable to m/s.
-
-    Raises:
-        InputError: It is none of speed. By CF, a variable without units has no dimension.
-    """
-    units = variable.attrs.get("units")
-    if units is None:
-        raise InputError(
-            "has no units, by CF a number without dimension; expected a speed: add it, for example by ncatted -a "
-            f"units,{variable.name},c,c,'m s-1'"
-        )
-    if str(units).lower() in ("ms-1", "m/s", "m s-1", "meter second-1"):  # the first would be 1/ms
-        return 1.0
-    return factor(str(units), "m s-1")
 
 
 def _pairs(data: "xr.Dataset") -> list[_Pair]:
@@ -250,12 +186,12 @@ def _pairs(data: "xr.Dataset") -> list[_Pair]:
 
 def _pairs_by_name(data: "xr.Dataset") -> list[_Pair]:
     plain = {
-        str(n).lower(): str(n) for n, v in data.data_vars.items() if not (_text(v, "standard_name") or _statistic(v))
+        str(n).lower(): str(n) for n, v in data.data_vars.items() if not (text_of(v, "standard_name") or _statistic(v))
     }
     pairs = []
     for u, v, medium in _NAMES:
         if u in plain and v in plain:
-            about = f"{_text(data[plain[u]], 'long_name')} {_text(data[plain[v]], 'long_name')}".lower()
+            about = f"{text_of(data[plain[u]], 'long_name')} {text_of(data[plain[v]], 'long_name')}".lower()
             said: Medium | None = (
                 "air" if "wind" in about else "water" if re.search("current|water|sea", about) else None
             )
@@ -272,8 +208,9 @@ def _are_named_alike(u: str, v: str) -> bool:
         ("u", "v"),
         ("x", "y"),
         ("U", "V"),
+        ("X", "Y"),
     )
-    return any(u[: at.start()] + b + u[at.end() :] == v for a, b in (*changes, ("X", "Y")) for at in re.finditer(a, u))
+    return any(u[: at.start()] + b + u[at.end() :] == v for a, b in changes for at in re.finditer(a, u))
 
 
 def _choose(data: "xr.Dataset", asked: Request) -> _Pair:
@@ -287,8 +224,10 @@ def _choose(data: "xr.Dataset", asked: Request) -> _Pair:
     pairs = _pairs(data)
     fits = [pair for pair in pairs if asked.medium is None or pair.medium in (None, asked.medium)]
     shown = [f"[{', '.join(pair.names)}]" for pair in fits or pairs]
-    left = [f"{n} ({_statistic(v)})" for n, v in data.data_vars.items() if _is_speed(v) and _statistic(v)]
-    speeds = [str(n) for n, v in data.data_vars.items() if _is_speed(v) and not _meaning(v) and not _statistic(v)]
+    speeds = {str(n): v for n, v in data.data_vars.items() if _converts(v, "m s-1")}
+    left = [f"{name} ({_statistic(v)})" for name, v in speeds.items() if _statistic(v)]
+    bare = {str(n): v for n, v in data.data_vars.items() if "units" not in v.attrs and v.ndim > 1}
+    speeds = {name: v for name, v in (speeds | bare).items() if not _meaning(v) and not _statistic(v)}
     others = f"; expected two of {listed(speeds)} in `variables`" if len(speeds) > 1 else ""
     if pairs and not fits:
         there = "wind" if pairs[0].medium == "air" else "current"
@@ -306,7 +245,8 @@ def _choose(data: "xr.Dataset", asked: Request) -> _Pair:
     (pair,) = fits
     medium = pair.medium or asked.medium
     up = [str(name) for name, v in data.data_vars.items() if (m := _meaning(v)) and m[1] == 2 and m[2] == medium]
-    up += [n for n in ("wo", "w") if n in data and not _text(data[n], "standard_name") and _is_speed(data[n])]
+    up += [n for n in ("wo", "w") if n in speeds and not text_of(data[n], "standard_name")]
+    up = [name for name in up if not _statistic(data[name])]
     return pair._replace(names=(*pair.names, *up[:1]))
 
 
@@ -316,7 +256,7 @@ def _named(data: "xr.Dataset", asked: Request) -> _Pair:
     Raises:
         InputError: One does not exist, or is no flow of the medium.
     """
-    known = [str(name) for name, variable in data.data_vars.items() if _is_speed(variable)]
+    known = [str(name) for name, variable in data.data_vars.items() if _converts(variable, "m s-1")]
     meanings = []
     for k, name in enumerate(asked.variables):
         if name not in data.data_vars:
@@ -334,10 +274,6 @@ def _named(data: "xr.Dataset", asked: Request) -> _Pair:
         raise InputError(f"variables: {asked.variables[0]} and {asked.variables[1]} are of different flows")
     meaning = u or v
     return _Pair(asked.variables, meaning and meaning[2], meaning and meaning[3])
-
-
-def _axes_of(data: "xr.Dataset", pair: _Pair) -> str:
-    return listed(sorted({str(dim) for name in pair.names for dim in data[name].dims}))
 
 
 # -- axes ----------------------------------------------------------------------------------------------------------
@@ -360,7 +296,7 @@ def _with_coordinates(data: "xr.Dataset", name: str) -> "xr.DataArray":
 
     variable = data[name]
     places = ("degree_north", "degrees_north", "degree_east", "degrees_east")
-    named = _text(variable, "coordinates").split() + _text(data, "coordinates").split()
+    named = text_of(variable, "coordinates").split() + text_of(data, "coordinates").split()
     near = [
         other
         for other, its in data.variables.items()
@@ -368,8 +304,8 @@ def _with_coordinates(data: "xr.Dataset", name: str) -> "xr.DataArray":
         and (
             other in named
             or other in variable.dims
-            or _text(its, "units") in places
-            or _text(its, "standard_name") == "time"
+            or text_of(its, "units") in places
+            or text_of(its, "standard_name") == "time"
         )
         and other != name
     ]
@@ -406,7 +342,7 @@ def _selected(part: "xr.DataArray", select: tuple[tuple[str, float | str], ...])
 
 def _readable(axis: "xr.DataArray") -> Any:
     """Return the values of an axis, times as dates."""
-    return _dates(axis) if "since" in _text(axis, "units") else axis.values
+    return _dates(axis) if "since" in text_of(axis, "units") else axis.values
 
 
 def _shown(values: Any) -> str:
@@ -427,7 +363,7 @@ def _require_none_left(part: "xr.DataArray", dims: tuple[Any, ...]) -> "xr.DataA
 
 def _refuse_axis(part: "xr.DataArray", name: str) -> None:
     values = np.arange(part.sizes[name]) if name not in part.coords else np.atleast_1d(_readable(part[name]))
-    units = f" in {_text(part[name], 'units')}" if name in part.coords and _text(part[name], "units") else ""
+    units = f" in {text_of(part[name], 'units')}" if name in part.coords and text_of(part[name], "units") else ""
     example = values.ravel()[0]
     raise InputError(
         f"has an axis {name}{units}, which is no time, place or distance from the surface; expected one of its "
@@ -475,7 +411,7 @@ def _at_depth(part: "xr.DataArray", depth: float, medium: Medium | None, notes: 
     if not levels:
         if depth > 0.0:
             raise InputError(f"depth: the file has no axis of depth or height; expected none, not {depth:g} m")
-        return _decoded(part)
+        return decoded(part)
     name = max(levels, key=lambda name: (axes[name].ndim, name in part.dims))
     along = levels[name]
     if depth > along.max():
@@ -483,12 +419,12 @@ def _at_depth(part: "xr.DataArray", depth: float, medium: Medium | None, notes: 
     if depth <= along.min():
         if along.min() - depth > 1.0:
             notes.append(f"the flow is that of {name} {along.min():g} m, the nearest to the surface in its file")
-        part = _decoded(part.isel(dict.fromkeys(axes[name].dims, int(np.argmin(along)))))
+        part = decoded(part.isel(dict.fromkeys(axes[name].dims, int(np.argmin(along)))))
     elif axes[name].ndim == 0:
-        part = _decoded(part)
+        part = decoded(part)
     else:
         dim = axes[name].dims[0]
-        part = _decoded(part).assign_coords({dim: along}).sortby(dim)
+        part = decoded(part).assign_coords({dim: along}).sortby(dim)
         if (np.diff(part[dim].values) <= 0.0).any():
             raise InputError(f"{name} has a value twice")
         part = part.interp({dim: depth})
@@ -501,7 +437,7 @@ def _distances(axis: "xr.DataArray", medium: Medium | None) -> Array | None:
     Raises:
         InputError: They are missing, or not where the medium is.
     """
-    standard = _text(axis, "standard_name")
+    standard = text_of(axis, "standard_name")
     named = _HEIGHTS.fullmatch(str(axis.name))
     if standard and standard not in _LENGTHS:
         return None
@@ -513,7 +449,7 @@ def _distances(axis: "xr.DataArray", medium: Medium | None) -> Array | None:
         values = np.atleast_1d(axis.values).astype(np.float64)
     else:
         return None
-    positive = _text(axis, "positive").lower()
+    positive = text_of(axis, "positive").lower()
     direction = positive if positive in ("up", "down") else _LENGTHS.get(standard, "")
     side = {"water": "down", "air": "up", None: direction}[medium]
     if not np.isfinite(values).all():
@@ -530,39 +466,6 @@ def _distances(axis: "xr.DataArray", medium: Medium | None) -> Array | None:
 # -- values --------------------------------------------------------------------------------------------------------
 
 
-def _decoded(part: "xr.DataArray") -> "xr.DataArray":
-    """Return the values of a variable by CF: unpacked, and NaN where they are missing or not valid.
-
-    `valid_min`, `valid_max` and `valid_range` are about packed values, unless they have the type of unpacked ones.
-
-    Raises:
-        InputError: They are no numbers.
-    """
-    import xarray as xr
-
-    part = part.load()
-    attrs = part.attrs
-    if not {"flag_values", "flag_masks", "flag_meanings"}.isdisjoint(attrs) or part.dtype.kind not in "fiu":
-        raise InputError(f"has values of type {part.dtype}; expected numbers")
-    decoded = xr.decode_cf(xr.Dataset({"flow": part}), decode_times=False, decode_timedelta=False)["flow"]
-    raw = part.values
-    limits = [attrs.get("valid_min"), attrs.get("valid_max")]
-    if "valid_range" in attrs:
-        limits = list(np.ravel(attrs["valid_range"])[:2])
-    missing = np.zeros(raw.shape, bool)
-    if str(attrs.get("_Unsigned", "")).lower() == "true" and raw.dtype.kind == "i":
-        raw = raw.view(f"u{raw.dtype.itemsize}")
-        limits = [None if v is None else np.asarray(v).astype(part.dtype).view(raw.dtype) for v in limits]
-    for limit, beyond in zip(limits, (np.less, np.greater), strict=False):
-        if limit is not None:
-            internal = np.asarray(limit).dtype.kind == "f" and raw.dtype.kind in "iu"
-            missing |= beyond(decoded.values if internal else raw, np.asarray(limit).astype(np.float64))
-    if "_FillValue" not in attrs and "missing_value" not in attrs:
-        fill = _FILLS.get(f"{raw.dtype.kind}{raw.dtype.itemsize}")
-        missing |= False if fill is None else raw == np.asarray(fill).astype(raw.dtype)
-    return (decoded.where(~missing) if missing.any() else decoded).rename(part.name)
-
-
 def _read_part(
     data: "xr.Dataset", part: "xr.DataArray", asked: Request, medium: Medium | None, notes: list[str]
 ) -> _Part:
@@ -571,7 +474,12 @@ def _read_part(
     Raises:
         InputError: It is not understood, or has values that no flow has.
     """
-    to_speed = _speed_factor(part)
+    if not _converts(part, "m s-1"):
+        unit = shortened(text_of(part, "units"), 50)
+        why = f"the unit is {unit!r}; expected m s-1 or what converts to it" if unit else "has no units"
+        fix = f"ncatted -a units,{part.name},o,c,'m s-1' {asked.path}"
+        raise InputError(f"{why}; if its values are in m/s, write so into the file, for example by {fix}")
+    to_speed = factor(part.attrs["units"], "m s-1")
     if 0 in part.shape:
         raise InputError("has no values")
     x, y, plane = _plane_of(data, part, asked.origin)
@@ -625,20 +533,22 @@ def _time_axis(part: "xr.DataArray") -> "xr.DataArray | None":
         InputError: Its times are no dates, of a climatology, or have two dimensions.
     """
     names = [*_cf(part, "time", "T"), *(n for n in ("time", "t", "valid_time") if n in part.coords)]
-    names += [str(c) for c in part.coords if "since" in _text(part[c], "units")]
-    axes = [part[n] for n in dict.fromkeys(names) if _text(part[n], "standard_name") in ("", "time")]
+    names += [str(c) for c in part.coords if "since" in text_of(part[c], "units")]
+    axes = [part[n] for n in dict.fromkeys(names) if text_of(part[n], "standard_name") in ("", "time")]
     axes.sort(key=lambda axis: (-axis.ndim, axis.dims != (axis.name,)))
     if not axes:
-        steps = [part[c] for c in part.coords if _text(part[c], "standard_name") == "forecast_period"]
-        zeros = [part[c] for c in part.coords if _text(part[c], "standard_name") == "forecast_reference_time"]
+        steps = [part[c] for c in part.coords if text_of(part[c], "standard_name") == "forecast_period"]
+        zeros = [part[c] for c in part.coords if text_of(part[c], "standard_name") == "forecast_reference_time"]
         if not (steps and zeros and steps[0].ndim == 1 and zeros[0].ndim == 0):
             return None
         seconds = factor(steps[0].attrs.get("units"), "s") * steps[0].astype(np.float64)
-        return seconds.assign_attrs(units=f"seconds since {_dates(zeros[0])[0]}", calendar=_text(zeros[0], "calendar"))
+        return seconds.assign_attrs(
+            units=f"seconds since {_dates(zeros[0])[0]}", calendar=text_of(zeros[0], "calendar")
+        )
     axis = axes[0]
     if axis.ndim > 1:
         raise InputError(
-            f"{axis.name} has the axes {', '.join(map(str, axis.dims))}; expected one of one of them in `select`"
+            f"{axis.name} has the axes {', '.join(map(str, axis.dims))}; expected a value of one of them in `select`"
         )
     if "climatology" in axis.attrs:
         raise InputError(f"{axis.name} is of a climatology, whose times are no dates; expected a flow over time")
@@ -649,9 +559,9 @@ def _means_at_their_middle(
     data: "xr.Dataset", part: "xr.DataArray", axis: "xr.DataArray", notes: list[str]
 ) -> "xr.DataArray":
     """Return the times of a variable, those of means over time in the middle of their bounds."""
-    bounds = data.variables.get(_text(axis, "bounds"))
+    bounds = data.variables.get(text_of(axis, "bounds"))
     names = "|".join(re.escape(str(name)) for name in {axis.name, *axis.dims})
-    if bounds is None or not re.search(rf"\b({names}): (\w+: )*mean", _text(part, "cell_methods")):
+    if bounds is None or not re.search(rf"\b({names}): (\w+: )*mean", text_of(part, "cell_methods")):
         return axis
     middles = bounds.values.astype(np.float64).mean(axis=-1)
     if middles.shape != axis.shape or np.allclose(middles, axis.values.astype(np.float64), rtol=1e-12, atol=1e-9):
@@ -670,7 +580,7 @@ def _dates(axis: "xr.DataArray") -> Any:
     """
     import xarray as xr
 
-    units, calendar = _text(axis, "units"), _text(axis, "calendar") or "standard"
+    units, calendar = text_of(axis, "units"), text_of(axis, "calendar") or "standard"
     if "since" not in units or re.match(r"\s*(common_)?(month|year)", units):
         raise InputError(
             f"{axis.name} has the unit {units!r}; expected seconds, minutes, hours or days since a date, such as "
@@ -800,8 +710,8 @@ def _plane_of(
         if reasons or x is None or y is None:
             why = "".join(f"; {reason}" for reason in dict.fromkeys(reasons))
             raise InputError(
-                f"its axes {axes[0].name} and {axes[1].name} ({_text(axes[0], 'units') or 'no unit'}) are not degrees; "
-                f"expected these, or a grid_mapping that pyproj reads{why}"
+                f"its axes {axes[0].name} and {axes[1].name} ({text_of(axes[0], 'units') or 'no unit'}) are not "
+                f"degrees; expected these, or a grid_mapping that pyproj reads{why}"
             )
     for axis, kind in ((x, "longitude"), (y, "latitude")):
         if axis is not None and axis.ndim > 1:
@@ -817,7 +727,7 @@ def _plane_of(
 def _find_places(part: "xr.DataArray", role: str, names: tuple[str, ...]) -> "list[xr.DataArray]":
     """Return the longitudes or latitudes of a variable, those along one axis first."""
     found = [part[name] for name in _cf(part, role)]
-    bare = [c for c in part.coords if str(c).lower() in names and not _text(part[c], "standard_name")]
+    bare = [c for c in part.coords if str(c).lower() in names and not text_of(part[c], "standard_name")]
     return sorted([*found, *(part[c] for c in bare if c not in [f.name for f in found])], key=lambda c: abs(c.ndim - 1))
 
 
@@ -902,7 +812,7 @@ def _projections(data: "xr.Dataset", part: "xr.DataArray", x: "xr.DataArray") ->
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
-    for name in _text(part, "grid_mapping").replace(":", " ").split():
+    for name in text_of(part, "grid_mapping").replace(":", " ").split():
         attrs = data.variables[name].attrs if name in data.variables and name != x.name else {}
         ways: list[tuple[Callable[[Any], CRS], Any]] = [(CRS.from_cf, attrs)]
         ways += [(CRS.from_proj4, attrs[key]) for key in ("proj4", "proj4_string", "proj4text") if key in attrs]
@@ -1003,7 +913,7 @@ def propose(path: str) -> Proposal:
         InputError: The file cannot be read, has no such data, or is nowhere known at all times.
     """
     sha256 = digest_of(path)
-    with in_field(f"path: {path}"), open_flow(path, sha256) as data:
+    with in_field(f"path: {path}"), open_netcdf(path, sha256) as data:
         part = _with_coordinates(data, _choose(data, Request(path, sha256, (0.0, 0.0))).names[0])
         with in_field(str(part.name)):
             _, _, plane = _plane_of(data, part, None)

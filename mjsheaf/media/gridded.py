@@ -219,9 +219,12 @@ def bound_grid(grid: GridArrays) -> Bounds:
     slope = 0.0
     for rows in (slice(None, -1), slice(1, None)):
         for columns in (slice(None, -1), slice(1, None)):
-            J = np.stack([along_x[:, rows], along_y[:, :, columns]], axis=-1) @ grid.turn
-            known = J[np.isfinite(J).all(axis=(-2, -1))]
-            slope = max(slope, float(np.linalg.norm(known, ord=2, axis=(1, 2)).max(initial=0.0)))
+            J = np.stack([along_x[:, rows], along_y[:, :, columns]], axis=-1)
+            if grid.turned:
+                J = J @ grid.turn
+            a, b, c = (np.einsum("...i,...i", J[..., m], J[..., n]) for m, n in ((0, 0), (0, 1), (1, 1)))
+            squares = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)  # of the norm: largest eigenvalues of J^T J
+            slope = max(slope, math.sqrt(np.fmax.reduce(squares, axis=None, initial=0.0)))  # but for NaN
     change, rate = 0.0, 0.0
     if len(grid.time) > 1:
         steps = np.diff(grid.time)

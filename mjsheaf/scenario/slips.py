@@ -50,18 +50,13 @@ def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
 
 def _flows_of_files(scenario: Scenario) -> list[str]:
     """Name choices in reading the files of flows that a user may not expect."""
-    media: tuple[tuple[str, Medium | None], ...] = (
-        ("agents", None),
-        ("targets", None),
-        ("air", "air"),
-        ("water", "water"),
-    )
-    flows = [(name, getattr(scenario.flow, name), medium) for name, medium in media]
+    media: dict[str, Medium | None] = {"agents": None, "targets": None, "air": "air", "water": "water"}
+    flows = [(name, getattr(scenario.flow, name)) for name in media]
     return [
         f"flow.{name}: {note}"
-        for name, flow, medium in flows
+        for name, flow in flows
         if isinstance(flow, GriddedFlow)
-        for note in flow.read(medium).notes
+        for note in flow.read(media[name]).notes
     ]
 
 

@@ -135,6 +135,17 @@ FORMS: dict[str, tuple[Variables, dict[str, Any], np.ndarray]] = {
         ORIGIN,
         ROWS,
     ),
+    "packed, with a valid range of unpacked values": (
+        single(
+            lat=(
+                "time",
+                np.array([0, 1, 2, 9], dtype="i2"),
+                {**NORTH, "scale_factor": 2e-4, "add_offset": 60.0, "valid_range": [60.0, 60.001]},
+            )
+        ),
+        ORIGIN,
+        ROWS[:3],
+    ),
     "fill value": (single(lat=("time", np.append(LAT[:3], 1e20), {**NORTH, "_FillValue": 1e20})), ORIGIN, ROWS[:3]),
     "missing value": (
         single(lat=("time", np.append(LAT[:3], -999.0), {**NORTH, "missing_value": -999.0})),
@@ -178,6 +189,12 @@ def test_times_are_those_that_xarray_decodes(tmp_path: Path) -> None:
         expected = (dataset["time"].values - dataset["time"].values[0]) / np.timedelta64(1, "ns") / 1e9
     times = [row[0] for row in read_positions(path, origin=[60.0, 10.0])]
     np.testing.assert_allclose(times, expected, rtol=1e-15)
+
+
+def test_files_of_netcdf_3_are_read(tmp_path: Path) -> None:
+    xr.Dataset(single()).to_netcdf(tmp_path / "a.nc", engine="scipy", format="NETCDF3_CLASSIC")
+    rows = np.array(read_positions(str(tmp_path / "a.nc"), origin=[60.0, 10.0]))
+    np.testing.assert_allclose(rows, ROWS, rtol=1e-9, atol=1e-5)
 
 
 @pytest.mark.parametrize(

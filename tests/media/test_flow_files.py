@@ -162,6 +162,7 @@ ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
         lambda f: f.flow(cell_methods="time: mean (interval: 1 hour comment: sampled) area: mean"),
         UNCHANGED,
     ),
+    "cell_methods over several axes": (lambda f: f.flow(cell_methods="time: lat: lon: mean"), (U, V)),
     "cell_methods of a variance": (lambda f: f.flow(cell_methods="time: variance"), "uo \\(variance\\)"),
     "cell_methods of a maximum": (lambda f: f.flow(cell_methods="area: mean time: maximum"), "uo \\(maximum\\)"),
     "cf_role": (
@@ -248,6 +249,7 @@ ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
     "valid_min": (lambda f: hole(f, -3.0).flow(valid_min=-2.0), "hole"),
     "valid_max": (lambda f: hole(f, 3.0).flow(valid_max=2.0), "hole"),
     "valid_range": (lambda f: hole(f, 3.0).flow(valid_range=[-2.0, 2.0]), "hole"),
+    "valid_range of text": (lambda f: f.flow(valid_range="-2 2"), "uo: has a valid_min, .* of -2 2; expected numbers"),
     "valid_range of packed values": (
         lambda f: hole(packed(f), 3000).flow(valid_range=np.array([-2000, 2000], "i2")),
         "hole",
@@ -368,7 +370,9 @@ def test_the_third_component_is_upward_and_may_be_left_out(place: Path) -> None:
     file.write(place)
     assert (read(place, "air").grid.velocity[..., 2] == 0.7).all()
     assert (read(place, "air", variables=["uo", "vo"]).grid.velocity[..., 2] == 0.0).all()
-    file.set("w", standard_name="lagrangian_tendency_of_air_pressure", units="Pa s-1").write(place)
+    file.set("w", cell_methods="time: maximum").write(place)
+    assert (read(place, "air").grid.velocity[..., 2] == 0.0).all()
+    file.set("w", cell_methods=None, standard_name="lagrangian_tendency_of_air_pressure", units="Pa s-1").write(place)
     assert (read(place, "air").grid.velocity[..., 2] == 0.0).all()
 
 
@@ -739,7 +743,7 @@ def test_forecasts_with_two_times_are_chosen_from(place: Path) -> None:
     )
     valid = np.array([[0.0, 1.0, 2.0], [12.0, 13.0, 14.0]])
     file.set("time", valid, ("run", "step"), standard_name="time", units=HOURS).flow(coordinates="time")
-    decide(file, place, "uo: time has the axes run, step; expected one of one of them in `select`")
+    decide(file, place, "uo: time has the axes run, step; expected a value of one of them in `select`")
     decide(file, place, UNCHANGED, select={"run": "2026-05-01T00"})
 
 

@@ -1,0 +1,91 @@
+"""NetCDF files by the CF conventions: attributes that are text, packed values and missing data. xarray reads them."""
+
+import hashlib
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mjsheaf.errors import InputError, listed, shortened
+from mjsheaf.io.files import open_regular
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_FILLS = {"f4": 9.969209968386869e36, "f8": 9.969209968386869e36, "i2": -32767, "u2": 65535, "i4": -2147483647}
+_FILLS |= {"u4": 4294967295, "i8": -9223372036854775806, "u8": 18446744073709551614}
+"""Values that netCDF writes where nothing was written; bytes have none."""
+_WORDS = ("standard_name", "long_name", "axis", "positive", "coordinates", "grid_mapping", "bounds", "cell_methods")
+
+
+@contextmanager
+def open_netcdf(path: str, sha256: str | None = None) -> "Iterator[xr.Dataset]":
+    """Open a netCDF file as it is, with attributes that are text where CF says so, and without warnings.
+
+    Raises:
+        InputError: It cannot be read, or its content is not the expected one.
+    """
+    import xarray as xr  # slow to import
+
+    with open_regular(path) as file, warnings.catch_warnings():
+        if sha256 is not None and hashlib.file_digest(file, "sha256").hexdigest() != sha256:
+            raise InputError("has changed since it was read; expected the content of its sha256, or no such field")
+        file.seek(0)
+        warnings.simplefilter("ignore")
+        try:
+            data = xr.open_dataset(file, decode_cf=False)
+        except Exception as error:  # of any of the libraries that read files
+            reason = shortened(" ".join(str(error).split()), 200)
+            raise InputError(f"cannot be read, or is no netCDF file: {reason}") from None
+        try:
+            for attrs in (variable.attrs for variable in data.variables.values()):
+                for key in [key for key in _WORDS if not isinstance(attrs.get(key, ""), str)]:
+                    del attrs[key]
+            yield data
+        except (OSError, RuntimeError) as error:  # of the libraries, about damaged data
+            raise InputError(f"cannot be read: {shortened(' '.join(str(error).split()), 200)}") from None
+        finally:
+            data.close()
+
+
+def text_of(variable: Any, key: str) -> str:
+    """Return an attribute of a variable as text; empty if there is none."""
+    return str(variable.attrs.get(key, ""))
+
+
+def decoded(part: "xr.DataArray") -> "xr.DataArray":
+    """Return a variable with its values unpacked, and NaN where they are missing or not valid.
+
+    `valid_min`, `valid_max` and `valid_range` are about packed values, unless they have the type of unpacked ones.
+
+    Raises:
+        InputError: The values, or their limits, are no numbers.
+    """
+    import xarray as xr
+
+    part = part.load()
+    attrs = part.attrs
+    if not {"flag_values", "flag_masks", "flag_meanings"}.isdisjoint(attrs) or part.dtype.kind not in "fiu":
+        raise InputError(f"has values of type {part.dtype}; expected numbers")
+    unpacked = xr.decode_cf(xr.Dataset({"it": part}), decode_times=False, decode_timedelta=False)["it"]
+    raw = part.values
+    limits = [attrs.get("valid_min"), attrs.get("valid_max")]
+    if "valid_range" in attrs:
+        limits = list(np.ravel(attrs["valid_range"])[:2])
+    if any(np.asarray(limit).dtype.kind not in "fiu" for limit in limits if limit is not None):
+        shown = listed(list(map(str, limits)))
+        raise InputError(f"has a valid_min, valid_max or valid_range of {shown}; expected numbers")
+    missing = np.zeros(raw.shape, bool)
+    if str(attrs.get("_Unsigned", "")).lower() == "true" and raw.dtype.kind == "i":
+        raw = raw.view(f"u{raw.dtype.itemsize}")
+        limits = [None if v is None else np.asarray(v).astype(part.dtype).view(raw.dtype) for v in limits]
+    for limit, beyond in zip(limits, (np.less, np.greater), strict=False):
+        if limit is not None:
+            internal = np.asarray(limit).dtype.kind == "f" and raw.dtype.kind in "iu"
+            missing |= beyond(unpacked.values if internal else raw, np.asarray(limit).astype(np.float64))
+    if "_FillValue" not in attrs and "missing_value" not in attrs:
+        fill = _FILLS.get(f"{raw.dtype.kind}{raw.dtype.itemsize}")
+        missing |= False if fill is None else raw == np.asarray(fill).astype(raw.dtype)
+    return (unpacked.where(~missing) if missing.any() else unpacked).rename(part.name)
