@@ -27,8 +27,6 @@ _AXES: dict[str, tuple[tuple[str, ...], str]] = {
     "longitude": (("longitude",), "degree"),
 }
 """Standard names and unit of each coordinate."""
-_UNEVEN = {"month", "months", "year", "years", "common_year", "common_years"}
-"""Units of time that differ from calendar to calendar."""
 
 
 def read_netcdf(path: Path, selection: Selection) -> Rows:
@@ -158,8 +156,6 @@ def _seconds(time: "xr.DataArray") -> Array:
         raise InputError("expected a coordinate time")
     units = str(time.attrs.get("units", "s"))
     word, _, rest = units.strip().partition(" ")
-    if word.lower() in _UNEVEN:
-        raise InputError(f"time is in {units!r}; expected seconds, minutes, hours or days, which are of one length")
     with in_field("time"):
         scale = factor(word, "s")
         values = decoded(time).values

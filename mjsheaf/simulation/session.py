@@ -293,10 +293,8 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
             continue
         free = phase.system.free_directions
         when = f" in phase {k}, from t = {phase.time:g} s on ({phase.name})" if len(phases) > 1 else ""
-        found = f"H^0(G, G_p; F) has dimension {len(free)}: {'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}"
-        raise NotUniqueError(
-            f"the harmonic extension is not unique{when}: {found}; sense or share the free coordinates"
-            if free
-            else f"the harmonic extension is not unique{when}: agents can move at q* without changing what is measured; "
-            "give them more edges, or a target to sense"
-        )
+        why = "at q* agents can move without changing what is measured; give them more edges, or a target to sense"
+        if free:
+            named = "; ".join(free[:4]) + ("; ..." if len(free) > 4 else "")
+            why = f"H^0(G, G_p; F) has dimension {len(free)}: {named}; sense or share the free coordinates"
+        raise NotUniqueError(f"the harmonic extension is not unique{when}: {why}")

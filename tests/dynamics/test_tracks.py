@@ -214,7 +214,7 @@ def test_files_of_netcdf_3_are_read(tmp_path: Path) -> None:
         (single(lat=("time", LAT, {**NORTH, "units": "m"})), ORIGIN, r"latitude \(lat\): the unit is 'm'"),
         (single(z=("time", UP, {"standard_name": "height", "units": "Pa"})), ORIGIN, r"z \(z\): the unit is 'Pa'"),
         (in_metres(x=("time", T, {"units": "degrees"})), {}, r"x \(x\): the unit is 'degrees'; expected m"),
-        (timed("months since 2026-01-01", 1.0), ORIGIN, "time is in 'months since 2026-01-01'; expected seconds"),
+        (timed("months since 2026-01-01", 1.0), ORIGIN, "time: the unit is 'months'; expected s"),
         (timed("m", 1.0), ORIGIN, "time: the unit is 'm'; expected s"),
         (single(time=None), ORIGIN, "expected a coordinate time over time"),
         (single(time=("other", T, CLOCK)), ORIGIN, "expected a coordinate time over time"),
