@@ -12,6 +12,7 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.dynamics.selection import Rows, Selection, arrange
 from mjsheaf.errors import InputError, listed
+from mjsheaf.io.hdf5 import require_whole
 from mjsheaf.io.units import factor
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ def read_netcdf(path: Path, selection: Selection) -> Rows:
     import xarray as xr
 
     selection.refuse("frame", "time")
+    with path.open("rb") as file:
+        require_whole(file)
     with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
         if "agent_position" in dataset:
             selection.refuse("axes", "origin")
@@ -146,7 +149,9 @@ def _values(variable: "xr.DataArray", axis: str) -> Array:
     scale, offset = packing.get("scale_factor", 1.0), packing.get("add_offset", 0.0)
     least, most = variable.attrs.get("valid_range", (-np.inf, np.inf))
     least, most = variable.attrs.get("valid_min", least), variable.attrs.get("valid_max", most)
-    values = np.where((values < least * scale + offset) | (values > most * scale + offset), np.nan, values)
+    if np.asarray(least).dtype.kind in "iu" or np.asarray(most).dtype.kind in "iu":  # of packed values, by CF
+        least, most = least * scale + offset, most * scale + offset
+    values = np.where((values < least) | (values > most), np.nan, values)
     unit = _AXES[axis][1]
     try:
         values = factor(variable.attrs.get("units", unit), unit) * values

@@ -136,6 +136,17 @@ FORMS: dict[str, tuple[Variables, dict[str, Any], np.ndarray]] = {
         ROWS,
     ),
     "fill value": (single(lat=("time", np.append(LAT[:3], 1e20), {**NORTH, "_FillValue": 1e20})), ORIGIN, ROWS[:3]),
+    "packed, valid_range of unpacked values": (
+        single(
+            lat=(
+                "time",
+                np.arange(COUNT, dtype="i2"),
+                {**NORTH, "scale_factor": 2e-4, "add_offset": 60.0, "valid_range": [-90.0, 90.0]},
+            )
+        ),
+        ORIGIN,
+        ROWS,
+    ),
     "missing value": (
         single(lat=("time", np.append(LAT[:3], -999.0), {**NORTH, "missing_value": -999.0})),
         ORIGIN,
