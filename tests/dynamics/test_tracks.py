@@ -115,6 +115,7 @@ FORMS: dict[str, tuple[Variables, dict[str, Any], np.ndarray]] = {
     "degrees with metres of their own": ({**in_metres(x=("time", 9 * T), y=("time", 9 * T)), **single()}, ORIGIN, ROWS),
     "axes ned": (in_metres(x=("time", ROWS[:, 2]), y=("time", ROWS[:, 1]), z=("time", -UP)), {"axes": "ned"}, ROWS),
     "depth": (single(z=("time", -UP, {"standard_name": "depth", "units": "m"})), ORIGIN, ROWS),
+    "depth by name alone": (single(z=None, depth=("time", -UP, {"units": "m"})), ORIGIN, ROWS),
     "depth that points up": (
         single(z=("time", UP, {"standard_name": "depth", "units": "m", "positive": "up"})),
         ORIGIN,
