@@ -142,7 +142,7 @@ FORMS: dict[str, tuple[Variables, dict[str, Any], np.ndarray]] = {
             lat=(
                 "time",
                 np.arange(COUNT, dtype="i2"),
-                {**NORTH, "scale_factor": 2e-4, "add_offset": 60.0, "valid_range": [-90.0, 90.0]},
+                {**NORTH, "scale_factor": 2e-4, "add_offset": 60.0, "valid_range": [59.0, 61.0]},
             )
         ),
         ORIGIN,
