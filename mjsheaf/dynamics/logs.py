@@ -90,7 +90,9 @@ _CLOSED = {re.split("[/.]", name)[0] for name in POSITIONS if not name.startswit
 
 _PARTS = ("transform", "pose", "position", "translation", "point")
 _NED = re.compile(r"(^|[/_-])ned($|[/_-])", re.IGNORECASE)
-_MOVING = re.compile(r"(^|[/_])(base_(link|footprint|stabilized)|body|\w*optical(_frame)?)$")
+_MOVING = re.compile(
+    r"(^|[/_])(base(_footprint|_stabilized)?|\w*link|body|\w*optical(_frame)?|earth|ecef|frd|flu|nwu)$", re.IGNORECASE
+)
 _FIXED = re.compile(r"(^|[/_])(odom|map|world|earth|local_origin)$")
 _PX4_NED = 1
 

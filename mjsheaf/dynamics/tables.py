@@ -13,11 +13,11 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.dynamics.selection import Rows, Selection, arrange
-from mjsheaf.errors import InputError, in_field, shortened
+from mjsheaf.errors import InputError, in_field, listed, shortened
 from mjsheaf.io.units import factor
 
 _COLUMNS = {
-    "t": "t time timestamp stamp datetime date_time basedatetime date_time_utc time_utc utc_time time_usec",
+    "t": "t time times timestamp timestamps stamp datetime date_time basedatetime date_time_utc time_utc utc_time",
     "x": "x tx px pos_x x_pos x_position",
     "y": "y ty py pos_y y_pos y_position",
     "z": "z tz pz pos_z z_pos z_position",
@@ -33,9 +33,9 @@ _COLUMNS = {
     "px4": "xy_valid",
 }
 _TITLES = {title: column for column, titles in _COLUMNS.items() for title in titles.split()}
-_POSITION = re.compile(r"(?:.*_)?(?:p|pos|position|translation|point)_(?:.*_)?([xyz])")
+_POSITION = re.compile(r"(?!.*(?:err|cov|std|sigma|var))(?:.*_)?(?:p|pos|position|translation|point)_(?:.*_)?([xyz])")
 _BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*(.*?)\s*[\])]")
-_SUFFIX = re.compile(r"(.+?)_?(s|sec|ms|us|ns|km|m|cm|mm|ft)")
+_SUFFIX = re.compile(r"(.+?)_?(s|sec|ms|us|ns|msec|usec|nsec|km|m|cm|mm|ft)")
 _UNITS = {"t": "s", "latitude": "degree", "longitude": "degree"}  # of the others: m
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _EXPECTED = (
@@ -58,7 +58,8 @@ def read_table(path: Path, selection: Selection) -> Rows:
         return []
     found = _find_columns(titles) if titles else {}
     if len(titles) != len(lines[0][1]) or not _is_complete(found):
-        found = _unnamed(lines[0][1]) if all(map(_is_number, lines[0][1])) else _find_columns(lines.pop(0)[1])
+        titles = [] if all(map(_is_number, lines[0][1])) else lines.pop(0)[1]
+        found = _find_columns(titles) if titles else _unnamed(lines[0][1])
     found["t"] = found.pop("stamp", found.get("t", (-1, "")))  # stamps count before times of reception, as in logs
     if found["t"][0] < 0 or not _is_complete(found):
         raise InputError(_EXPECTED)
@@ -66,6 +67,7 @@ def read_table(path: Path, selection: Selection) -> Rows:
         return []
     if "px4" in found and selection.axes is None and "x" in found:
         raise InputError("axes: missing; columns with xy_valid are PX4's local position; expected ned, or enu if not")
+    _require_one_meaning(found, titles, lines)
     lines = _of_vehicle(lines, found.pop("vehicle", None), selection)
     found.pop("px4", None)
     places = [place for name, (place, _) in found.items() if name != "t"]
@@ -100,6 +102,28 @@ def _split(path: Path) -> tuple[_Lines, list[str]]:
     return [(k, cells(line)) for k, line in texts], cells(comments[-1]) if comments else []
 
 
+def _require_one_meaning(found: _Columns, titles: list[str], lines: _Lines) -> None:
+    """Refuse tables that have two places or heights in a row, hemispheres in columns of their own, or longer rows.
+
+    Raises:
+        InputError: The message names the columns or the line.
+    """
+    for a, b in (("x", "east"), ("z", "up"), ("z", "down")):
+        if {a, b} <= set(found) and "latitude" not in found:
+            raise InputError(f"columns {a} and {b} are both there; expected one of them, so remove or rename the other")
+    for number, row in lines:
+        if titles and len(row) > len(titles):
+            raise InputError(
+                f"line {number}: has {len(row)} cells under {len(titles)} titles; expected points in numbers, as in "
+                "1.5, and nothing between thousands"
+            )
+    for cells in zip(*(row for _, row in lines), strict=False) if "latitude" in found else ():
+        if set(cells) in ({"S"}, {"W"}, {"N", "S"}, {"E", "W"}):
+            raise InputError(
+                f"a column has hemispheres, {listed(sorted(set(cells)))}; expected negative degrees instead"
+            )
+
+
 def _is_complete(found: _Columns) -> bool:
     """Return True if columns are those of a path."""
     return "t" in found and any(set(pair) <= set(found) for pair in _PAIRS)
@@ -127,8 +151,9 @@ def _understand(title: str) -> tuple[str, str]:
     for candidate, ending in ((words, unit), (suffix[1], suffix[2]) if suffix and not unit else ("", "")):
         position = _POSITION.fullmatch(candidate)
         column = position[1] if position else _TITLES.get(candidate, "")
-        if column and (column == "t" or candidate == words or words[len(candidate)] == "_"):  # nm is no north in m
-            return column, ending
+        apart = candidate == words or words[len(candidate)] == "_"
+        if column and (apart or (column == "t" and ending != "s")):  # nm is no north in m, timestamps no s
+            return column, ending[:2] if ending.endswith("sec") and len(ending) == 4 else ending
     return "", ""
 
 

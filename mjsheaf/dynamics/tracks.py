@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _HEIGHTS = ("height", "altitude", "height_above_mean_sea_level", "height_above_reference_ellipsoid", "depth")
+_NAMED = ("height", "altitude", "depth")  # that count by their name where the file has no attributes
 _AXES: dict[str, tuple[tuple[str, ...], str]] = {
     "x": (("projection_x_coordinate",), "m"),
     "y": (("projection_y_coordinate",), "m"),
@@ -74,7 +75,9 @@ def _find(dataset: "xr.Dataset") -> dict[str, "xr.DataArray"]:
     for axis, (standard, _) in _AXES.items():
         names = {name for word in standard for name in listing.standard_names.get(word, ())}
         names |= set(listing.coordinates.get(axis, ()))
-        names = names or {name for name in dataset.variables if str(name).lower() == axis}
+        names = names or {
+            name for name in dataset.variables if str(name).lower() in (axis, *(_NAMED if axis == "z" else ()))
+        }
         names = {name for name in names if dataset[name].dims not in ((), (name,))}
         if len(names) > 1:
             raise InputError(f"{listed(sorted(map(str, names)))} are all {axis} by their standard names; expected one")
@@ -146,7 +149,8 @@ def _values(variable: "xr.DataArray", axis: str) -> Array:
     with in_field(f"{axis} ({variable.name})"):
         values = np.asarray(decoded(variable).values, np.float64)
         values = factor(variable.attrs.get("units", unit), unit) * values
-    sense = str(variable.attrs.get("positive", "down" if variable.attrs.get("standard_name") == "depth" else "up"))
+    kind = variable.attrs.get("standard_name", str(variable.name).lower())
+    sense = str(variable.attrs.get("positive", "down" if kind == "depth" else "up"))
     return 0.0 - values if axis == "z" and sense.lower() == "down" else values
 
 

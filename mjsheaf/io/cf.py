@@ -4,7 +4,7 @@ import hashlib
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from mjsheaf.io.files import open_regular
 if TYPE_CHECKING:
     import xarray as xr
 
+_SIGNATURE = b"\x89HDF"
 _FILLS = {"f4": 9.969209968386869e36, "f8": 9.969209968386869e36, "i2": -32767, "u2": 65535, "i4": -2147483647}
 _FILLS |= {"u4": 4294967295, "i8": -9223372036854775806, "u8": 18446744073709551614}
 """Values that netCDF writes where nothing was written; bytes have none."""
@@ -35,19 +36,45 @@ def open_netcdf(path: str, sha256: str | None = None) -> "Iterator[xr.Dataset]":
         file.seek(0)
         warnings.simplefilter("ignore")
         try:
+            _require_whole(file)
             data = xr.open_dataset(file, decode_cf=False)
         except Exception as error:  # of any of the libraries that read files
             reason = shortened(" ".join(str(error).split()), 200)
             raise InputError(f"cannot be read, or is no netCDF file: {reason}") from None
         try:
-            for attrs in (variable.attrs for variable in data.variables.values()):
+            for variable in data.variables.values():
+                attrs = variable.attrs
                 for key in [key for key in _WORDS if not isinstance(attrs.get(key, ""), str)]:
                     del attrs[key]
+                if isinstance(text := attrs.get("missing_value"), str):  # which xarray compares as text
+                    attrs["missing_value"] = variable.dtype.type(text) if text else np.nan
+                if "_Unsigned" in attrs:
+                    attrs["_Unsigned"] = str(attrs["_Unsigned"]).lower()
             yield data
-        except (OSError, RuntimeError) as error:  # of the libraries, about damaged data
-            raise InputError(f"cannot be read: {shortened(' '.join(str(error).split()), 200)}") from None
+        except InputError:
+            raise
+        except (OSError, RuntimeError, ValueError, TypeError, MemoryError) as error:  # about damaged data, attributes
+            raise InputError(f"cannot be read: {shortened(' '.join(str(error).split()), 200) or 'no memory'}") from None
         finally:
             data.close()
+
+
+def _require_whole(file: BinaryIO) -> None:
+    """Refuse a file of HDF5 that is cut or damaged at its beginning; others pass.
+
+    h5netcdf refuses it too, but then prints an error to stderr when it forgets what it could not open.
+
+    Raises:
+        OSError: HDF5 cannot open it.
+    """
+    import h5py  # slow to import
+
+    whole = file.read(len(_SIGNATURE)) != _SIGNATURE
+    file.seek(0)
+    if not whole:
+        with h5py.File(file, "r") as data:
+            data.attrs.get("_nc3_strict")
+        file.seek(0)
 
 
 def text_of(variable: Any, key: str) -> str:

@@ -54,6 +54,11 @@ _HEIGHTS = re.compile(r"(depth[tuvw]?|height|altitude)|(z|lev|levels?|plev|press
 """Names of vertical axes in files without attributes; those of the first group are in metres."""
 _LATITUDES, _LONGITUDES = ("lat", "latitude", "nav_lat"), ("lon", "longitude", "nav_lon")
 _STEP = 100.0  # m, of differences of a projection, which pyproj inverts to 1 mm
+_DATE = re.compile(
+    r"since\s+[-+]?\d+([-/])\d{1,2}\1\d{1,2}([T\s]\s*\d{1,2}(:\d{1,2}(:\d{1,2}(\.\d*)?)?)?)?"
+    r"\s*(Z|UTC|GMT|[-+]\d{1,2}:?(\d{2})?)?\s*$",
+    re.IGNORECASE,
+)
 _TURNED = 1e-3  # rad; a grid that is turned less has its axes east and north
 
 
@@ -163,7 +168,7 @@ def _meaning(variable: Any) -> tuple[str, int, Medium, Literal["earth", "grid"]]
 
 def _statistic(variable: Any) -> str:
     """Return the statistic of a variable that is no flow, such as a variance; empty for values and means."""
-    methods = re.sub(r"\(.*?\)", "", text_of(variable, "cell_methods"))
+    methods = re.sub(r"\(.*?\)", "", text_of(variable, "cell_methods")).lower()
     within = re.search(r"\b(?:within|over) (?:days|years)", methods)
     others = [method for method in re.findall(r":\s*([a-z_]+)\b(?!:)", methods) if method not in ("point", "mean")]
     return within[0] if within else others[0] if others else ""
@@ -563,6 +568,10 @@ def _means_at_their_middle(
     names = "|".join(re.escape(str(name)) for name in {axis.name, *axis.dims})
     if bounds is None or not re.search(rf"\b({names}): (\w+: )*mean", text_of(part, "cell_methods")):
         return axis
+    if (own := text_of(bounds, "units")) not in ("", text_of(axis, "units")):
+        raise InputError(
+            f"{axis.bounds} is in {own!r}, and {axis.name} in {axis.units!r}; expected one unit, as CF has it"
+        )
     middles = bounds.values.astype(np.float64).mean(axis=-1)
     if middles.shape != axis.shape or np.allclose(middles, axis.values.astype(np.float64), rtol=1e-12, atol=1e-9):
         return axis
@@ -586,6 +595,8 @@ def _dates(axis: "xr.DataArray") -> Any:
             f"{axis.name} has the unit {units!r}; expected seconds, minutes, hours or days since a date, such as "
             "'hours since 2026-05-01'"
         )
+    if not _DATE.search(units):  # libraries take 01-05-2026 for January, and forget the zone in 2026-05-01 CET
+        raise InputError(f"{axis.name} has no dates: unit {units!r}; expected such as 2026-05-01T06:00 or with +02:00")
     numbers = np.atleast_1d(axis.values)
     if numbers.dtype.kind not in "fiu" or not np.isfinite(numbers).all():
         raise InputError(f"{axis.name} has missing values; expected a time everywhere")
@@ -681,12 +692,17 @@ def _plane_of(
                 f"lies at places in a list ({x.dims[0]}), not on a grid; expected one: interpolate it first"
             )
         lat, lon = _degrees(y), _degrees(x)
+        if np.abs(lon).max() > 720.0:
+            raise InputError(f"{x.name} has values from {lon.min():g} to {lon.max():g}; expected at most 720 degrees")
         if np.abs(lat).max() > 90.0:
             raise InputError(f"{y.name} has values from {lat.min():g} to {lat.max():g}; expected at most 90 degrees")
         lat0, lon0 = origin or (float(np.mean(lat)), float(lon[len(lon) // 2]))
         per_degree = math.radians(1.0) * EARTH
         per_longitude = per_degree * math.cos(math.radians(lat0))
         across, along = to_plane(lat, lon, (lat0, lon0))
+        steps = np.abs(np.diff(across))
+        if len(steps) > 2 and steps.max() > math.pi * EARTH * math.cos(math.radians(lat0)):
+            _require_all_round(x, lon, lon0)
         plane = _Plane(
             across,
             along,
@@ -722,6 +738,20 @@ def _plane_of(
         if axis is None or axis.ndim == 0:
             raise InputError(f"has no {kind} along an axis; expected one in degrees")
     raise InputError("has no longitude and latitude; expected both in degrees")
+
+
+def _require_all_round(axis: "xr.DataArray", lon: Array, lon0: float) -> None:
+    """Refuse longitudes that end half a turn from the origin and begin again behind a gap, which has no flow.
+
+    Raises:
+        InputError: The gap is more than one and a half cells wide.
+    """
+    turned = np.sort(lon % 360.0)
+    steps = np.append(np.diff(turned), turned[0] + 360.0 - turned[-1])
+    if steps.max() > 1.5 * np.sort(steps)[-2]:
+        raise InputError(
+            f"{axis.name} goes on further than half a turn from longitude {lon0:g}; expected an origin in its middle"
+        )
 
 
 def _find_places(part: "xr.DataArray", role: str, names: tuple[str, ...]) -> "list[xr.DataArray]":

@@ -295,6 +295,6 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
         when = f" in phase {k}, from t = {phase.time:g} s on ({phase.name})" if len(phases) > 1 else ""
         why = "at q* agents can move without changing what is measured; give them more edges, or a target to sense"
         if free:
-            named = "; ".join(free[:4]) + ("; ..." if len(free) > 4 else "")
-            why = f"H^0(G, G_p; F) has dimension {len(free)}: {named}; sense or share the free coordinates"
+            shown = "; ".join(free[:4]) + ("; ..." if len(free) > 4 else "")
+            why = f"H^0(G, G_p; F) has dimension {len(free)}: {shown}; sense or share the free coordinates"
         raise NotUniqueError(f"the harmonic extension is not unique{when}: {why}")

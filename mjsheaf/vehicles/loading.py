@@ -9,6 +9,7 @@ accepts with only a warning.
 
 import math
 import os
+import re
 from dataclasses import replace
 from functools import cache
 from itertools import count
@@ -192,10 +193,11 @@ def _read(path: Path, names: _Names) -> None:
 
 
 def _numbers(value: str) -> list[float]:
-    """Split an attribute into numbers; empty if one of its words is not a number."""
+    """Split an attribute into numbers, as C reads them; empty if one of its words is not a number."""
     try:
-        return [float(word) for word in value.split()]
-    except ValueError:
+        words = [re.sub(r"(?i)^([-+]?nan)\(\w*\)$", r"\1", word) for word in value.split()]
+        return [float.fromhex(word) if "0x" in word.lower() else float(word) for word in words]
+    except (ValueError, OverflowError):
         return []
 
 
@@ -280,6 +282,7 @@ def read_spec(path: Path) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """
     with refusing(str(path)):
         spec = mujoco.MjSpec.from_file(str(path))
+    spec.nuserdata, spec.memory, spec.njmax, spec.nconmax = 0, -1, -1, -1  # room for what a vehicle alone does not use
     with in_field(str(path)):
         left_out = _remove_scene(spec)
         _require_modelled(spec)
@@ -329,6 +332,9 @@ def _remove_scene(spec: mujoco.MjSpec) -> list[str]:
             )
     scene += [("keyframe", key) for key in spec.keys]
     left_out = [_name(kind, element) for kind, element in scene]
+    for kind, element in scene if spec.compiler.settotalmass > 0.0 else []:
+        if kind == "body":
+            raise InputError(f"compiler: settotalmass counts {_name(kind, element)} too; expected the vehicle alone")
     if spec.sensors:
         left_out.append("sensors")
     skies = [texture for texture in spec.textures if texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX]
@@ -465,6 +471,9 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     mass, centre, inertia = mass_properties(model, data, slice(None))
+    about_centre = inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    if not (np.isfinite(inertia).all() and np.linalg.eigvalsh(about_centre)[0] > mujoco.mjMINVAL):
+        raise InputError(f"{path}: its mass or inertia is too small or too large to move; expected those of a vehicle")
     carried = float((model.body_mass * model.body_gravcomp).sum())
     drag = description.drag
     linear = np.full(3, mass / drag.time_constant) if drag.time_constant else np.array(drag.linear, dtype=np.float64)

@@ -61,7 +61,7 @@ def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
     for leaf in leaves_of(loop):
         if getattr(leaf.value, "base", None) is rows.values and leaf.value.size:
             (parts if ".memory." in leaf.path else whole).append(leaf.value)
-    for part in (*whole, loop.state.memory.flat):
+    for part in (*whole, loop.state.memory.flat, loop.state.memory.evaluated):
         there = np.asarray(SimpleNamespace(__array_interface__=place_of(part, rows.values, copy.ctypes.data)))
         assert there.shape == part.shape
         seen.extend(there.astype(np.int64).ravel().tolist())

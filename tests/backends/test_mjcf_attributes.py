@@ -460,3 +460,35 @@ def test_an_element_next_to_the_vehicle_is_left_out_without_effect_or_refused(na
     extra, expected = ELEMENTS[name]
     outcome, _, words = expected.partition(": ")
     assert verdict(write(tmp_path, extra), words or name, words) == outcome
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('mass="1.3"', 'mass="nan(1)"', "mass is nan"),
+        ('mass="1.3"', 'mass="0x1p900"', "mass is 0x1p900"),
+        (
+            '<geom name="box"',
+            '<inertial pos="0 0 0" mass="1" diaginertia="1e-20 1e-20 1e-20"/><geom name="box"',
+            "too small or too large to move",
+        ),
+        ("<mujoco>", '<mujoco><compiler settotalmass="2"/>', "settotalmass counts body 'table' too"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_no_vehicle_has_are_refused_where_it_is_read(
+    old: str, new: str, words: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path, WORLD.format('<body name="table"><geom size=".1"/></body>'))
+    (tmp_path / "quad.xml").write_text((tmp_path / "quad.xml").read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=rf"quad.xml: .*{words}"):
+        load_vehicle(path)
+
+
+def test_room_that_a_file_asks_for_is_not_taken(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    for size in ('memory="1"', 'memory="1000P"', 'nuserdata="2000000000"'):
+        text = (tmp_path / "quad.xml").read_text()
+        (tmp_path / "quad.xml").write_text(text.replace("<mujoco>", f"<mujoco><size {size}/>"))
+        assert load_vehicle(path).mass == pytest.approx(1.3)
+        (tmp_path / "quad.xml").write_text(text)

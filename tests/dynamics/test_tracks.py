@@ -115,6 +115,7 @@ FORMS: dict[str, tuple[Variables, dict[str, Any], np.ndarray]] = {
     "degrees with metres of their own": ({**in_metres(x=("time", 9 * T), y=("time", 9 * T)), **single()}, ORIGIN, ROWS),
     "axes ned": (in_metres(x=("time", ROWS[:, 2]), y=("time", ROWS[:, 1]), z=("time", -UP)), {"axes": "ned"}, ROWS),
     "depth": (single(z=("time", -UP, {"standard_name": "depth", "units": "m"})), ORIGIN, ROWS),
+    "depth by name alone": (single(z=None, depth=("time", -UP, {"units": "m"})), ORIGIN, ROWS),
     "depth that points up": (
         single(z=("time", UP, {"standard_name": "depth", "units": "m", "positive": "up"})),
         ORIGIN,
@@ -147,6 +148,17 @@ FORMS: dict[str, tuple[Variables, dict[str, Any], np.ndarray]] = {
         ROWS[:3],
     ),
     "fill value": (single(lat=("time", np.append(LAT[:3], 1e20), {**NORTH, "_FillValue": 1e20})), ORIGIN, ROWS[:3]),
+    "packed, valid_range of unpacked values": (
+        single(
+            lat=(
+                "time",
+                np.arange(COUNT, dtype="i2"),
+                {**NORTH, "scale_factor": 2e-4, "add_offset": 60.0, "valid_range": [59.0, 61.0]},
+            )
+        ),
+        ORIGIN,
+        ROWS,
+    ),
     "missing value": (
         single(lat=("time", np.append(LAT[:3], -999.0), {**NORTH, "missing_value": -999.0})),
         ORIGIN,

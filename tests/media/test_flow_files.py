@@ -4,6 +4,7 @@ import os
 import re
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -255,6 +256,17 @@ ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
         "hole",
     ),
     "valid_range of unpacked values": (lambda f: hole(packed(f), 3000).flow(valid_range=[-2.0, 2.0]), "hole"),
+    "cell_methods in capitals": (lambda f: f.flow(cell_methods="time: Maximum"), "uo \\(maximum\\)"),
+    "missing_value that is text": (lambda f: hole(f, -9.0).flow(missing_value="-9."), "hole"),
+    "missing_value that is no number": (lambda f: f.flow(missing_value="none"), "cannot be read"),
+    "valid_min that is no number": (lambda f: f.flow(valid_min="n/a"), "expected numbers"),
+    "valid_range that is text": (lambda f: f.flow(valid_range="-5, 5"), "expected numbers"),
+    "scale_factor that is text": (lambda f: f.flow(scale_factor="0.5"), "cannot be read"),
+    "scale_factor of a coordinate": (lambda f: f.set("lat", scale_factor="0.5"), "cannot be read"),
+    "_Unsigned in capitals": (
+        lambda f: f.values(lambda w: np.full(w.shape, -56, np.int8)).flow(_Unsigned="True", scale_factor=0.001),
+        (0.2, 0.2),
+    ),
     "_Unsigned": (
         lambda f: f.values(lambda w: np.full(w.shape, -56, np.int8)).flow(
             _Unsigned="true", scale_factor=0.001, valid_range=np.array([0, -2], np.int8)
@@ -432,6 +444,39 @@ def test_places_in_any_order_and_over_greenwich(place: Path) -> None:
     columns, rows = [2, 0, 3, 1, 4], [1, 0, 3, 2]
     assert np.array_equal(grid.velocity[..., 0], u[:, rows][:, :, columns])
     assert grid.x == pytest.approx(np.radians([-1.0, -0.5, 0.0, 0.5, 1.0]) * 6_371_000.0)
+
+
+def test_longitudes_on_both_sides_of_a_gap_are_no_neighbours(place: Path) -> None:
+    def around(lon: Any) -> File:
+        file = current().set("lon", np.asarray(lon, np.float64))
+        return file.values(lambda w: np.full((3, 4, len(lon)), w[0, 0, 0]))
+
+    lat, words = LATITUDE, "lon goes on further than half a turn"
+    decide(around(np.arange(20, 341)), place, words, origin=[lat, 0.0])
+    decide(around(np.arange(0, 201)), place, words, origin=[lat, 0.0])
+    decide(around(np.arange(0, 201)), place, UNCHANGED, origin=[lat, 100.0])
+    decide(around(np.arange(0, 360)), place, UNCHANGED, origin=[lat, 7.0])
+    decide(around([178.0, 179.0, -180.0, -179.0]), place, UNCHANGED, origin=[lat, 180.0])
+    decide(around([1e30, 2e30]), place, "lon has values from 1e[+]30")
+
+
+def test_an_origin_beyond_the_poles_is_refused(place: Path) -> None:
+    decide(current(), place, r"origin: \(91, 7\) is no place", origin=[91.0, 7.0])
+
+
+def test_damaged_files_are_refused_and_nothing_else_is_said(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    current().write(place)
+    whole = place.read_bytes()
+    rng = np.random.default_rng(0)
+    for k in range(40):
+        data = bytearray(whole[: int(rng.integers(len(whole)))] if k < 10 else whole)
+        for at in rng.integers(0, min(len(data), 800), 3):
+            data[at] = int(rng.integers(256))
+        place.write_bytes(data)
+        read_flow.cache_clear()
+        with suppress(InputError):
+            read(place)
+    assert capfd.readouterr().err == ""
 
 
 def test_curvilinear_grids_are_refused_with_advice(place: Path) -> None:
@@ -673,6 +718,10 @@ def test_calendars_are_those_of_cftime(calendar: str, units: str, place: Path) -
         ("seconds", "time has the unit 'seconds'; expected seconds, minutes, hours or days since a date"),
         (None, "time has the unit ''; expected"),
         ("days since the flood", "time has no dates"),
+        ("hours since 01-05-2026", "time has no dates"),
+        ("hours since 1/5/2026", "time has no dates"),
+        ("hours since 2026-05-01 CET", "time has no dates"),
+        ("hours since 2026-05-01 00:00 5:30", "time has no dates"),
     ],
 )
 def test_units_of_time(units: str | None, wanted: Any, place: Path) -> None:
@@ -713,6 +762,9 @@ def test_means_over_time_are_in_the_middle_of_their_bounds(place: Path) -> None:
     assert "means over the intervals time_bnds" in reading.notes[0]
     file.set("time", np.arange(3.0) + 0.5).write(place)
     assert read(place, start="2026-05-01").notes == ()
+    file.set("time_bnds", bounds / 24.0, units="days since 2026-05-01")
+    decide(file, place, "time_bnds is in 'days since 2026-05-01', and time in 'hours since")
+    decide(file.set("time_bnds", 1.0, (), units=None), place, "cannot be read")
 
 
 def test_one_time_or_none_is_a_steady_flow_and_said(place: Path) -> None:
