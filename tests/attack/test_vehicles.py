@@ -69,7 +69,8 @@ def test_a_harmful_file_is_refused_in_one_line(name: str, tmp_path: Path) -> Non
     )  # fmt: skip
     assert done.returncode in (0, 1, 2), (done.returncode, done.stderr[-2000:])
     assert "Traceback" not in done.stderr
-    assert done.stderr.count("\n") == (0 if done.returncode == 0 else 1), done.stderr[-2000:]
+    told = [line for line in done.stderr.splitlines() if not line.endswith("since the start")]  # that is progress
+    assert len(told) == (0 if done.returncode == 0 else 1), done.stderr[-2000:]
     assert "root:" not in done.stdout + done.stderr  # of /etc/passwd
     if name not in ("huge arena", "external entity"):
         assert done.returncode == 2, done.stderr
