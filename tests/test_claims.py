@@ -172,8 +172,9 @@ def test_scenarios_of_pages() -> None:
     bound, proposed = re.findall(r"[\d.]+(?= m[,;])", line)
     assert f"from {bound} m to {proposed} m" in (DOCS / "start.md").read_text()
     assert agrees(bound, triangle["law"]["radius"] / np.sqrt(3))  # RMS over the three agents
-    (with_a_round,) = [p for p in triangle["proposals"] if {*p["controller"]} == {"gain", "feedforward"}]
-    assert with_a_round["controller"]["feedforward"]["rounds"] == 1
+    terms = {"gain", "feedforward", "newton"}
+    (with_a_round,) = [p for p in triangle["proposals"] if {*p["controller"]} == terms]
+    assert all(with_a_round["controller"][term]["rounds"] == 1 for term in ("feedforward", "newton"))
     assert agrees(proposed, with_a_round["bound"] / np.sqrt(3))
     assert agrees("2.0", escort["margins"]["bodies"]["largest_gain"])
     assert "Here it is 2.0 1/s" in (DOCS / "howto/scenario.md").read_text()
