@@ -112,7 +112,7 @@ class _Files(IndexDataCacheFile):
         try:
             content = Path(path).read_bytes()
             return pickle.loads(content[_HASH:]) if _hash(content[_HASH:]) == content[:_HASH] else None
-        except FileNotFoundError:
+        except Exception:  # there is none, it cannot be read, or it has what this numba does not know
             return None
 
     def _write(self, path: str, data: Any) -> None:

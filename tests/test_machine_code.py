@@ -74,10 +74,11 @@ def test_files_that_are_gone_are_compiled_again(directory: Path, ending: str) ->
     assert not compiled_anew()
 
 
-def test_code_that_cannot_be_rebuilt_is_compiled_again(directory: Path) -> None:
+@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
+def test_code_that_cannot_be_rebuilt_is_compiled_again(directory: Path, ending: str) -> None:
     """Whole, but of a form that this numba does not know, as another version may write."""
     assert compiled_anew()
-    for path in files(directory, ".nbc"):
+    for path in files(directory, ending):
         content = path.read_bytes()[16:][::-1]
         path.write_bytes(machine_code._hash(content) + content)
     assert compiled_anew()

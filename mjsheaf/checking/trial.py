@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.finished import ROUNDING, ending_of_run
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.checking.stuck import MIN_DURATION, MIN_SPEED, find_stuck
@@ -221,25 +221,25 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
     deadlocked = sorted(safety["deadlocked"] if safety else [], key=off.__getitem__, reverse=True)
     if deadlocked:
         first = deadlocked[0]
-        names, verb = _and_others(first, len(deadlocked) - 1)
-        text = f"{names} {verb} deadlocked: the safety filter keeps {first} {off[first]:.3g} m off at t = {end:.6g} s"
+        who = _are(first, len(deadlocked) - 1)
+        text = f"{who} deadlocked: the safety filter keeps {first} {off[first]:.3g} m off at t = {end:.6g} s"
         yield TrialProblem(kind="deadlock", text=text, agent=first, time=end, number=off[first])
     stuck = [one for one in find_stuck(phases, data) if one.end >= end and one.error > ROUNDING]
     if stuck:
         first = team.agent_ids[stuck[0].agent]
-        names, verb = _and_others(first, len(stuck) - 1)
         text = (
-            f"{names} {verb} stuck: {first} does not move from t = {stuck[0].start:.6g} s to the end, "
+            f"{_are(first, len(stuck) - 1)} stuck: {first} does not move from t = {stuck[0].start:.6g} s to the end, "
             f"{stuck[0].error:.3g} m off: {stuck[0].reason}"
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
-    growing = list(_diverging(phases, data))
+    system, last = of_phase(phases, data, -1)
+    growing = list(_diverging(system, last))
     yield from growing
     if not stuck and not growing:
-        yield from _without_headway(phases, data)
-    yield from _circling(phases, data)
+        yield from _without_headway(system, last)
+    yield from _circling(system, last)
     yield from _carried_targets(phases[0].system, data)
-    yield from _fallen(phases, data)
+    yield from _fallen(system, last)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
         checks = check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]
@@ -250,13 +250,12 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
                 yield TrialProblem(kind="expectation", text=text, agent=None, time=end, number=check["found"])
 
 
-def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
+def _diverging(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
     """Yield agents whose error grows to the end of the last phase while they are at a limit, or ever faster.
 
     An error that grows is no fault by itself: it also follows a target that speeds up. Neither is one that an event
     ends, such as the end of a shadow.
     """
-    system, last = of_phase(phases, data, -1)
     errors = last["tracking_error"].values
     time = last["time"].values
     q_star = np.nan_to_num(last["harmonic_extension"].values)
@@ -274,25 +273,22 @@ def _diverging(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialPro
     failed = np.flatnonzero((limited > _OFTEN) & grown | faster)
     if not len(failed):
         return
-    worst = int(failed[int(fourth[failed].argmax())])
-    name = system.team.agent_ids[worst]
-    names, verb = _and_others(name, len(failed) - 1)
+    worst, name, who = _worst_of(system, failed, fourth)
     at_limit = limited[worst] > _OFTEN
     limits = f"at a limit of its vehicle or its speed for {100.0 * limited[worst]:.0f} % of the second half"
     text = (
-        f"{names} {verb} left behind: the mean error of {name} grows from {middle[worst]:.3g} m about the middle to "
+        f"{who} left behind: the mean error of {name} grows from {middle[worst]:.3g} m about the middle to "
         f"{fourth[worst]:.3g} m in the last quarter, up to t = {time[-1]:.6g} s" + (f", {limits}" if at_limit else "")
     )
     kind = "saturated" if at_limit else "diverging"
     yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(fourth[worst]))
 
 
-def _without_headway(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
+def _without_headway(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
     """Yield agents that move, but not where they are commanded to, or too little, and do not get nearer.
 
     Boats that circle about their places are such agents, and drones whose commands jump faster than they can lean.
     """
-    system, last = of_phase(phases, data, -1)
     duration = 0.25 * float(last["time"][-1] - last["time"][0])
     if last.sizes["time"] < _MIN_SAMPLES or duration < MIN_DURATION:
         return
@@ -313,22 +309,20 @@ def _without_headway(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[Tr
     short = (share < _MIN_SHARE) & (fourth > 3.0 * _FAR_BY) & (fourth > third)
     failed = np.flatnonzero((commanded > _MIN_COMMAND) & (idle | short))
     if len(failed):
-        worst = int(failed[int(fourth[failed].argmax())])
-        name, time = system.team.agent_ids[worst], float(last["time"][-1])
-        names, verb = _and_others(name, len(failed) - 1)
+        time = float(last["time"][-1])
+        worst, name, who = _worst_of(system, failed, fourth)
         text = (
-            f"{names} {verb} without headway: {name} is commanded {commanded[worst]:.3g} m/s and makes "
+            f"{who} without headway: {name} is commanded {commanded[worst]:.3g} m/s and makes "
             f"{headway[worst]:.3g} m/s of it, {fourth[worst]:.3g} m off to the end at t = {time:.6g} s"
         )
         yield TrialProblem(kind="stuck", text=text, agent=name, time=time, number=float(fourth[worst]))
 
 
-def _circling(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
+def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
     """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing drives them.
 
     A bounded disturbance of d m/s moves an agent by d / omega m at a frequency of omega rad/s.
     """
-    system, last = of_phase(phases, data, -1)
     if last.sizes["time"] < _MIN_SAMPLES or system.moving:
         return
     q_star = np.nan_to_num(last["harmonic_extension"].values)
@@ -343,19 +337,17 @@ def _circling(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProb
     driven |= fourth < _RESONANCE * shaken
     circling = np.flatnonzero((fourth > _FAR_BY) & (fourth > _UNDECAYED * third) & (reversals >= _REVERSALS) & ~driven)
     if len(circling):
-        worst = int(circling[int(fourth[circling].argmax())])
-        name, time = system.team.agent_ids[worst], float(last["time"][-1])
-        names, verb = _and_others(name, len(circling) - 1)
+        time = float(last["time"][-1])
+        worst, name, who = _worst_of(system, circling, fourth)
         text = (
-            f"{names} {verb} in a limit cycle: {name} oscillates by {fourth[worst]:.3g} m RMS to the end at "
+            f"{who} in a limit cycle: {name} oscillates by {fourth[worst]:.3g} m RMS to the end at "
             f"t = {time:.6g} s, and nothing drives it"
         )
         yield TrialProblem(kind="limit_cycle", text=text, agent=name, time=time, number=float(fourth[worst]))
 
 
-def _fallen(phases: Sequence[Phase], data: "xr.Dataset") -> Iterator[TrialProblem]:
+def _fallen(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
     """Yield the aircraft that is below the surface at the end of the last phase, and began above it."""
-    system, last = of_phase(phases, data, -1)
     height = system.bodies.surface_height
     heights = np.nan_to_num(last["agent_height"].values[-1], nan=height)
     flying = np.array([agent.dimension == 3 for agent in system.team.agents])
@@ -431,6 +423,13 @@ def _limited(system: System, data: "xr.Dataset") -> Array:
     return np.where(short, 1.0, at_limit.mean(axis=0))
 
 
-def _and_others(name: str, others: int) -> tuple[str, str]:
-    """Return a name with the number of others, and the verb that goes with it."""
-    return (name, "is") if not others else (f"{name} and {others} other{'s' if others > 1 else ''}", "are")
+def _are(name: str, others: int) -> str:
+    """Return a name with the number of others and the verb, as a sentence about them begins."""
+    return f"{name} and {others} other{'s' if others > 1 else ''} are" if others else f"{name} is"
+
+
+def _worst_of(system: System, failed: IntArray, severity: Array) -> tuple[int, str, str]:
+    """Return the number and id of the agent that fails worst, and the beginning of a sentence about all that fail."""
+    worst = int(failed[int(severity[failed].argmax())])
+    name = system.team.agent_ids[worst]
+    return worst, name, _are(name, len(failed) - 1)

@@ -161,7 +161,7 @@ def _seconds(time: "xr.DataArray") -> Array:
     units = str(time.attrs.get("units", "s"))
     word, _, rest = units.strip().partition(" ")
     with in_field("time"):
-        scale = factor(word, "s")
+        scale = factor(word.lower(), "s")
         values = decoded(time).values
     if rest.lstrip().startswith("since") and len(values):
         values = values - values[np.isfinite(values).argmax()]

@@ -26,3 +26,11 @@ def factor(unit: object, into: str) -> float:
         return float(units.Quantity(1.0, units.Unit(text)).to(into).magnitude)
     except Exception:  # of the parser, which raises many kinds on what is no unit
         raise InputError(f"the unit is {shortened(repr(unit), 50)}; expected {into} or what converts to it") from None
+
+
+def converts(unit: object, into: str) -> bool:
+    """Return True if values in a unit can be converted to another; see `factor`."""
+    try:
+        return factor(unit, into) > 0.0
+    except InputError:
+        return False

@@ -22,7 +22,7 @@ from mjsheaf.errors import InputError, expected, in_field, listed, shortened
 from mjsheaf.io.cf import decoded, open_netcdf, text_of
 from mjsheaf.io.files import digest_of
 from mjsheaf.io.geography import EARTH, to_plane
-from mjsheaf.io.units import factor
+from mjsheaf.io.units import converts, factor
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -394,10 +394,7 @@ def _is_vertical(part: "xr.DataArray", axis: "xr.DataArray") -> bool:
 
 
 def _converts(axis: Any, unit: str) -> bool:
-    try:
-        return "units" in axis.attrs and factor(axis.attrs["units"], unit) > 0.0
-    except InputError:
-        return False
+    return "units" in axis.attrs and converts(axis.attrs["units"], unit)
 
 
 def _at_depth(part: "xr.DataArray", depth: float, medium: Medium | None, notes: list[str]) -> "xr.DataArray":
@@ -590,7 +587,8 @@ def _dates(axis: "xr.DataArray") -> Any:
     import xarray as xr
 
     units, calendar = text_of(axis, "units"), text_of(axis, "calendar") or "standard"
-    if "since" not in units or re.match(r"\s*(common_)?(month|year)", units):
+    unit, since, _ = units.partition("since")
+    if not (since and converts(unit.lower(), "s")):
         raise InputError(
             f"{axis.name} has the unit {units!r}; expected seconds, minutes, hours or days since a date, such as "
             "'hours since 2026-05-01'"

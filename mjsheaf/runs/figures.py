@@ -467,12 +467,13 @@ def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside
     there = np.vstack([~absent, np.ones((len(tracks) - N, tracks.shape[2]), dtype=bool)])
     seen = np.where(there, 0, np.where(inside, 1, 2))  # 2: not drawn
     earlier = np.where(there & (np.arange(tracks.shape[2]) <= round_from), 0, 2)
-    seen = np.where(there & (np.arange(tracks.shape[2]) < round_from), 2, seen)
+    seen[there & (np.arange(tracks.shape[2]) < round_from)] = 2
     width, faint = (0.8, 0.8) if few else (0.3, 0.5)
     for own, dashes in ((slice(0, N), "-"), (slice(N, None), (0, (4, 1.5)))):
         style = {"linewidths": width, "linestyles": [dashes], "zorder": 2}
-        pale = {**style, "linewidths": 0.5 * width, "zorder": 1}
-        _draw_paths(axis, tracks[own], earlier[own], [(*colours[k], _PALE * faint) for k in groups[own]], pale)
+        if round_from:
+            pale = {**style, "linewidths": 0.5 * width, "zorder": 1}
+            _draw_paths(axis, tracks[own], earlier[own], [(*colours[k], _PALE * faint) for k in groups[own]], pale)
         _draw_paths(axis, tracks[own], seen[own], [(*colours[k], faint) for k in groups[own]], style)
     first = tracks[np.arange(len(tracks)), :, there.argmax(axis=1)]
     lost = ~there[:, -1]
