@@ -82,6 +82,14 @@ def text_of(variable: Any, key: str) -> str:
     return str(variable.attrs.get(key, ""))
 
 
+def coordinates_of(part: "xr.DataArray", *roles: str) -> list[str]:
+    """Return the names of the coordinates of a variable that have one of these roles by cf-xarray."""
+    import cf_xarray  # noqa: F401  # registers the accessor
+
+    tables = {**part.cf.axes, **part.cf.coordinates}
+    return list(dict.fromkeys(str(name) for role in roles for name in tables.get(role, ()) if name in part.coords))
+
+
 def decoded(part: "xr.DataArray") -> "xr.DataArray":
     """Return a variable with its values unpacked, and NaN where they are missing or not valid.
 
