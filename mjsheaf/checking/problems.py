@@ -302,7 +302,7 @@ def _of_slow(slow: "list[SpeedDemand]", part: "PartRecord") -> Iterator[Problem]
             kind="limited" if limited else "slow",
             what=f"{len(at_times)} of {len(part.disturbance.agents)} agents are slower than their places "
             f"({speed:.3g} of {worst.steady:.3g} m/s)",
-            why=f"{worst.agent} falls {worst.deficit:.3g} m behind: relative to the medium, q* moves at up to "
+            why=f"{worst.agent} stays {worst.deficit:.3g} m or more behind: relative to the medium, q* moves at up to "
             f"{worst.steady:.3g} m/s, and {limiting} {speed:.3g} m/s",
             fix=f"set controller.velocity_limit to {limit:g}" if raised else "slow targets, or faster vehicles",
             changes={"controller.velocity_limit": limit} if raised else {},

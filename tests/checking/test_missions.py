@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import mjsheaf
 from mjsheaf.errors import NotUniqueError, UnstableError
@@ -21,7 +22,8 @@ MISSIONS = 300
 MAX_CONTRADICTED = 0.05
 """Fraction of the missions OK by analysis alone whose runs may fail."""
 MAX_FALSE_ALARMS = 0.1
-"""Fraction of the missions whose runs are fine that may be NOT OK for other reasons than a team or loop that fails."""
+"""Fraction of the missions whose runs are fine that may be NOT OK for other reasons than a team or loop that fails, or
+agents that stay behind as foreseen."""
 
 
 class Judged(NamedTuple):
@@ -33,7 +35,8 @@ class Judged(NamedTuple):
         ok: Verdict of `check`.
         problems: What the analysis finds wrong without a trial; without any, it is OK by analysis alone.
         tried: What the trial finds wrong.
-        proven: True if an assumption fails or a loop is unstable, whatever the run looks like.
+        proven: True if an assumption fails or a loop is unstable, whatever the run looks like, or if agents that are
+            slower than their places stay as far behind as foreseen.
         failure: Failure of the run, or None.
         unforeseen: How far the error of the run is from the prediction, or None.
     """
@@ -60,6 +63,7 @@ def judge(seed: int) -> Judged:
     alone = mjsheaf.check(scenario, trial=False, progress=False)
     record = mjsheaf.check(scenario, progress=False)
     unforeseen = None
+    proven = _is_proven(record)
     try:
         run = mjsheaf.simulate(scenario, engine="mujoco", progress=False)
     except (NotUniqueError, UnstableError) as error:
@@ -67,13 +71,14 @@ def judge(seed: int) -> Judged:
     else:
         failure = failure_of_run(mission, run)
         unforeseen = unforeseen_error(mission, record, run)
+        proven = proven or _stay_behind(record, run)
     return Judged(
         seed=seed,
         summary=mission["summary"],
         ok=record["ok"],
         problems=[problem["what"] for problem in alone["problems"]],
         tried=[problem["text"] for problem in record["trial"]["problems"]],
-        proven=_is_proven(record),
+        proven=proven,
         failure=failure,
         unforeseen=unforeseen,
     )
@@ -87,6 +92,17 @@ def _is_proven(record: dict[str, Any]) -> bool:
         if False in stable or any(each["verdict"] in ("fails", "undecided") for each in part["assumptions"]):
             return True
     return False
+
+
+def _stay_behind(record: dict[str, Any], run: xr.Dataset) -> bool:
+    """Return True if agents that are slower than their places are as far behind as foreseen, by half at least."""
+    last = (record["phases"] or [record])[-1]
+    foreseen = {each["agent"]: each["deficit"] or 0.0 for each in last["margins"]["speed"]}
+    late = run.isel(time=run["time"].values >= 0.75 * run["time"].values[-1])
+    error = np.linalg.norm(late["agent_position"].values - late["harmonic_extension"].values, axis=2).mean(axis=0)
+    found = dict(zip(map(str, run["agent"].values), error, strict=True))
+    slow = {agent: distance for agent, distance in foreseen.items() if distance > 0.5}
+    return bool(slow) and all(found[agent] > 0.5 * distance for agent, distance in slow.items())
 
 
 @pytest.fixture(scope="module")

@@ -58,6 +58,29 @@ def test_a_limit_below_what_q_star_takes_is_named(limits: tuple[float | None, fl
         limit = limits["AB".index(short)]
         slow = sum(each is not None and each < DRIFT for each in limits)
         assert problem.what == f"{slow} of 2 agents are slower than their places ({limit:.3g} of {DRIFT:.3g} m/s)"
-        assert problem.why.startswith(f"{short} falls ")
+        assert problem.why.startswith(f"{short} stays ")
         assert DRIFT < problem.changes["controller.velocity_limit"] < 1.3 * DRIFT
         assert late[-1] > late[0] + 1.0  # it is carried away
+
+
+@pytest.mark.parametrize("limit", [0.4, 1.0, 1.7])
+def test_one_that_is_outrun_on_a_circle_stays_within_it(limit: float) -> None:
+    """Pure pursuit of a point on a circle of radius R at speed v ends on a circle of radius R top / v, heading for it."""
+    radius, rate = 2.0, 0.8
+    place = {"amplitude": [radius, radius], "rate": [rate, rate], "phase": [np.pi / 2, 0.0]}
+    scenario = scenario_from_mapping(
+        {
+            "name": "circle",
+            "time": {"end": 60},
+            "controller": {"gain": 2.0, "velocity_limit": limit},
+            "agents": [{"id": "A", "position": [0, 0]}],
+            "targets": [{"id": "T", "position": [radius, 0], "motion": {"kind": "lissajous", "pull": 50.0, **place}}],
+            "sensing": [["A", "T"]],
+        }
+    )
+    (demand,) = examine(scenario.system).record.margins.speed
+    assert demand.steady == pytest.approx(radius * rate, rel=1e-2)  # its target's field pulls it within the circle
+    expected = demand.steady / rate * np.sqrt(max(1.0 - (limit / demand.steady) ** 2, 0.0))
+    assert demand.deficit == pytest.approx(expected, rel=0.01)
+    late = simulate(scenario, "ideal")["tracking_error"].values[-500:]
+    assert demand.deficit < late.min()  # the law turns to where its target is, too, and slows down as it comes near

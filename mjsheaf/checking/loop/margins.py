@@ -76,8 +76,8 @@ class SpeedDemand(Record):
         "it is slowest; null: unlimited thrusters"
     )
     deficit: Finite = Field(
-        description="smallest distance behind q* over the last quarter of the time, of an agent that moves at `limit` "
-        "or its top speed, the smaller one, wherever q* takes more, m; null where `steady` is"
+        description="smallest distance behind q* over the last quarter of the time, of an agent that begins on q* and "
+        "heads for it at `limit` or its top speed, the smaller one, m; null where `steady` is"
     )
     able_forward: Finite = Field(
         description="forward speed: steady speed of its body through the medium at full thrust forward; null: "
@@ -233,13 +233,10 @@ def _damping_of_unlike(system: System, spectrum: Spectrum, tau: Array) -> Array:
 def _speed_demands(system: System, certificate: Certificate, able: Array, forward: Array) -> list[SpeedDemand]:
     """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
-    time, along = _speeds_along(system, certificate)
+    time, carried = _carried_along(system, certificate)
+    along = np.linalg.norm(carried, axis=2)
     steady = along.max(axis=0)
-    # The distance by which an agent is behind grows by what it lacks, and shrinks by its reserve, but not below 0.
-    lacking = along - np.minimum(system.law.limit[: len(team.agents)], np.maximum(able, forward))
-    sums = np.zeros_like(along)
-    np.cumsum(np.where(np.isinf(lacking[1:]), 0.0, lacking[1:]) * np.diff(time)[:, None], axis=0, out=sums[1:])
-    behind = sums - np.minimum.accumulate(sums)
+    behind = _behind(time, carried, np.minimum(system.law.limit[: len(team.agents)], np.maximum(able, forward)))
     deficit = behind[time >= time[0] + 0.75 * (time[-1] - time[0])].min(axis=0)
     asked = system.gain * np.linalg.norm(disagreement(system.law, system.initial)[: len(team.agents)], axis=1)
     limits = system.law.limit[: len(asked)]
@@ -259,8 +256,32 @@ def _speed_demands(system: System, certificate: Certificate, able: Array, forwar
     ]
 
 
-def _speeds_along(system: System, certificate: Certificate) -> tuple[Array, Array]:
-    """Return instants of the path, shape (T,), s, and the speeds |q*' - f_q(q*)| there, shape (T, N), m/s.
+def _behind(time: Array, carried: Array, top: Array) -> Array:
+    """Compute how far agents fall behind q* that head straight for it through the medium, each at most at its top speed.
+
+    They begin on q*. The medium is as fast about an agent as about its place: e' = u + f_q(q*) - q*' with |u| <= top.
+
+    Args:
+        time: Instants, shape (T,), s.
+        carried: f_q(q*) - q*' there, shape (T, N, 3), m/s.
+        top: Top speeds, shape (N,), m/s.
+
+    Returns:
+        Distances, shape (T, N), m; 0 of those that are as fast as q* throughout, NaN from where the field is singular.
+    """
+    behind = np.zeros(carried.shape[:2])
+    slow = np.flatnonzero(~(np.linalg.norm(carried, axis=2).max(axis=0) <= top))
+    e = np.zeros((len(slow), 3))
+    for k, dt in enumerate(np.diff(time)):
+        e += carried[k + 1, slow] * dt
+        distance = np.linalg.norm(e, axis=1)
+        behind[k + 1, slow] = left = np.maximum(distance - top[slow] * dt, 0.0)
+        e *= (left / np.maximum(distance, 1e-300))[:, None]
+    return behind
+
+
+def _carried_along(system: System, certificate: Certificate) -> tuple[Array, Array]:
+    """Return instants of the path, shape (T,), s, and the velocities f_q(q*) - q*' there, shape (T, N, 3), m/s.
 
     Targets that meet gusts have no certain path. Theirs is the one without gusts.
     """
@@ -273,7 +294,7 @@ def _speeds_along(system: System, certificate: Certificate) -> tuple[Array, Arra
         path = follow_targets(calm, carrier)
         carried, own, shaken = velocities_along(calm, path, carrier)
         relative = carried - own + shaken if path.cells is not None else np.full_like(carried, np.nan)
-    return path.time, np.linalg.norm(system.team.unpack(relative), axis=2)
+    return path.time, system.team.unpack(relative)
 
 
 def _lags(system: System, difference: Difference) -> list[Lag]:
