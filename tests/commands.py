@@ -7,7 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +31,9 @@ class Answer(NamedTuple):
     code: int
     out: str
     err: str
+
+
+Published = Callable[[str, str], tuple[Answer, Path]]
 
 
 def call(*arguments: str | Path) -> int:

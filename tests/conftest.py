@@ -19,6 +19,8 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tests.commands import Answer, Published
+
 settings.register_profile("fast", deadline=None, derandomize=True, max_examples=20)
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=60)
 settings.register_profile("all", deadline=None, derandomize=True, max_examples=100)
@@ -26,15 +28,22 @@ settings.load_profile("fast")  # `make test-slow` uses --hypothesis-profile=ci, 
 
 
 ALSO_SHOWN = ("noisy_harbour", "paper_delay", "paper_half_lost", "swarm_radio_shadow")
-"""Scenarios that ship and are others over links, or large: what is tried of each one is tried of them with the slow."""
+"""Scenarios that ship and are others over links, or large: what is tried of each one is tried of them with the long."""
 
 
+@pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that are about one of these scenarios, among those that there are of every scenario, as slow."""
+    """Mark as long the examples of a slow test but the first, and those of these scenarios. What is long is slow, too."""
+    begun = set()
     for item in items:
-        named = item.nodeid.rpartition("::")[2] if "/test_" in item.nodeid else item.path.stem
-        words = re.split(r"[\[\]-]", named)
-        if not {*words}.isdisjoint(ALSO_SHOWN):
+        words = re.split(r"[\[\]-]", item.name)
+        test = item.nodeid.partition("[")[0]
+        slow = item.get_closest_marker("slow") is not None
+        if not {*words}.isdisjoint(ALSO_SHOWN) or (slow and test in begun):
+            item.add_marker(pytest.mark.long)
+        elif slow:
+            begun.add(test)
+        if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)
 
 
@@ -58,11 +67,16 @@ def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("tests.builders.ENGINE", request.param)
 
 
+def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let runs draw no plots and an empty page."""
+    monkeypatch.setattr("mjsheaf.runs.publish._plot", lambda *_: None)
+    monkeypatch.setattr("mjsheaf.page.page_of", lambda *_, **__: b"")
+
+
 @pytest.fixture
 def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs draw no plots and an empty page, which take longer than a short run does."""
-    monkeypatch.setattr("mjsheaf.runs.publish._plot", lambda *_: None)
-    monkeypatch.setattr("mjsheaf.page.page_of", lambda *_, **__: b"")
+    draw_nothing(monkeypatch)
 
 
 @pytest.fixture
@@ -123,12 +137,31 @@ def checked(once: Callable[[str, Callable[[], Any]], Any]) -> Callable[[str], An
 
 
 @pytest.fixture(scope="session")
-def simulated(once: Callable[[str, Callable[[], Any]], Any]) -> Callable[..., xr.Dataset]:
+def published(once: Callable[[str, Callable[[], Any]], Any], tmp_path_factory: pytest.TempPathFactory) -> "Published":
+    """`published(name, backend)`: how `mjsheaf run NAME --expect` ended and its directory, once in a session.
+
+    The run has its whole length. Its plots and its page, which take longer than it does, are those of `without_plots`.
+    """
+    from tests.commands import answer_of
+
+    def run(name: str, backend: str) -> "tuple[Answer, Path]":
+        out = tmp_path_factory.mktemp(f"{name}-{backend}") / "out"
+        with pytest.MonkeyPatch.context() as without:
+            draw_nothing(without)
+            return answer_of("run", name, "--backend", backend, "--expect", "--no-video", "--out", out), out
+
+    return lambda name, backend: once(f"{name}-{backend}", lambda: run(name, backend))
+
+
+@pytest.fixture(scope="session")
+def simulated(once: Callable[[str, Callable[[], Any]], Any], published: "Published") -> Callable[..., xr.Dataset]:
     """`simulated(name, backend, overrides)`: what `simulate` returns for a scenario that ships, once in a session."""
     from mjsheaf import load_scenario, simulate
 
     def run(name: str, backend: str, overrides: dict[str, object] | None = None) -> xr.Dataset:
-        digest = hashlib.sha256(repr(sorted((overrides or {}).items())).encode()).hexdigest()[:12]
+        if not overrides:
+            return xr.load_dataset(published(name, backend)[1] / "result.nc", engine="h5netcdf")
+        digest = hashlib.sha256(repr(sorted(overrides.items())).encode()).hexdigest()[:12]
         data: xr.Dataset = once(f"{name}-{backend}-{digest}", lambda: simulate(load_scenario(name, overrides), backend))
         return data
 

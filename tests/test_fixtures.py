@@ -13,3 +13,4 @@ def test_a_simulation_that_was_kept_is_the_simulation(simulated: Simulated) -> N
         xr.testing.assert_identical(first, simulate(load_scenario("local_frames", overrides), backend))
         xr.testing.assert_identical(first, again)
         assert not first.identical(simulated("local_frames", backend, {"time.end": 0.3}))
+    xr.testing.assert_identical(simulated("swap", "ideal"), simulate(load_scenario("swap"), "ideal"))

@@ -65,7 +65,7 @@ def test_a_limit_below_what_q_star_takes_is_named(limits: tuple[float | None, fl
 
 @pytest.mark.parametrize("limit", [0.4, 1.0, 1.7])
 def test_one_that_is_outrun_on_a_circle_stays_within_it(limit: float) -> None:
-    """Pure pursuit of a point on a circle of radius R at speed v ends on a circle of radius R top / v, heading for it."""
+    """Pure pursuit of a point on a circle of radius R at speed v ends on a circle of radius R top / v."""
     radius, rate = 2.0, 0.8
     place = {"amplitude": [radius, radius], "rate": [rate, rate], "phase": [np.pi / 2, 0.0]}
     scenario = scenario_from_mapping(

@@ -132,7 +132,7 @@ def test_memory_does_not_grow_with_the_run(
     backend: str, piece: Callable[[int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     piece(100)
-    monkeypatch.setattr(netcdf, "usable_processors", lambda: 1)  # how many chunks are packed at once is a matter of luck
+    monkeypatch.setattr(netcdf, "usable_processors", lambda: 1)  # how many pack at once is luck
 
     def peak(end: float) -> int:
         run = scenario(end=end)
