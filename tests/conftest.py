@@ -33,7 +33,7 @@ ALSO_SHOWN = ("noisy_harbour", "paper_delay", "paper_half_lost", "swarm_radio_sh
 
 @pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as long the examples of a slow test but the first, and those of these scenarios. What is long is slow, too."""
+    """Mark examples of a slow test but the first, and those of these scenarios, as long; what is long is slow, too."""
     begun = set()
     for item in items:
         words = re.split(r"[\[\]-]", item.name)
