@@ -22,22 +22,26 @@ if TYPE_CHECKING:
     from tests.commands import Answer, Published
 
 settings.register_profile("fast", deadline=None, derandomize=True, max_examples=20)
-settings.register_profile("ci", deadline=None, derandomize=True, max_examples=60)
-settings.register_profile("all", deadline=None, derandomize=True, max_examples=100)
-settings.load_profile("fast")  # `make test-slow` uses --hypothesis-profile=ci, `make test-all` all
+settings.register_profile("all", deadline=None, derandomize=False, print_blob=True, max_examples=100)
+settings.load_profile("fast")  # `make test-all` uses --hypothesis-profile=all
 
 
 ALSO_SHOWN = ("noisy_harbour", "paper_delay", "paper_half_lost", "swarm_radio_shadow")
 """Scenarios that ship and are others over links, or large: what is tried of each one is tried of them with the long."""
 
 
+def test_of(item: pytest.Item) -> str:
+    """Name of the test that an item is an example of."""
+    return item.nodeid.partition("[")[0]
+
+
 @pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark examples of a slow test but the first, and those of these scenarios, as long; what is long is slow, too."""
-    begun = set()
+    """Mark examples of a slow test but one, and those of these scenarios, as long; what is long is slow, too."""
+    begun = {test_of(item) for item in items if not item.get_closest_marker("slow")}
     for item in items:
         words = re.split(r"[\[\]-]", item.name)
-        test = item.nodeid.partition("[")[0]
+        test = test_of(item)
         slow = item.get_closest_marker("slow") is not None
         if not {*words}.isdisjoint(ALSO_SHOWN) or (slow and test in begun):
             item.add_marker(pytest.mark.long)

@@ -14,7 +14,6 @@ import mjsheaf
 from mjsheaf import tiers
 
 COUNT = """
-import sys
 from numba.core import event
 
 compiled = []
@@ -27,9 +26,14 @@ class Listener(event.Listener):
 
 event.register("numba:compile", Listener())
 import mjsheaf
-mjsheaf.check(mjsheaf.load_scenario("midpoint"))
+from mjsheaf import tiers
+
+take = tiers.Tiered._take
+tiers.Tiered._take = lambda self, kinds, _: take(self, kinds, 0.02 * (self.compiled.py_func.__name__ == "_follow"))
+mjsheaf.check(mjsheaf.load_scenario("midpoint"), trial=False)
 print(*compiled)
 """
+"""Print the functions that a check compiles if one takes a time that no machine decides, and the others none."""
 
 
 def leaves(tree: Any) -> Iterator[Any]:

@@ -16,7 +16,7 @@ import mjsheaf
 from mjsheaf.errors import NotUniqueError, UnstableError
 from tests.builders import make_scenario
 from tests.missions import CAUSES, SPEEDS, failure_of_run, random_mission, unforeseen_error
-from tests.strategies import tried
+from tests.strategies import cases
 
 MISSIONS = 300
 MAX_CONTRADICTED = 0.05
@@ -109,7 +109,7 @@ def _stay_behind(record: dict[str, Any], run: xr.Dataset) -> bool:
 def studied() -> list[Judged]:
     """Judge missions on two processes, and print the table."""
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        judged = list(pool.map(judge, range(tried(MISSIONS, 40))))
+        judged = list(pool.map(judge, cases(MISSIONS, 40)))
     print("\n" + "\n".join(map(str, judged)))
     print(Counter(("OK" if each.ok else "NOT OK", "fails" if each.failure else "fine") for each in judged))
     return judged

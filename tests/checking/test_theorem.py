@@ -11,7 +11,7 @@ from mjsheaf.checking.finished import RunBound, bound_of_run
 from mjsheaf.control.theorem import disturbance_bound, gain_for_radius, theorem_1
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import Simulated, random_scenario
-from tests.strategies import tried
+from tests.strategies import cases
 
 CERTIFIED = 500
 WORKERS = 10  # pieces of the study, so that it spreads over processes
@@ -38,7 +38,7 @@ def certified_run(seed: int) -> RunBound:
 @pytest.mark.parametrize("piece", range(WORKERS))
 def test_the_bound_is_never_exceeded(piece: int) -> None:
     """Of 100 teams, and of 500 in `make test-all`."""
-    for seed in range(piece, tried(CERTIFIED, 100), WORKERS):
+    for seed in cases(CERTIFIED, 100)[piece::WORKERS]:
         run = certified_run(seed)
         assert run.ratio is not None
         assert not run.approximate

@@ -79,6 +79,7 @@ def test_one_that_is_outrun_on_a_circle_stays_within_it(limit: float) -> None:
         }
     )
     (demand,) = examine(scenario.system).record.margins.speed
+    assert demand.steady is not None
     assert demand.steady == pytest.approx(radius * rate, rel=1e-2)  # its target's field pulls it within the circle
     expected = demand.steady / rate * np.sqrt(max(1.0 - (limit / demand.steady) ** 2, 0.0))
     assert demand.deficit == pytest.approx(expected, rel=0.01)

@@ -28,7 +28,6 @@ LONGEST = 30.0
 
 FUZZ = settings(
     deadline=None,
-    derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture, HealthCheck.data_too_large],
 )
 
