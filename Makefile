@@ -1,5 +1,5 @@
 # Two commands: `make demo` and `make test`. Both set up .venv first; a second call is quick. `make test` runs the tests
-# that are quick, `make test-slow` the others, `make test-all` all of them.
+# that are quick, `make test-ci` one example more of each that is slow, `make test-all` all of them.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -16,7 +16,7 @@ install = { { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)
 	|| $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
 	--editable '$(1)'; } $(if $(PYTHONDONTWRITEBYTECODE),&& { $(BIN)/python -m compileall -q -j 0 $(VENV)/lib mjsheaf >/dev/null || true; })
 
-.PHONY: demo test test-slow test-all lint docs clean bundle check-bundle
+.PHONY: demo test test-ci test-all lint compiled docs clean bundle check-bundle
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
@@ -47,23 +47,29 @@ lint: $(TESTS)
 	$(BIN)/mypy
 	$(BIN)/python tools/budget.py
 
-# Two workers, one BLAS thread each: the tests are written for two cores. EXAMPLES is a profile of hypothesis:
-# `fast`, `ci` with three times as many examples, or `all`, with more again and with every random case of the long studies,
-# of which `ci` tries a share. Modules of tests are kept as pytest has rewritten them, which takes a third of collecting.
-EXAMPLES := fast
-PYTEST = PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --hypothesis-profile $(EXAMPLES)
+# Machine code of the loops that many tests run, by one process: workers that need the same wait for one another.
+compiled: $(TESTS)
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compiled
 
-test: lint
+# Two workers, one BLAS thread each: the tests are written for two cores. Modules of tests are kept as pytest has
+# rewritten them, which takes a third of collecting.
+PYTEST = PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+
+test: $(TESTS)
+	@$(MAKE) --no-print-directory -j 2 --output-sync lint compiled
 	$(PYTEST) -m "not slow"
 
-# The long ones alone: studies of hundreds of teams, fuzzing, kills, films of every scenario, the kernel for a card.
-test-slow: EXAMPLES := ci
-test-slow: lint $(CARDS)
-	$(PYTEST) -m slow
+# What continuous integration runs, after lint.
+test-ci: compiled
+	$(PYTEST) -m "not long"
 
-test-all: EXAMPLES := all
-test-all: lint $(CARDS)
-	$(PYTEST)
+# Besides the long ones, hypothesis tries five times as many examples, and the long studies every random case, from a
+# seed: SEED=7 repeats those of the run that printed 7.
+SEED ?= $(shell od -An -N2 -tu2 /dev/urandom | tr -d ' ')
+test-all: lint compiled $(CARDS)
+	$(eval SEED := $(SEED))
+	@echo "random cases: SEED=$(SEED)"
+	MJSHEAF_SEED=$(SEED) $(PYTEST) --hypothesis-profile all --hypothesis-seed $(SEED)
 
 # The compiler for cards, of which none is needed.
 $(CARDS): $(STAMP)

@@ -54,7 +54,7 @@ def test_bits_do_not_depend_on_threads_seeds_or_numpys_instructions(usual: Found
         assert found(**environment) == usual, environment
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("environment", [{"OPENBLAS_CORETYPE": "Nehalem"}, {"NUMBA_CPU_NAME": "generic"}])
 def test_another_processor_changes_no_more_than_rounding(environment: dict[str, str], usual: Found) -> None:
     other, _ = found(check="check = ''", **environment)

@@ -97,7 +97,7 @@ def test_run_leaves_nothing(kilobytes: int, tmp_path: Path) -> None:
     assert all_contents(tmp_path) == before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_plot_of_a_check_leaves_nothing(tmp_path: Path) -> None:
     assert answer_of("check", "midpoint", "--no-trial").code == 0  # compiles, which writes files too
     with files_of_at_most(10_000):
@@ -108,7 +108,7 @@ def test_plot_of_a_check_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
 def test_video_keeps_the_one_that_was_there(tmp_path: Path) -> None:
     assert answer_of("run", "midpoint", *IDEAL, *SMALL, "--video", "--out", tmp_path / "run").code == 0
@@ -119,7 +119,7 @@ def test_video_keeps_the_one_that_was_there(tmp_path: Path) -> None:
         assert all_contents(tmp_path) == before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_goes_on(tmp_path: Path) -> None:
     assert answer_of(*STUDY, tmp_path / "whole").code == 0
     for k, size in enumerate((0, 20_000, 60_000)):
@@ -131,7 +131,7 @@ def test_a_study_goes_on(tmp_path: Path) -> None:
         assert contents(out) == contents(tmp_path / "whole")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_interpreter_survives(tmp_path: Path) -> None:
     """The crash came when it ended: only a process of its own shows it."""
     command = command_line("run", "paper", "--backend", "ideal", "--no-video", "--out", "small")
@@ -163,7 +163,7 @@ def disk(tmp_path: Path) -> Iterator[SmallDisk]:
     subprocess.run(["umount", place], check=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_command_on_a_disk_that_is_really_full(disk: SmallDisk) -> None:
     out = disk.path / "out"
     small = ("midpoint", "--set", "time.end=0.2", *SMALL)
@@ -185,7 +185,7 @@ def test_every_command_on_a_disk_that_is_really_full(disk: SmallDisk) -> None:
             path.rmdir() if path.is_dir() else path.unlink()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_on_a_disk_that_is_really_full(disk: SmallDisk, tmp_path: Path) -> None:
     assert answer_of(*STUDY, tmp_path / "whole").code == 0
     for size in (12, 60, 100, 140):

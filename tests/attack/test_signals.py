@@ -183,7 +183,7 @@ class Attack:
         return leftovers(self.folder) + leftovers(self.run)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif("MJSHEAF_ATTACKS" not in os.environ, reason="no two runs of it are alike: MJSHEAF_ATTACKS=40")
 def test_random_signals_at_random_moments(tmp_path: Path) -> None:
     """Signals at random moments; failures found this way are tests above, at fixed moments."""

@@ -65,7 +65,7 @@ def test_strange_surroundings_change_no_bit(name: str, usual: bytes, tmp_path: P
     assert {p.name for p in (tmp_path / "où").iterdir()} == RUN_FILES
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("value", ["crystal_ball", "off"])
 def test_a_machine_that_cannot_draw_keeps_its_data(value: str, tmp_path: Path) -> None:
     arguments = [a for a in SHORT if a != "--no-video"]
@@ -78,7 +78,7 @@ def test_a_machine_that_cannot_draw_keeps_its_data(value: str, tmp_path: Path) -
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_names_that_are_no_text(tmp_path: Path) -> None:
     for encoding in ("utf-8:strict", "ascii:strict"):
         env = {**BARE, "PYTHONIOENCODING": encoding}
@@ -107,7 +107,7 @@ def test_closed_streams(name: str, usual: bytes, tmp_path: Path) -> None:
     assert {p.name for p in tmp_path.iterdir()} == {"out"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_readers_that_go_away(tmp_path: Path) -> None:
     """As shells expect of what SIGPIPE ends: 141, and nothing on stderr."""
     for arguments in (
@@ -153,7 +153,7 @@ LAST_WORDS = ("OpenBLAS error: Memory allocation still failed", "cannot allocate
 """Of libraries that end the process themselves, with 1 and 127."""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("megabytes", [300, 500, 700, 900, 1200])
 def test_little_memory(megabytes: int, tmp_path: Path) -> None:
     """With too little memory there is no result, and one line of error if Python still runs.
@@ -179,7 +179,7 @@ def test_little_memory(megabytes: int, tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"out"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_output_directory_that_is_removed_meanwhile(tmp_path: Path) -> None:
     parent = tmp_path / "parent"
     parent.mkdir()
@@ -202,7 +202,7 @@ def test_output_directory_that_is_removed_meanwhile(tmp_path: Path) -> None:
     assert not parent.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_commands_on_one_place(tmp_path: Path) -> None:
     """Each publishes whole; the later one stays."""
     commands = [command_line(*SHORT, "--seed", str(k), "--out", tmp_path / "out") for k in range(2)]
@@ -212,7 +212,7 @@ def test_two_commands_on_one_place(tmp_path: Path) -> None:
     assert {p.name for p in (tmp_path / "out").iterdir()} == RUN_FILES
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_asserts_are_no_checks_of_what_users_write(tmp_path: Path) -> None:
     """Under -O nothing that is refused otherwise passes."""
     bad = {
@@ -255,7 +255,7 @@ INTERPRETED = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", INTERPRETED)
 def test_every_backend_runs_uncompiled(name: str, tmp_path: Path) -> None:
     """To rounding, so that a debugger can stop in any loop."""

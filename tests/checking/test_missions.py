@@ -109,7 +109,7 @@ def _stay_behind(record: dict[str, Any], run: xr.Dataset) -> bool:
 def studied() -> list[Judged]:
     """Judge missions on two processes, and print the table."""
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        judged = list(pool.map(judge, cases(MISSIONS, 40)))
+        judged = list(pool.map(judge, cases(MISSIONS, 10)))
     print("\n" + "\n".join(map(str, judged)))
     print(Counter(("OK" if each.ok else "NOT OK", "fails" if each.failure else "fine") for each in judged))
     return judged

@@ -50,28 +50,30 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     assert made.read_text().splitlines() == [
         "web/node_modules",
         ".venv/.docs",
-        "-j 2 --output-sync docs lint check-bundle",
-        "test EXAMPLES=ci",
-        "test-slow",
+        "-j 2 --output-sync docs lint compiled check-bundle",
+        "test-ci",
     ]
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")
 @pytest.mark.parametrize(
-    ("goal", "chosen", "profile"),
-    [("test", ["-m", "not slow"], "fast"), ("test-slow", ["-m", "slow"], "ci"), ("test-all", [], "all")],
+    ("goal", "lints", "chosen"),
+    [
+        ("test", True, ["-m", "not slow"]),
+        ("test-ci", False, ["-m", "not long"]),
+        ("test-all", True, ["--hypothesis-profile", "all", "--hypothesis-seed", "7"]),
+    ],
 )
-def test_each_goal_lints_and_runs_its_tests(goal: str, chosen: list[str], profile: str, tmp_path: Path) -> None:
-    """`test` and `test-slow` together are the tests of `test-all`, which tries more random cases."""
+def test_each_goal_compiles_and_runs_its_tests(goal: str, lints: bool, chosen: list[str], tmp_path: Path) -> None:
     stamp, called = tmp_path / "installed", tmp_path / "called"
     stamp.touch()
     for name in ("ruff", "mypy", "python", "pytest"):
-        stand_in(tmp_path / "bin", name, f"printf '%s|' {name} \"$@\" >> {called}; echo >> {called}")
-    variables = [f"BIN={tmp_path / 'bin'}", *(f"{name}={stamp}" for name in ("STAMP", "TESTS", "CARDS"))]
+        stand_in(tmp_path / "bin", name, f"""printf '%s|' {name} "$@" >> {called}; echo >> {called}""")
+    variables = [f"BIN={tmp_path / 'bin'}", "SEED=7", *(f"{name}={stamp}" for name in ("STAMP", "TESTS", "CARDS"))]
     # A make around this test hands its own variables down.
-    environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MFLAGS", "EXAMPLES")}
+    environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MFLAGS", "SEED")}
     subprocess.run(["make", "-C", str(REPOSITORY), goal, *variables], env=environment, capture_output=True, check=True)
-    ruff, formatted, mypy, budget, tests = (line.split("|")[:-1] for line in called.read_text().splitlines())
-    assert (ruff[:2], formatted[:2], mypy) == (["ruff", "check"], ["ruff", "format"], ["mypy"])
-    assert budget == ["python", "tools/budget.py"]
-    assert tests == ["pytest", "-n", "2", "--dist", "worksteal", "--hypothesis-profile", profile, *chosen]
+    *before, tests = (line.split("|")[:-1] for line in called.read_text().splitlines())
+    linters = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["python", "tools/budget.py"]]
+    assert sorted(before) == sorted([["python", "-m", "tests.compiled"], *(linters if lints else [])])
+    assert tests == ["pytest", "-n", "2", "--dist", "worksteal", *chosen]

@@ -20,7 +20,7 @@ from mjsheaf.io.yaml import read_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
 from tests.strategies import tried
 
-TREES, TEXTS, RUNS = tried(460, 210), tried(160, 70), 12
+TREES, TEXTS, RUNS = tried(460, 20), tried(160, 20), 12
 """How many different mutated files, at least, are tried for each scenario that ships: as trees, as texts, run."""
 
 LONGEST = 30.0

@@ -10,6 +10,7 @@ import pytest
 
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
+from tests.strategies import tried
 
 from .mutations import RUNS, TEXTS, TREES, base, load_or_refuse, trees, try_files
 
@@ -18,7 +19,7 @@ NAMES = list(list_scenarios())
 
 def test_ten_thousand_files_are_tried() -> None:
     """Different ones, by this module and test_fuzz_text.py: each test there asserts the number of its trials."""
-    assert len(NAMES) * (TREES + TEXTS + RUNS) >= 10_000
+    assert len(NAMES) * (TREES + TEXTS + RUNS) >= tried(10_000, 1_000)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -203,7 +203,7 @@ def test_a_second_command_is_refused(study: Path, mjsheaf: Runner) -> None:
 # -- a file system that gives out ------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_full_disk_leaves_what_was_there(study: Path) -> None:
     """A limit on the size of files stands for the full disk: the table of 40 runs does not fit."""
     plan = small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
@@ -242,7 +242,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "-l", place], check=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_small_disk_fills_and_is_emptied(small_disk: Path) -> None:
     plan = small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
     with pytest.raises(PlaceError, match="No space left on device"):

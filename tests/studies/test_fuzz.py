@@ -25,7 +25,7 @@ from mjsheaf.studies.study import csv_of, make_table, page_of
 from tests.scenario.mutations import FUZZ, base, in_time, mutated_text, mutated_tree
 from tests.strategies import tried
 
-FILES = tried(400, 150)
+FILES = tried(400, 20)
 """Mutated files for each of the studies below, as trees and as texts."""
 
 STUDIES: dict[str, dict[str, Any]] = {

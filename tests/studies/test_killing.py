@@ -50,7 +50,7 @@ def workers_of(process: "subprocess.Popen[str]") -> list[psutil.Process]:
         return []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_killed_ten_times(tmp_path: Path) -> None:
     """Command or worker, by SIGKILL, while it starts, runs or writes its table."""
     expected = undisturbed(tmp_path / "undisturbed")
@@ -136,7 +136,7 @@ def run_in_threads(out: Path) -> dict[str, bytes]:
     return contents(out)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_over_links_and_events_goes_on_to_the_byte(tmp_path: Path) -> None:
     """Random numbers of links are counted by sample, in any process; events are parameters like any other."""
     ring = [{"time": 2, "lose": "A9"}, {"time": 4, "join": "A9"}]

@@ -108,7 +108,7 @@ class Greedy:
         return self._workers.run(jobs, takes_all_memory_of_the_second)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(tmp_path: Path) -> None:
     @contextmanager
     def workers() -> Iterator[Workers]:
@@ -139,7 +139,7 @@ def test_a_worker_of_another_version_ends_the_study(name: str) -> None:
         list(workers.run(jobs))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_workers_listen_to_nobody() -> None:
     plan = small_plan()
     with local_workers(1) as workers:
@@ -212,7 +212,7 @@ def test_a_scheduler_by_address(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("error")  # for incomplete objects that warn when they are collected
 def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.studies.workers._CONNECT_S", 1)
@@ -222,7 +222,7 @@ def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
         gc.collect()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scheduler_without_workers_is_waited_on(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=0) as (address, processes):
         running = start("sweep", *ASKED, "--scheduler", address, "--out", tmp_path / "out")
@@ -236,7 +236,7 @@ def test_a_scheduler_without_workers_is_waited_on(tmp_path: Path) -> None:
     assert "10 runs: 10 finished" in told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scheduler_that_dies_ends_the_command_in_order(tmp_path: Path) -> None:
     slow = ["midpoint", "--backend", "ideal", "--set", "time.end=20", "--grid", "controller.gain=1.0,3.0"]
     slow += ["--seeds", "0:30", "--out", str(tmp_path / "out")]
