@@ -154,8 +154,6 @@ class LiveRun:
         while not self._server.closed:
             self._display.show_page()
             self._act()
-            if self._server.opened:
-                self._judge()
             if self._paused or self._ended or not self._server.opened:
                 self._server.wait(0.5)
                 continue
@@ -225,20 +223,16 @@ class LiveRun:
         else:
             self.recorder.do(action)
 
-    def _judge(self) -> None:
-        """Find the stable gain of the present phase, unless nothing but the gain has changed since, and publish it."""
-        phases = self.recorder.session.engine.phases[: self.recorder.phase + 1]
-        happened = [words for phase in phases for words in phase.events if not words.startswith("gain = ")]
-        if happened != self._happened:
-            self._happened = happened
-            self._stable_gain = stable_gain(phases[-1].system.remaining, self.recorder.session.backend)
-            self._tell()
-
     def _tell(self) -> None:
         """Publish the state of the run."""
         phases = self.recorder.session.engine.phases
         self._phase = self.recorder.phase
         system = phases[self._phase].system
+        events = [words for phase in phases[: self._phase + 1] for words in phase.events]
+        happened = [words for words in events if not words.startswith("gain = ")]
+        if happened != self._happened:  # another gain changes no limit
+            self._happened = happened
+            self._stable_gain = stable_gain(system.remaining, self.recorder.session.backend)
         words = self.recorder.words
         said = [{"time": phase.time, "events": [words.get(own, own) for own in phase.events]} for phase in phases[1:]]
         self._server.tell(

@@ -134,7 +134,7 @@ export class Card {
     button.addEventListener("click", () => onFollow(this.vehicle));
     this.brief = make("span", "brief");
     this.details = make("details", "", make("summary", "", this.name, this.brief), make("div", "top", this.role, button), this.rows, this.why);
-    this.details.open = !matchMedia("(max-width: 1100px)").matches; // it covers too much of a small scene
+    this.details.open = !matchMedia("(max-width: 760px)").matches; // as in style.css
     this.home.append(this.details);
     this.said = "";
   }
