@@ -276,8 +276,8 @@ def test_no_panel_covers_a_vehicle(browser: Any, harbour: tuple[Path, Made], siz
             run.names.forEach((name, v) => {
               const [x, y] = [world.screen[2 * v], world.screen[2 * v + 1]];
               if (v < run.agents && !world.present[v]) return;
-              const inside = boxes.some((b) => b.left < left + x && left + x < b.right && b.top < top + y && top + y < b.bottom);
-              if (inside || !(x > 0 && x < width && y > 0 && y < height)) found.push([name, t]);
+              const within = (b) => b.left < left + x && left + x < b.right && b.top < top + y && top + y < b.bottom;
+              if (boxes.some(within) || !(x > 0 && x < width && y > 0 && y < height)) found.push([name, t]);
             });
           }
           return found; }"""

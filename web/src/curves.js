@@ -216,7 +216,7 @@ function panelsOf(run) {
     { title: "Formation error", unit: "RMS over a group's links, m", team: "formation_error", groups: "group_formation_error", log: true },
     { title: "Centering error", unit: "centre off its target, m", team: "centering_error", groups: "group_centering_error", log: true },
     { title: "Speed asked for", unit: "m/s", agents: "speed", how: "mean", limits, log: isSpread(run) },
-    series.saturation && { title: "Thrusters at a limit", unit: "share", agents: "saturation", how: "mean", most: 1 },
+    series.saturation && { title: "Thrusters at a limit", unit: "fraction of them", agents: "saturation", how: "mean", most: 1 },
   ].filter((panel) => panel && (panel.agents || run.column(panel.team, 0).some((x) => x !== null)));
 }
 

@@ -19,7 +19,7 @@ const SLOWEST_ARROW = 0.03; // fraction of a scale of speeds
 const TRAIL_PIECES = 9000; // in all
 const MOST_BALLS = 200; // agents; of more the dotted line to its place is drawn without the ball at its end
 const GHOST_PIXELS = 6; // radius of the ball where an agent should be
-const FILL = 0.9; // share of the uncovered part of the picture that a view fills
+const FILL = 0.95; // share of the uncovered part of the picture that a view fills
 const HEAD = [14, 11]; // length and width of the arrowhead of a link, pixels
 const HEAD_AT = 0.65; // where its tip is on the link: vehicles may cover the end
 const NEAR = 30; // pixels: what is pointed at
@@ -224,7 +224,8 @@ export class World extends EventTarget {
       const [across, up] = [0, 4].map((at) => new THREE.Vector3(elements[at], elements[at + 1], elements[at + 2]));
       target.addScaledVector(across, ((low.x + high.x) / 2 - middle.x) * distance * tan * camera.aspect);
       target.addScaledVector(up, ((low.y + high.y) / 2 - middle.y) * distance * tan);
-      const filled = Math.max(((high.x - low.x) * this.width) / (right - left), ((high.y - low.y) * this.height) / (bottom - top));
+      const own = (2 * this.largest) / (distance * tan); // what the vehicles at the ends take themselves
+      const filled = Math.max(((high.x - low.x + own / camera.aspect) * this.width) / (right - left), ((high.y - low.y + own) * this.height) / (bottom - top));
       distance *= Math.min(Math.max(filled, 1e-3) / 2 / FILL, 3);
       distance = Math.max(distance, 4 * this.largest);
     }
