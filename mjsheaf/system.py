@@ -240,8 +240,13 @@ class System:
         """Directions in which q* of the present agents is free, in words; of a team without targets none."""
         from mjsheaf.team.null_modes import describe_null_modes
 
+        return [] if self.team.remaining.free else describe_null_modes(self.determined)
+
+    @property
+    def determined(self) -> Team:
+        """The present agents' team, linearised near q* unless it is linear: its null modes are what q* leaves free."""
         team = self.team.remaining
-        return [] if team.free else describe_null_modes(team if team.plain else self.local.team)
+        return team if team.plain else self.local.team
 
     @cached_property
     def control(self) -> ControlArrays:

@@ -553,7 +553,7 @@ def _examine_one(
         proposals=propose(system, certificate, radius),
         targets=targets,
         margins=practice,
-        disturbance=predict_rms(system, search.spectrum, medium_on_path(system, certificate)),
+        disturbance=predict_rms(system, search.spectrum, medium_on_path(system, certificate.constants.path)),
         fragility=fragility(system.team),
     )
     problems = problems_of(record, stable=_is_stable(system, law))

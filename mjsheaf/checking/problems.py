@@ -143,7 +143,7 @@ def _of_assumptions(part: "PartRecord") -> Iterator[Problem]:
             yield Problem(
                 kind=f"assumption_{a.number}",
                 what=f"assumption {a.number} {word}",
-                why=f"{a.name}: {a.witness}",
+                why=f"{a.witness} (assumed: {a.name})",
                 fix=fix,
                 additions=additions,
             )

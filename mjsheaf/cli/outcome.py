@@ -167,12 +167,16 @@ def _safety(safety: dict[str, Any] | None) -> list[str]:
         if closest
         else f"TOO CLOSE: a distance is {0.0 if left is None else -left:.3g} m below the required one"
     ]
-    if safety["deadlocked"]:
-        names = shortened(", ".join(safety["deadlocked"]))
-        lines.append(
-            f"DEADLOCKED: the filter keeps {names} from their places, stopped or circling; safety.tie_break: "
-            "right_hand makes those that stop turn right, a larger safety.rate lets those that circle pass"
-        )
+    circling = safety["circling"]
+    stopped = [name for name in safety["deadlocked"] if name not in circling]
+    if stopped:
+        names = shortened(", ".join(stopped))
+        advice = "safety.tie_break: right_hand makes agents that stop turn right"
+        lines.append(f"DEADLOCKED: the filter has stopped {names} short of their places; {advice}")
+    if circling:
+        names = shortened(", ".join(circling))
+        advice = "a larger safety.rate lets such agents pass"
+        lines.append(f"DEADLOCKED: the filter keeps {names} circling without arriving; {advice}")
     if safety["infeasible"]:
         names = shortened(", ".join(safety["infeasible"]))
         lines.append(f"INFEASIBLE: at some time no command kept all distances of {names}; no guarantee from then on")

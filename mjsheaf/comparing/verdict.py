@@ -5,7 +5,7 @@ from a run that blew up. Each part is defined by the module that computes it.
 """
 
 from itertools import chain, product
-from math import inf
+from math import floor, inf, log10
 from typing import NamedTuple
 
 from pydantic import Field
@@ -37,6 +37,7 @@ _UNSETTLED = {
 }
 _LEAST_BODY_SHARE = 0.05  # fraction of the error; bodies that add less are not reported as its cause
 _LEAST_CAUSE_SHARE = 0.25  # fraction of the error that bodies add; a single effect below it is not a cause
+_LEAST_NAMED_SHARE = 0.01  # fraction of the error; smaller parts are named together
 _LEAST_Q_STAR_SHARE = 0.5  # fraction of the error; if q* itself has more, the sheaf is the cause
 _LEAST_SATURATION = 0.01  # fraction of the time at a limit of velocity or thrust; less is not reported
 _LARGEST_PERCENTAGE = 10.0  # ratio to the ideal error; larger ones are given as a multiple, not a percentage
@@ -218,11 +219,35 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
         ideal = f"{budget.ideal_m:.3g} m" if budget.ideal_m > ROUNDING else "zero to rounding"
         return [f"{error}: ideal {ideal}, as given zero to rounding: nothing to gain"]
     cost = budget.all_m - budget.ideal_m
+    tracking = record.budget(TEAM, TRACKING, "late")
+    headline = [] if record.measure == TRACKING else [f"parts of the tracking error: {_sum_of_parts(tracking)}"]
     return [
+        *headline,
         f"dominant cause of the {display_name(record.measure)}: {_lever(record, TEAM)}",
-        f"{error}: ideal {budget.ideal_m:.3g} m, as given {budget.all_m:.3g} m; "
+        f"{error}: {_sum_of_parts(budget)}; "
         f"bodies {'add' if cost >= 0 else 'remove'} {abs(cost):.2g} m ({_relative(budget.ideal_m, budget.all_m)})",
     ]
+
+
+def _sum_of_parts(budget: BudgetRecord) -> str:
+    """Write an error as the sum of its parts: what each effect adds alone, and what they add in combination."""
+    if budget.ideal_m is None or budget.all_m is None:
+        return "unknown"
+    if budget.all_m <= ROUNDING:
+        return "zero to rounding"
+    decimals = 2 - floor(log10(budget.all_m))
+    whole = round(budget.all_m, decimals)
+    parts = {"targets as bodies": budget.targets_m, "agents as bodies": budget.agents_m}
+    parts |= {display_name(item.effect): item.alone_m for item in budget.effects}
+    named = {"on ideal kinematics": round(budget.ideal_m, decimals)}
+    for name, added in parts.items():
+        if added is not None and abs(added) >= _LEAST_NAMED_SHARE * whole:
+            named[name] = round(added, decimals)
+    rest = round(whole - sum(named.values()), decimals)
+    if rest:
+        named["in combination"] = rest
+    terms = [f"{'-' if x < 0.0 else '+'} {abs(x):.{max(decimals, 0)}f} m {name}" for name, x in named.items()]
+    return f"{' '.join(terms).removeprefix('+ ')} = {whole:.{max(decimals, 0)}f} m on bodies"
 
 
 def _blown_up(record: CompareRecord) -> list[str]:

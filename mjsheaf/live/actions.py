@@ -5,12 +5,13 @@ from typing import Any
 
 import xarray as xr
 
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.media.flow import FlowField
 from mjsheaf.results.dataset import make_datasets
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
 from mjsheaf.simulation.session import Session
+from mjsheaf.team.null_modes import free_axes
 from mjsheaf.team.shapes import Path
 
 MAX_FACTOR = 10.0
@@ -156,7 +157,10 @@ class Recorder:
         changed = self.origin.model_copy(update={"events": [*self.origin.events, *events]})
         # No event of a user changes them.
         changed.__dict__ |= {"team": self.origin.team, "whole": self.origin.whole}
-        self.session.change_events(changed)
+        try:
+            self.session.change_events(changed)
+        except NotUniqueError as error:
+            raise NotUniqueError(_why_free(event, changed) or str(error)) from error
         self.events = events
         self.words[event.words] = event.words
         if "flow" in action:
@@ -174,6 +178,23 @@ class Recorder:
         for id in before ^ find_waiting(sorted(events, key=lambda event: event.time), team):
             state = "has not joined yet" if id in before else "is present already"
             raise InputError(f"{new.words}: {id} {state}")
+
+
+def _why_free(event: Event, scenario: Scenario) -> str:
+    """Say what nothing determines after an event, and who needs an edge; empty if no agent is free along an axis."""
+    free = next((phase.system for phase in scenario.phases if phase.system.free_directions), None)
+    if free is None:
+        return ""
+    axes = free_axes(free.determined)
+    names = {agent for names in axes for agent in names}
+    parts = [
+        f"{who[0]}'s {' and '.join(own)}" if len(who) == 1 else f"the {' and '.join(own)} of {', '.join(who)} together"
+        for who, own in axes.items()
+    ]
+    kind, _, whom = event.words.partition(" ")
+    after = {"lose": f"without {whom}", "cut": f"without the link {whom}"}.get(kind, f"after {event.words}")
+    give = names.pop() if len(names) == 1 else "one of them"
+    return f"{after}, nothing determines {'; '.join(parts)}. Give {give} an edge first."
 
 
 def _replaces(new: Event, old: Event) -> bool:

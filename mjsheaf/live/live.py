@@ -3,19 +3,25 @@
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from typing import Any
 
 import xarray as xr
 
-from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.checking.loop.body_loop import body_loop, medium_on_path
+from mjsheaf.checking.loop.directed import directed_loop
+from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.checking.theorem.targets import follow_targets
+from mjsheaf.checking.topology.cohomology import spectrum_of
+from mjsheaf.errors import InputError, MjsheafError, UndecidedError
 from mjsheaf.live.actions import MAX_FACTOR, Recorder, flow_values
 from mjsheaf.live.frames import Frames, outlook
 from mjsheaf.live.server import Server
-from mjsheaf.page.page import Live, page_of
+from mjsheaf.page.page import Live, law_in_words, page_of
 from mjsheaf.results.sinks import Memory, Sink
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.session import Session
+from mjsheaf.system import System
 
 FRAME = 0.05
 """Least time between frames, s."""
@@ -98,6 +104,19 @@ def links_of(scenario: Scenario) -> list[list[str]]:
     return list(pairs.values())
 
 
+def stable_gain(system: System, backend: str) -> float | None:
+    """Return the gain from which on the law is unstable, 1/s, as `mjsheaf check` has it; None if it is not known."""
+    with suppress(UndecidedError):
+        if len(system.law.links.table):
+            return None  # delayed or lost measurements lower it
+        if backend == "physics":
+            medium = medium_on_path(system, follow_targets(system))
+            return body_loop(system, spectrum_of(system.team), medium).largest_gain
+        loop = loop_of(system) if system.team.symmetric else directed_loop(system)
+        return loop.stable_gains[1] if loop.stable_gains else None
+    return None
+
+
 class LiveRun:
     """A run in progress.
 
@@ -124,6 +143,9 @@ class LiveRun:
         self._paused = False
         self._unstable = False
         self._samples = 1
+        self._phase = 0
+        self._happened: list[str] | None = None
+        self._stable_gain: float | None = None
         self._advance(2)
         self._tell()
 
@@ -138,7 +160,7 @@ class LiveRun:
             began = time.perf_counter()
             self._advance(self._samples)
             self._pace(time.perf_counter() - began)
-            if self._ended:
+            if self._ended or self.recorder.phase != self._phase:
                 self._tell()
 
     @property
@@ -182,7 +204,7 @@ class LiveRun:
             try:
                 self._do(action)
             except MjsheafError as error:
-                self.message = " ".join(map(str, error.args))
+                self.message = f"Refused: {' '.join(map(str, error.args))}"
             self._tell()
 
     def _do(self, action: dict[str, Any]) -> None:
@@ -204,6 +226,13 @@ class LiveRun:
     def _tell(self) -> None:
         """Publish the state of the run."""
         phases = self.recorder.session.engine.phases
+        self._phase = self.recorder.phase
+        system = phases[self._phase].system
+        events = [words for phase in phases[: self._phase + 1] for words in phase.events]
+        happened = [words for words in events if not words.startswith("gain = ")]
+        if happened != self._happened:  # another gain changes no limit
+            self._happened = happened
+            self._stable_gain = stable_gain(system.remaining, self.recorder.session.backend)
         words = self.recorder.words
         said = [{"time": phase.time, "events": [words.get(own, own) for own in phase.events]} for phase in phases[1:]]
         self._server.tell(
@@ -213,8 +242,10 @@ class LiveRun:
                 "speed": None if math.isinf(self._speed) else self._speed,
                 "message": self.message,
                 "phases": said,
-                "absent": sorted(phases[self.recorder.phase].system.team.absent),
-                "gain": phases[self.recorder.phase].system.gain,
+                "absent": sorted(system.team.absent),
+                "gain": system.gain,
+                "stable_gain": self._stable_gain,
+                "law": law_in_words(system),
                 "flow": [{"time": time, "factor": factor} for time, factor in self.recorder.flow_factors],
                 "done": [f"{event.time:g} s: {words[event.words]}" for event in self.recorder.events],
             }

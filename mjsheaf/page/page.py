@@ -28,11 +28,11 @@ from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.video.film import Medium
 from mjsheaf.video.flow import velocities
 from mjsheaf.video.from_run import RecordedRun, media_of, places_of, seas_of
-from mjsheaf.video.sizes import automatic_scales
+from mjsheaf.video.sizes import automatic_scales, list_scales
 
 if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
-    from mjsheaf.system import Phase
+    from mjsheaf.system import Phase, System
 
 Bounds = Sequence[tuple["RunBound", "HeldBound"]]
 
@@ -159,6 +159,7 @@ def _scene(
     places = places_of(RecordedRun(dataset, scenario.scene.height), phases)
     radii = np.array([kinds[k]["radius"] for k in kind])
     automatic, given = automatic_scales(system.bodies.vehicle, radii, places), scenario.drawn_scales
+    scales = np.where(np.isnan(given), automatic, given)
     agents = system.vehicles[:N] if bodies else []
     able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
     limits = [np.where(phase.system.team.present, phase.system.law.limit[:N], np.nan).tolist() for phase in phases]
@@ -173,8 +174,8 @@ def _scene(
         "formations": [f.name for f in team.formations],
         "kinds": kinds,
         "kind": kind,
-        "scales": np.where(np.isnan(given), automatic, given).tolist(),
-        "automatic": np.isnan(given).tolist(),
+        "scales": scales.tolist(),
+        "larger": list_scales(system.bodies.vehicle, [*team.agent_ids, *team.target_ids], scales),
         "view": scenario.video.eye,
         "bodies": bodies,
         "fastest": able.tolist() if bodies else [None] * N,
@@ -255,12 +256,11 @@ def _facts(
     engine = f" --engine {attrs['engine']}" if "engine" in attrs else ""
     command = f"mjsheaf run scenario.yaml --backend {backend}{engine}{controller}"
     command, where = again or (command, " in this directory")
-    laws = [f"gain {scenario.controller.gain:g} 1/s", *scenario.system.law.term_names]
     return {
         "scenario": scenario.name,
         "summary": scenario.summary,
         "backend": _BODIES[engine_of(dataset)],
-        "law": f"a law in Python, {attrs['controller']}" if controller else "sheaf law, " + ", ".join(laws),
+        "law": f"a law in Python, {attrs['controller']}" if controller else law_in_words(scenario.system),
         "status": attrs["status"],
         "message": attrs.get("message", ""),
         "ending": summary.get("ending"),
@@ -277,6 +277,11 @@ def _facts(
         "command": command,
         "where": where,
     }
+
+
+def law_in_words(system: "System") -> str:
+    """Return the law of a system with its gain and its terms."""
+    return ", ".join(["sheaf law", f"gain {system.gain:g} 1/s", *system.law.term_names])
 
 
 def _theory(phases: "Sequence[Phase]", bounds: Bounds) -> list[dict[str, Any]]:

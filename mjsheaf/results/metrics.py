@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _CLOSE = 6  # neighbours among which the nearest one is looked for
 _FEW = 100  # maximum number of vehicles for which all pairs are compared
 _HELD_BACK = 0.5  # fraction of an agent's speed; where the filter changes more, it keeps the agent from its place
+_CIRCLING = 0.1  # fraction of an agent's error by which it moves about among the others, where it circles
 _ARRIVING = 0.1  # factor by which the error of an agent that arrives falls over the last tenth of a run, at least
 ROUNDING_ERROR = 1e-9
 """Errors below this are rounding, which differs between machines, m."""
@@ -203,7 +204,8 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
 
     An agent is deadlocked if the filter still keeps it from its place: over the last tenth of the run, the filter acts
     at most samples, its mean correction exceeds half of the mean speed that remains, and the tracking error does not
-    fall to a tenth. So agents that stop are deadlocked, and agents that circle without arriving.
+    fall to a tenth. So agents that stop are deadlocked, and agents that circle without arriving, which `circling`
+    names: they still move relative to the middle of the team.
     """
     if "separation" not in dataset:
         return None
@@ -215,11 +217,16 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     stuck &= correction[end].mean(axis=0) > _HELD_BACK * speed.mean(axis=0)
     error = dataset["tracking_error"].values[end]
     stuck &= ~(error[-1] < _ARRIVING * error[0])
+    places = np.nan_to_num(dataset["agent_position"].values[end])
+    places -= places.mean(axis=1, keepdims=True)
+    moved = np.linalg.norm(places - places.mean(axis=0), axis=2).max(axis=0)
+    circling = stuck & (moved > _CIRCLING * error.mean(axis=0))
     infeasible = (dataset["safety_violation"].values > 0.0).mean(axis=0)
     return {
         "smallest_separation": finite(dataset["separation"].values.min()),
         "filtered": dict(zip(agents, (correction > 0.0).mean(axis=0).tolist(), strict=True)),
         "deadlocked": [name for name, one in zip(agents, stuck, strict=True) if one],
+        "circling": [name for name, one in zip(agents, circling, strict=True) if one],
         "infeasible": {name: share for name, share in zip(agents, infeasible.tolist(), strict=True) if share},
     }
 

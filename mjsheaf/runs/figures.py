@@ -121,7 +121,8 @@ class _Panel:
         log_axis(axis, "y", np.concatenate(drawn))
         label_axes(axis, self.title, y=self.label)
         axis.set_xlim(*_span(time))
-        self._enlarge_beginning(axis, time, np.nanmax([values[_last_half(time)] for values in drawn], initial=0.0))
+        late = np.concatenate([values[_last_half(time)] for values in drawn])
+        self._enlarge_beginning(axis, time, late[~np.isnan(late)].max(initial=0.0))
 
     def _enlarge_beginning(self, axis: Any, time: Array, late: float) -> None:
         """Draw the first moments again in the empty corner where the error falls so fast that its curve is vertical.

@@ -1,7 +1,7 @@
 """Scales at which each kind of vehicle is drawn unless the viewer says otherwise. Video and page share them.
 
 A drone of half a metre is a speck next to a boat of six. Each kind is enlarged until it fills a stated fraction of the
-team's size. It stays smaller than the usual gap between neighbours, so that vehicles do not cover each other.
+size of the run. It stays smaller than the usual gap between neighbours, so that vehicles do not cover each other.
 """
 
 from collections import defaultdict
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from mjsheaf.engine import mujoco
 
 MIN_FRACTION = 1 / 18
-"""Smallest size of a vehicle as it is drawn, as a fraction of the team's size."""
+"""Smallest size of a vehicle as it is drawn, as a fraction of the size of the run."""
 MAX_GAP_FRACTION = 0.8
 """Largest size of an enlarged vehicle as it is drawn, as a fraction of the gap between neighbours."""
 MOMENTS = 9
-"""Number of samples of a run from which the team's size is found."""
+"""Number of samples of a run from which its size is found."""
 SEEN_GROUPS = 3
 """MuJoCo shows geoms of the first three groups; collision shapes are in later ones."""
 
@@ -39,7 +39,7 @@ def automatic_scales(kinds: Sequence[str], radii: Array, positions: Array) -> Ar
     Returns:
         Scale of each vehicle, at least 1, shape (V,).
     """
-    size, gap = team_size(positions), _typical_gap(positions)
+    size, gap = run_size(positions), _typical_gap(positions)
     room = MAX_GAP_FRACTION * gap
     wanted = MIN_FRACTION * size
     found = np.ones(len(kinds))
@@ -51,19 +51,17 @@ def automatic_scales(kinds: Sequence[str], radii: Array, positions: Array) -> Ar
     return found
 
 
-def team_size(positions: Array) -> float:
-    """Compute the usual diameter of a team in m: the median over K times of what holds nine tenths of its vehicles.
+def run_size(positions: Array) -> float:
+    """Compute the diameter in m of what holds nine tenths of all positions of a run.
 
     Args:
         positions: Shape (K, V, 3), m; vehicles without a finite position do not count.
     """
-    sizes = []
-    for places in positions:
-        known = places[np.isfinite(places).all(axis=1)]
-        if len(known) > 1:
-            away = np.linalg.norm(known - np.median(known, axis=0), axis=1)
-            sizes.append(2.0 * float(np.quantile(away, 0.9)))
-    return float(np.median(sizes)) if sizes else 0.0
+    known = positions[np.isfinite(positions).all(axis=2)]
+    if not len(known):
+        return 0.0
+    away = np.linalg.norm(known - np.median(known, axis=0), axis=1)
+    return 2.0 * float(np.quantile(away, 0.9))
 
 
 def _typical_gap(positions: Array) -> float:

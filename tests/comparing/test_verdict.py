@@ -3,7 +3,9 @@
 Oracles: teams whose harmonic extension is in formation or not by their edges; closed forms.
 """
 
+import re
 from dataclasses import replace
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -119,10 +121,11 @@ def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
 
 def test_a_link_without_offset_is_the_sheafs_fault_and_spares_who_has_none(torn: CompareRecord) -> None:
     told = torn.verdict
-    assert told[0].startswith(
+    assert told[0].startswith("parts of the tracking error: ")  # the error of the headline comes first
+    assert told[1].startswith(
         "dominant cause of the formation error: the sheaf, not the law or the vehicles: q* itself is"
     )
-    assert "`offset`" in told[0]
+    assert "`offset`" in told[1]
     for scope in ("line_T1", "line_T2"):
         assert any(s.startswith(f"{scope}: the sheaf") for s in told)
     assert not any(s.startswith("line_T3: the sheaf") for s in told)
@@ -212,6 +215,26 @@ def test_what_bodies_add_reads_well_beside_any_ideal_error(
     (cost,) = [sentence for sentence in told if sentence.startswith("formation error, RMS")]
     assert cost.endswith(words)
     assert any("dominant cause" in sentence for sentence in told) != ("nothing to gain" in words)
+
+
+@given(
+    ideal=st.floats(0.0, 50.0), whole=st.floats(1e-6, 50.0),
+    added=st.tuples(*[st.floats(-5.0, 5.0) | st.none()] * 3),
+)  # fmt: skip
+def test_parts_of_an_error_add_up_as_they_are_printed(
+    ideal: float, whole: float, added: tuple[float | None, ...], torn: CompareRecord
+) -> None:
+    """Oracle: the numbers of the sentence, whatever the effects add alone."""
+    items = [ItemRecord(effect="lag", alone_m=added[2], give_back_m=None)]
+    own = {"ideal_m": ideal, "all_m": whole, "targets_m": added[0], "agents_m": added[1], "effects": items}
+    changed = [b.model_copy(update=own) for b in torn.budgets]
+    told = verdict_of(torn.model_copy(update={"budgets": changed}))
+    for start in ("parts of the tracking error: ", "formation error, RMS over edges and the second half: "):
+        (sentence,) = [words for words in told if words.startswith(start)]
+        left, right = sentence.removeprefix(start).split(" = ")
+        numbers = [Decimal(sign.strip() + x) for sign, x in re.findall(r"(^|- |\+ )([\d.]+) m", left)]
+        assert sum(numbers) == Decimal(right.split(" m")[0])
+        assert float(right.split(" m")[0]) == pytest.approx(whole, rel=6e-3)
 
 
 @pytest.mark.parametrize(("share", "named"), [(1e-16, False), (0.01, False), (0.1, True)])

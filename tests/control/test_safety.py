@@ -497,6 +497,7 @@ def test_results_say_what_the_filter_did() -> None:
     told = safety_of(run)
     assert told is not None
     assert told["deadlocked"] == [f"A{k}" for k in range(8)]
+    assert told["circling"] == []
     assert told["smallest_separation"] == pytest.approx((nearest - 2.0).min())
     shares = (run["safety_correction"].values > 0.0).mean(axis=0)
     assert list(told["filtered"].values()) == shares.tolist()
@@ -507,6 +508,7 @@ def test_results_say_what_the_filter_did() -> None:
     away = circling["agent"].values[circling["tracking_error"].values[-1] > 1.0]
     assert 0 < len(away) < len(raw["agents"])
     assert safety_of(circling)["deadlocked"] == list(away)  # type: ignore[index]
+    assert safety_of(circling)["circling"] == list(away)  # type: ignore[index]
     free = simulate(load_scenario(swap(tie_break="right_hand")), backend="ideal")
     assert safety_of(free)["deadlocked"] == []  # type: ignore[index]
     assert safety_of(simulate(load_scenario("midpoint", {"time.end": 1}), backend="ideal")) is None

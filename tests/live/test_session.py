@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mjsheaf import load_scenario, simulate
-from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf import check, load_scenario, simulate
+from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
 from mjsheaf.live.actions import Recorder
+from mjsheaf.live.live import stable_gain
 from mjsheaf.runs.publish import write_scenario
+from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.session import Session
 
 ACTIONS: dict[int, list[dict[str, Any]]] = {
@@ -100,9 +102,45 @@ def test_agents_that_would_be_free_to_drift_cannot_be_made_so() -> None:
                 recorder.do({"lose": agent})
             except MjsheafError as error:
                 refused = str(error)
-        assert "not unique" in refused or "no agent is left" in refused
+        assert "nothing determines" in refused or "no agent is left" in refused
         assert 0 <= len(recorder.events) < len(agents)
         session.step()
+
+
+def test_a_refusal_says_what_nothing_determines_and_who_needs_an_edge() -> None:
+    """Three boats in a chain of which the first senses the target."""
+    raw = {
+        "name": "chain",
+        "time": {"end": 1.0},
+        "agents": [{"id": f"B{k}", "position": [5.0 * k, 0.0]} for k in (1, 2, 3)],
+        "targets": [{"id": "T", "position": [0.0, 0.0]}],
+        "communication": [["B1", "B2"], ["B2", "B3"]],
+        "sensing": [["B1", "T"]],
+    }
+    with Session(scenario_from_mapping(raw), "ideal") as session:
+        recorder = Recorder(session)
+        for action, words in (
+            ({"lose": "B2"}, "without B2, nothing determines B3's x and y. Give B3 an edge first."),
+            (
+                {"cut": ["B1", "B2"]},
+                "without the link B1 - B2, nothing determines the x and y of B2, B3 together. Give one of them an edge "
+                "first.",
+            ),
+        ):
+            with pytest.raises(NotUniqueError) as caught:
+                recorder.do(action)
+            assert str(caught.value) == words
+        assert recorder.events == []
+
+
+@pytest.mark.parametrize(("name", "backend"), [("midpoint", "ideal"), ("midpoint", "physics"), ("paper", "ideal")])
+def test_the_stable_gain_of_the_live_page_is_that_of_check(name: str, backend: str) -> None:
+    scenario = load_scenario(name)
+    record = check(scenario, trial=False)
+    wanted = record["margins"]["bodies"]["largest_gain"] if backend == "physics" else record["law"]["largest_gain"]
+    assert stable_gain(scenario.phases[0].system.remaining, backend) == pytest.approx(wanted, rel=1e-9)
+    late = load_scenario("paper_delay")
+    assert stable_gain(late.phases[0].system.remaining, backend) is None
 
 
 def test_an_agent_that_joins_later_cannot_be_lost_before() -> None:

@@ -151,7 +151,7 @@ def test_a_page_has_the_scales_and_the_view_of_the_video() -> None:
     options = video_options(made.scenario)
     np.testing.assert_allclose(said["scales"], film.scales(options))
     assert said["scales"][4] == 2.5
-    assert [not each for each in said["automatic"]] == [name == "W1" for name in said["agents"] + said["targets"]]
+    assert [[scale, *names] for scale, names in said["larger"] if "W1" in names] == [[2.5, "W1"]]
     assert said["view"] == [-150.0, 50.0]
     assert [(flow["name"], flow["top"]) for flow in said["flow"]] == [(m.name, m.top) for m in film.media]
 

@@ -18,7 +18,7 @@ from mjsheaf.video.sizes import (
     list_scales,
     round_down,
     round_up,
-    team_size,
+    run_size,
     vehicle_radii,
 )
 from tests.strategies import examples
@@ -42,7 +42,7 @@ def test_each_kind_fills_a_stated_fraction_and_is_never_shrunk(length: float) ->
     scales = automatic_scales(kinds, radii, WIDE)
     assert (scales >= 1.0).all()
     drawn = 2 * radii * scales
-    size = team_size(WIDE)
+    size = run_size(WIDE)
     assert drawn.min() >= MIN_FRACTION * size
     assert drawn[0] <= max(1.6 * MIN_FRACTION * size, length)
     assert len(set(scales[::2].tolist())) == 1
@@ -64,7 +64,7 @@ def test_odd_runs_are_drawn_in_true_size(places: np.ndarray) -> None:
 def test_a_vehicle_that_is_lost_far_away_does_not_count() -> None:
     far = WIDE.copy()
     far[4:, 0] = [0.0, 0.0, -1e6]
-    assert team_size(far) < 2.0 * team_size(WIDE)
+    assert run_size(far) < 2.0 * run_size(WIDE)
 
 
 def test_scales_are_said_by_kind_or_by_id() -> None:
@@ -90,7 +90,7 @@ def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
         pixel = painter.camera.view(0).metres_per_pixel(360)
     np.testing.assert_allclose(drawn, scales * own, rtol=1e-9)
     assert 2 * own.min() < 1.0
-    assert (2 * drawn >= MIN_FRACTION * team_size(film.run.at(film.run.time[:1]).positions) * (1 - 1e-9)).all()
+    assert (2 * drawn >= MIN_FRACTION * run_size(film.run.at(film.run.time[:1]).positions) * (1 - 1e-9)).all()
     assert 2 * drawn.min() / pixel > 12  # of 360
 
 

@@ -80,13 +80,13 @@ export class Curves extends EventTarget {
     return {
       width: Math.max(this.home.clientWidth - 24, 200),
       height: HEIGHT,
-      padding: [4, 8, 0, 0],
+      padding: [4, 18, 0, 0],
       legend: { show: false },
       cursor: { y: false, drag: { x: false, y: false, setScale: false }, points: { show: false }, focus: { prox: 14 } },
       focus: { alpha: 0.25 },
       scales: { x: { time: false, range: () => [this.run.start, Math.max(this.run.end, this.run.start + 1e-9)] }, y: panel.log ? { distr: 3, range: (_, low, high) => logRange(panel, low, high) } : { range: (_, low, high) => [0, linearTop(panel, high)] } },
       axes: [
-        { ...axis, size: 18, gap: 2, values: (_, ticks) => ticks.map((t) => `${+t.toFixed(6)}`) },
+        { ...axis, size: 18, gap: 2, values: (_, ticks) => ticks.map((t, k) => `${+t.toFixed(6)}${k === ticks.length - 1 ? " s" : ""}`) },
         { ...axis, size: 42, gap: 4, filter: (_, ticks) => ticks, splits: panel.log ? (_, __, low, high) => decades(low, high) : undefined, values: (_, ticks) => ticks.map((x) => (x === null ? "" : plain(x))) },
       ],
       series: [{}, ...panel.lines.map((line) => ({
@@ -216,7 +216,7 @@ function panelsOf(run) {
     { title: "Formation error", unit: "RMS over a group's links, m", team: "formation_error", groups: "group_formation_error", log: true },
     { title: "Centering error", unit: "centre off its target, m", team: "centering_error", groups: "group_centering_error", log: true },
     { title: "Speed asked for", unit: "m/s", agents: "speed", how: "mean", limits, log: isSpread(run) },
-    series.saturation && { title: "Thrusters at a limit", unit: "share", agents: "saturation", how: "mean", most: 1 },
+    series.saturation && { title: "Thrusters at a limit", unit: "fraction of them", agents: "saturation", how: "mean", most: 1 },
   ].filter((panel) => panel && (panel.agents || run.column(panel.team, 0).some((x) => x !== null)));
 }
 

@@ -85,13 +85,13 @@ function jumpsOf(run, k, agent, far) {
   return found;
 }
 
-/** Title, and what it is. */
-export function nameRun(run) {
+/** Title, and what it is, with the law as it is now. */
+export function nameRun(run, law = run.said.facts.law) {
   const { facts } = run.said;
   document.title = `${facts.scenario}: mjsheaf run`;
   byId("title").textContent = facts.scenario;
   byId("subtitle").title = facts.summary || "";
-  byId("subtitle").append(own(facts.summary || ""), facts.summary ? " · " : "", `${facts.backend}, ${facts.law}`);
+  byId("subtitle").replaceChildren(own(facts.summary || ""), facts.summary ? " · " : "", `${facts.backend}, ${law}`);
 }
 
 /** Title, what it is, and who is worst. */
@@ -203,8 +203,8 @@ export function writeLegend(run, world) {
   }
   world.larger = make("span", "");
   rows.push(row(make("i", "larger", "↗"), world.larger));
-  const details = make("details", "", make("summary", "", "Legend"), ...rows);
-  details.open = !matchMedia("(max-width: 760px)").matches && !run.said.live;  // as in style.css
+  const details = make("details", "", make("summary", "", "Legend"), make("div", "", ...rows));
+  details.open = !matchMedia("(max-width: 760px)").matches; // as in style.css
   home.append(details);
 }
 

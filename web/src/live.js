@@ -3,7 +3,7 @@
 
 import { Clock } from "./clock.js";
 import { digits } from "./data.js";
-import { make, rangeInWords } from "./facts.js";
+import { make, nameRun, rangeInWords } from "./facts.js";
 
 const MOST_VALUES = 600_000; // of the widest array that is kept; of more every second sample is dropped
 const CURVES = 300; // ms between two drawings of the curves
@@ -170,14 +170,15 @@ class Panel {
     });
     const flow = new Slider("Flow", MOST_FLOW * FLOWS, { valueOf: (k) => k / FLOWS, placeOf: (x) => x * FLOWS, words: (x) => `${digits(x)} ×`, changed: (x) => send({ flow: x }) });
     this.sliders = { gain, flow };
-    const rows = [gain.row, live.flow ? flow.row : null];
+    this.limit = make("p", "limit");
+    const rows = [gain.row, this.limit, live.flow ? flow.row : null];
     rows.push(make("div", "pick", make("label", "", "Agent ", this.agent), this.button("Lose", () => ({ lose: this.agent.value })), this.button("Join", () => ({ join: this.agent.value }))));
     if (live.links.length) rows.push(make("div", "pick", make("label", "", "Link ", this.link), this.button("Cut", () => ({ cut: JSON.parse(this.link.value) })), this.button("Restore", () => ({ restore: JSON.parse(this.link.value) }))));
     const body = make("details", "", make("summary", "", "Change the run"), ...rows, this.problem, make("b", "", "Done so far"), this.done);
     body.open = true;
     this.box = make("div", "panel", body);
     this.box.id = "live";
-    document.getElementById("stage").append(this.box);
+    document.getElementById("legend").after(this.box);
     this.show({ paused: false, ended: false, speed: 1, message: "", phases: [], absent: [], flow: [], done: [] });
   }
 
@@ -210,7 +211,13 @@ class Panel {
     const nothing = state.done.length ? state.done : ["nothing yet"];
     this.done.replaceChildren(...nothing.slice(-LAST).map((words) => make("li", "", make("bdi", "", words))));
     for (const option of this.agent.options) option.textContent = option.value + (state.absent.includes(option.value) ? " (lost)" : "");
-    this.sliders.gain.show(state.gain ?? run.said.live.gain);
+    const gain = state.gain ?? run.said.live.gain;
+    this.sliders.gain.show(gain);
+    this.sliders.gain.mark(state.stable_gain);
+    const known = Number.isFinite(state.stable_gain);
+    this.limit.textContent = known ? `${gain < state.stable_gain ? "stable below" : "unstable from"} ${digits(state.stable_gain)} 1/s${gain < state.stable_gain ? "" : " on"}` : "";
+    this.limit.classList.toggle("bad", known && gain >= state.stable_gain);
+    if (state.law) nameRun(run, state.law);
     this.sliders.flow.show(state.flow.at(-1)?.factor ?? 1);
     this.tell();
   }
@@ -249,7 +256,15 @@ class Slider {
     this.output = document.createElement("output");
     this.input.addEventListener("input", () => (this.output.textContent = words(valueOf(+this.input.value))));
     this.input.addEventListener("change", () => changed(valueOf(+this.input.value)));
-    this.row = make("label", "slider", make("span", "", name), this.input, this.output);
+    this.tick = Object.assign(make("i"), { hidden: true });
+    this.row = make("label", "slider", make("span", "", name), make("div", "", this.input, this.tick), this.output);
+  }
+
+  /** Mark a value on the track; nothing where it is not known or not on it. */
+  mark(value) {
+    const fraction = this.placeOf(value) / this.input.max;
+    this.tick.hidden = !(fraction >= 0 && fraction <= 1);
+    this.tick.style.left = `calc(8px + ${fraction} * (100% - 16px))`; // where the middle of the thumb is
   }
 
   /** Show a value of the run. */

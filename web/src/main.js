@@ -92,7 +92,9 @@ async function begin() {
   clock.seek(Number.isFinite(+said.t) && said.t !== undefined ? +said.t : run.start);
   if (said.lit !== undefined && run.names.includes(said.lit)) choose(run.names.indexOf(said.lit));
   if (said.follow !== undefined) follow(said.follow === "team" ? "team" : run.names.indexOf(said.follow), false);
+  showCard();
   if (world && said.cam) world.place = said.cam;
+  else if (world && said.follow === undefined) world.view("angle"); // now that the panels are there
   if (run.said.live) {
     panel = goLive(run, clock, world, curves, controls);
     clock.catchUp();

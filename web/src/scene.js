@@ -15,12 +15,11 @@ export const THEMES = {
 };
 const VIEWS = { above: [-90, 89.9], side: [-90, 4] }; // azimuth and elevation of the eye, degrees
 const MOST_LABELS = 60; // agents; the names of more would cover one another
-const LEAST_PIXELS = 34; // length of a vehicle on the screen where the scenario gives no scale, as far as there is room
 const SLOWEST_ARROW = 0.03; // fraction of a scale of speeds
 const TRAIL_PIECES = 9000; // in all
 const MOST_BALLS = 200; // agents; of more the dotted line to its place is drawn without the ball at its end
 const GHOST_PIXELS = 6; // radius of the ball where an agent should be
-const FILL = 0.74; // share of the picture that a view fills
+const FILL = 0.95; // share of the uncovered part of the picture that a view fills
 const HEAD = [14, 11]; // length and width of the arrowhead of a link, pixels
 const HEAD_AT = 0.65; // where its tip is on the link: vehicles may cover the end
 const NEAR = 30; // pixels: what is pointed at
@@ -56,7 +55,6 @@ export class World extends EventTarget {
     this.pointing();
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
     this.resize();
-    this.view("angle");
   }
 
   /** Something else is to be seen: draw again soon. */
@@ -182,6 +180,20 @@ export class World extends EventTarget {
 
   // ---- the camera ----
 
+  /** The part of the picture that no panel covers: left, top, right and bottom, in pixels. */
+  uncovered() {
+    const { left: x, top: y } = this.canvas.getBoundingClientRect();
+    const area = ([left, top, right, bottom]) => Math.max(right - left, 0) * Math.max(bottom - top, 0);
+    let free = [0, 0, this.width, this.height];
+    for (const panel of document.querySelectorAll("#views, #card, #live")) {
+      const box = panel.getBoundingClientRect();
+      const cuts = [[0, box.right - x], [1, box.bottom - y], [2, box.left - x], [3, box.top - y]].map(([side, at]) => free.with(side, at));
+      const meets = box.right - x > free[0] && box.bottom - y > free[1] && box.left - x < free[2] && box.top - y < free[3];
+      if (meets && box.width) free = cuts.reduce((best, cut) => (area(cut) > area(best) ? cut : best));
+    }
+    return free;
+  }
+
   /** Look from "angle", "above" or "side", at everything. */
   view(name) {
     const [azimuth, elevation] = (VIEWS[name] ?? this.run.said.view).map((angle) => (angle * Math.PI) / 180);
@@ -190,6 +202,10 @@ export class World extends EventTarget {
     const target = this.box.getCenter(new THREE.Vector3());
     const tan = Math.tan((camera.fov * Math.PI) / 360);
     let distance = 2 * this.extent;
+    const [left, top, right, bottom] = this.uncovered();
+    const middle = new THREE.Vector2((left + right) / this.width - 1, 1 - (top + bottom) / this.height);
+    // What the camera looks at is in the middle of what is not covered.
+    camera.setViewOffset(this.width, this.height, (-middle.x * this.width) / 2, (middle.y * this.height) / 2, this.width, this.height);
     const p = new THREE.Vector3();
     for (let round = 0; round < 12; round++) {
       // Move and zoom until all that is ever seen fills the picture.
@@ -205,10 +221,12 @@ export class World extends EventTarget {
         high.max(p);
       }
       const { elements } = camera.matrixWorld;
-      const [right, up] = [0, 4].map((at) => new THREE.Vector3(elements[at], elements[at + 1], elements[at + 2]));
-      target.addScaledVector(right, ((low.x + high.x) / 2) * distance * tan * camera.aspect);
-      target.addScaledVector(up, ((low.y + high.y) / 2) * distance * tan);
-      distance *= Math.min(Math.max(high.x - low.x, high.y - low.y, 1e-3) / 2 / FILL, 3);
+      const [across, up] = [0, 4].map((at) => new THREE.Vector3(elements[at], elements[at + 1], elements[at + 2]));
+      target.addScaledVector(across, ((low.x + high.x) / 2 - middle.x) * distance * tan * camera.aspect);
+      target.addScaledVector(up, ((low.y + high.y) / 2 - middle.y) * distance * tan);
+      const own = (2 * this.largest) / (distance * tan); // what the vehicles at the ends take themselves
+      const filled = Math.max(((high.x - low.x + own / camera.aspect) * this.width) / (right - left), ((high.y - low.y + own) * this.height) / (bottom - top));
+      distance *= Math.min(Math.max(filled, 1e-3) / 2 / FILL, 3);
       distance = Math.max(distance, 4 * this.largest);
     }
     this.controls.target.copy(target);
@@ -305,6 +323,7 @@ export class World extends EventTarget {
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     [this.width, this.height] = [width, height];
+    if (!this.touched && this.followed === "") this.view("angle");
     this.changed();
   }
 
@@ -365,12 +384,7 @@ export class World extends EventTarget {
     this.camera.updateMatrixWorld();
     const metres = (2 * Math.tan((this.camera.fov * Math.PI) / 360) * distance) / this.height; // in a pixel
     this.metres = metres;
-    const room = Math.min((LEAST_PIXELS * metres) / 2, 0.42 * this.gap);
-    const { scales, automatic, kind, kinds } = this.run.said;
-    this.scales = scales.map((scale, v) => {
-      if (!this.layers.larger) return 1;
-      return automatic[v] ? Math.max(scale, room / kinds[kind[v]].radius) : scale;
-    });
+    this.scales = this.run.said.scales.map((scale) => (this.layers.larger ? scale : 1));
     const unit = metres / distance;
     this.sea?.update(this.clock.t, this.controls.target, distance);
     this.bodies.update(this.positions, this.quaternions, this.scales, this.present, this.camera, unit);
@@ -497,22 +511,11 @@ export class World extends EventTarget {
     });
   }
 
-  /** How much larger than life vehicles are drawn, in words: by kind, or by name where a kind has several scales. */
+  /** How much larger than life vehicles are drawn, in words. */
   largerInWords() {
-    const { run, scales } = this;
-    const groups = new Map();
-    const add = (scale, name) => groups.set(scale, [...(groups.get(scale) ?? []), name]);
-    const round = scales.map((scale) => +scale.toPrecision(2));
-    run.said.kinds.forEach(({ name }, k) => {
-      const own = run.names.map((_, v) => v).filter((v) => run.said.kind[v] === k);
-      const several = new Set(own.map((v) => round[v])).size > 1;
-      if (several) own.slice(0, MOST_LABELS).forEach((v) => add(round[v], run.names[v]));
-      else if (own.length) add(round[own[0]], name);
-    });
-    groups.delete(1);
-    if (!groups.size) return "vehicles in their true size";
-    const words = [...groups].sort(([a], [b]) => b - a).map(([scale, names]) => `${names.join(", ")} ×${scale}`);
-    return `drawn larger: ${words.join("; ")}`;
+    const { larger } = this.run.said;
+    if (!this.layers.larger || !larger.length) return "vehicles in their true size";
+    return `drawn larger: ${larger.map(([scale, names]) => `${names.slice(0, MOST_LABELS).join(", ")} ×${scale}`).join("; ")}`;
   }
 
   // ---- what is written ----

@@ -28,6 +28,7 @@ from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
+from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.io.section import Record
@@ -213,7 +214,7 @@ def loop_along(system: System, time: Array, q_star: Array, *, gain: bool = True)
 
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     """The loop in the mean flow along the targets' path."""
-    return body_loop(system, certificate.spectrum, medium_on_path(system, certificate))
+    return body_loop(system, certificate.spectrum, medium_on_path(system, certificate.constants.path))
 
 
 def linear_vehicles(system: System, certificate: Certificate) -> list[LinearVehicle]:
@@ -224,20 +225,19 @@ def linear_vehicles(system: System, certificate: Certificate) -> list[LinearVehi
     """
     try:
         steps = whole_ratio(system.grid.period, system.bodies.timestep)
-        return _models(system, medium_on_path(system, certificate), system.grid.period / steps, steps)
+        return _models(system, medium_on_path(system, certificate.constants.path), system.grid.period / steps, steps)
     except (InputError, np.linalg.LinAlgError) as error:
         raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
 
 
-def medium_on_path(system: System, certificate: Certificate) -> Array:
+def medium_on_path(system: System, path: TargetPath) -> Array:
     """Return the mean velocity of the medium along the targets' path, see `mean_medium`; NaN where none is known.
 
     Under gusts, which leave no certain path, it is that of targets that stay where they begin.
     """
-    path, N = certificate.constants.path, len(system.team.agents)
     gusts = not np.isfinite(system.moving_bounds.speed).all()
     known = (path.cells is not None or gusts) and targets_loop(system).stable
-    return mean_medium(system, path.time, path.q_star) if known else np.full((N, 3), np.nan)
+    return mean_medium(system, path.time, path.q_star) if known else np.full((len(system.team.agents), 3), np.nan)
 
 
 def mean_medium(system: System, time: Array, q_star: Array) -> Array:
