@@ -257,7 +257,7 @@ def _speed_demands(system: System, certificate: Certificate, able: Array, forwar
 
 
 def _behind(time: Array, carried: Array, top: Array) -> Array:
-    """Compute how far agents fall behind q* that head straight for it through the medium, each at most at its top speed.
+    """Compute how far agents fall behind q* that head straight for it, each at most at its top speed.
 
     They begin on q*. The medium is as fast about an agent as about its place: e' = u + f_q(q*) - q*' with |u| <= top.
 
