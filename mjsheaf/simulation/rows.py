@@ -1,7 +1,7 @@
 """Batched layout: runs of one team, the worlds, side by side in memory.
 
 Worlds share their parameters. What a world has of its own (see `mjsheaf.arrays.Own`) is a row of one array. The Loop of
-a batch is that of a world, but its own arrays have a first axis more, which counts worlds. `world_taker` makes the Loop
+all is that of a world, but its own arrays have a first axis more, which counts worlds. `world_taker` makes the Loop
 of one world from it, in Python and in compiled code alike, so that worlds go through the very functions of the fused
 engine: each ends bit for bit as it does alone.
 """
@@ -18,7 +18,7 @@ from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.loop import Loop, Params
 
 Taker = Callable[[Loop, int], Loop]
-"""Called with (the Loop of a batch, number of a world); returns the Loop of the world."""
+"""Called with (the Loop of all worlds, number of a world); returns the Loop of the world."""
 
 
 class Leaf(NamedTuple):
@@ -76,7 +76,7 @@ class _Source(str):
 
 
 def world_taker(loop: Loop) -> Taker:
-    """Return the function that takes a world out of a batch whose worlds have the types of a loop.
+    """Return the function that takes a world out of all, which have the types of a loop.
 
     It is one expression, written from the types: the representation of a tree of named tuples is the call that makes
     it.
@@ -105,7 +105,7 @@ class Rows:
     """Runs of one team at their start, as rows of arrays.
 
     Attributes:
-        loop: Loop of the batch.
+        loop: Loop of all worlds.
         take: Function that extracts a world from it; see `world_taker`.
         motion: A MOTION for each kind of vehicle.
         values: Numbers that differ between worlds, shape (W, n); `loop` has views of them.

@@ -1,4 +1,4 @@
-"""Worlds that take one control period at a time, for environments: the runs of a batch, without Python in between.
+"""Worlds that take one control period at a time, for environments, without Python in between.
 
 A world's numbers are a row (see `rows`). Passing a whole Loop from Python to compiled code takes as long as a period of
 a small team. Therefore one Loop stands for all worlds: each row is copied into the memory of that Loop, takes its
