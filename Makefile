@@ -5,7 +5,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 TESTS := $(VENV)/.tests
-CARDS := $(VENV)/.cuda
 DEMO := runs/paper-physics
 
 # uv where it is installed and finds the packages, otherwise pip; both take the tested versions. Python compiles modules
@@ -66,15 +65,10 @@ test-ci: compiled
 # Besides the long ones, hypothesis tries five times as many examples, and the long studies every random case, from a
 # seed: SEED=7 repeats those of the run that printed 7.
 SEED ?= $(shell od -An -N2 -tu2 /dev/urandom | tr -d ' ')
-test-all: lint compiled $(CARDS)
+test-all: lint compiled
 	$(eval SEED := $(SEED))
 	@echo "random cases: SEED=$(SEED)"
 	MJSHEAF_SEED=$(SEED) $(PYTEST) --hypothesis-profile all --hypothesis-seed $(SEED)
-
-# The compiler for cards, of which none is needed.
-$(CARDS): $(STAMP)
-	@$(call install,.[cuda])
-	@touch $@
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
 $(VENV)/.docs: $(TESTS)

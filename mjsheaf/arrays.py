@@ -13,9 +13,9 @@ BoolArray = NDArray[np.bool_]
 T = TypeVar("T")
 OWN = "of each world"
 Own = Annotated[T, OWN]
-"""Field of a compiled struct that every world of a batch has for itself; worlds share the others.
+"""Field of a compiled struct that every world has for itself, of those that step together; they share the others.
 
-In a batch, its arrays have a first axis more, which counts worlds: see `mjsheaf.simulation.rows`.
+There its arrays have a first axis more, which counts worlds: see `mjsheaf.simulation.rows`.
 """
 
 

@@ -37,7 +37,7 @@ IMPORTING = """
 import importlib, pkgutil, sys, mjsheaf
 public = {name: getattr(mjsheaf, name) for name in mjsheaf.__all__}
 for module in pkgutil.walk_packages(mjsheaf.__path__, "mjsheaf."):
-    if module.name.rpartition(".")[2] != "__main__" and module.name != "mjsheaf.simulation.card":  # for a GPU
+    if module.name.rpartition(".")[2] != "__main__":
         importlib.import_module(module.name)
 changed = [name for name, kept in public.items() if getattr(mjsheaf, name) is not kept]
 modules = [name for name in public if type(public[name]) is type(sys) and name != "envs"]

@@ -8,8 +8,6 @@ import pytest
 
 import mjsheaf
 from mjsheaf.errors import InputError
-from mjsheaf.simulation.batch import Batch
-from mjsheaf.simulation.fused import Fused
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.workers import local_workers
 from tests.builders import mixed_scenario, names
@@ -54,8 +52,6 @@ WRONG: dict[str, tuple[Callable[[], Any], tuple[object, ...]]] = {
     "steps": (lambda: mjsheaf.World(scenario()).step("2"), ("n is '2' (str)", 0)),  # type: ignore[arg-type]
     "save": (lambda: mjsheaf.save(None, "x"), ("result is None", "mjsheaf.simulate")),  # type: ignore[arg-type]
     "vehicle": (lambda: mjsheaf.load_vehicle(3), ("source is 3 (int)",)),  # type: ignore[arg-type]
-    "Batch": (lambda: Batch([scenario()]), ("run is", "Fused")),
-    "Batch threads": (lambda: Batch([Fused(scenario().phases)]).run("2"), ("threads is '2' (str)",)),  # type: ignore[arg-type]
     "study": (lambda: load_plan(None), ("source is None",)),  # type: ignore[arg-type]
     "grid": (lambda: load_plan("midpoint", grid=[1]), ("grid is [1] (list)",)),  # type: ignore[arg-type]
     "study overrides": (lambda: load_plan("midpoint", overrides="a=3"), ("overrides", "field paths")),  # type: ignore[arg-type]

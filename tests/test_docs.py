@@ -10,7 +10,6 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -133,15 +132,6 @@ def test_command_ends_as_it_should(
     if words[0] == "view":
         monkeypatch.setattr("webbrowser.open", visit)
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
-    if "gpu" in words:
-        with monkeypatch.context() as without:
-            without.setattr(
-                "importlib.util.find_spec", lambda name, *_: None if name == "numba_cuda" else find_spec(name)
-            )
-            answer = answer_of(*words)
-        assert answer.code == 2
-        assert "numba-cuda is not installed" in answer.err
-        return
     answer = answer_of(*words, *(shortened or SMALL if words[0] == "run" else shortened))
     assert answer.code == (1 if words[:2] == ["check", "air_tracks_surface"] else 0), answer.err
     if "--out" in words:

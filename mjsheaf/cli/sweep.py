@@ -2,8 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
     from mjsheaf.studies.plan import Plan
     from mjsheaf.studies.study import Study
 
-    Begin = Callable[[], AbstractContextManager[Any]]
-
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 GridOption = Annotated[
     list[str] | None,
@@ -39,19 +36,15 @@ GridOption = Annotated[
 ]
 WorkersOption = Annotated[
     int | None,
-    typer.Option(min=1, metavar="N", help="Local processes; with --batch, threads.", show_default="one per core"),
+    typer.Option(min=1, metavar="N", help="Local processes.", show_default="one per core"),
 ]
-DeviceOption = Annotated[
-    Literal["cpu", "gpu"] | None,
-    typer.Option(help="gpu: many runs at once on a CUDA GPU with the fused engine.", show_default="cpu"),
-]
-
 _SchedulerOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Running dask scheduler to use instead of local processes.")
 ]
 _ThreadsFlag = Annotated[bool, typer.Option("--threads", help="Use threads of one process instead of processes.")]
 _BatchFlag = Annotated[
-    bool, typer.Option("--batch", help="Simulate the runs of one team together on the fused engine; keep scores only.")
+    bool,
+    typer.Option("--batch", help="Keep errors alone, not how runs end, in half the time; on the fused engine."),
 ]
 
 
@@ -79,7 +72,6 @@ def sweep(
     formats: FormatOption = "png",
     title: TitleOption = True,
     engine: Annotated[Engine | None, typer.Option(help="As for run.", show_default="mujoco")] = None,
-    device: DeviceOption = None,
     batch: _BatchFlag = False,
     controller: ControllerOption = None,
 ) -> None:
@@ -92,6 +84,7 @@ def sweep(
     _take_one_thread_each()
     with progress_bars() as bars:
         from mjsheaf.studies import load_plan, run_study
+        from mjsheaf.studies.workers import local_workers, workers_at
 
         given = {"--workers": workers is not None, "--threads": threads}
         _refuse(given, scheduler is not None, "with --scheduler, which has its own workers; give one of the two")
@@ -102,7 +95,6 @@ def sweep(
             overrides=changes_of(overrides),
             backend=backend and backend.value,
             engine=engine and engine.value,
-            device=device,
             batch=batch,
             measure=measure,
             trajectories=trajectories,
@@ -110,7 +102,11 @@ def sweep(
         )
         if plan.study.seeds is not None and not plan.seed_matters:
             note_idle_seed(plan.scenario["name"], plan.study.backend)
-        begin = _workers_for(plan, {**given, "--scheduler": scheduler is not None}, workers, scheduler)
+        begin = (
+            partial(local_workers, workers, processes=not threads)
+            if scheduler is None
+            else partial(workers_at, scheduler, print_note)
+        )
         with saying_what_is_kept(partial(_describe_kept, plan, out)):
             study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)
     _print_study(study, out)
@@ -157,31 +153,6 @@ def _points_of(grid: Sequence[str], seeds: str | None) -> dict[str, Any]:
         if count > 1:
             raise InputError(f"--grid {path}: is given twice; give all its values once")
     return {"grid": dict(swept), "seeds": None if seeds is None else parse_seeds(seeds)}
-
-
-def _workers_for(plan: "Plan", given: dict[str, bool], workers: int | None, scheduler: str | None) -> "Begin":
-    """Return the function that starts the workers of a study: GPU, threads, cluster or local processes.
-
-    Raises:
-        InputError: A given option has no meaning for these workers, or there is no GPU.
-    """
-    from mjsheaf.studies.workers import local_workers, workers_at
-
-    if plan.study.device == "gpu":
-        from mjsheaf.simulation.card import require_card
-        from mjsheaf.studies.batches import on_card
-
-        _refuse(given, True, "on device gpu, which runs everything at once; omit it")
-        require_card()
-        return on_card
-    if plan.study.batch:
-        from mjsheaf.studies.batches import on_threads
-
-        _refuse({**given, "--workers": False}, True, "with --batch, which uses threads; omit it")
-        return partial(on_threads, workers)
-    if scheduler is not None:
-        return partial(workers_at, scheduler, print_note)
-    return partial(local_workers, workers, processes=not given["--threads"])
 
 
 def _print_study(study: "Study", out: Path) -> None:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,13 +45,14 @@ def make_datasets(
     phases: Sequence[Phase] = (),
     first: int = 0,
     path: Path | None = None,
+    only: Collection[str] | None = None,
 ) -> Iterator[xr.Dataset]:
     """Collect a trajectory in pieces, each as in `make_dataset`.
 
     The last piece has the run's status, the communication between agents (see `terms.traffic_of`) and the fraction of
     measurements that arrived. `phases` determine the phase of each sample and the edges that have a link at some time;
     a run of one phase does not need them. `first` is the number of the first sample in the run, and `path` has q* up to
-    there. In each phase q* begins anew.
+    there. In each phase q* begins anew. `only` names the variables to collect; all unless given.
     """
     attributes: dict[str, Any] = {}
     delivery = Delivery([phase.system for phase in phases])
@@ -68,7 +69,7 @@ def make_datasets(
         samples = np.arange(done, done + len(piece.time))
         done += len(piece.time)
         read_from = Samples(piece, delivery.edges, delivery.sizes, delivery.share, path)
-        dataset = gather(read_from, _number_phases(phases or [Phase(0, piece.system)], samples))
+        dataset = gather(read_from, _number_phases(phases or [Phase(0, piece.system)], samples), only)
         traffic += len(piece.time) * np.array(traffic_of(piece.system.law.terms, piece.system.team))
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
         dataset.attrs |= dict(zip(("exchange_rounds", "messages", "numbers_sent"), traffic.tolist(), strict=True))
@@ -214,13 +215,14 @@ class Delivery:
         self._new[plain] += T
 
 
-def gather(samples: Samples, phase: Coordinate) -> xr.Dataset:
-    """Read all variables and coordinates of a run from its samples."""
+def gather(samples: Samples, phase: Coordinate, only: Collection[str] | None = None) -> xr.Dataset:
+    """Read the coordinates of a run and its variables, or `only` some of them, from its samples."""
     time = "time", samples.trajectory.time, {"long_name": "time", "units": "s"}
     # Collected first, because adding variables one by one aligns all of them each time.
     coordinates: dict[str, Coordinate] = {"time": time}
     variables: dict[str, Coordinate] = {}
-    for found, entries in ((coordinates, declared.COORDINATES), (variables, declared.VARIABLES)):
+    chosen = [entry for entry in declared.VARIABLES if only is None or entry.name in only]
+    for found, entries in ((coordinates, declared.COORDINATES), (variables, chosen)):
         for entry in entries:
             if entry.where(samples):
                 found[entry.name] = entry.dimensions, samples.read(entry), entry.attributes(samples)

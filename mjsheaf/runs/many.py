@@ -1,16 +1,16 @@
 """Simulation of many scenarios in parallel, on threads of this process."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from functools import partial
-from threading import Event, Lock
-from typing import TYPE_CHECKING, TypeVar, cast
+from threading import Event
+from typing import TYPE_CHECKING, TypeVar
 
 from mjsheaf.arguments import require_whole
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.runs.simulate import dataset_of_session, simulate
+from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.session import Session, require_backend, require_engine
+from mjsheaf.simulation.session import require_backend, require_engine
 from mjsheaf.threads import usable_processors
 
 if TYPE_CHECKING:
@@ -18,10 +18,7 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-    from mjsheaf.simulation.fused import Fused
-
 T = TypeVar("T")
-_AT_ONCE = 64  # runs that are prepared at a time
 
 
 def simulate_many(
@@ -35,8 +32,7 @@ def simulate_many(
 ) -> "list[xr.Dataset | MjsheafError]":
     """Run independent scenarios in parallel on threads of this process.
 
-    The compiled loops release the interpreter's lock. Results equal those of `simulate` bit for bit. On the fused
-    engine, runs of one team are batched in memory: see `mjsheaf.simulation.rows`.
+    The compiled loops release the interpreter's lock. Results equal those of `simulate` bit for bit.
 
     Args:
         scenarios: Scenarios, for example one with many seeds or gains.
@@ -60,7 +56,7 @@ def simulate_many(
     require_engine(engine, backend)
     require_whole("workers", 1 if workers is None else workers, 1)
     todo = _listed(scenarios)
-    stop, slices = Event(), _Slices(todo, allow_drift)
+    stop = Event()
 
     def check(done: int, of: int) -> None:
         if stop.is_set():
@@ -69,9 +65,6 @@ def simulate_many(
     def one(k: int) -> "xr.Dataset | MjsheafError":
         try:
             check(0, 0)
-            if engine == "fused":
-                run = slices.take(k)
-                return run if isinstance(run, MjsheafError) else dataset_of_session(run, check)
             return simulate(todo[k], backend, engine=engine, threads=1, allow_drift=allow_drift, progress=check)
         except MjsheafError as error:
             return error
@@ -112,50 +105,3 @@ def _listed(scenarios: Iterable[Scenario]) -> list[Scenario]:
 
 class _Abandoned(Exception):  # noqa: N818
     """Signal to end a run because the others were interrupted."""
-
-
-def fused_session(scenario: Scenario, *, allow_drift: bool = False) -> "tuple[Session, Fused]":
-    """Prepare a run on the fused engine with one thread, and return its session and the engine.
-
-    Raises:
-        InputError, NotUniqueError: See `simulate`.
-    """
-    from mjsheaf.simulation.fused import Fused
-
-    session = Session(scenario, engine="fused", allow_drift=allow_drift)
-    return session, cast(Fused, session.engine)
-
-
-class _Slices:
-    """Runs on the fused engine, prepared several at a time; those of one team are batched."""
-
-    def __init__(self, scenarios: Sequence[Scenario], allow_drift: bool) -> None:
-        self._scenarios, self._allow_drift, self._lock = scenarios, allow_drift, Lock()
-        self._prepared: dict[int, dict[int, Session | MjsheafError]] = {}
-
-    def take(self, k: int) -> "Session | MjsheafError":
-        """Return run number k, once, or the error with which `simulate` refuses it."""
-        number, place = divmod(k, _AT_ONCE)
-        with self._lock:
-            if number not in self._prepared:
-                self._prepared[number] = self._prepare(self._scenarios[number * _AT_ONCE : (number + 1) * _AT_ONCE])
-            return self._prepared[number].pop(place)
-
-    def _prepare(self, scenarios: Sequence[Scenario]) -> "dict[int, Session | MjsheafError]":
-        from mjsheaf.simulation.rows import Rows, groups_of_one_team
-
-        found: dict[int, Session | MjsheafError] = {}
-        runs: dict[int, Fused] = {}
-        for k, scenario in enumerate(scenarios):
-            try:
-                found[k], runs[k] = fused_session(scenario, allow_drift=self._allow_drift)
-            except MjsheafError as error:
-                found[k] = error
-        numbers = list(runs)
-        for group in groups_of_one_team(list(runs.values())):
-            if len(group) > 1:
-                members = [runs[numbers[k]] for k in group]
-                rows = Rows(members)
-                for w, run in enumerate(members):
-                    run.adopt(rows.loop_of(w))
-        return found

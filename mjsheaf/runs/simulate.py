@@ -1,6 +1,6 @@
 """Simulation of a scenario, from its description to data."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -67,14 +67,9 @@ def simulate(
         report = partial(bar, "simulating") if bar else progress if callable(progress) else None
         options: Any = {"engine": engine, "threads": threads, "controller": controller, "allow_drift": allow_drift}
         with Session(scenario, backend, **options) as session:
-            return dataset_of_session(session, report)
-
-
-def dataset_of_session(session: Session, progress: Callable[[int, int], None] | None = None) -> "xr.Dataset":
-    """Run a session of a Scenario to its end and return its data; see `simulate`."""
-    engine = session.engine
-    datasets = datasets_by(engine, session.backend, session.scenario.seed, engine.system.grid.steps + 1, progress)
-    return with_scenario(next(datasets), session.scenario)
+            samples = session.engine.system.grid.steps + 1
+            datasets = datasets_by(session.engine, backend, scenario.seed, samples, report)
+            return with_scenario(next(datasets), scenario)
 
 
 def with_scenario(dataset: "xr.Dataset", scenario: Scenario) -> "xr.Dataset":
@@ -90,6 +85,7 @@ def stream(
     progress: Callable[[int, int], None] | None = None,
     samples: int | None = None,
     controller: "Law | Controller | None" = None,
+    only: "Collection[str] | None" = None,
 ) -> "Iterator[xr.Dataset]":
     """Yield a run as consecutive Datasets; see `simulate` for arguments that are not listed.
 
@@ -97,19 +93,25 @@ def stream(
         run: System that has passed `require_simulable`, or phases whose systems have.
         seed: Seed of the scenario.
         samples: Maximum number of samples in a piece; a few megabytes of them unless given.
+        only: Names of the variables to collect; all unless given.
     """
     from mjsheaf.simulation.trajectory import samples_in_piece
 
     with engine_of(run, backend, controller=controller, seed=seed) as engine:
-        yield from datasets_by(engine, backend, seed, samples or samples_in_piece(engine.system), progress)
+        yield from datasets_by(engine, backend, seed, samples or samples_in_piece(engine.system), progress, only)
 
 
 def datasets_by(
-    engine: "Engine", backend: str, seed: int, samples: int, progress: Callable[[int, int], None] | None
+    engine: "Engine",
+    backend: str,
+    seed: int,
+    samples: int,
+    progress: Callable[[int, int], None] | None,
+    only: "Collection[str] | None" = None,
 ) -> "Iterator[xr.Dataset]":
     """Yield the Datasets of an engine's run; see `stream` for the arguments."""
     pieces = engine.record(samples, progress=progress)
-    return datasets_of(pieces, engine.phases, backend, seed, samples, engine.controller)
+    return datasets_of(pieces, engine.phases, backend, seed, samples, engine.controller, only)
 
 
 def datasets_of(
@@ -119,11 +121,12 @@ def datasets_of(
     seed: int,
     samples: int,
     controller: "Controller | None" = None,
+    only: "Collection[str] | None" = None,
 ) -> "Iterator[xr.Dataset]":
     """Yield the Datasets of a run in pieces of the given number of samples; see `stream` for the arguments."""
     from mjsheaf.results.dataset import in_pieces, make_datasets
 
-    datasets = make_datasets(pieces, backend, seed, phases)
+    datasets = make_datasets(pieces, backend, seed, phases, only=only)
     if any(phase.events for phase in phases):
         datasets = in_pieces(datasets, samples)
     for dataset in datasets:

@@ -41,7 +41,7 @@ AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
 
 
 class Params(NamedTuple):
-    """Constants of a run. Worlds of a batch share them, except for the fields marked `Own`.
+    """Constants of a run. Worlds that step together share them, except for the fields marked `Own`.
 
     Attributes:
         control: Law and references of the onboard computers.

@@ -1,33 +1,24 @@
 """Batched layout: runs of one team, the worlds, side by side in memory.
 
 Worlds share their parameters. What a world has of its own (see `mjsheaf.arrays.Own`) is a row of one array. The Loop of
-a batch is that of a world, but its own arrays have a first axis more, which counts worlds. `world_taker` makes the Loop
+all is that of a world, but its own arrays have a first axis more, which counts worlds. `world_taker` makes the Loop
 of one world from it, in Python and in compiled code alike, so that worlds go through the very functions of the fused
 engine: each ends bit for bit as it does alone.
-
-A row's numbers lie one after the other for threads of this machine, each of which takes a world at a time; and number
-by number for a GPU (`order="F"`, see `gpu`), where neighbouring threads take the same vehicle of neighbouring worlds.
 """
 
-import pickle
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from hashlib import sha256
-from typing import Any, Literal, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 from mjsheaf.arrays import OWN, Array
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.loop import Loop, Params
 
-MAX_NUMBERS = 100_000_000
-"""Largest size of the rows of one group."""
-
 Taker = Callable[[Loop, int], Loop]
-"""Called with (the Loop of a batch, number of a world); returns the Loop of the world."""
+"""Called with (the Loop of all worlds, number of a world); returns the Loop of the world."""
 
 
 class Leaf(NamedTuple):
@@ -85,10 +76,10 @@ class _Source(str):
 
 
 def world_taker(loop: Loop) -> Taker:
-    """Return the function that takes a world out of a batch whose worlds have the types of a loop.
+    """Return the function that takes a world out of all, which have the types of a loop.
 
     It is one expression, written from the types: the representation of a tree of named tuples is the call that makes
-    it. numba compiles it for every device; CUDA refuses generic functions that return views.
+    it.
     """
     tree = mapped(lambda leaf: _Source(f"{leaf.path}[w]" if leaf.own else leaf.path), loop)
     return _compiled_taker(repr(tree), frozenset(_types_of(loop)))
@@ -114,41 +105,29 @@ class Rows:
     """Runs of one team at their start, as rows of arrays.
 
     Attributes:
-        loop: Loop of the batch.
+        loop: Loop of all worlds.
         take: Function that extracts a world from it; see `world_taker`.
         motion: A MOTION for each kind of vehicle.
         values: Numbers that differ between worlds, shape (W, n); `loop` has views of them.
     """
 
-    def __init__(
-        self, runs: Sequence[Fused], *, order: Literal["C", "F"] = "C", number: DTypeLike = np.float64
-    ) -> None:
+    def __init__(self, runs: Sequence[Fused]) -> None:
         """Lay out copies of the runs.
 
-        Args:
-            runs: Runs of one team at their start.
-            order: "C" stores the numbers of a world contiguously, "F" each number of all worlds.
-            number: Type of all real numbers, float64 or float32. Single precision loses increments that are small
-                compared to a coordinate: up to 2e-4 m near the origin, and much of a step 10 km away from it.
-
         Raises:
-            InputError: There is no run, one has begun, or one differs from the first in data that worlds share; or the
-                type is neither double nor single precision.
+            InputError: There is no run, one has begun, or one differs from the first in data that worlds share.
         """
         if not runs:
             raise InputError("no run; expected one or more")
-        self._type = np.dtype(number)
-        if self._type not in (np.float64, np.float32):
-            raise InputError(f"number: {self._type}; expected float64 or float32")
         leaves = [leaves_of(run.compiled[0]) for run in runs]
         _require_one_team(runs, leaves)
         # One row lies in C's order and in Fortran's, and would be compiled otherwise than several: it is there twice.
         several = leaves * (1 + (len(runs) == 1))
-        whole, motion = runs[0].compiled
+        whole, self.motion = runs[0].compiled
         self._own = _own_arrays(leaves[0])
         own = [leaves[0][k].value for k in self._own]
         self._places = list(zip(own, np.cumsum([0, *(part.size for part in own)]).tolist(), strict=False))
-        self.values = np.empty((len(several), sum(part.size for part in own)), dtype=self._type, order=order)
+        self.values = np.empty((len(several), sum(part.size for part in own)))
         self._seeds = np.empty((sum(map(is_seed, leaves[0])), len(several)), dtype=np.int64)
         for w, found in enumerate(several):
             self._write(w, found)
@@ -156,11 +135,10 @@ class Rows:
 
         def laid_out(leaf: Leaf) -> Any:
             if not leaf.own:
-                return self._in_type(leaf.value)
+                return leaf.value
             return self._view(leaf.value) if isinstance(leaf.value, np.ndarray) else next(columns)
 
         self.loop: Loop = mapped(laid_out, whole)
-        self.motion = self._in_type(motion)
         self.take = world_taker(whole)
         constants = [leaf for leaf in leaves[0] if leaf.path.startswith("loop.params.")]
         self._shared = [leaf.path for leaf in constants if not leaf.own]
@@ -195,18 +173,6 @@ class Rows:
         """Return the Loop of world w, for threads of this machine."""
         return self.take(self.loop, w)
 
-    def in_numbers(self, tree: Any) -> Any:
-        """Return a tree with the rows' type in place of double precision."""
-        return mapped(lambda leaf: self._in_type(leaf.value), tree)
-
-    def _in_type(self, value: Any) -> Any:
-        if not isinstance(value, np.ndarray):
-            return value
-        if value.dtype.names is None:
-            return value.astype(self._type) if value.dtype == np.float64 else value
-        fields = [(name, *_field(value.dtype[name], self._type)) for name in value.dtype.names]
-        return value.astype(np.dtype(fields, align=True))
-
     def _view(self, part: Array) -> Array:
         """Return what an own array of the first run is in all rows, shape (W, ...)."""
         W = len(self.values)
@@ -228,12 +194,6 @@ def is_seed(leaf: Leaf) -> bool:
     return leaf.own and not isinstance(leaf.value, np.ndarray)
 
 
-def _field(kind: np.dtype[Any], number: np.dtype[Any]) -> tuple[Any, ...]:
-    """Return type and shape of a record's field, with a type in place of double precision."""
-    base, shape = kind.subdtype or (kind, ())
-    return (number if base == np.float64 else base), shape
-
-
 def _own_arrays(leaves: Sequence[Leaf]) -> list[int]:
     """Return the numbers of the arrays that a world has of its own, without those that are parts of an earlier one."""
     found = dict[tuple[int, int], int]()  # by the addresses where they begin and end
@@ -243,22 +203,6 @@ def _own_arrays(leaves: Sequence[Leaf]) -> list[int]:
             if not any(first <= begin < end for first, end in found):
                 found[begin, begin + leaf.value.nbytes] = k
     return list(found.values())
-
-
-def groups_of_one_team(runs: Sequence[Fused]) -> list[list[int]]:
-    """Return the numbers of the runs that can be rows together, group by group, each of MAX_NUMBERS at most."""
-    groups: dict[bytes, tuple[int, list[list[int]]]] = {}
-    for k, run in enumerate(runs):
-        leaves = leaves_of(run.compiled[0])
-        team = sha256(pickle.dumps(_shared(run, leaves))).digest()
-        if team not in groups:
-            size = sum(leaves[own].value.size for own in _own_arrays(leaves))
-            groups[team] = max(1, MAX_NUMBERS // size), [[]]
-        largest, of_team = groups[team]
-        if len(of_team[-1]) == largest:
-            of_team.append([])
-        of_team[-1].append(k)
-    return [group for _, of_team in groups.values() for group in of_team]
 
 
 def _shared(run: Fused, leaves: Sequence[Leaf]) -> dict[str, Any]:

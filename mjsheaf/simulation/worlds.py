@@ -1,4 +1,4 @@
-"""Worlds that take one control period at a time, for environments: the runs of a batch, without Python in between.
+"""Worlds that take one control period at a time, for environments, without Python in between.
 
 A world's numbers are a row (see `rows`). Passing a whole Loop from Python to compiled code takes as long as a period of
 a small team. Therefore one Loop stands for all worlds: each row is copied into the memory of that Loop, takes its
@@ -11,12 +11,12 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.custom import naming_terms
+from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.simulation.batch import require_world
 from mjsheaf.simulation.fused import Fused, advance_block, command_vehicles
 from mjsheaf.simulation.loop import EngineArrays, Loop, blow_up_of, new_loop, run_law
 from mjsheaf.simulation.rows import Rows, is_seed, leaves_of
-from mjsheaf.simulation.scores import goal_of, square_errors
+from mjsheaf.simulation.scores import goal_of, require_scorable, square_errors
 from mjsheaf.simulation.threaded import NEVER
 from mjsheaf.simulation.trajectory import new_log
 
@@ -96,6 +96,21 @@ def _draws(loop: Loop) -> bool:
     return any(is_seed(leaf) and leaf.path not in idle for leaf in leaves_of(loop))
 
 
+def _require_world(run: Fused) -> None:
+    """Refuse a run that takes no periods together with others.
+
+    Raises:
+        InputError: It has events or another phase, a law in Python, or a team that is too large.
+    """
+    first, *later = run.phases
+    if later or first.events:
+        what = first.events[0] if first.events else f"{later[0].name} at {later[0].time:g} s"
+        raise InputError(f"events: {what}; expected none in worlds that step together, which keep their edges")
+    if run.controller:
+        raise InputError("controller: a law in Python; expected the agents' own in worlds that step without Python")
+    require_scorable(run.system)
+
+
 class Worlds:
     """Runs of one team on the fused engine that take their control periods together.
 
@@ -109,17 +124,18 @@ class Worlds:
         """Lay out runs at their start, and continue them there.
 
         Raises:
-            InputError: One of the runs is not suitable; see `Rows` and `batch.require_world`.
+            InputError: One of the runs is not suitable; it has events or another phase, a law in Python, or is
+                refused by `Rows` or `require_scorable`.
         """
         for run in runs:
-            require_world(run)
+            _require_world(run)
         self._runs = list(runs)
         self.rows = Rows(runs)
         self._template = Rows(runs[:1])
         system, W = runs[0].system, len(runs)
         law = system.law
         self._is_random = _draws(runs[0].compiled[0])
-        self._goal = goal_of(system, np.full((1, system.grid.steps + 1), np.inf))
+        self._goal = goal_of(system)
         self._nothing = new_log(0, law, actuators=self.rows.loop.state.ctrl.shape[1])
         self._starts = self.rows.values[:W].copy()
         params, state = runs[0].compiled[0]

@@ -1,7 +1,7 @@
 """One run of a study in a worker, from its point to a record of plain values."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
@@ -13,27 +13,33 @@ import numpy as np
 import xarray as xr
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.finished import Ending, bound_of_run, ending_of_run, judge
+from mjsheaf.arrays import Array
+from mjsheaf.checking.finished import Ending, bound_ahead, bound_of_run, ending_of_run, judge
 from mjsheaf.control.source import LawFile
 from mjsheaf.errors import InputError, NotUniqueError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
+from mjsheaf.media import disturbance
 from mjsheaf.remember import remember_last
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
 from mjsheaf.results.netcdf import thin
 from mjsheaf.results.store import digest
-from mjsheaf.runs.simulate import simulate
+from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import map_vehicles
+from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.studies.schema import Point
+from mjsheaf.system import System
 
 STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 """Statuses of a run: completed; blown up; refused, because its harmonic extension is not unique; invalid, because its
 point is not a valid scenario; failed with an unexpected error; lost with its worker process."""
 
 _MOST_SAMPLES = 500  # maximum number of samples of errors over time
+_LIGHT = frozenset({"disagreement"} | {f"{part}_error" for part in ("tracking", "formation", "centering")})
+_LIGHT |= {f"group_{part}_error" for part in ("formation", "centering")}
 TRAFFIC = "numbers_per_agent_second"
 """Field of a record: numbers that an agent sends per second."""
 
@@ -61,6 +67,7 @@ class Job:
         backend: 'physics' or 'ideal'.
         engine: Physics engine.
         trajectories: True to keep result.nc.
+        light: True for a record of errors alone, which takes half the time of one with the ending.
         versions: Versions of mjsheaf and its libraries in the process that submits the job.
         law: Law in Python that controls the agents, or None.
         files: SHA-256 digests of the user's files that the scenario refers to, by path.
@@ -74,6 +81,7 @@ class Job:
     backend: str
     engine: str = "mujoco"
     trajectories: bool = False
+    light: bool = False
     versions: dict[str, str] = field(default_factory=versions)
     law: LawFile | None = None
     files: dict[str, str] = field(default_factory=dict)
@@ -199,21 +207,62 @@ def failed_record(job: Job, error: Exception) -> dict[str, Any]:
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     scenario = job.load()
     controller = job.law.load(scenario.seed) if job.law else None
-    dataset = simulate(scenario, job.backend, engine=job.engine, threads=1, controller=controller, progress=False)
+    if job.light:
+        phases = moved_by(scenario.phases, job.backend, job.engine, 1)
+        require_simulable(phases, job.backend)
+        samples = scenario.system.grid.steps + 1
+        dataset = next(stream(phases, job.backend, scenario.seed, None, samples, controller, _LIGHT))
+    else:
+        dataset = simulate(scenario, job.backend, engine=job.engine, threads=1, controller=controller, progress=False)
     system = scenario.system
     found: dict[str, Any] = {"final": summarize(system.team, dataset), "settled": False, "law": dataset.attrs["law"]}
     if dataset.attrs["status"] == "finished":
-        ending, bound = _ending_of(job, scenario, dataset), bound_of_run(scenario.phases, dataset)
         found["late"] = {**late_errors(system.team, dataset), "norm": PER_AGENT_RMS}
-        found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
-        for name, ratio in (("bound_ratio", bound.ratio), ("late_bound_ratio", bound.settled_ratio)):
-            found[name] = finite(ratio)
+        if job.light:
+            found["settled"], ratios = None, _ratios(job, scenario, dataset)
+        else:
+            ending, bound = _ending_of(job, scenario, dataset), bound_of_run(scenario.phases, dataset)
+            found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
+            ratios = bound.ratio, bound.settled_ratio
+        found["bound_ratio"], found["late_bound_ratio"] = map(finite, ratios)
     if job.trajectories:
         found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
     found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
     kept = (_bytes_of(dataset), _page_of(scenario, dataset, found)) if job.trajectories else (None, None)
     return record, *kept
+
+
+def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | None, float | None]:
+    """Compute the largest |e| over Theorem 1's bound, after the start and over the second half; None without a bound.
+
+    The bound is computed once for runs that differ in the agents' disturbances alone: the theorem needs their sizes,
+    here rounded up. The components that seeds draw add up to the requested size except for rounding.
+    """
+    system = scenario.system
+    if job.law is not None or len(scenario.phases) > 1:
+        return None, None
+    N, harmonics = len(system.team.agents), np.zeros_like(system.harmonics)
+    harmonics[N:] = system.harmonics[N:]
+    if harmonics.shape[1]:
+        size = disturbance.bounds(system.harmonics)[:N]
+        harmonics[:N, 0, 0] = np.round(size, 9) + 1e-9 * (size > 0.0)
+    bound = _bound_of(job, replace(system, harmonics=harmonics))
+    if bound is None or not np.isfinite(bound).any():
+        return None, None
+    ratio = np.sqrt((dataset["tracking_error"].values ** 2).sum(axis=1)) / bound
+    return float(ratio[1:].max()), float(ratio[max(len(ratio) // 2, 1) :].max())
+
+
+@remember_last(
+    lambda job, system: (
+        (job.scenario, job.files, [(path, value) for path, value in job.changes.items() if path != "seed"]),
+        (system.initial, system.harmonics, system.moving),
+    )
+)
+def _bound_of(job: Job, system: System) -> Array | None:
+    """Theorem 1's bound on |e| at the samples of a job on bodies, shape (T,), m; None without one."""
+    return bound_ahead(system)
 
 
 def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | None:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -12,13 +11,12 @@ from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping, require_type
 from mjsheaf.control.source import LawFile, find_law
-from mjsheaf.errors import InputError, NotUniqueError, ScenarioError, in_field, joined, raise_first
+from mjsheaf.errors import InputError, ScenarioError, in_field, joined, raise_first
 from mjsheaf.io.files import confined, digest_of, list_studies
 from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
-from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.studies.job import Job, versions
 from mjsheaf.studies.schema import Point, StudyFile, points_of
 
@@ -94,6 +92,7 @@ class Plan:
             study.backend,
             study.engine,
             study.trajectories,
+            study.batch,
             law=self.law,
             files=self.files,
         )
@@ -107,7 +106,6 @@ def load_plan(
     overrides: Mapping[str, Any] | None = None,
     backend: str | None = None,
     engine: str | None = None,
-    device: str | None = None,
     batch: bool = False,
     measure: str | None = None,
     trajectories: bool = False,
@@ -124,8 +122,7 @@ def load_plan(
             here and in `grid` are relative to the working directory and may lie anywhere.
         backend: 'physics' or 'ideal', in place of the study's.
         engine: Physics engine, in place of the study's.
-        device: 'cpu' or 'gpu', in place of the study's; 'gpu' uses the fused engine.
-        batch: True to run one team's runs together on the fused engine, even if the study does not.
+        batch: True for records of errors alone, on the fused engine, even if the study does not ask for them.
         measure: Error that plots show, in place of the study's.
         trajectories: True to keep result.nc of every run, even if the study does not.
         controller: Law in Python, FILE.py:NAME relative to the working directory, in place of the study's.
@@ -139,7 +136,7 @@ def load_plan(
     _require_paths("grid", "--grid", grid, "a mapping of field paths to lists of values")
     read = _read(source)
     law = _law(read, controller, source)
-    chosen = {"backend": backend, "engine": _engine_for(engine, device, batch), "device": device, "measure": measure}
+    chosen = {"backend": backend, "engine": engine or ("fused" if batch else None), "measure": measure}
     changes = {
         **_typed(source, read.study, grid or {}, overrides or {}),
         **{field: value for field, value in chosen.items() if value},
@@ -154,11 +151,6 @@ def load_plan(
     plan = replace(read, study=study, files=files, points=list(points_of(study)), law=law)
     scenario = _a_valid_point(plan)
     return replace(plan, seed_matters=scenario.uses_seed(study.backend) or "swarm" in read.scenario)
-
-
-def _engine_for(engine: str | None, device: str | None, batch: bool) -> str | None:
-    """Return the engine that is given, or else the fused one for a GPU or a batch; None if neither decides."""
-    return engine or ("fused" if device == "gpu" or batch else None)
 
 
 def _require_paths(name: str, option: str, fields: Any, expected: str) -> None:
@@ -313,7 +305,7 @@ def parse_seeds(text: str) -> tuple[int, int]:
 
 
 def _a_valid_point(plan: Plan) -> Scenario:
-    """Return the scenario of the first point among those tried that is valid, and fits a batch if it must.
+    """Return the scenario of the first point among those tried that is valid.
 
     Raises:
         ScenarioError: None of them is valid. The message is about the first.
@@ -322,15 +314,7 @@ def _a_valid_point(plan: Plan) -> Scenario:
     tried = _tried(plan)
     for point in tried:
         try:
-            scenario = replace(plan.job(point), source=plan.source).load()
-            if plan.study.batch or plan.study.device == "gpu":
-                from mjsheaf.simulation.batch import require_phases
-
-                phases = moved_by(scenario.phases, plan.study.backend, plan.study.engine, 1)
-                with suppress(NotUniqueError):  # becomes the status of the run
-                    require_simulable(phases, plan.study.backend)
-                require_phases(phases)
-            return scenario
+            return replace(plan.job(point), source=plan.source).load()
         except InputError as error:
             first = first or error
     which = f"{len(tried)} points" + (" from all over the study" if len(tried) < len(plan.points) else "")

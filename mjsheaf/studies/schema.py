@@ -145,11 +145,8 @@ class StudyFile(Section):
         description="law in Python of all runs, FILE.py:NAME with a path relative to this file's directory; the "
         "scenario's law unless given",
     )
-    device: Literal["cpu", "gpu"] = Field(
-        "cpu", description="gpu: runs of one team in parallel on a CUDA GPU, engine fused; records contain less"
-    )
     batch: bool = Field(
-        False, description="runs of one team together, on threads, engine fused; records contain less, as on a GPU"
+        False, description="records of errors alone, without the ending, in half the time; engine fused"
     )
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
@@ -167,26 +164,17 @@ class StudyFile(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _engine_of_device(cls, given: Any) -> Any:
+    def _engine_of_batch(cls, given: Any) -> Any:
         """Choose the fused engine for a batch that names none."""
-        together = isinstance(given, dict) and (given.get("device") == "gpu" or given.get("batch") is True)
-        return {"engine": "fused", **given} if together else given
+        return {"engine": "fused", **given} if isinstance(given, dict) and given.get("batch") is True else given
 
     @model_validator(mode="after")
     def _engine_fits(self) -> "StudyFile":
         require_engine(self.engine, self.backend)
-        together = "device gpu" if self.device == "gpu" else "batch" if self.batch else ""
-        if not together:
-            return self
-        alone = "expected device cpu without batch"
-        raise_first(
-            ValueError,
-            {
-                f"{together}: requires the fused engine; expected engine fused": self.engine != "fused",
-                f"controller: a law in Python runs alone, not on {together}; {alone}": self.controller is not None,
-                f"trajectories: {together} does not keep them; {alone}": self.trajectories,
-            },
-        )
+        if self.batch and self.engine != "fused":
+            raise ValueError("batch: requires the fused engine; expected engine fused")
+        if self.batch and self.trajectories:
+            raise ValueError("trajectories: a batch keeps errors alone; expected one of the two")
         return self
 
     @model_validator(mode="after")
@@ -262,7 +250,7 @@ class StudyFile(Section):
     def asked(self) -> dict[str, Any]:
         """Return what results depend on apart from the scenario, in canonical form, without fields for display."""
         shown = {"name", "summary", "scenario", "measure", "late", "labels", "names", "controller"}
-        defaults = {"engine": "mujoco", "device": "cpu", "batch": False}  # older studies lack these fields
+        defaults = {"engine": "mujoco", "batch": False}  # older studies lack these fields
         usual = {name for name, value in defaults.items() if getattr(self, name) == value}
         return self.model_dump(mode="json", exclude=shown | usual, exclude_none=True)
 

@@ -38,12 +38,9 @@ def test_threads_give_the_bits_of_one_by_one(backend: str, workers: int | None) 
     assert len({bits(result)["agent_position"] for result in together}) == len(scenarios)
 
 
-@pytest.mark.parametrize(("workers", "at_once"), [(1, 64), (2, 3), (3, 1)])
-def test_runs_of_one_team_are_those_alone_though_they_share_what_does_not_differ(
-    workers: int, at_once: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """On the fused engine: seeds and gains over links, one that blows up, events, and other teams."""
-    monkeypatch.setattr("mjsheaf.runs.many._AT_ONCE", at_once)
+@pytest.mark.parametrize("workers", [1, 3])
+def test_runs_on_the_fused_engine_are_those_alone(workers: int) -> None:
+    """Seeds and gains over links, one that blows up, events, and other teams."""
     noisy = {"links": {"all": {"noise": 0.02, "loss": 0.2}}, "disturbance": DISTURBED}
     lost = [{"time": 0.1, "lose": "back"}]
     scenarios = [

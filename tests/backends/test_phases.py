@@ -10,9 +10,9 @@ from mjsheaf import World, load_scenario
 from mjsheaf.errors import InputError
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.batch import Batch
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.trajectory import Log
+from mjsheaf.simulation.worlds import Worlds
 from mjsheaf.system import Phase, System, on_engine, phases_of
 from mjsheaf.team import Team
 from tests.builders import mixed_scenario, two_boats
@@ -230,10 +230,10 @@ def test_a_phase_cannot_change_the_vehicles_or_the_clock(name: str, change: dict
     assert "\n" not in str(error.value)
 
 
-def test_a_batch_refuses_phases() -> None:
+def test_worlds_that_step_together_refuse_phases() -> None:
     still, moving = (in_a_flow(drift).system for drift in ([0.0, 0.0], [2.0, 0.0]))
-    with pytest.raises(InputError, match=r"events.*at 1 s; expected none in a batch"):
-        Batch([Fused([Phase(0, still), Phase(10, moving)])])
+    with pytest.raises(InputError, match=r"events.*at 1 s; expected none in worlds"):
+        Worlds([Fused([Phase(0, still), Phase(10, moving)])])
 
 
 # -- states where a phase begins ---------------------------------------------------------------------------------------

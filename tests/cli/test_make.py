@@ -69,7 +69,7 @@ def test_each_goal_compiles_and_runs_its_tests(goal: str, lints: bool, chosen: l
     stamp.touch()
     for name in ("ruff", "mypy", "python", "pytest"):
         stand_in(tmp_path / "bin", name, f"""printf '%s|' {name} "$@" >> {called}; echo >> {called}""")
-    variables = [f"BIN={tmp_path / 'bin'}", "SEED=7", *(f"{name}={stamp}" for name in ("STAMP", "TESTS", "CARDS"))]
+    variables = [f"BIN={tmp_path / 'bin'}", "SEED=7", *(f"{name}={stamp}" for name in ("STAMP", "TESTS"))]
     # A make around this test hands its own variables down.
     environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MFLAGS", "SEED")}
     subprocess.run(["make", "-C", str(REPOSITORY), goal, *variables], env=environment, capture_output=True, check=True)

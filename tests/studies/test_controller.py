@@ -13,7 +13,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.control.source import load_controller
-from mjsheaf.errors import PlaceError, ScenarioError
+from mjsheaf.errors import PlaceError
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.workers import local_workers
@@ -149,9 +149,7 @@ def test_a_study_file_names_a_law_from_its_own_directory(law: Path, tmp_path: Pa
     assert answer.err.count("\n") == 1
 
 
-def test_a_batch_takes_no_law_in_python(law: Path) -> None:
-    with pytest.raises(ScenarioError, match="a law in Python runs alone"):
-        load_plan("midpoint", controller=f"{law}:still", batch=True)
+def test_a_law_that_is_missing_is_named(law: Path) -> None:
     answer = answer_of("sweep", "midpoint", "--controller", f"{law}:missing", "--out", law.parent / "s")
     assert answer.code == 2
     assert "'missing'" in answer.err
