@@ -94,7 +94,7 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
 CLOSED = {"stdin": "<&-", "stdout": ">&-", "stderr": "2>&-", "all": "<&- >&- 2>&-"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", CLOSED)
 def test_closed_streams(name: str, usual: bytes, tmp_path: Path) -> None:
     """No file that is opened takes their numbers: what a library prints would go into it."""

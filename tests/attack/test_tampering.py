@@ -127,7 +127,7 @@ for k in range(int(sys.argv[3])):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_damaged_result_without_a_checksum(run: Path, tmp_path: Path) -> None:
     """As versions before 0.2 left it. HDF5 may not crash, and what it says is one line."""
     directory = tmp_path / "run"
@@ -151,7 +151,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_damaged_study_ends_as_the_one_that_nobody_touched(study: Path, tmp_path: Path) -> None:
     choose, before = random.Random(5), all_contents(study)
     names = [name for name in before if name not in (".lock", "timings.csv", "study.json", "scenario.yaml")]

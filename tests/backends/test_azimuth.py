@@ -335,7 +335,7 @@ def test_its_angles_are_state_that_mujoco_saves() -> None:
     assert np.abs(ends[1][1::2]).min() > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_far_beyond_its_limits_it_pushes_where_it_is_asked_to() -> None:
     """Level, on its heading, with turned engines: a positive multiple of the desired force, one engine saturated."""
     world, rng = alone(NAME, heading=-70), np.random.default_rng(2)

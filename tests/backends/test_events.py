@@ -421,7 +421,7 @@ def test_a_run_knows_its_phases() -> None:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_published_run_knows_its_phases_and_is_what_is_saved(tmp_path: Any) -> None:
     scenario = mixed_scenario(**PHASED)
     outcome, data = execute(scenario, "ideal", tmp_path / "run", video=None), simulate(scenario, "ideal")

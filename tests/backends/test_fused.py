@@ -155,7 +155,7 @@ def test_a_step_of_every_vehicle_is_that_of_mujoco(tmp_path: Path) -> None:
     assert off_by(of_vehicles([*POWERED, *unlike(tmp_path)], 0.002), 30, 1) < EPSILON
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("timestep", [0.0005, 0.01])
 @pytest.mark.parametrize("off", OFF.values(), ids=OFF)
 def test_a_step_of_every_vehicle_is_that_of_mujoco_from_many_states(

@@ -60,7 +60,7 @@ def test_loop() -> None:
     assert rows[3].ratio == pytest.approx((rows[2].ours or 0.0) / 5 / ((rows[1].ours or 0.0) / 3))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_fused() -> None:
     rows = simulations.fused(short=True, sizes=(20, 40, 60))
     well_formed(rows, "fused")
@@ -69,7 +69,7 @@ def test_fused() -> None:
     assert "49980 steps" in run.what
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_threads_give_the_same_bits() -> None:
     rows = simulations.threads(short=True, sizes=(20, 40), ends=(0.11, 0.11))
     well_formed(rows, "threads")
@@ -114,7 +114,7 @@ def test_operations_are_counted() -> None:
     assert counting.counted == {"sums": 12, "products": 27}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_startup() -> None:
     well_formed(processes.startup(short=True), "startup")
 

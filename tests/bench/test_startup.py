@@ -71,7 +71,7 @@ def test_a_command_loads_only_what_it_needs(arguments: list[str], may_load: set[
     assert HEAVY & set(last_line(_COMMAND.format(arguments=arguments))) <= may_load
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_ideal_run_without_video_loads_no_drawing(tmp_path: object) -> None:
     """MuJoCo it does load: the files of the vehicles are checked by its compiler before anything is simulated."""
     arguments = [

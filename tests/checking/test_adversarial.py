@@ -104,7 +104,7 @@ def test_no_team_of_a_family_breaks_its_bound(family: str, judgement: Callable[[
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_soundness_is_not_bought_by_refusing(
     judgement: Callable[[int], Judgement], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -125,7 +125,7 @@ def test_soundness_is_not_bought_by_refusing(
     assert sum(exact for _, _, exact, _ in rows) >= FEWEST_CERTIFIED * TRIED
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_random_teams_keep_their_certificates_at_the_same_gain(capsys: pytest.CaptureFixture[str]) -> None:
     """Of 500 teams, 250 in `make test-all` and else 50."""
     refused, broken, seeds = [], [], range(0, CERTIFIED, CERTIFIED // tried(250, 50))
@@ -149,7 +149,7 @@ def test_random_teams_keep_their_certificates_at_the_same_gain(capsys: pytest.Ca
     assert len(refused) <= (1.0 - KEPT_OF_RANDOM) * len(seeds)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_shipped_scenarios_keep_their_verdicts(checked: Callable[[str], Answer]) -> None:
     """An undecided verdict may become decided; over a guessed region assumptions 1 and 7 are both undecided.
 

@@ -113,7 +113,7 @@ def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "stable" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("vehicles", "drift", "headings"),
     [
@@ -155,7 +155,7 @@ VEHICLES = ["hexarotor", "quadrotor", "x500", "wamv", "otter", "hull", "aerial",
 PERIODS = [0.02, 0.1, 0.0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("vehicle", "period"),
     [(vehicle, PERIODS[(k + j) % 3]) for k, vehicle in enumerate(VEHICLES) for j in range(tried(3, 1))],
@@ -165,7 +165,7 @@ def test_every_vehicle_swings_up_where_check_says(vehicle: str, period: float) -
     hold_against_simulation(chain([vehicle] * 2, period=period))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("vehicles", "drift", "headings"),
     [
@@ -224,7 +224,7 @@ def test_a_hold_of_hours_leaves_no_trace_of_what_a_vehicle_does_by_itself() -> N
         assert loop_of(scenario, 1e-3).stable is False
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_thousand_hexarotors_are_decided() -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("swarm", {"swarm.size": 1000, "time.end": 1}), trial=False)["margins"][
         "bodies"

@@ -163,7 +163,7 @@ def test_vehicles_in_one_place_give_no_nan(measures: str) -> None:
     assert np.isfinite(run.agent_position.values[..., :2]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_is_that_of_the_range_and_of_the_bearing() -> None:
     """Of a range in m along it, of a bearing in degrees across it, to 5 % over 4000 samples."""
     for measures, noise in (("range", 0.02), ("bearing", 2.0)):
@@ -300,7 +300,7 @@ def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(measures: str) ->
     assert mjsheaf.check(scenario, trial=False)["law"]["spectral_radius"] == pytest.approx(0.98, abs=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 @pytest.mark.parametrize("links", [{"loss": 0.3}, {"delay": 0.04}])
 def test_rounds_over_imperfect_links_have_the_same_fixed_point(measures: str, links: Any) -> None:

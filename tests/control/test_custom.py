@@ -74,7 +74,7 @@ def test_a_term_along_eta_is_a_larger_gain(file: Path) -> None:
     assert "term steeper" in record["reason"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_a_term_remembers(file: Path) -> None:
     """The shipped integral, written as a user would write it; `check` says the same of both, delays included."""
     own = with_term(file, "summed", {"gain": 0.2})
@@ -164,7 +164,7 @@ def test_the_cache_names_types_of_terms_that_are_not_registered_yet() -> None:
         custom.__getattr__("Term_elsewhere")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_engines_batches_and_phases_agree(file: Path) -> None:
     scenario = with_term(file, "summed", {"gain": 0.5}, events=[{"time": 0.5, "set": {"controller.gain": 2.0}}])
     bodies = mjsheaf.simulate(scenario)
@@ -179,7 +179,7 @@ def test_engines_batches_and_phases_agree(file: Path) -> None:
         np.testing.assert_array_equal(run.agent_position, alone.agent_position)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_compiling_and_from_the_cache(file: Path, tmp_path: Path) -> None:
     """A second process compiles nothing; another source is another term; uncompiled, the run is the same."""
     script = (
@@ -320,7 +320,7 @@ def test_other_constants_are_another_term() -> None:
     assert make(1.0) == make(1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_events_keep_what_terms_remember_and_name_no_file(file: Path) -> None:
     steeper: dict[str, Any] = {"time": 0.5, "set": {"controller.custom.steeper": {"parameters": {"gain": 0.0}}}}
     scenario = with_term(file, "summed", {"gain": 5.0})

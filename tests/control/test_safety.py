@@ -142,7 +142,7 @@ def test_no_pair_comes_too_near(seed: int) -> None:
     require_barrier(scenario, run, violated)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_pair_comes_too_near_in_many_swaps() -> None:
     """Of 20, and of 300 in `make test-all`."""
     ended_early, seeds = 0, cases(300, 20)
@@ -532,7 +532,7 @@ def test_a_limited_command_that_satisfies_all_constraints_is_the_laws_to_the_bit
     assert 20 < same < 180
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_engines_agree_where_the_filter_acts_at_the_speed_limit_under_an_integral_term() -> None:
     """Agents that must part at less than the limit, under commands beyond it: the integral waits on both engines."""
     scenario = load_scenario(DATA / "filter_at_limit.yaml")

@@ -187,7 +187,7 @@ ALL_ROS2 = sorted(name for name in ROS2.fielddefs if not name.startswith("team_m
 ALL_ROS1 = sorted(ROS1.fielddefs)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("axes", [None, "enu"])
 def test_every_type_is_read_by_its_definition_or_refused(axes: Any, tmp_path: Path) -> None:
     """All types of ROS 1 and 2 and of Foxglove; with `axes` a type that is no position is refused all the same."""

@@ -366,7 +366,7 @@ def test_agents_that_have_ended_need_no_action_and_may_have_one() -> None:
         team.step({"ship": np.zeros(2)})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_environments_travel_to_other_processes() -> None:
     """Processes that begin afresh are handed pickles."""
     scenario = random_scenario()
@@ -394,7 +394,7 @@ def replayed(scenario: Scenario, engine: str, actions: list[Array], bounds: Arra
         return session.engine.positions()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", FACES)
 def test_random_sequences_are_sessions_to_the_bit(name: str) -> None:
     """Over 1,000 sequences of reset, step, copy, pickle and restore in all environments together.

@@ -134,7 +134,7 @@ def test_the_conformance_suites_pass() -> None:
         check_env(env(scenario, action="thrust"), skip_render_check=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_vector_environment_takes_thrusts() -> None:
     compare(fleet(spread={"position": 0.5}), 8, action="thrust")
     compare(load_scenario("harbour", {"physics.contacts": False}), 3, action="thrust")

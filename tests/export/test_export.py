@@ -271,7 +271,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_finished_run_exports_what_the_running_one_did(finished: Path, tmp_path: Path) -> None:
     path = export_run(finished, "mcap", tmp_path / "again.mcap")
     assert path.read_bytes() == (finished / "run.mcap").read_bytes()

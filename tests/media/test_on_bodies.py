@@ -26,7 +26,7 @@ WATER = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("engine", ["mujoco", "fused"])
 def test_a_run_meets_all_that_moves_before_and_after_events(engine: str) -> None:
     changes = [

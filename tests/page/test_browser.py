@@ -527,6 +527,7 @@ def test_pages_of_teams_to_which_an_assumption_does_not_apply_open(browser: Any,
     assert page.locator("#facts article").count() >= 4
 
 
+@pytest.mark.long
 def test_the_sea_of_a_page_is_the_one_that_boats_meet(browser: Any, tmp_path: Path) -> None:
     """Oracle: the sea of the video, which is tested against the compiled one."""
     made = make_page("open_sea", "physics", {"time.end": 2.0})

@@ -185,7 +185,7 @@ def test_the_bundle_carries_the_licences_of_what_is_in_it(small: Made) -> None:
     assert re.search(r"three \d+\.\d+\.\d+", script)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_page_is_written_again_from_the_directory_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """To the byte, also from a directory that was moved, as its plots are; one that is damaged is refused."""
     scenario = load_scenario("midpoint", {"time.end": 0.5})
@@ -267,7 +267,7 @@ def test_a_comparison_is_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "holds a comparison" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_page_of_a_study_links_those_of_its_runs(tmp_path: Path) -> None:
     out = tmp_path / "study"
     grid = ("--grid", "controller.gain=1,2", "--set", "time.end=1", "--backend", "ideal")

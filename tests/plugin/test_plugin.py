@@ -132,7 +132,7 @@ def test_what_is_wrong_is_said(words: str, told: str) -> None:
     assert "Traceback" not in told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_tests_are_chosen_by_name_and_spread_over_processes(run: Run) -> None:
     code, told = run("--mjsheaf", "scenarios", "-k", "met and ideal or refused.yaml", "-n", "2", "-v")
     assert code == 0, told
@@ -142,7 +142,7 @@ def test_tests_are_chosen_by_name_and_spread_over_processes(run: Run) -> None:
     assert "1 passed" in told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_file_that_is_named_is_never_passed_over_in_silence(run: Run) -> None:
     """Broken, no scenario, or without expectations: it fails, where a directory's walk would leave it alone."""
     named = ("vehicle.yaml", "odd.yaml", "others.yaml", "silent.yaml", "empty.yaml", "run/scenario.yaml", "met.yaml")
@@ -163,7 +163,7 @@ def test_a_file_that_is_named_is_never_passed_over_in_silence(run: Run) -> None:
     assert "6 failed, 2 passed" in told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bounds_may_have_to_be_tight(run: Run) -> None:
     code, told = run("--mjsheaf", "scenarios/met.yaml", "-v", "-o", "mjsheaf_tight=1.1")
     assert code == 1

@@ -62,7 +62,7 @@ def test_one_entry_is_in_the_file_and_in_the_reference(
     assert "`agent_speed` | time, agent | m s-1 | speed over ground of each agent" in reference()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_compiled_reader_writes_while_the_loop_runs(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two entries side by side, of unlike widths, are what the law had at each sample."""

@@ -13,7 +13,7 @@ from mjsheaf.results.metrics import late_errors
 from tests.builders import Simulated
 
 BACKENDS = ["ideal", "physics"]
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 def late(simulated: Simulated, name: str, backend: str, **overrides: Any) -> float:

@@ -172,7 +172,7 @@ def test_what_is_too_badly_conditioned_is_said(monkeypatch: pytest.MonkeyPatch) 
         path.harmonic_extension({0: 1.0})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_bits_do_not_depend_on_the_number_of_threads() -> None:
     """Of an extension by conjugate gradients and of one by a factor."""
     program = (

@@ -126,7 +126,7 @@ def test_a_law_that_raises_is_a_failed_run(law: Path, tmp_path: Path) -> None:
     assert all("no such luck" in record["message"] for record in study.records)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_processes_give_the_bytes_of_threads(law: Path, tmp_path: Path) -> None:
     run_study(plan_of(law), tmp_path / "threads", IN_THREADS)
     run_study(plan_of(law), tmp_path / "processes", lambda: local_workers(2))
