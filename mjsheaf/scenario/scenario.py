@@ -572,9 +572,8 @@ class Scenario(Section):
         self.disturbance.require_resolved(max(abs(self.time.start), abs(self.time.end)))
         initial, heading = self.spread.place(agents, targets, self.seed)
         dimensions = [member.dimension for member in team.members]
-        with in_field("targets"):
-            moves = [*[None] * len(agents), *self.target_motions]
-            motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
+        moves, names = [*[None] * len(agents), *self.target_motions], [f"targets.{id}.motion" for id in team.index]
+        motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end, names)
         with in_field("agents"):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
         packed = self._pack_law(team, law, self.links, initial, heading)
