@@ -1,6 +1,7 @@
 """The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -453,9 +454,12 @@ class System:
     @cached_property
     def medium(self) -> MediumArrays:
         """Parameters of the medium for compiled code."""
-        level = self.bodies.surface_height
-        harmonics, planar = self.harmonics, self.planar
-        return pack_medium(len(self.team.agents), planar, self.flows, self.field, harmonics, level, self.moving)
+        return self.steady_medium._replace(harmonics=disturbance.pack(self.harmonics), parts=self.moving)
+
+    @cached_property
+    def steady_medium(self) -> MediumArrays:
+        """The same without disturbances, gusts, waves and all else that moves."""
+        return pack_medium(len(self.team.agents), self.planar, self.flows, self.field, self.bodies.surface_height)
 
     @cached_property
     def moving_bounds(self) -> Bounds:
@@ -605,10 +609,10 @@ def whole_ratio(period: float, timestep: float) -> int:
 
 def on_engine(phases: Sequence[Phase], engine: str, threads: int = 1) -> tuple[Phase, ...]:
     """Return the same run with its bodies moved by `engine` on `threads` threads."""
-    systems = {id(phase.system): phase.system for phase in phases}
-    plans = {key: replace(system.bodies, engine=engine, threads=threads) for key, system in systems.items()}
-    moved = {key: replace(system, bodies=plans[key]) for key, system in systems.items()}
-    return tuple(replace(phase, system=moved[id(phase.system)]) for phase in phases)
+    moved = {id(phase.system): copy(phase.system) for phase in phases}  # with all that no engine changes
+    for system in moved.values():
+        vars(system)["bodies"] = replace(system.bodies, engine=engine, threads=threads)
+    return tuple(Phase(phase.start, moved[id(phase.system)], phase.events) for phase in phases)
 
 
 def during(phases: Sequence[Phase], k: int, initial: Array | None = None) -> System:

@@ -195,7 +195,7 @@ def test_vehicles() -> None:
     assert named == set(list_vehicles())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_links() -> None:
     """The column of `check`; that of runs is made by benchmarks/links.py."""
     table = {row[0]: re.findall(r"[\d.]+", row[1]) for row in rows("Links")}

@@ -122,10 +122,17 @@ _STEEPER = 2.0  # largest 1 / |z| that rounds count, over that at the initial q*
 
 
 def bound_slopes(team: Team, positions: Array) -> Slopes | None:
-    """Bound H of a team whose members begin at padded positions (V, 3), m; None if it is not symmetric."""
+    """Bound H of the present agents of a team whose members begin at padded positions (V, 3), m.
+
+    Absent agents have no q*, and measure at no edge.
+
+    Returns:
+        The bounds; None if H is not symmetric.
+    """
     if team.directed:
         return None
-    shape = team.linearised(team.at_rest(positions))
+    there = np.concatenate([team.present, np.ones(len(team.targets), dtype=np.bool_)])
+    shape = team.remaining.linearised(team.remaining.at_rest(positions[there]))
     steepest = []
     changed = {}
     for edge, local in zip(team.measuring_edges, shape.measuring_edges, strict=True):

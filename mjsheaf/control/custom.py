@@ -33,6 +33,7 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field, raise_first
+from mjsheaf.io.files import digest_of
 from mjsheaf.io.section import Section
 from mjsheaf.io.user_code import describe, execute_file
 from mjsheaf.jit import INTERPRETED, NumbaError, inline_jit, overload, types, user_jit
@@ -259,10 +260,8 @@ def _execute(file: str, name: str) -> None:
     path = Path(file)
     if not file.endswith(".py"):
         raise InputError(f"file: {file!r}; expected a Python file, NAME.py")
-    try:
-        digest = _digest(path.read_bytes())
-    except OSError:
-        raise InputError(f"file: there is no file {file}") from None
+    with in_field("file"):
+        digest = digest_of(path)
     if name in _registered and _registered[name].source == digest:
         return
     _registered.pop(name, None)

@@ -4,6 +4,7 @@ A target moves by p' = w(p) + v(t) + pull (r(t) - p) - gain (L_T p - c_T)_k + om
 is the paper's: the flow carries the target away from its reference. The consensus term is the law's and is not here.
 """
 
+from collections.abc import Sequence
 from math import factorial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -13,7 +14,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.dynamics.curve import Curve, fit_curve
 from mjsheaf.dynamics.recordings import read_positions
-from mjsheaf.errors import InputError, raise_first
+from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Tagged
 from mjsheaf.jit import inline_jit
 
@@ -308,7 +309,12 @@ Motion = Annotated[Lissajous | Waypoints | Recorded | File | Fixed | Adrift | St
 
 
 def pack(
-    motions: list[Motion | None], positions: Array, start: float, dimensions: list[int], end: float | None = None
+    motions: list[Motion | None],
+    positions: Array,
+    start: float,
+    dimensions: list[int],
+    end: float | None = None,
+    names: Sequence[str] = (),
 ) -> MotionArrays:
     """Pack the reference of each vehicle (None: none) into arrays.
 
@@ -318,6 +324,7 @@ def pack(
         start: initial time, s.
         dimensions: dimension of each vehicle.
         end: time, s, up to which recorded positions must reach; `start` unless given.
+        names: Name of each vehicle's motion in messages; its number unless given.
 
     Raises:
         InputError: a motion has the wrong dimension, a path visits the same point twice in a row, or recorded positions
@@ -337,20 +344,22 @@ def pack(
     )
     for v, (motion, n) in enumerate(zip(motions, dimensions, strict=True)):
         arrays.pull[v] = motion.pull if motion else 0.0
-        if isinstance(motion, Lissajous):
-            motion.write(arrays, v, n, start)
-        elif isinstance(motion, Waypoints | Recorded | File):
+        with in_field(names[v] if names else f"motion of vehicle {v}"):
+            if isinstance(motion, Lissajous):
+                motion.write(arrays, v, n, start)
+            if not isinstance(motion, Waypoints | Recorded | File):
+                continue
             spline = _spline(motion, positions[v, :n], start, start if end is None else end)
-            pieces = len(spline.x) - 1
-            arrays.path[v] = len(arrays.knots), pieces
-            closed = isinstance(motion, Waypoints) and motion.closed
-            arrays.period[v] = spline.x[-1] - spline.x[0] if closed else 0.0
-            padded = np.zeros((pieces + 1, _ORDER, 3))  # a row for the last knot keeps both arrays aligned
-            padded[:-1, :, :n] = spline.c.transpose(1, 0, 2)
-            arrays = arrays._replace(
-                knots=np.concatenate([arrays.knots, spline.x]),
-                coefficients=np.concatenate([arrays.coefficients, padded]),
-            )
+        pieces = len(spline.x) - 1
+        arrays.path[v] = len(arrays.knots), pieces
+        closed = isinstance(motion, Waypoints) and motion.closed
+        arrays.period[v] = spline.x[-1] - spline.x[0] if closed else 0.0
+        padded = np.zeros((pieces + 1, _ORDER, 3))  # a row for the last knot keeps both arrays aligned
+        padded[:-1, :, :n] = spline.c.transpose(1, 0, 2)
+        arrays = arrays._replace(
+            knots=np.concatenate([arrays.knots, spline.x]),
+            coefficients=np.concatenate([arrays.coefficients, padded]),
+        )
     return arrays
 
 

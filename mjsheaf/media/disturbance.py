@@ -7,6 +7,7 @@ id; the function of time is smooth, and the same whatever integrates it, whereve
 
 import math
 from collections.abc import Sequence
+from itertools import groupby
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -41,9 +42,10 @@ class HarmonicArrays(NamedTuple):
 
 def pack(harmonics: Array) -> HarmonicArrays:
     """Harmonics (V, K, 5) as `draw` gives them, for compiled code."""
-    disturbed = np.flatnonzero(harmonics[..., :3].any(axis=(1, 2))).max(initial=-1) + 1
-    rate, phase = (np.ravel(harmonics[:disturbed, :, k] / _TURN) for k in (3, 4))
-    return HarmonicArrays(np.ascontiguousarray(harmonics[:disturbed, :, :3]), rate, phase)
+    disturbed = np.nonzero(harmonics[..., :3])[0].max(initial=-1) + 1
+    turns = harmonics[:disturbed, :, 3:] / _TURN
+    amplitude = np.ascontiguousarray(harmonics[:disturbed, :, :3])
+    return HarmonicArrays(amplitude, turns[..., 0].ravel(), turns[..., 1].ravel())
 
 
 @inline_jit
@@ -131,17 +133,23 @@ def draw(kinds: Sequence[Disturbance | None], dimensions: Sequence[int], ids: Se
     """
     count = max([kind.components for kind in kinds if kind is not None and kind.bound > 0.0], default=0)
     harmonics = np.zeros((len(kinds), count, 5))
-    for v, (kind, n, name) in enumerate(zip(kinds, dimensions, ids, strict=True)):
+    for _, vehicles in groupby(range(len(kinds)), lambda v: id(kinds[v])):
+        first, *others = vehicles
+        kind = kinds[first]
         if kind is None or kind.bound == 0.0:
             continue
-        rng = generator_of(seed, "disturbance", name)
-        k = kind.components
-        direction = rng.standard_normal((k, n))
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        share = rng.uniform(0.5, 1.0, k)
-        harmonics[v, :k, :n] = kind.bound * (share / share.sum())[:, None] * direction
-        harmonics[v, :k, 3] = 2.0 * np.pi * rng.uniform(kind.frequencies[0], kind.frequencies[1], k)
-        harmonics[v, :k, 4] = rng.uniform(0.0, 2.0 * np.pi, k)
+        own = harmonics[first : first + 1 + len(others), : kind.components]
+        drawn = np.empty((3, *own.shape[:2]))
+        for v, one in enumerate(own, first):
+            rng = generator_of(seed, "disturbance", ids[v])
+            one[:, : dimensions[v]] = rng.standard_normal((kind.components, dimensions[v]))
+            drawn[:, v - first] = rng.random((3, kind.components))
+        share, (low, high) = 0.5 + 0.5 * drawn[0], kind.frequencies
+        amplitude = own[..., :3]  # of unit directions
+        amplitude /= np.linalg.norm(amplitude, axis=2, keepdims=True)
+        amplitude *= kind.bound * (share / share.sum(axis=1, keepdims=True))[..., None]
+        own[..., 3] = _TURN * (low + (high - low) * drawn[1])
+        own[..., 4] = _TURN * drawn[2]
     return harmonics
 
 

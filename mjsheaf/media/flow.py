@@ -342,7 +342,7 @@ class FlowField(Section):
         """True if it has a tide, a ramp, or a vortex that moves."""
         return self.tide is not None or self.ramp is not None or len(self.moving_vortices) > 0
 
-    @property
+    @cached_property
     def moving_vortices(self) -> Array:
         """Vortices that move, as `VaryingArrays` has them, shape (n, 11)."""
         space, core2 = float(self.dimension == 3), float(self.core or 0.0) ** 2

@@ -63,18 +63,13 @@ class MediumState(NamedTuple):
 
 
 def pack_medium(
-    agents: int,
-    planar: BoolArray,
-    flows: Sequence[FlowField],
-    field: IntArray,
-    harmonics: Array,
-    level: float,
-    parts: Parts = (),
+    agents: int, planar: BoolArray, flows: Sequence[FlowField], field: IntArray, level: float
 ) -> MediumArrays:
-    """Pack flow fields, harmonics (V, K, 5) and parts for compiled code; vehicle v meets the flow field field[v]."""
+    """Pack flow fields for compiled code, without disturbances and parts; vehicle v meets the flow field field[v]."""
     ends = np.cumsum([0, *(len(flow.table) for flow in flows)])
-    rows = np.column_stack([ends[field], ends[field + 1]]).astype(np.int64)
-    return MediumArrays(agents, planar, np.vstack([flow.table for flow in flows]), rows, pack(harmonics), level, parts)
+    rows = ends[field[:, None] + [0, 1]].astype(np.int64)
+    calm = pack(np.zeros((len(field), 0, 5)))
+    return MediumArrays(agents, planar, np.vstack([flow.table for flow in flows]), rows, calm, level)
 
 
 def pack_parts(

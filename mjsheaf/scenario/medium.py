@@ -71,11 +71,14 @@ class Disturbances(Section):
     agents: Disturbance | None = Field(None, description="of every agent, drawn independently")
     targets: Disturbance | None = Field(None, description="of every target, drawn independently")
 
-    def draw(self, team: Team, last: float, seed: int) -> Array:
-        """Draw the harmonics of each vehicle, shape (V, K, 5), for times up to `last` in s."""
+    def require_resolved(self, last: float) -> None:
+        """Refuse frequencies that the loops do not resolve up to |t| = `last`, s."""
         for role, kind in (("agents", self.agents), ("targets", self.targets)):
             if kind is not None:
                 with in_field(f"disturbance.{role}"):
                     kind.require_resolved(last)
+
+    def draw(self, team: Team, seed: int) -> Array:
+        """Draw the harmonics of each vehicle, shape (V, K, 5)."""
         kinds = [self.agents] * len(team.agents) + [self.targets] * len(team.targets)
         return disturbance.draw(kinds, [m.dimension for m in team.members], [m.id for m in team.members], seed)

@@ -198,21 +198,16 @@ class Spread(Section):
         Each vehicle draws from a stream that its id names: no other vehicle changes where it begins.
         """
         vehicles: list[Agent | Target] = [*agents, *targets]
-        position = np.zeros((len(vehicles), 3))
-        shift = np.zeros((len(vehicles), 3))
-        turn = np.zeros(len(vehicles))
-        for v, vehicle in enumerate(vehicles):
-            if self.position > 0.0 or self.heading > 0.0:
-                # Both are drawn whatever their width, so that switching one on leaves the other as it was.
-                drawn = generator_of(seed, "spread", vehicle.id).uniform(-1.0, 1.0, 4)
-                shift[v] = drawn[:3]
-                turn[v] = drawn[3]
-            n = len(vehicle.position)
-            position[v, :n] = vehicle.position
-            if v < len(agents):
-                position[v, :n] += self.position * shift[v, :n]
+        position = np.array([[*vehicle.position, 0.0][:3] for vehicle in vehicles])
         heading = np.deg2rad([vehicle.heading or 0.0 for vehicle in vehicles])
-        return position, heading + np.deg2rad(self.heading) * turn
+        turn = np.deg2rad(self.heading)
+        for v, vehicle in enumerate(vehicles if turn > 0.0 else agents if self.position > 0.0 else ()):
+            # Both are drawn whatever their width, so that switching one on leaves the other as it was.
+            drawn = generator_of(seed, "spread", vehicle.id).uniform(-1.0, 1.0, 4)
+            heading[v] += turn * drawn[3]
+            n = len(vehicle.position) if v < len(agents) else 0
+            position[v, :n] += self.position * drawn[:n]
+        return position, heading
 
 
 class Vehicles(Section):
@@ -550,28 +545,23 @@ class Scenario(Section):
         Raises:
             InputError: fields do not fit together; the message begins with the field.
         """
-        system = self._of_some_seed
+        system, law = self._of_some_seed, self._of_some_seed.law
+        changes: dict[str, Any] = {}
         if self.spread.position > 0.0 or self.spread.heading > 0.0:
-            system = self._moved(system, *self.spread.place(self.agents, self.targets, self.seed))
-        harmonics = self.disturbance.draw(self.team, max(abs(self.time.start), abs(self.time.end)), self.seed)
-        system = replace(system, seed=self.seed, harmonics=harmonics, law=with_seed(system.law, self.seed))
+            initial, heading = self.spread.place(self.agents, self.targets, self.seed)
+            if self.spread.heading > 0.0 or not self.team.linear:
+                law = self._pack_law(self.team, self.controller, self.links, initial, heading)
+            if self.spread.heading > 0.0:
+                changes["bodies"] = replace(system.bodies, heading=heading)
+            agents = np.arange(len(initial))[:, None] < len(self.agents)  # targets begin where they do under any seed
+            motion = system.motion._replace(origin=np.where(agents, initial, system.motion.origin))
+            changes |= {"initial": initial, "motion": motion}
+        harmonics, law = self.disturbance.draw(self.team, self.seed), with_seed(law, self.seed)
+        shared = {"steady_medium": system.steady_medium, "station": system.station}
+        system = replace(system, seed=self.seed, harmonics=harmonics, law=law, **changes)
+        vars(system).update(shared)
         system.require_fitting()
         return system
-
-    def _moved(self, system: System, initial: Array, heading: Array) -> System:
-        """Return a system whose vehicles begin at other positions (V, 3), m, and headings (V,), rad."""
-        if self.spread.heading > 0.0 or not self.team.linear:
-            law = self._pack_law(self.team, self.controller, self.links, initial, heading)
-            system = replace(system, law=law, bodies=replace(system.bodies, heading=heading))
-        waiting = system.waiting and system.waiting._replace(position=initial)
-        return replace(system, initial=initial, motion=self._pack_motion(initial), waiting=waiting)
-
-    def _pack_motion(self, initial: Array) -> motions.MotionArrays:
-        """Return the motions of vehicles that begin at positions (V, 3), m."""
-        moves = [*[None] * len(self.agents), *self.target_motions]
-        with in_field("targets"):
-            dimensions = [m.dimension for m in self.team.members]
-            return motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
 
     @cached_property
     def _of_some_seed(self) -> System:
@@ -579,11 +569,13 @@ class Scenario(Section):
         team, law, agents, targets = self.team, self.controller, self.agents, self.targets
         with in_field("time"):
             grid = self.time.grid(law.control_period, law.record_period)
+        self.disturbance.require_resolved(max(abs(self.time.start), abs(self.time.end)))
         initial, heading = self.spread.place(agents, targets, self.seed)
-        motion = self._pack_motion(initial)
+        dimensions = [member.dimension for member in team.members]
+        moves, names = [*[None] * len(agents), *self.target_motions], [f"targets.{id}.motion" for id in team.index]
+        motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end, names)
         with in_field("agents"):
-            dimensions = [agent.dimension for agent in team.agents]
-            g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions)
+            g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
         packed = self._pack_law(team, law, self.links, initial, heading)
         fixed = np.concatenate([np.zeros(len(agents), dtype=np.bool_), self._fixed])
         return System(

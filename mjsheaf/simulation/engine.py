@@ -86,6 +86,7 @@ class Engine(ABC):
                 is 0 with a law in Python.
         """
         self._take(run)
+        self._coordinates = np.arange(3) < [[agent.dimension] for agent in self.system.team.agents]
         self.controller = controller_of(controller, self.system)
         self._commanded: Commanded = commanded or self.controller is not None
         self._traffic = self.controller.traffic if self.controller else Traffic()
@@ -100,7 +101,6 @@ class Engine(ABC):
         self._phases = phases_of(run)
         self.system = self._phases[0].system
         self._views: dict[int, View] = {}
-        self._coordinates = np.arange(3) < [[agent.dimension] for agent in self.system.team.agents]
 
     def restart(self, seed: int) -> None:
         """Begin anew with the same team under another seed.

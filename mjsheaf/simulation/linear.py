@@ -187,7 +187,7 @@ class _Bench:
         self.model, self.data, self.timestep = arena.model, mujoco.MjData(arena.model), timestep
         n = np.array([vehicle.dimension for vehicle in vehicles])
         flows = [FlowField(dimension=3, drift=station.medium.tolist()) for station in stations]
-        medium = pack_medium(V, n == 2, flows, np.arange(V), np.zeros((V, 0, 5)), 0.0)
+        medium = pack_medium(V, n == 2, flows, np.arange(V), 0.0)
         heading = np.array([station.heading for station in stations])
         fleet, self.arrays = pack_fleet(vehicles, heading, timestep), mujoco_arrays(self.model, self.data)
         self.loop = new_loop(fleet, control, medium, engine_arrays(self.model, self.data), timestep=timestep)

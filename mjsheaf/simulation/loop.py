@@ -384,7 +384,7 @@ class ClosedLoop(Engine):
         super()._take(run)
         system = self.system
         plan = system.bodies
-        if self._heading is None or not np.array_equal(plan.heading, self._heading):  # no seed changes more
+        if plan.heading is not self._heading:  # no seed changes more
             self._vehicles = system.vehicles
             self._heading = plan.heading
             self._hand = np.array([[vehicle.steering.hand] for vehicle in self._vehicles])

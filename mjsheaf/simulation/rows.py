@@ -6,7 +6,12 @@ of one world from it, in Python and in compiled code alike, so that worlds go th
 engine: each ends bit for bit as it does alone.
 """
 
+<<<<<<< HEAD
 from collections.abc import Callable, Iterator, Sequence
+=======
+import pickle
+from collections.abc import Callable, Iterable, Iterator, Sequence
+>>>>>>> e5c8a762152373ca7379fb6e444d744f8196925c
 from functools import cache
 from typing import Any, NamedTuple, get_type_hints
 
@@ -141,9 +146,10 @@ class Rows:
         self.loop: Loop = mapped(laid_out, whole)
         self.take = world_taker(whole)
         constants = [leaf for leaf in leaves[0] if leaf.path.startswith("loop.params.")]
-        self._shared = [leaf.path for leaf in constants if not leaf.own]
+        self._shared = {leaf.path: leaf.value for leaf in constants if not leaf.own}
         self._read_shared = _reader(self._shared)
         self._read_own = _reader([leaf.path for leaf in constants if leaf.own])
+        self._constants = self._read_own(self.loop)
 
     def _write(self, w: int, leaves: list[Leaf]) -> None:
         self.values[w] = self._row_of(leaves)
@@ -163,10 +169,10 @@ class Rows:
             InputError: They differ in what worlds share.
         """
         loop = Loop(params, self.loop.state)
-        for path, ours, other in zip(self._shared, self._read_shared(self.loop), self._read_shared(loop), strict=True):
+        for (path, ours), other in zip(self._shared.items(), self._read_shared(loop), strict=True):
             if not (ours is other or _same(ours, other)):
                 raise InputError(f"{path}: run {w} has another than the others; expected runs of one team")
-        for ours, other in zip(self._read_own(self.loop), self._read_own(loop), strict=True):
+        for ours, other in zip(self._constants, self._read_own(loop), strict=True):
             ours[w] = other
 
     def loop_of(self, w: int) -> Loop:
@@ -183,7 +189,7 @@ class Rows:
         return self.values[:, begin : begin + part.size].reshape(W, *part.shape)
 
 
-def _reader(paths: Sequence[str]) -> Callable[[Loop], tuple[Any, ...]]:
+def _reader(paths: Iterable[str]) -> Callable[[Loop], tuple[Any, ...]]:
     """Return the function that reads the leaves of these paths from a loop."""
     reader: Callable[[Loop], tuple[Any, ...]] = eval(f"lambda loop: ({''.join(f'{path}, ' for path in paths)})")
     return reader

@@ -253,7 +253,7 @@ def test_a_kernel_without_strength_is_none() -> None:
     assert mjsheaf.check(mjsheaf.load_scenario("certified", {"flow": {"agents": nothing}}), trial=False)["ok"] is True
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ten_thousand_agents() -> None:
     """It works at size: sparse methods throughout, fragility by bridges; verdicts are right."""
     from mjsheaf.checking import examine

@@ -234,7 +234,7 @@ def test_a_drone_above_a_submerged_target_moves_as_one_wave_moves_the_target(pul
     assert record["rms"] == pytest.approx(radius * follows * rate / np.hypot(rate, 0.8), rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("depth", [None, 4.0])
 def test_what_is_under_water_or_above_it_moves_as_predicted(depth: float | None) -> None:
     scenario = under_water(depth)
@@ -285,7 +285,7 @@ def predicted_and_measured(name: str) -> dict[str, list[float]]:
     return {id: [record["agents"][id], runs[0][id], record["bodies"][id], runs[1][id]] for id in runs[0]}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["boat", "own", "frozen", "open_sea"])
 def test_predictions_agree_with_long_runs_as_the_guide_has_it(name: str) -> None:
     """Within 3 % on ideal kinematics and 10 % on bodies, and with the table of docs/howto/media.md."""

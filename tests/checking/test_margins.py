@@ -119,7 +119,7 @@ def test_a_held_team_without_edges_has_no_limit() -> None:
         assert (bodies.damping_slowest, bodies.damping_fastest) == (None, None)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_speeds_of_a_vehicle_have_names(capsys: pytest.CaptureFixture[str]) -> None:
     """5.95, 5.28 and 3.85 m/s were three numbers for "a WAM-V": two vehicles, forward and in every direction."""
     assert call("list", "--vehicles") == 0

@@ -365,7 +365,7 @@ def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: An
     assert check(moving, trial=False)["steady"]["ideal"] == pytest.approx(np.sqrt((error**2).mean()), rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_vehicles_loop_of_bearings_that_do_not_fit_is_that_of_a_run_on_bodies() -> None:
     """The slowest mode is real and far from the others: late errors fall by its factor in each period, to 1 %."""
     error = simulate(three_bearings(8.0), backend="physics").tracking_error.values[:, 0]

@@ -349,6 +349,25 @@ def test_rounds_of_agents_in_one_place_are_finite(measures: str) -> None:
         assert np.isfinite(run.agent_position.values[..., :2]).all()
 
 
+@pytest.mark.parametrize("term", ["newton", "feedforward"])
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+def test_rounds_of_a_team_that_loses_an_agent_are_those_of_the_rest(measures: str, term: str) -> None:
+    """Oracle: the team that never had the agent; and once it is back, the team that never lost it."""
+    terms = {term: {"rounds": 4}}
+    events = [{"time": 0.1, "lose": "C"}, {"time": 0.2, "join": "C"}]
+    scenario = tracking(measures, terms, time={"end": 0.4}, events=events)
+    whole = tracking(measures, terms)
+    kept = {"agents": whole.agents[:2], "communication": whole.communication[:1], "sensing": whole.sensing[:4]}
+    alone = whole.model_copy(update=kept)
+    lost, back = (phase.system.law.terms for phase in scenario.phases[1:])
+    assert lost.eigenvalues == pytest.approx(alone.system.law.terms.eigenvalues, rel=1e-9)
+    np.testing.assert_array_equal(back.eigenvalues, whole.system.law.terms.eigenvalues)
+    for backend in ("ideal", "physics"):
+        run = mjsheaf.simulate(scenario, backend=backend, progress=False)
+        assert np.isfinite(run.agent_position.values[..., :2]).all()
+        assert np.isfinite(run.velocity_command.values[..., :2]).all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_newton_of_a_formation_alone_ends_at_rest(measures: str) -> None:

@@ -87,7 +87,7 @@ def test_a_log_ends_with_the_run_whatever_the_rounding_of_its_last_time() -> Non
     scenario = mjsheaf.load_scenario(SCENARIO, times)
     assert float(scenario.system.grid.span(35, 36)[0]) > 0.7
     assert np.isfinite(mjsheaf.simulate(scenario, backend="ideal")["target_position"].values[:, 0, :2]).all()
-    with pytest.raises(MjsheafError, match=r"samples cover 0 to 0\.69 s"):
+    with pytest.raises(MjsheafError, match=r"targets\.T1\.motion: samples cover 0 to 0\.69 s"):
         mjsheaf.load_scenario(
             SCENARIO, {**times, "targets.T1.motion": {**motion, "samples": [*rows[:2], [0.69, 1, 1]]}}
         )

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from mjsheaf import load_scenario, simulate_many
 from mjsheaf.envs import env, vector_env
 from mjsheaf.errors import InputError
-from mjsheaf.scenario import Scenario
+from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import list_scenarios
 from tests.builders import mixed_scenario, refused
 from tests.envs.test_faces import still
@@ -136,6 +136,28 @@ def test_one_run_and_its_seeds() -> None:
     own = [worlds.step(zero)[0] for _ in range(5)]
     worlds.reset(seed=8)
     assert any((worlds.step(zero)[0] != one).any() for one in own)
+
+
+def test_a_new_seed_changes_neither_recorded_paths_nor_fixed_targets() -> None:
+    """Agents begin elsewhere, and the runs stay together: all that targets do is shared."""
+    targets = [{"id": "beacon", "position": [5, 1], "motion": {"kind": "fixed"}}]
+    targets += [{"id": "lead", "position": [5, 9], "motion": {"kind": "waypoints", "points": [[9, 9]], "speed": 1}}]
+    agents = [{"id": name, "position": [k, 0]} for k, name in enumerate(("near", "far"))]
+    scenario = scenario_from_mapping(
+        {"name": "herd", "time": {"end": 0.1}, "agents": agents, "targets": targets, "spread": {"position": 0.5}}
+        | {"sensing": [["near", "beacon"], ["far", "lead"]], "communication": [["near", "far"]]}
+    )
+    worlds = vector_env(scenario, 2)
+    found, _ = worlds.reset(seed=5)
+    assert worlds._worlds is not None
+    zero = still(worlds.action_space)
+    for k in range(2):
+        np.testing.assert_array_equal(found[k], env(scenario.with_seed(5 + k), engine="fused").reset()[0])
+    expected: Any = simulate_many([scenario.with_seed(5 + k) for k in range(2)], engine="fused")
+    for _ in range(3):
+        worlds.step(zero)
+    for one, run in zip(worlds.envs, expected, strict=True):
+        np.testing.assert_array_equal(one.episode.world.positions()[:2, :2], run["agent_position"].values[3][:, :2])
 
 
 def test_a_new_seed_changes_the_sea() -> None:

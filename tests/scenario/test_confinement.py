@@ -121,6 +121,12 @@ def test_a_pipe_is_not_waited_on(suffix: str, place: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_a_pipe_of_terms_is_not_waited_on(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "terms.py")
+    with in_time(), pytest.raises(InputError, match=r"controller\.custom\.steeper: file: .* is no regular file"):
+        load_scenario("midpoint", {"controller.custom.steeper": {"file": str(tmp_path / "terms.py")}})
+
+
 def test_links_in_a_circle_are_refused(place: Path) -> None:
     (place / "a.yaml").symlink_to(place / "b.yaml")
     (place / "b.yaml").symlink_to(place / "a.yaml")

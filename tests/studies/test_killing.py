@@ -102,7 +102,7 @@ def test_killed_ten_times(tmp_path: Path) -> None:
     assert contents(out) == expected
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ctrl_c_keeps_what_has_ended(tmp_path: Path) -> None:
     """As a terminal does it: the signal goes to the command and to its workers."""
     expected = undisturbed(tmp_path / "undisturbed")

@@ -280,7 +280,7 @@ def test_the_report_names_the_first_that_did_not_finish(tmp_path: Path, mjsheaf:
     assert told[2].startswith("  and 1 more that did not finish; see ")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_of_the_page_does_the_run(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     """With what is set for all runs, text that YAML would take for something else, lists and a seed."""
     (tmp_path / "own.yaml").write_text(

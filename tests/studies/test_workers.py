@@ -30,7 +30,7 @@ ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
 """10 runs that differ."""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
     """One worker and two, processes and threads, in another order too; every file but the timings."""
     ways: dict[str, Callable[[], AbstractContextManager[Workers]]] = {
@@ -79,7 +79,7 @@ def raises_a_stranger(job: Job) -> JobResult:
     return JobResult(new_record(job.point, 0, "finished"), 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
     plan = small_plan()
     with local_workers(1) as workers:
@@ -156,7 +156,7 @@ def tells_of_itself(job: Job) -> JobResult:
     return JobResult(new_record(job.point, 0, "finished", f"{os.getpid()} {blocked} {alone}"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_workers_have_one_thread_and_end_with_what_began_them() -> None:
     """And with a command that is killed: see `test_killed_ten_times`. Ctrl-C is for the command alone."""
     plan, before = small_plan(), dict(os.environ)
@@ -194,7 +194,7 @@ def cluster(folder: Path, workers: int = 1) -> Iterator[tuple[str, list["subproc
             process.wait()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scheduler_by_address(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=2) as (address, _):
         done = subprocess.run(
