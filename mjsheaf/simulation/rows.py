@@ -6,12 +6,7 @@ of one world from it, in Python and in compiled code alike, so that worlds go th
 engine: each ends bit for bit as it does alone.
 """
 
-<<<<<<< HEAD
-from collections.abc import Callable, Iterator, Sequence
-=======
-import pickle
 from collections.abc import Callable, Iterable, Iterator, Sequence
->>>>>>> e5c8a762152373ca7379fb6e444d744f8196925c
 from functools import cache
 from typing import Any, NamedTuple, get_type_hints
 
