@@ -279,6 +279,7 @@ def test_every_field_has_an_example_out_of_a_file() -> None:
                 assert (section.name, name) in examples or list(reference.references(node)), f"{section.name}.{name}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(reference.EXPLAINING.glob("*.yaml")), ids=lambda p: p.stem)
 def test_files_that_examples_come_from_work(path: Path) -> None:
     given = yaml.safe_load(path.read_text())
@@ -290,6 +291,7 @@ def test_files_that_examples_come_from_work(path: Path) -> None:
         assert simulate(load_scenario(path), backend="ideal").attrs["status"] == "finished"
 
 
+@pytest.mark.slow
 def test_the_gallery_shows_every_scenario_once_and_the_refused_last() -> None:
     import gallery
 

@@ -1,11 +1,13 @@
 """The fixtures that other tests rely on. Oracle: the plain way to the same thing."""
 
+import pytest
 import xarray as xr
 
 from mjsheaf import load_scenario, simulate
 from tests.builders import Simulated
 
 
+@pytest.mark.slow
 def test_a_simulation_that_was_kept_is_the_simulation(simulated: Simulated) -> None:
     for backend in ("ideal", "physics"):
         overrides = {"time.end": 0.2}

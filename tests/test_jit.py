@@ -102,7 +102,7 @@ print(Slow.count, flush=True)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_second_process_waits_for_the_code_of_the_first(tmp_path: Path) -> None:
     """The first process compiles until it is released; the second one compiles nothing.
 

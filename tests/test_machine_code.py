@@ -124,7 +124,7 @@ BOTH = f"from mjsheaf.control.zz_g import g\n{WAIT}print(g(2.0))\n"
 LATE = f"import mjsheaf.control.zz_f\n{WAIT}from mjsheaf.control.zz_g import g\nprint(g(2.0))\n"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("program", [BOTH, LATE], ids=["both imported", "caller imported after the edit"])
 def test_an_edit_while_a_process_runs(tmp_path: Path, program: str) -> None:
     """The process has the old code, in memory alone; the next ones have the new one."""

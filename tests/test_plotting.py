@@ -91,7 +91,7 @@ def test_names_at_ends_keep_their_distance(wanted: list[float], gap: float) -> N
         assert places == pytest.approx(wanted)  # nothing moves without a reason
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @given(arrays(np.float64, (30, 2), elements=st.sampled_from([0.0, 0.001, 0.01, 0.5, 0.51, 1.0])))
 def test_names_beside_points_are_never_over_another(places: Array) -> None:
     figure, axis = panel()

@@ -64,14 +64,14 @@ def seen_by_a_terminal(calls: list[str]) -> tuple[str, float]:
     return received.decode(), first
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_terminal_has_a_bar_within_a_second() -> None:
     text, after = seen_by_a_terminal(["mjsheaf.simulate(scenario, 'ideal', controller=law)"])
     assert "simulating" in text
     assert after < 1.5  # a second, and what a busy machine takes to start a thread
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_can_be_turned_off() -> None:
     text, _ = seen_by_a_terminal(["mjsheaf.simulate(scenario, 'ideal', controller=law, progress=False)"])
     assert text == ""

@@ -70,7 +70,7 @@ def test_python_and_compiled_code_agree_to_the_bit(name: str, monkeypatch: pytes
     assert {"_answer", "_follow", "apply_forces", "fill_block", "solve_band", "_grow"} <= set(calls)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_first_checks_compile_little_and_a_later_one_what_took_time(tmp_path: Path) -> None:
     def compiled() -> set[str]:
         environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PATH": ""}

@@ -45,13 +45,19 @@ def usual(once: Callable[[str, Callable[[], Found]], Found]) -> Found:
 
 
 @pytest.mark.slow
-def test_bits_do_not_depend_on_threads_seeds_or_numpys_instructions(usual: Found) -> None:
-    for environment in (
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {
+            "OPENBLAS_NUM_THREADS": "2",
+            "PYTHONHASHSEED": "2",
+            "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512CD AVX512_SKX",
+        },
         {"OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "PYTHONHASHSEED": "1"},
-        {"OPENBLAS_NUM_THREADS": "2", "PYTHONHASHSEED": "2"},
-        {"NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512CD AVX512_SKX"},
-    ):
-        assert found(**environment) == usual, environment
+    ],
+)
+def test_bits_do_not_depend_on_threads_seeds_or_numpys_instructions(environment: dict[str, str], usual: Found) -> None:
+    assert found(**environment) == usual, environment
 
 
 @pytest.mark.long

@@ -42,7 +42,7 @@ def test_worlds_on_two_threads() -> None:
     assert found == [alone] * 6
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_fifty_worlds_side_by_side_and_one_after_another() -> None:
     alone = bits()
     worlds = [mjsheaf.World(SCENARIO) for _ in range(50)]

@@ -65,6 +65,7 @@ def conserved(world: World, w: Array) -> Array:
     return np.concatenate([[0.5 * nu @ M @ nu], P, np.cross(x, P) + R @ (M @ nu)[3:]])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("moving", [False, True], ids=["still", "moving"])
 @pytest.mark.parametrize("name", BODIES)
@@ -173,6 +174,7 @@ def test_thrusters_move_body_and_medium_together(name: str) -> None:
         np.testing.assert_allclose(pushed(middle + unit) - pushed(middle), expected, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES[:2])
 def test_a_boat_that_is_all_added_mass_stays_stable(name: str, tmp_path: Path) -> None:
     """With added mass of a hundred times the mass, feeding -M_A a back as a force would diverge at once."""

@@ -99,6 +99,7 @@ def within_limits(vehicle: Vehicle, asked: list[Array]) -> tuple[Array, list[flo
     return total, shares
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.05, 3.0, 100.0])
 @pytest.mark.parametrize("name", FULL)
 def test_at_the_limits_weight_goes_before_attitude_and_attitude_before_translation(name: str, speed: float) -> None:
@@ -218,6 +219,7 @@ def facing(thrust: Array, heading: float) -> Array:
     return (Rotation.from_rotvec(turn) * Rotation.from_rotvec([0, 0, heading])).as_matrix()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.2, 4.0, 200.0])
 @pytest.mark.parametrize("name", POINTING)
 def test_a_multirotor_with_parallel_rotors_points_weight_and_force(name: str, speed: float, tmp_path: Path) -> None:
@@ -281,6 +283,7 @@ def test_a_multirotor_leans_to_where_it_is_sent_and_keeps_its_height_and_heading
         assert world.data.qvel[dof][:3] @ direction > 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize(("tilt", "fall"), [(60, 2.0), (150, 7.0)])
 @pytest.mark.parametrize("name", MULTIROTORS)

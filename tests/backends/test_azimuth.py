@@ -232,6 +232,7 @@ def test_mujoco_pushes_along_the_angle() -> None:
         np.testing.assert_allclose(world.data.actuator_force[own], state.ravel(), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("velocity", [(2.0, 0.0), (-1.5, 0.0), (0.0, 1.0), (0.0, -1.2)])
 def test_at_a_steady_speed_thrust_balances_drag(velocity: tuple[float, float]) -> None:
@@ -416,7 +417,7 @@ def late(result: Any) -> float:
     return float(np.sqrt((half**2).mean()))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_follows_as_well_as_the_boat_with_four_fixed_thrusters() -> None:
     """`otters` sailed by WAM-Vs: within 3 % of the RMS error over the last half, hardly ever at a limit."""
     runs = [simulate(load_scenario("otters", {"vehicles.agents": name}), "physics") for name in ("wamv", NAME)]

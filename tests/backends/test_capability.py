@@ -74,6 +74,7 @@ def test_without_limits_there_is_no_bound(name: str) -> None:
         assert np.isinf(capability_of(vehicle).least_speed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otter", "wamv", "hexarotor"])
 def test_the_simulation_is_as_fast_ahead_as_was_said(name: str) -> None:
     """With a command of twice that speed, it settles within 2 % of it."""

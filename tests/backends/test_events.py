@@ -340,6 +340,7 @@ def test_a_phase_that_leaves_agents_free_is_refused_beforehand() -> None:
     assert "A2" in data.attrs["free_directions"]
 
 
+@pytest.mark.slow
 def test_the_report_of_a_phase_says_what_is_free_and_what_mends_it() -> None:
     record = examine(chain(3, [{"time": 0.2, "cut": ["A2", "A1"]}, {"time": 0.3, "lose": "T2"}]).phases).record
     terminal = Console(width=200, file=StringIO())
@@ -518,7 +519,7 @@ def test_the_camera_does_not_follow_the_lost() -> None:
     np.testing.assert_array_equal(points[~gone, 2], samples.positions[~gone, 2])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_jumps_are_those_of_the_run() -> None:
     """With targets that move: check follows their path, the run knows where they are."""
     scenario = load_scenario("paper", {"time.end": 2.0, "events": [{"time": 1.5, "lose": "A5"}]})

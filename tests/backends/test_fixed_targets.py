@@ -123,6 +123,7 @@ def test_a_fixed_target_stays_when_agents_are_lost_and_join() -> None:
     assert all(phase.system.remaining.waiting is None for phase in scenario.phases)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flow", [STEADY, SWIRL])
 def test_a_static_target_in_a_flow_is_noted_with_how_far_it_drifts(flow: dict[str, Any]) -> None:
     scenario = team({"kind": "static"}, flow)

@@ -232,6 +232,7 @@ def test_a_vehicle_in_lanes_moves_as_it_does_alone(components: int, tmp_path: Pa
     assert compared > 20
 
 
+@pytest.mark.long
 def test_lanes_beyond_the_last_boat_meet_the_same_waves_as_the_first() -> None:
     """Undefined numbers there would take the whole block through the efforts beyond limits."""
     waves = {"kind": "jonswap", "significant_height": 1.0, "peak_period": 4.0, "components": 5}
@@ -278,6 +279,7 @@ def both(scenario: Scenario, **how: Any) -> tuple[xr.Dataset, xr.Dataset]:
     return simulate(scenario, **how), simulate(scenario, engine="fused", **how)
 
 
+@pytest.mark.slow
 def test_a_run_is_that_of_mujoco() -> None:
     """Unlike vehicles under terms, over links, with an event: all that is recorded, to rounding."""
     mujoco_s, ours = both(mixed_scenario(**LOOPS_AND_LINKS))

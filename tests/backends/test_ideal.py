@@ -59,6 +59,7 @@ def test_published_checkpoints(simulated: Simulated) -> None:
         np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.01, 1.0, 30.0])
 def test_other_gains_as_the_authors_integrate(gain: float) -> None:
     """Every vehicle by itself over every period, its state padded to three numbers: RK45, rtol 1e-9, atol 1e-12."""

@@ -92,7 +92,7 @@ def test_progress_counts_runs_in_the_calling_thread() -> None:
     assert threads == {threading.get_ident()}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_interrupted_set_of_runs_ends_soon() -> None:
     """Whatever ends the caller ends the runs that have begun, at their next look, and those that have not."""
 

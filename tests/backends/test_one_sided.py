@@ -244,6 +244,7 @@ def test_reach_is_as_far_as_efforts_go(places: Any) -> None:
 # -- runs --------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading", [0.0, 120.0])
 @pytest.mark.parametrize("target", [[30, 0], [0, 30], [0, -30], [-30, 0]])
 @pytest.mark.parametrize("boat", BOATS)

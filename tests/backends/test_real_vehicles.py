@@ -181,6 +181,7 @@ def test_thrusters_make_every_wrench_that_is_asked_of_them(name: str) -> None:
     assert not np.delete(vehicle.allocation, rows, axis=1).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "thrust"), [(10.0, 119.68), (-2.0, -66.71)])
 def test_an_otter_goes_ahead_and_astern_as_fast_as_its_source_says(command: float, thrust: float) -> None:
     """Two propellers of 119.68 N or -66.71 N against 77.55 N s/m: 3.086 m/s ahead, 1.720 astern."""
@@ -237,6 +238,7 @@ def test_the_hand_point_moves_at_w_plus_g_u() -> None:
     np.testing.assert_allclose(measured, w + v_c, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("angle", [0, 60])
 def test_a_trimmed_boat_makes_what_it_is_asked_for_at_low_speed(angle: float) -> None:
@@ -306,6 +308,7 @@ def crossings(values: Array, timestep: float) -> Array:
     return np.asarray(timestep * (k + values[k] / (values[k] - values[k + 1])))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("mode", [2, 3, 4], ids=["heave", "roll", "pitch"])
 @pytest.mark.parametrize("name", BOATS)

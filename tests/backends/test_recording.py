@@ -134,6 +134,7 @@ TWO_PLACES: dict[str, Any] = {
 """B keeps two distances, which two places do; the line between the targets sweeps over it."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [("ideal", "mujoco"), pytest.param(("physics", "fused"), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("free", [False, True], ids=["two-places", "free"])
 def test_the_harmonic_extension_does_not_depend_on_the_pieces(kind: tuple[str, str], free: bool) -> None:

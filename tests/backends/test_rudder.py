@@ -219,6 +219,7 @@ def steady_rate(thrust: float) -> float:
     return float(np.linalg.solve(hull + k * a * np.outer(lever, lever), k * a**2 * lever)[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thrust", [60.0, 150.0])
 def test_a_small_step_of_the_rudder_turns_it_as_the_linear_equations_say(thrust: float) -> None:
     step = 1e-4
@@ -321,7 +322,7 @@ def test_a_target_that_is_near_is_not_left(target: list[float], heading: float) 
     assert error[data["time"].values >= 80.0].max() < 0.12 * 3.09 / 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_team_of_them_follows_as_well_as_otters() -> None:
     """`otters` with one propeller and a rudder each: within 10 % of the RMS error over the last half."""
     late = []

@@ -154,7 +154,7 @@ def meet(count, threads, gate):
     return good
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_threads_meet_as_often_as_asked_and_leave_when_one_will_not_come() -> None:
     thread_team, came = ThreadTeam(3), [False] * 3
     thread_team.run(lambda thread, gate: came.__setitem__(thread, meet(10_000, 3, gate)))

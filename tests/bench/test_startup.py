@@ -89,7 +89,7 @@ def test_an_ideal_run_without_video_loads_no_drawing(tmp_path: object) -> None:
     assert not {"OpenGL", "imageio_ffmpeg", "scipy.signal"} & loaded
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_ideal_simulation_in_python_loads_neither_mujoco_nor_plots() -> None:
     code = (
         "import json, sys, mjsheaf\nmjsheaf.simulate(mjsheaf.load_scenario('midpoint', {'time.end': 0.1}), 'ideal')\n"

@@ -76,7 +76,7 @@ def _held_targets_diverge(raw: dict[str, Any]) -> bool:
     return bool(h * np.linalg.eigvals(rate).real.max() > 2.0 + 1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("case", [k for k in REPORTED if k != 6])
 def test_no_reported_case_is_certified_wrongly(case: int) -> None:
     raw = {"name": f"case{case}", **REPORTED[case]()}
@@ -87,7 +87,7 @@ def test_no_reported_case_is_certified_wrongly(case: int) -> None:
     assert not (found.before.applies and found.status == "blew up")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_targets_that_cannot_be_followed_are_not_taken_to_stand_still() -> None:
     found = judge({"name": "frozen", **REPORTED[6]()})
     for claim in (found.before, found.after):

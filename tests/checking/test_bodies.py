@@ -88,7 +88,7 @@ def hold_against_simulation(
     assert growth(settling, (1.0 + WITHIN) * largest, settle=150.0, span=span) > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_quadrotors_swing_up_where_check_says() -> None:
     coarse = {"controller": {"gain": 1.0, "control_period": 0.01}, "physics": {"timestep": 0.005}}
     hold_against_simulation({**QUADROTOR_PAIR, **coarse})
@@ -184,6 +184,7 @@ def test_teams_in_a_flow_swing_up_where_check_says(
     hold_against_simulation(chain(vehicles, drift, headings=headings), drift)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("terms", [{}, *TERMS])
 @pytest.mark.parametrize("vehicle", ["quadrotor", "wamv"])
 def test_apart_by_modes_or_whole_is_the_same(

@@ -236,7 +236,7 @@ def test_a_run_whose_targets_go_elsewhere_is_not_certified() -> None:
     assert run.ratio is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_broken_bound_is_told_with_its_constants(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

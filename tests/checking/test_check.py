@@ -35,12 +35,11 @@ REFUSED = ("air_tracks_surface", "lost_thruster")
 """Scenarios that cannot be run."""
 
 
-LARGE = ("harbour", "harbour_lost_hexarotor", "otters", "paper", "swarm", "tetrahedron")
-SLOW = [n for n in list_scenarios() if n.endswith("_feedforward") or n in LARGE]
+QUICK = ("midpoint", "air_tracks_surface", "certified", "leader_follower", "range_formation", "unseen_target")
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in list_scenarios()]
+    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in list_scenarios()]
 )
 def test_verdicts_schema_and_exit_code(
     name: str, checked: Callable[[str], Answer], capsys: pytest.CaptureFixture[str]
@@ -69,7 +68,7 @@ def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) ->
     assert " nan" not in printed.lower()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["quads_feedforward", "lost_thruster"])
 def test_command_and_function_say_the_same(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     call("check", name, "--no-trial", "--json")
@@ -139,7 +138,7 @@ def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
     assert there["radius_U"] == pytest.approx(0.4, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_run_compares_with_the_bound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, applies in (("certified", True), ("paper", False)):
         out = tmp_path / name
@@ -153,7 +152,7 @@ def test_run_compares_with_the_bound(tmp_path: Path, capsys: pytest.CaptureFixtu
             assert "does not exceed rho" in theorem["reason"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_margins_speak_of_this_team(simulated: Simulated) -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("paper", {"controller.velocity_limit": 20}), trial=False)
     hold = record["margins"]["hold"]
@@ -178,7 +177,7 @@ def test_plot_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert "--plot" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["harbour", "air_tracks_surface", "split_team", "midpoint", "swarm", "tetrahedron"])
 def test_the_plot_is_legible(name: str) -> None:
     assert is_legible(draw_check(examine(mjsheaf.load_scenario(name).phases)))

@@ -92,6 +92,7 @@ def measured(scenario: Scenario, backend: str, end: float, seeds: int, engine: s
     return dict(zip(scenario.team.agent_ids, np.sqrt(squares / seeds).tolist(), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "rms"), [(0.1, 0.249017), (0.5, 0.229216), (1.0, 0.191609), (5.0, 0.065049)])
 @pytest.mark.parametrize("spreading", ["none", "cos2"])
 def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float, spreading: str) -> None:
@@ -103,7 +104,7 @@ def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float,
     assert record["norm"] == "per_agent_rms"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_fast_hold_is_nearly_the_continuous_law_and_a_slow_one_is_not() -> None:
     found = [mjsheaf.check(lone(0.5, h, PM), trial=False)["disturbance"]["rms"] for h in (0.0, 0.001, 0.5)]
     assert found[1] == pytest.approx(found[0], rel=1e-3)
@@ -142,6 +143,7 @@ def lone_wave(period: float, rate: float, law: float, pull: float) -> float:
     return float(error[count // 2 :].std())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pull", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("period", [0.05, 0.4])
 def test_the_pull_of_a_target_is_held_as_the_law_is(period: float, pull: float) -> None:
@@ -172,7 +174,7 @@ def test_steep_waves_are_named_as_beyond_a_linear_prediction() -> None:
         assert record["leaves_out"] == beyond
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_boats_about_a_pulled_target_move_as_predicted() -> None:
     waves = {"kind": "pierson_moskowitz", "significant_height": 0.066, "peak_period": 3.0, "components": 120}
     scenario = lone(1.0645, 0.2, waves, **PULLED)
@@ -327,6 +329,7 @@ def test_the_screen_has_the_error_of_waves_and_who_cannot_hold_station() -> None
     assert not any(line.startswith("gusts and waves") for line in still)
 
 
+@pytest.mark.slow
 def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
     still = mjsheaf.check(mixed_scenario(), trial=False)["disturbance"]
     assert still["rms"] == 0.0

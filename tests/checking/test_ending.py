@@ -106,6 +106,7 @@ def test_what_grows_or_still_falls_never_settles(curve: np.ndarray) -> None:
     assert settling_time(TIME, curve) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "expected"), [(1.5, "settled"), (2.0, "circling"), (3.0, "circling")])
 def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}

@@ -101,6 +101,7 @@ def held(seed: int) -> bool:
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", TERMS)
 def test_between_samples_too(kind: str) -> None:
     """Held commands, integrated by scipy from the samples of a run."""

@@ -48,6 +48,7 @@ def derived(system: System, loop: Loop, delay: int = 0) -> DerivedLaw:
     return DerivedLaw(system.law.terms, loop.values, loop.gain, loop.period, delay)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", range(6))
 @pytest.mark.parametrize("names", LAWS, ids="+".join)
 def test_running_the_law_gives_the_loop_derived_by_hand(names: tuple[str, ...], delay: int) -> None:

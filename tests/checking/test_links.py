@@ -567,7 +567,7 @@ def test_range_bearing_noise_in_space_turns_the_body_that_measures(away: list[fl
     assert noise["error"] == pytest.approx(np.sqrt(np.mean(squares)), rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_frames_that_noise_turns_little_are_those_of_the_motion() -> None:
     """Between no spread and a large one the covariance goes from one frame to the mean over all."""
     y, motion = np.array([[3.0, 4.0, 5.0]]), np.array([[0.1, 0.02, 0.05]])
@@ -891,6 +891,7 @@ def checked(links: dict[str, Any], **fields: Any) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_the_fields_that_others_rely_on() -> None:
     links = checked({"all": {"noise": 0.1, "delay": 0.02, "loss": 0.25}})["links"]
     assert links["stable"] is True
@@ -977,6 +978,7 @@ def test_losses_decide_where_there_are_any() -> None:
     assert lost["stable"] is False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("delay", "stable"), [(0.01, True), (0.02, False)])
 def test_the_exit_code_is_that_of_the_links_too(delay: float, stable: bool, capsys: pytest.CaptureFixture[str]) -> None:
     with (

@@ -43,6 +43,7 @@ def keeping(places: Any, pairs: Any, measures: str = "position", directed: bool 
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("places", "pairs", "measures", "rank", "needed", "rate"),
     [
@@ -132,6 +133,7 @@ def test_one_bearing_leaves_the_distance_as_it_is() -> None:
     assert end[:2] == pytest.approx([0.0, 1.5], abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 @pytest.mark.parametrize("angle", [30.0, 90.0, 150.0, 180.0])
 def test_one_agent_and_two_targets(measures: str, angle: float) -> None:
@@ -288,6 +290,7 @@ def test_the_steady_error_of_a_directed_team_is_that_of_its_run() -> None:
     assert integral["steady"]["reason"] == "H is not symmetric, and the law has terms"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("terms", [{"integral": {"gain": 0.2}}, {"drift": {"filter": 0.1}}])
 def test_terms_of_directed_teams_are_read_off_the_law(terms: Any) -> None:
     """With real eigenvalues the loop is that of an undirected team with the same ones."""
@@ -322,6 +325,7 @@ def test_records_are_json_and_have_verdicts() -> None:
         assert "rigid" in headline(record)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("places", "pairs", "measures", "count"),
     [

@@ -209,6 +209,7 @@ LARGE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", range(len(LARGE)))
 @pytest.mark.parametrize("limits", [{"EXACT_COMBINATIONS": 0}, {"JOINT_DIMENSION": 0}, {"JOINT_CLASSES": 0}])
 @pytest.mark.parametrize("states", [0, 400])

@@ -109,6 +109,7 @@ def is_settled(scenario: Scenario) -> bool:
     return float(np.abs(law(scenario)(x[:n], x[n:])).max()) < 1e-9 and team.is_settled(scenario.system.initial)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("directed", [0.0, 0.5])
 @pytest.mark.parametrize("seeds", [range(10), pytest.param(range(10, 260), marks=pytest.mark.slow)], ids=len)
 def test_the_rate_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, directed: float) -> None:
@@ -352,6 +353,7 @@ def three_bearings(gain: float, **fields: Any) -> Scenario:
     return three_ranges(gain, **{"sensing": sensing, "agents": [{"id": "A", "position": [-1.0, -2.0]}], **fields})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", [three_ranges, three_bearings])
 def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: Any) -> None:
     """Targets sway by 5 cm: q* moves by the law's H^-1 B, and the error is that of its loop, to 1 %."""

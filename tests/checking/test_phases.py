@@ -74,7 +74,7 @@ def test_a_team_held_by_anchors_alone_has_phases() -> None:
     assert [phase["start"] for phase in check(load_scenario(raw), trial=False)["phases"]] == [0.0, 3.0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_phase_begins_with_what_the_one_before_may_leave() -> None:
     """Its initial error bounds the run's, and so does its bound, at every sample of the phase."""
     scenario = still(EVENTS)

@@ -29,6 +29,7 @@ def assert_record_fits(record: CheckRecord, name: str) -> str:
     return "\n".join(lines)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FEW)
 def test_the_answer_fits_on_a_screen(name: str) -> None:
     assert_fits(name)
@@ -41,6 +42,7 @@ def test_what_fails_is_named_with_agents_and_a_fix() -> None:
     assert "Fix: give A1 an altimeter" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["unseen_target", "split_team"])
 def test_the_edges_that_are_suggested_make_assumption_5_hold(name: str) -> None:
     scenario = mjsheaf.load_scenario(name)
@@ -55,6 +57,7 @@ def test_the_edges_that_are_suggested_make_assumption_5_hold(name: str) -> None:
     assert mjsheaf.check(changed, trial=False)["assumptions"][4]["holds"] is True
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_answer_alone_on_stdout() -> None:
     short = answer_of("check", "midpoint")
     assert len(short.out.splitlines()) <= MAX_LINES

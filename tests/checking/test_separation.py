@@ -61,6 +61,7 @@ def test_pairs_that_begin_too_close_are_named() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_run_names_the_pair_that_is_closest_and_when(tmp_path: Path) -> None:
     raw = escort()
     raw["agents"][0]["position"] = [-20, -4]
@@ -73,6 +74,7 @@ def test_a_run_names_the_pair_that_is_closest_and_when(tmp_path: Path) -> None:
     assert summary["safety"]["closest"] == {"pair": ["B1", "B2"], "time": 0.0, "gap": pytest.approx(-1.0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -114,6 +116,7 @@ def test_everything_else_is_about_the_team_while_the_filter_does_not_act() -> No
     assert without["safety"] is None
 
 
+@pytest.mark.slow
 def test_without_a_velocity_limit_the_margin_is_that_of_the_vehicles_top_speed() -> None:
     """An Otter makes 3.09 m/s, and its limit counts if it has one; a hull without limits has no margin."""
     raw = escort(range=15)

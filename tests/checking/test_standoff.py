@@ -66,6 +66,7 @@ def final_distance(raw: dict[str, Any], other: str) -> float:
     return float(np.linalg.norm(last["A"] - last.get(other, np.zeros(2))) - surface)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("raw", "other", "s"),
     [

@@ -15,6 +15,7 @@ def measured(scenario: Any, backend: str) -> float:
     return float(np.sqrt(np.nanmean(error[len(error) // 2 :] ** 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "controller",
     [
@@ -36,7 +37,7 @@ def test_ideal_kinematics_make_what_is_predicted(controller: dict[str, Any]) -> 
     assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["harbour", "quads", "quads_feedforward", "paper", "paper_feedforward", "double_gyre", "open_sea"]
 )
@@ -79,6 +80,7 @@ def test_what_is_left_of_the_initial_error_is_in_the_prediction() -> None:
     assert steady["leaves_out"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fields",
     [
@@ -108,7 +110,7 @@ def test_bodies_that_have_not_settled_make_what_is_predicted() -> None:
     assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_boats_far_from_their_places_do_is_left_out_and_named() -> None:
     """Otters turn towards their places first, so that they arrive later than linear ones."""
     scenario = slow(vehicles={"agents": "otter"})

@@ -102,7 +102,7 @@ def test_disturbance_bound_is_the_papers() -> None:
     assert disturbance_bound(2.0, 0.0, 9, 4, 0.0) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_published_run_fails_the_gain_condition_and_keeps_the_weaker_bound(simulated: Simulated) -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("paper"), trial=False)
     theorem = record["theorem"]

@@ -151,6 +151,7 @@ def test_a_bound_for_bodies_that_is_missed_fails_and_one_that_is_met_does_not() 
         assert kinds(scenario) == expected
 
 
+@pytest.mark.slow
 def test_vehicles_that_come_closer_than_they_may_are_named_with_the_time() -> None:
     """A target without a filter of its own runs into an agent that is slower."""
     scenario = lone(
@@ -169,6 +170,7 @@ def test_vehicles_that_come_closer_than_they_may_are_named_with_the_time() -> No
     assert problem["time"] == pytest.approx(float(run["time"][int(gaps.argmin())]))
 
 
+@pytest.mark.slow
 def test_an_error_far_beyond_the_foreseen_one_at_a_limit_fails() -> None:
     """Noise of odometry keeps the commands of these drones at their speed limit, which no linear analysis sees."""
     assert kinds(mjsheaf.load_scenario("noisy_odometry")) == {"far_off"}
@@ -215,6 +217,7 @@ def test_an_agent_s_own_limit_is_the_one_that_is_raised() -> None:
     assert problem["tried"]["ok"]
 
 
+@pytest.mark.slow
 def test_a_boat_that_moves_one_way_only_is_slower_than_any_place_that_moves() -> None:
     """The catamaran's bow thruster pushes both ways, and its slowest direction is its way abeam, 0.333 m/s."""
     record = mjsheaf.check(lone(str(DATA / "catamaran.yaml"), [0.0, 0.0], circling(3.0), controller={"gain": 0.3}))
@@ -238,6 +241,7 @@ def test_a_law_that_is_unstable_on_bodies_fails_its_trial() -> None:
     assert not record["trial"]["ok"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fields",
     [
@@ -256,6 +260,7 @@ def test_any_mission_is_tried(fields: dict[str, Any]) -> None:
     assert record["ok"]
 
 
+@pytest.mark.slow
 def test_formation_keeping_is_tried() -> None:
     assert mjsheaf.check(mjsheaf.load_scenario("range_formation"))["trial"]["ok"]
 

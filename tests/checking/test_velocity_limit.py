@@ -34,6 +34,7 @@ def stream(limits: tuple[float | None, float | None]) -> Scenario:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limits", "short"),
     [
@@ -63,6 +64,7 @@ def test_a_limit_below_what_q_star_takes_is_named(limits: tuple[float | None, fl
         assert late[-1] > late[0] + 1.0  # it is carried away
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.4, 1.0, 1.7])
 def test_one_that_is_outrun_on_a_circle_stays_within_it(limit: float) -> None:
     """Pure pursuit of a point on a circle of radius R at speed v ends on a circle of radius R top / v."""

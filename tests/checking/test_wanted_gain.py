@@ -55,7 +55,7 @@ def errors(scenario: Scenario) -> Any:
     return np.sqrt((result.tracking_error.values**2).sum(axis=1))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("radius", [1.0, 0.03])
 def test_at_the_named_gain_the_radius_is_certified_and_kept(radius: float) -> None:
     """The finding: 1.0003 1/s was named for 1 m, and the run there ended 79 m away."""
@@ -76,7 +76,7 @@ def test_the_gain_that_was_named_does_not_do_it() -> None:
     assert theorem["gain_for_wanted_radius"] == pytest.approx(15.65, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_gain_is_said_to_be_needed_where_a_smaller_one_does_it(capsys: pytest.CaptureFixture[str]) -> None:
     """The finding: "that takes a gain above 45.49 1/s", where the theorem applies at 5 1/s."""
     theorem = mjsheaf.check(beside_a_jet(2.0), trial=False)["theorem"]
@@ -94,7 +94,7 @@ def test_no_gain_is_said_to_be_needed_where_a_smaller_one_does_it(capsys: pytest
     assert not lower["applies"] or lower["radius_U"] > 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "changes", "words"),
     [

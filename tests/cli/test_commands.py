@@ -39,7 +39,10 @@ FILMED_AGAIN = [*QUICKLY_FILMED, *EVERY[::16]]
 """Runs whose video is drawn a second time by the command `video`, which reads any run in the same way."""
 
 
-@pytest.mark.parametrize(("name", "backend"), EVERY)
+@pytest.mark.every
+@pytest.mark.parametrize(
+    ("name", "backend"), [pytest.param(*run, marks=[pytest.mark.slow] if k % 4 else []) for k, run in enumerate(EVERY)]
+)
 def test_run_of_every_scenario(name: str, backend: str, published: Published) -> None:
     """To its end, with its expectations, which are met and at most a tenth wider than what is found."""
     (code, _, err), out = published(name, backend)
@@ -114,7 +117,7 @@ def test_run_replaces_its_own_directory_and_repeats_its_bits(tmp_path: Path, req
     assert (again / "result.nc").read_bytes() == first["result.nc"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_unstable_run_is_published_and_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Thrusters of 1e9 N hold a gain of 60 back to a limit cycle of a kilometre.
     for backend, gain, margin in (("ideal", 60, "3.76"), ("physics", 60, "3.76")):
@@ -271,7 +274,7 @@ def test_help_loads_nothing_heavy() -> None:
     assert done.stdout.rstrip().endswith("heavy: []")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_opengl_the_run_finishes_and_says_why(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     out = tmp_path / "out"
     done = mjsheaf("run", "midpoint", "--set", "time.end=0.2", "--out", out, MUJOCO_GL="nonsense")
@@ -330,7 +333,7 @@ def test_video_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixt
         assert error.count("\n") == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("without_plots")
 def test_a_run_is_not_shown_again_with_data_of_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
@@ -366,7 +369,7 @@ def test_a_run_that_is_refused_leaves_no_parents(tmp_path: Path, capsys: pytest.
     assert {p.name for p in out.iterdir()} >= DATA_FILES
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_that_blows_up_prints_one_line(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     for backend, gain in (("ideal", "1e9"), ("physics", "400")):
         out = tmp_path / "out"
@@ -413,7 +416,7 @@ def test_signal_stops_a_run_and_leaves_nothing(
 
 
 @pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signal_stops_a_film_and_keeps_the_old_one(number: signal.Signals, code: int, tmp_path: Path) -> None:
     run = tmp_path / "run"

@@ -43,7 +43,7 @@ def test_a_file_named_without_its_suffix_is_proposed() -> None:
     assert "did you mean mine.yaml?" in answer.err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_holds_and_runs() -> None:
     assert call("new", "mine") == 0
     record = check(load_scenario("mine.yaml"), trial=False)

@@ -99,7 +99,7 @@ main({arguments})
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "code", "word"), [("SIGINT", 130, "interrupted"), ("SIGTERM", 143, "terminated")])
 def test_a_signal_during_the_video_leaves_the_run_and_says_how_to_draw_it(
     number: str, code: int, word: str, tmp_path: Path

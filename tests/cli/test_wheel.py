@@ -15,7 +15,7 @@ import mjsheaf
 from tests.builders import REPOSITORY
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_wheel_installs_and_runs_elsewhere(tmp_path: Path) -> None:
     own = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}  # which may be the repository
 

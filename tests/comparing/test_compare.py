@@ -59,6 +59,7 @@ def test_budgets_sum_to_the_whole(record: CompareRecord) -> None:
         assert budget.all_m == getattr(errors, budget.measure)
 
 
+@pytest.mark.slow
 def test_the_ideal_run_is_no_distance_from_itself(record: CompareRecord) -> None:
     distance = record.rung("ideal").distance
     assert distance is not None
@@ -151,7 +152,7 @@ def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: pytest.
     assert record.rung("all").errors["team"].late.tracking_error is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_everything_else_is_there_before_the_video(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -176,7 +177,7 @@ def test_everything_else_is_there_before_the_video(
     assert asked == ["draft", "good"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(available_backend()[0] is None, reason="nothing can be drawn here")
 def test_video_has_both_side_by_side(tmp_path: Path) -> None:
     out = tmp_path / "out"
@@ -212,7 +213,7 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
     assert rows[0][0] - rows[0][-1] > 30  # pixels: it fills the axis
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["quads", "otters", "harbour"])
 def test_plots_are_legible(name: str, drawn: list[Figure]) -> None:
     """Also where nine lines end in nearly one point, and with a panel for each group."""

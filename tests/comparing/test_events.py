@@ -58,6 +58,7 @@ def record(comparison: Comparison) -> CompareRecord:
     return comparison.record
 
 
+@pytest.mark.slow
 def test_phases_are_those_of_plain_runs(record: CompareRecord) -> None:
     scenario = three_boats()
     assert [(phase.start, phase.end) for phase in record.phases] == [
@@ -75,6 +76,7 @@ def test_phases_are_those_of_plain_runs(record: CompareRecord) -> None:
                     assert approx(getattr(found, name), rel=1e-9) == values[name]
 
 
+@pytest.mark.slow
 def test_the_late_error_of_a_phase_is_that_of_its_last_half(record: CompareRecord) -> None:
     dataset = simulate(three_boats(), "ideal")
     time = dataset["time"].values
@@ -159,7 +161,7 @@ def test_both_films_have_the_stages(comparison: Comparison) -> None:
     assert [[stage.name for stage in film.stages] for film, _ in films] == [["", "lose A3", "join A3, gain = 2.0"]] * 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_publishes_the_phases(tmp_path: Path) -> None:
     path = tmp_path / "three.yaml"
     own = three_boats(vehicles=HULLS, time={"end": 2.2})

@@ -28,6 +28,7 @@ def record() -> CompareRecord:
     return compare(boats()).record
 
 
+@pytest.mark.slow
 def test_trials_are_plain_runs_at_their_gains(record: CompareRecord) -> None:
     assert record.gains is not None
     assert len(record.gains.trials) >= 2

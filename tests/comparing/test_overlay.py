@@ -82,7 +82,7 @@ def team_error(backend: str, **fields: object) -> np.ndarray:
     return np.sqrt((dataset["tracking_error"].values ** 2).mean(axis=1))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
     ideal, bodies = team_error("ideal"), team_error("physics")
     late = slice(75, None)
@@ -132,6 +132,7 @@ def test_an_absent_agent_has_no_distance(runs: Path, tmp_path: Path) -> None:
     assert approx(record.runs[1].distance_m) == np.sqrt(np.nanmean(apart[75:] ** 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "words"),
     [
@@ -174,7 +175,7 @@ def test_the_command_writes_and_replaces_its_own(
     assert call("compare-runs", runs / "ideal", runs / "bodies", "--out", out) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_runs_of_one_name_are_told_apart_and_no_number_is_cut(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -188,6 +189,7 @@ def test_runs_of_one_name_are_told_apart_and_no_number_is_cut(
     assert f"({record.runs[2].final_difference.tracking_error:+.2g})" in printed
 
 
+@pytest.mark.slow
 def test_a_run_is_not_replaced_by_its_comparison(runs: Path) -> None:
     with pytest.raises(PlaceError, match="directory of one of the runs"):
         publish_runs([runs / "ideal", runs / "bodies"], runs / "ideal")

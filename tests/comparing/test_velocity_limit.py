@@ -68,7 +68,7 @@ def test_the_verdict_names_it(record: CompareRecord) -> None:
     assert not any("lag; " in s and "velocity limit" not in s for s in record.verdict)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_limit_that_is_not_met_costs_nothing_and_is_not_spoken_of() -> None:
     record = compare(limited(30.0)).record
     assert record.velocity_limit is not None

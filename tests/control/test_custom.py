@@ -350,6 +350,7 @@ FACES = Path(__file__).with_name("faces_of_terms.py")
 INTERPRETED = [{"NUMBA_DISABLE_JIT": "1"}, pytest.param({}, marks=pytest.mark.slow)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("environment", INTERPRETED, ids=["interpreted", "compiled"])
 def test_a_sample_counts_once_on_every_face(environment: dict[str, str]) -> None:
     """Every face gives the run of `simulate`, to the bit, and looking at a run changes nothing of it."""
@@ -378,6 +379,7 @@ def faulty(residual, command, memory, parameters, period):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("environment", INTERPRETED, ids=["interpreted", "compiled"])
 def test_a_fault_of_a_term_names_term_agent_and_time(environment: dict[str, str], tmp_path: Path) -> None:
     """One line and exit code 2 on both backends, in environments too, whether compiled or not."""

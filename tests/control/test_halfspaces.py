@@ -200,6 +200,7 @@ def touching(rng: np.random.Generator, dimension: int) -> tuple[Array, float]:
     return rows, limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_rounding_is_not_amplified(dimension: int) -> None:
     """Changes in the last bit change the result by less than 1e-8 m/s, wherever constraints and the limit touch."""

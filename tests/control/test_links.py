@@ -258,6 +258,7 @@ def test_delay_is_whole_periods_to_the_bit(backend: str) -> None:
     assert (data["delivery"] == 1.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "bursts",
     [
@@ -422,6 +423,7 @@ def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
 # -- the same bits -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "pieces"),
     [
@@ -508,7 +510,7 @@ def test_links_that_do_nothing_change_no_bit(backend: str) -> None:
     assert tangled().uses_seed("ideal")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_file_is_the_same_in_pieces(tmp_path: Path) -> None:
     scenario = tangled(time={"end": 0.3})
     write_dataset(stream(scenario.system, "ideal", 11, samples=9), tmp_path / "pieces.nc")

@@ -172,6 +172,7 @@ TEAMS: dict[str, Callable[[], Scenario]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", TEAMS.values(), ids=TEAMS)
 @pytest.mark.parametrize(
     "link", [{"delay": 0.01}, {"delay": 0.07, "loss": 0.3}, {"loss": 0.8}, {"delay": 0.02, "loss": BURSTS}], ids=str
@@ -198,6 +199,7 @@ def test_the_fixed_point_is_the_same(make: Callable[[], Scenario], link: dict[st
     assert error[-1] < 1e-3 * error[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_feedforward_follows_over_late_and_lossy_rounds(backend: str) -> None:
     """Targets at constant velocity: in the end as good as over perfect links, and much better than without."""

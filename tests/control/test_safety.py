@@ -274,6 +274,7 @@ def test_order_of_agents_and_links_do_not_matter() -> None:
         np.testing.assert_allclose(one, other, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "distance", "end"),
     [("leader_follower", 10.0, 12), ("range_formation", 8.0, 2), ("bearing_formation", 14.0, 8)],

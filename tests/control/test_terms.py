@@ -243,6 +243,7 @@ def test_local_form_on_ideal_kinematics(terms: dict[str, Any]) -> None:
     assert_alike(mixed_scenario(controller=controller, targets=MOVING), "ideal")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_local_form_of_random_teams(seed: int) -> None:
     assert_alike(unlike_team(seed, **ALL), "ideal", 1e-9)
@@ -782,6 +783,7 @@ def test_published_run_with_terms(gain: float, terms: dict[str, Any], most: floa
     assert speed <= 30.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("terms", "most"), [(FEEDFORWARD, 0.18), (BOTH, 0.09), (WHOLE, 0.02)])
 def test_published_run_with_terms_on_bodies(terms: dict[str, Any], most: float) -> None:
     error, speed = late(simulate(edited(load_scenario("paper"), terms), "physics"))

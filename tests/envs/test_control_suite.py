@@ -82,6 +82,7 @@ def same(one: Any, other: Any) -> bool:
     return all(value.tobytes() == other[name].tobytes() for name, value in one.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VARIANTS)
 def test_without_actions_it_is_the_run_to_the_bit(name: str) -> None:
     scenario = mixed_scenario(**VARIANTS[name])
@@ -182,6 +183,7 @@ def test_absent_agents_keep_their_places() -> None:
     assert acting.physics.data.qpos.tobytes() != resting.physics.data.qpos.tobytes()
 
 
+@pytest.mark.slow
 def test_the_same_episode_repeats_and_seeds_differ() -> None:
     scenario = mixed_scenario(**ALL)
     env = dm_env(scenario, same_episode=True)

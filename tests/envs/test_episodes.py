@@ -130,6 +130,7 @@ def places(face: Face) -> list[Array]:
     return [episode.world.positions() for episode in face.episodes]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FACES)
 def test_each_reset_begins_the_run_of_the_seed_that_it_names(name: str) -> None:
     scenario = random_scenario()
@@ -150,6 +151,7 @@ def test_each_reset_begins_the_run_of_the_seed_that_it_names(name: str) -> None:
     assert len({seed for own in seeds for seed in own}) == 3 * len(seeds[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FACES)
 def test_one_seed_determines_all_episodes(name: str) -> None:
     one, other = (FACES[name](random_scenario()) for _ in range(2))
@@ -214,7 +216,7 @@ def test_runs_of_a_vector_are_single_environments_whenever_they_end() -> None:
     ("name", "change"),
     [("harbour_gusts", {}), ("open_sea", {}), ("quads", {"spread.position": 0.3}), ("noisy_harbour", {})],
 )
-@pytest.mark.slow
+@pytest.mark.long
 def test_new_episodes_of_shipped_scenarios(name: str, change: dict[str, Any]) -> None:
     """Gusts, waves, rotors and noise of runs that are stepped together are those of `env`, to the bit."""
     period = load_scenario(name).whole.grid.period
@@ -231,6 +233,7 @@ def test_new_episodes_of_shipped_scenarios(name: str, change: dict[str, Any]) ->
     assert (runs._worlds is not None) is together
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", COPIED)
 @pytest.mark.parametrize("name", FACES)
 def test_copies_go_on_by_themselves_to_the_bit(name: str, how: str) -> None:
@@ -283,6 +286,7 @@ def test_spaces_of_copies_draw_the_same() -> None:
     np.testing.assert_array_equal(drawn[0], drawn[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [np.int8, np.uint8, np.int16, np.int32, np.uint32, np.int64, np.uint64, int])
 def test_every_whole_number_is_a_seed(make: Any) -> None:
     whole = env(random_scenario())
@@ -295,6 +299,7 @@ def test_every_whole_number_is_a_seed(make: Any) -> None:
     assert all(type(episode.seed) is int for episode in (whole.episode, runs.envs[0].episode))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2**63, 2**64, -1, np.int64(-1), True, 1.0, "1", 1 + 0j, object()])
 def test_what_is_no_seed_is_refused_and_changes_nothing(seed: Any) -> None:
     scenario = random_scenario()
@@ -335,6 +340,7 @@ def test_states_keep_large_seeds() -> None:
 WRONG: list[Any] = ["x", None, {}, 1, [], [[0.0]], 1j, object(), ["1"], 10**400, {"boat": "x"}, [None]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", WRONG, ids=[str(k) for k in range(len(WRONG))])
 def test_wrong_actions_are_refused_in_one_line_and_change_nothing(wrong: Any) -> None:
     scenario = random_scenario()

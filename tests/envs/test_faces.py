@@ -225,7 +225,7 @@ def test_only_the_tail_observes_a_directed_edge() -> None:
     assert edges["last"] == [("last", "left"), ("last", "right")]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_shipped_scenarios_are_registered() -> None:
     lines = ("import gymnasium, mjsheaf.envs", "made = gymnasium.make('mjsheaf/midpoint-v0', horizon=0.1)")
     script = "\n".join([*lines, "made.reset()", "print(made.spec.id)"])

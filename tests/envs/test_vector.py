@@ -58,6 +58,7 @@ def compare(scenario: Scenario, periods: int, *, together: bool = True, **option
             assert one.episode.world.time == other.episode.world.time
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in COMPILED else name for name in CHANGES]
 )
@@ -66,6 +67,7 @@ def test_every_run_is_that_of_its_seed(name: str, options: dict[str, Any]) -> No
     compare(mixed_scenario(**{"time": {"end": 0.6}} | CHANGES[name]), 8, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -160,6 +162,7 @@ def test_a_new_seed_changes_neither_recorded_paths_nor_fixed_targets() -> None:
         np.testing.assert_array_equal(one.episode.world.positions()[:2, :2], run["agent_position"].values[3][:, :2])
 
 
+@pytest.mark.long
 def test_a_new_seed_changes_the_sea() -> None:
     """All vehicles of a run meet the same waves, and those of another seed are others."""
     period = load_scenario("open_sea").whole.grid.period

@@ -252,7 +252,7 @@ def test_exported_variables_are_recorded_ones() -> None:
     assert {name for names in TOPICS.values() for name in names} <= {entry.name for entry in VARIABLES}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_of_the_paper_s_team_stays_small(tmp_path: Path) -> None:
     """17 vehicles and 1,500 samples in at most 1.35 MB; on bodies 1 MB of attitudes and thrusters more."""
     scenario = load_scenario("paper", {"time.end": 15.0})
@@ -283,7 +283,7 @@ def test_a_finished_run_exports_what_the_running_one_did(finished: Path, tmp_pat
     assert not (finished / "run_ros2").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_events_are_messages_and_the_lost_agent_is_not_drawn(finished: Path) -> None:
     found = messages(finished / "run.mcap")
     told = [(time, message.message) for time, message in found["/log"]]

@@ -133,6 +133,7 @@ def test_a_refusal_says_what_nothing_determines_and_who_needs_an_edge() -> None:
         assert recorder.events == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "backend"), [("midpoint", "ideal"), ("midpoint", "physics"), ("paper", "ideal")])
 def test_the_stable_gain_of_the_live_page_is_that_of_check(name: str, backend: str) -> None:
     scenario = load_scenario(name)

@@ -126,7 +126,7 @@ def test_what_cannot_be_set_is_named(change: dict[str, Any], words: str) -> None
         _ = scenario_in(BEFORE, [{"time": TIME, "set": change}]).phases
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_check_decides_each_phase_in_its_own_flow() -> None:
     """A phase over targets at rest has the constants of a run that is in its flow from the start."""
     still = {"target_formation": None, "target_motion": {"kind": "static"}, "disturbance": {"agents": {"bound": 0.1}}}

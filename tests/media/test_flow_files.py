@@ -551,6 +551,7 @@ def projected(mapping: str, unit: str, along: str) -> tuple[File, Any, Any]:
     return file, lat, lon
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("along", ["earth", "grid"])
 @pytest.mark.parametrize("mapping", MAPPINGS)
 def test_projected_grids_lie_in_the_plane_with_x_east(mapping: str, along: str, place: Path) -> None:
@@ -618,6 +619,7 @@ def test_projections_that_are_not_understood_are_refused(place: Path) -> None:
 DISTANCES = {"depth": "down", "height": "up", "altitude": "up", "height_above_mean_sea_level": "up"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", sorted({*coordinate_criteria["Z"]["standard_name"], *coordinate_criteria["vertical"]["standard_name"]})
 )
@@ -666,6 +668,7 @@ def test_distances_by_unit_and_direction(place: Path) -> None:
     decide(deep, place, "depth: 21 m is beyond the file's; expected up to 20 m", depth=21.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values", "chosen"),
     [
@@ -690,6 +693,7 @@ def test_further_axes_are_refused_unless_a_value_is_chosen(name: str, values: An
 # -- time ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "calendar",
     ["standard", "gregorian", "proleptic_gregorian", "noleap", "365_day", "all_leap", "366_day", "360_day", "julian"],

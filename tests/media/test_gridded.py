@@ -176,7 +176,7 @@ def test_check_bounds_a_gridded_flow(file: Path) -> None:
     assert third["value"] == pytest.approx(in_flow(file).system.moving_bounds.speed.max())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_keeps_a_copy_of_its_file_and_can_be_run_again(tmp_path: Path) -> None:
     scenario = mjsheaf.load_scenario("double_gyre", {"time.end": 1.0})
     first = mjsheaf.simulate(scenario, backend="ideal")

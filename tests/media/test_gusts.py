@@ -184,6 +184,7 @@ def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: 
         assert np.mean((there - here) ** 2, axis=0) == pytest.approx(expected, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frozen", [False, True])
 def test_a_run_meets_the_gusts_that_medium_returns(frozen: bool) -> None:
     """On ideal kinematics; `test_on_bodies` has the others."""

@@ -47,6 +47,7 @@ def test_a_moving_vortex_is_a_resting_one_whose_centre_moves() -> None:
         assert moving.velocity("boat", [t], place) == pytest.approx(resting.velocity("boat", [t], place), abs=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fields", [{"tide": TIDE}, {"ramp": RAMP}, {"vortices": [VORTEX]}])
 def test_bounds_are_not_exceeded_and_nearly_attained(fields: dict[str, Any]) -> None:
     system, rng, h = water(**fields).system, np.random.default_rng(0), 1e-5
@@ -68,6 +69,7 @@ def test_a_vortex_that_moves_needs_a_core() -> None:
         mixed_scenario(flow={"water": {"dimension": 2, "core": 0.0, "vortices": [VORTEX]}})
 
 
+@pytest.mark.long
 def test_events_set_what_moves() -> None:
     """On ideal kinematics; `test_on_bodies` has the others."""
     changes = [

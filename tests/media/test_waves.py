@@ -25,6 +25,7 @@ def sea(waves: dict[str, Any], **fields: Any) -> Scenario:
     return mixed_scenario(**{"time": {"end": 0.4}, "flow": flow, **fields})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("components", [1, 7, 50, 300])
 @pytest.mark.parametrize("kind", [PM, JONSWAP])
 def test_height_and_moments_are_exact_for_any_number_of_waves(kind: dict[str, Any], components: int) -> None:
@@ -139,6 +140,7 @@ def drifting(waves: dict[str, Any], depth: float, end: float) -> tuple[np.ndarra
     return moved[1], moved[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steepness", [0.005, 0.01])
 def test_drift_is_half_of_stokes_at_the_surface_and_stokes_below(steepness: float) -> None:
     rate = Waves.model_validate({**PM, "components": 1}).components_of(0).rate[0]
@@ -184,7 +186,7 @@ def test_a_run_meets_the_sea_that_medium_returns() -> None:
         assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("engine", ["mujoco", "fused"])
 def test_a_hull_heaves_rolls_and_pitches_with_a_long_wave(engine: str) -> None:
     waves = {**PM, "significant_height": 1.0, "peak_period": 12.0, "components": 1, "direction": 90.0}

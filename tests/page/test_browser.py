@@ -519,6 +519,7 @@ def test_names_are_text_whatever_they_contain(browser: Any, tmp_path: Path) -> N
     require_quiet(page)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["range_formation", "harbour_gusts", "leader_follower", "swap"])
 def test_pages_of_teams_to_which_an_assumption_does_not_apply_open(browser: Any, name: str, tmp_path: Path) -> None:
     made = make_page(name, "ideal", {"time.end": 1.0})

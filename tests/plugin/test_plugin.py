@@ -199,7 +199,7 @@ def test_a_scenario_runs_under_the_law_that_it_names(run: Run) -> None:
     assert "there is no 'none' in it" in told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("option", ["--controller", "--mjsheaf-controller"])
 def test_the_law_of_the_command_line_replaces_it(run: Run, option: str) -> None:
     code, told = run("--mjsheaf", "laws/paper.yaml", option, "laws/still.py:still", "-v", "-p", "no:cacheprovider")

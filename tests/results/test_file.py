@@ -74,7 +74,7 @@ def test_pieces_on_disk_are_the_run_in_memory(
     assert (tmp_path / "b.nc").read_bytes() == (tmp_path / "c.nc").read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_run_that_blows_up_at_any_place_of_a_piece(
     backend: str, piece: Callable[[int], None], tmp_path: Path
@@ -92,7 +92,7 @@ def test_a_run_that_blows_up_at_any_place_of_a_piece(
         np.testing.assert_array_equal(found["agent_position"], whole["agent_position"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("positions", [1, 2**14, 2**18])
 def test_thinned_keeps_the_ends_and_reads_what_it_says(
     positions: int, piece: Callable[[int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -111,7 +111,7 @@ def test_thinned_keeps_the_ends_and_reads_what_it_says(
     xr.testing.assert_identical(few, whole.sel(time=few["time"]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_long_run_of_few_vehicles_is_read_in_few_pieces(piece: Callable[[int], None], tmp_path: Path) -> None:
     """Each read has a fixed cost: pieces are whole parts of the file, as large as bounded memory allows."""
     piece(10)

@@ -26,6 +26,7 @@ def examined(name: str, backend: str, **changes: Any) -> TermsInRun:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", ["harbour_feedforward", "otters_feedforward", "quads_feedforward", "steady_current"])
 def test_healthy_terms_are_not_blamed(name: str, backend: str, simulated: Simulated) -> None:
@@ -36,6 +37,7 @@ def test_healthy_terms_are_not_blamed(name: str, backend: str, simulated: Simula
     assert (found.saturated is None) == (backend == "ideal")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_unfiltered_noise_is_blamed_on_the_terms_that_pass_it_on(backend: str, simulated: Simulated) -> None:
     scenario = load_scenario("noisy_odometry")

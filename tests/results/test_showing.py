@@ -38,7 +38,7 @@ def directory(result: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> P
     return mjsheaf.save(result, tmp_path_factory.mktemp("saved") / "run", video=False).directory
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_figures_are_those_that_a_run_writes(result: xr.Dataset, directory: Path, tmp_path: Path) -> None:
     settings = dict(mpl.rcParams)
     before = plt.get_fignums()
@@ -60,6 +60,7 @@ def test_a_figure_is_the_callers(result: xr.Dataset, tmp_path: Path) -> None:
     assert mjsheaf.plot(result)["errors"].axes[0].get_title() != "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eye", [(0.0, 30.0), (90.0, 30.0), (-60.0, 35.0)])
 def test_the_view_in_space_is_that_of_the_video(eye: tuple[float, float]) -> None:
     """The arrows of the axes, in the view's right and up: matplotlib's own projection."""

@@ -47,6 +47,7 @@ def scenario(**fields: Any) -> Scenario:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_one_entry_is_in_the_file_and_in_the_reference(
     backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

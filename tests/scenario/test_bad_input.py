@@ -356,6 +356,7 @@ def test_overrides_in_python_have_the_same_limits() -> None:
         load_scenario({"agents": deep})
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(text=st.text(min_size=1, max_size=20))
 def test_no_text_of_a_user_reaches_the_terminal_raw(text: str) -> None:

@@ -230,6 +230,7 @@ def test_a_run_takes_its_vehicles_along(place: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again" / "vehicles" / "raft_2" / "raft.yaml").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("what", ["added", "edited", "linked", "instead"])
 def test_what_a_person_puts_among_a_run_s_vehicles_is_not_lost(

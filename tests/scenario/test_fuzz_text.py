@@ -45,6 +45,7 @@ def _compiled() -> None:
         simulate(load_scenario(name, {"time.end": 0.05}), "ideal")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_compiled", "without_plots")
 @pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES])
 def test_a_mutated_file_runs_whole_or_leaves_nothing(

@@ -11,6 +11,7 @@ from mjsheaf.results import summarize
 from tests.builders import Simulated
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("group", "formation"), [("air", 0.5), ("water", 1.5)])
 def test_groups_do_on_bodies_nearly_what_they_do_ideally(group: str, formation: float, simulated: Simulated) -> None:
     team = load_scenario("harbour").system.team

@@ -67,6 +67,7 @@ def test_paper_centering_matches_the_published_account(simulated: Simulated) -> 
     assert final["mean_disagreement"] == pytest.approx(1.433368287835867, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_dataset_holds_what_the_contract_names(backend: str, simulated: Simulated) -> None:
     ds = simulated("local_frames", backend)

@@ -102,7 +102,7 @@ def exact_matrix(points: Any, edges: Any, measures: str) -> list[list[int]]:
     return rows
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_random_frameworks_are_decided_as_an_exact_rank_decides() -> None:
     """Of 500 frameworks on small lattices, where points are often collinear, most ranks are deficient."""
     rng = np.random.default_rng(7)

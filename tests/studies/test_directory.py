@@ -130,7 +130,7 @@ def test_without_a_scheduler_another_may_be_asked_for(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "study.json").read_text())["runs"] == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_changed_scenario_is_refused(tmp_path: Path, mjsheaf: Runner) -> None:
     text = (Path(__file__).parents[2] / "scenarios" / "midpoint.yaml").read_text()
     own, out = tmp_path / "own.yaml", tmp_path / "out"
@@ -186,7 +186,7 @@ def test_a_study_inside_a_study_is_refused(study: Path) -> None:
     assert contents(study) == before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_second_command_is_refused(study: Path, mjsheaf: Runner) -> None:
     before = contents(study)
     with open_directory(study, small_plan()):

@@ -19,7 +19,7 @@ from mjsheaf.studies.study import results_of
 from tests.pictures import is_legible
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_study_of_terms_draws_errors_over_time(drawn: list[Figure]) -> None:
     """Each term at its worst is better than what came before it; the figure is that of plain runs."""
     plan = load_plan("terms", overrides={"time.end": 12})

@@ -101,7 +101,7 @@ def test_columns_have_the_type_of_their_values() -> None:
     assert table.to_parquet() == table.to_parquet()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_only_what_did_not_finish_is_retried(tmp_path: Path) -> None:
     plan, out = small_plan(gains=(1.0, -1.0)), tmp_path / "study"
     run_study(plan, out, IN_THREADS)
@@ -210,6 +210,7 @@ def test_every_kind_of_study_is_drawn(fields: dict[str, Any], failing: bool, tmp
             assert len(np.unique(np.asarray(picture.convert("L")))) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratios", [[0.4], [0.9472] * 30, [0.5, 0.9, 1.0, 1.01, 1.2]])
 def test_runs_are_counted_against_the_bound(ratios: list[float], drawn: list[Figure]) -> None:
     """Every run in one bar, on its side of the bound; without a ratio nothing is drawn."""
@@ -269,7 +270,7 @@ def test_the_page_stands_alone(mixed: Path) -> None:
     assert not re.search(r"https?://|<script", text)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_report_names_the_first_that_did_not_finish(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     asked = ["--backend", "ideal", "--set", "time.end=1", "--grid", "controller.gain=1,1e7,2e7", "--threads"]
     done = mjsheaf("sweep", "midpoint", *asked, "--workers", "1", "--out", tmp_path / "out")

@@ -94,6 +94,7 @@ def chase(end: float = 3.0, **video: Any) -> Scenario:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
     backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -180,6 +181,7 @@ def test_a_swarm_of_hundreds_can_be_drawn() -> None:
 SIZES = {"hexarotor": 4.0, "boat": 3.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("named", [{}, SIZES, SIZES | {"H2": 1.5}])
 def test_vehicles_are_scaled_by_kind_and_by_id(named: dict[str, float]) -> None:
     """Each vehicle is drawn larger by its factor. Oracle: the geoms of the same video at the vehicles' own size."""

@@ -125,7 +125,7 @@ def test_the_legend_can_be_turned_off() -> None:
     assert video_options(load_scenario("midpoint"), legend=False).scene == (1280, 720)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_commands_turn_the_legend_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`run` and `video` pass the choice on to the drawing; without one the scenario decides."""
     if available_backend()[0] is None:
