@@ -37,7 +37,7 @@ def test_of(item: pytest.Item) -> str:
 
 @pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark examples of a slow test but one, unless it needs every one, and those of these scenarios as long, so slow."""
+    """Mark examples of a slow test but one, unless it needs every one, and those of these scenarios, as long."""
     begun = {test_of(item) for item in items if not item.get_closest_marker("slow")}
     for item in items:
         words = re.split(r"[\[\]-]", item.name)
