@@ -17,17 +17,18 @@ install = { { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)
 
 .PHONY: demo test test-ci test-all lint compiled docs clean bundle check-bundle
 
+# EXTRAS='[dev,docs]' installs all at once.
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
 	@echo "installing into $(VENV) (about a minute)"
 	@$(PYTHON) -m venv $(VENV)
-	@$(call install,.)
+	@$(call install,.$(EXTRAS))
 	@touch $(STAMP)
 
 # What tests need in addition: a browser's driver, a type checker, dask.
 $(TESTS): $(STAMP)
-	@echo "installing what tests need into $(VENV) (about a minute)"
-	@$(call install,.[dev])
+	$(if $(EXTRAS),,@echo "installing what tests need into $(VENV) (about a minute)")
+	$(if $(EXTRAS),,@$(call install,.[dev]))
 	@touch $@
 
 demo: $(STAMP)
@@ -72,7 +73,7 @@ test-all: lint compiled
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
 $(VENV)/.docs: $(TESTS)
-	@$(call install,.[docs])
+	$(if $(EXTRAS),,@$(call install,.[docs]))
 	@touch $@
 
 docs: $(VENV)/.docs

@@ -37,14 +37,13 @@ def test_of(item: pytest.Item) -> str:
 
 @pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark examples of a slow test but one, unless it needs every one, and those of these scenarios, as long."""
+    """Mark examples of a slow test but one, and those of these scenarios, as long; what is long is slow, too."""
     begun = {test_of(item) for item in items if not item.get_closest_marker("slow")}
     for item in items:
         words = re.split(r"[\[\]-]", item.name)
         test = test_of(item)
         slow = item.get_closest_marker("slow") is not None
-        further = slow and test in begun and not item.get_closest_marker("every")
-        if further or not {*words}.isdisjoint(ALSO_SHOWN):
+        if (slow and test in begun) or not {*words}.isdisjoint(ALSO_SHOWN):
             item.add_marker(pytest.mark.long)
         elif slow:
             begun.add(test)

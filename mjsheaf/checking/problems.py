@@ -187,6 +187,7 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     law = part.law
     links = part.links
     bodies = part.margins.bodies
+    late = math.inf if links is None or links.delay.largest_gain is None else links.delay.largest_gain
     if law.unmodelled:
         yield Problem(kind="undecided", what=f"the law is undecided, {because_of(law.unmodelled)}")
     if law.stable is False:
@@ -194,7 +195,7 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
         if gains is None:
             yield Problem(kind="held_law", what="the held law is unstable at any controller.gain")
         else:
-            gain = _round(gains[0] + _RESERVE * (min(gains[1], bodies.largest_gain or math.inf) - gains[0]))
+            gain = _round(gains[0] + _RESERVE * (min(gains[1], bodies.largest_gain or math.inf, late) - gains[0]))
             why = f"controller.gain is stable between {gains[0]:.3g} and {gains[1]:.3g} 1/s"
             fix = f"set controller.gain to {gain:g} 1/s"
             yield Problem(
@@ -203,14 +204,16 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     if links is not None and links.stable is False and not (links.exact and law.stable is False):
         known = links.delay_margin is not None and not links.delay.stable
         why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
-        fix = "lower controller.gain, or use links with less delay and loss"
-        yield Problem(kind="links", what=UNSTABLE_LINKS, why=why, fix=fix)
+        changes = {"controller.gain": _round(_RESERVE * late)} if math.isfinite(late) else {}
+        fix = f"set controller.gain to {changes['controller.gain']:g} 1/s" if changes else "lower controller.gain"
+        fix += ", or use links with less delay and loss"
+        yield Problem(kind="links", what=UNSTABLE_LINKS, why=why, fix=fix, changes=changes)
     if bodies.stable is False:
         largest = bodies.largest_gain
         if largest is None:
             yield Problem(kind="bodies", what=bodies.verdict(), fix="lower controller.gain")
         else:
-            gain = _round(_RESERVE * largest)
+            gain = _round(_RESERVE * min(largest, late))
             fix = f"set controller.gain to {gain:g} 1/s"
             yield Problem(kind="bodies", what=bodies.verdict(), fix=fix, changes={"controller.gain": gain})
     if bodies.stable_over_exact_links is False:

@@ -269,12 +269,24 @@ def _margins(system: System, rough: bool) -> list[tuple[float, float, float, str
     consensus = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1] if target_gain > 0.0 else 0.0
     pull = np.max(system.motion.pull, initial=0.0)
     fastest, margin, what, delay = _agents_loop(system)
-    limit = 2.0 * np.sin(0.5 * np.pi / (2 * delay + 1))  # of all edges alike, without terms
     return [
-        (0.0 if rough else system.gain, fastest, limit, margin, what, "controller.gain"),
+        (0.0 if rough else system.gain, fastest, _limit(delay), margin, what, "controller.gain"),
         (target_gain, consensus, 2.0, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
         (pull, 1.0, 2.0, "pull h", "a target's held pull to its path", "its motion.pull"),
     ]
+
+
+def largest_gain(system: System) -> float | None:
+    """Return the controller.gain from which on the held law is unstable over its links, 1/s; None if not known."""
+    if system.grid.continuous or not _is_gain_known(system):
+        return None
+    fastest, _, _, delay = _agents_loop(system)
+    return float(_limit(delay) / (system.grid.period * fastest)) if fastest > 0.0 else None
+
+
+def _limit(delay: int) -> float:
+    """Return the limit of k1 h x for the x of `System.fastest`, with measurements that are `delay` periods old."""
+    return 2.0 * float(np.sin(0.5 * np.pi / (2 * delay + 1)))
 
 
 def _is_gain_known(system: System) -> bool:

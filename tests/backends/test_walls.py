@@ -38,7 +38,7 @@ def signed(kind: int, size: Any, points: Any) -> Any:
     return np.linalg.norm(core, axis=1) - size[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_geoms_are_where_obstacles_are() -> None:
     """Signed distances of points from MuJoCo's geoms are those that the filter keeps, also after a while."""
     own = world()

@@ -94,7 +94,7 @@ def test_targets_that_cannot_be_followed_are_not_taken_to_stand_still() -> None:
         assert claim is None or not claim.broken
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 def test_no_team_of_a_family_breaks_its_bound(family: str, judgement: Callable[[int], Judgement]) -> None:
     wrong = []

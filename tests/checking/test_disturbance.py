@@ -118,6 +118,7 @@ def test_a_sea_of_few_waves_is_predicted_by_them() -> None:
     assert measured(scenario, "ideal", 4000.0, 1)["A"] == pytest.approx(predicted, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("peak_period", [2.0, 4.0])
 def test_a_hull_on_the_slopes_of_short_waves_moves_as_predicted(peak_period: float) -> None:
     """Compare a single wave: at 2 s the slope moves the hand point 40 % farther than the velocity alone does."""
@@ -220,6 +221,7 @@ def test_water_moves_as_airy_s_waves_do_at_any_depth(depth: float | None) -> Non
         assert amplitudes[:, 0] == pytest.approx(sea.amplitude * sea.rate * ratio, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pull", [0.0, 0.5])
 def test_a_drone_above_a_submerged_target_moves_as_one_wave_moves_the_target(pull: float) -> None:
     """The target goes round a circle of radius a e^(kz), held by its pull; the drone lags by 1 / (i omega + k1)."""

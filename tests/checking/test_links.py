@@ -954,6 +954,24 @@ def test_rounds_that_are_late_or_lost_are_undecided(term: str) -> None:
         assert found["ok"]  # null alone fails nothing
 
 
+@pytest.mark.parametrize("name", ["midpoint", "leader_follower"])
+def test_the_gain_that_is_proposed_is_stable_over_links_that_delay(name: str) -> None:
+    """Oracle: the loop itself, with its delays, just below and above the largest gain."""
+
+    def at(gain: float) -> dict[str, Any]:
+        late = {"controller.gain": gain, "links.all.delay": 0.1}
+        found: dict[str, Any] = check(load_scenario(name, late), trial=False)
+        return found
+
+    found = at(200.0)
+    largest = found["links"]["delay"]["largest_gain"]
+    for gain, stable in ((0.99 * largest, True), (1.01 * largest, False)):
+        assert at(gain)["links"]["stable"] is stable
+    changes = [problem["changes"]["controller.gain"] for problem in found["problems"] if problem["changes"]]
+    assert changes
+    assert max(changes) < largest
+
+
 def test_links_beyond_range_are_undecided() -> None:
     """At q* the agents are 11.4 m apart, at the start of a run that begins elsewhere 30 m."""
     near, far = {"communication": {"range": 12.0}}, {"communication": {"range": 11.0}}

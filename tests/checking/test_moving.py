@@ -99,6 +99,7 @@ SHARED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHARED)
 def test_nothing_that_moves_in_the_medium_exceeds_what_it_adds_to_the_constants(name: str) -> None:
     """|K w(p) - w(q)| <= f_bar + omega_bar + rho |e|, along the path and at any error e."""

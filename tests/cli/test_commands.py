@@ -39,9 +39,9 @@ FILMED_AGAIN = [*QUICKLY_FILMED, *EVERY[::16]]
 """Runs whose video is drawn a second time by the command `video`, which reads any run in the same way."""
 
 
-@pytest.mark.every
-@pytest.mark.parametrize(
-    ("name", "backend"), [pytest.param(*run, marks=[pytest.mark.slow] if k % 4 else []) for k, run in enumerate(EVERY)]
+@pytest.mark.parametrize(  # on the backends in turn; the others are slow
+    ("name", "backend"),
+    [pytest.param(*run, marks=[] if k % 4 in (0, 3) else [pytest.mark.slow]) for k, run in enumerate(EVERY)],
 )
 def test_run_of_every_scenario(name: str, backend: str, published: Published) -> None:
     """To its end, with its expectations, which are met and at most a tenth wider than what is found."""

@@ -49,7 +49,7 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     assert called.exists() != installed
     assert made.read_text().splitlines() == [
         "web/node_modules",
-        ".venv/.docs",
+        ".venv/.docs EXTRAS=[dev,docs]",
         "-j 2 --output-sync docs lint compiled check-bundle",
         "test-ci",
     ]

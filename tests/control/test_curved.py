@@ -110,7 +110,7 @@ def test_invariants_hold_over_100_000_periods(measures: str) -> None:
         assert np.abs(size[1:] - size[0] - grown).max() < 1e-10
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_continuous_bearing_law_keeps_its_size_over_100_000_samples() -> None:
     """Sum |x_i - c|^2 does not change where nothing is held."""
     law = {"gain": 0.01, "control_period": 0}
@@ -351,7 +351,7 @@ def test_rounds_of_agents_in_one_place_are_finite(measures: str) -> None:
         assert np.isfinite(run.agent_position.values[..., :2]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("term", ["newton", "feedforward"])
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_rounds_of_a_team_that_loses_an_agent_are_those_of_the_rest(measures: str, term: str) -> None:

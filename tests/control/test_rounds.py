@@ -243,6 +243,7 @@ def test_without_delay_and_losses_no_bit_changes(backend: str) -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_same_bits_in_pieces_threads_and_phases(backend: str) -> None:
     scenario = rounds(mixed_scenario(time={"end": 0.3}, controller={"control_period": H, **ALL}, targets=MOVING,

@@ -183,7 +183,7 @@ def test_absent_agents_keep_their_places() -> None:
     assert acting.physics.data.qpos.tobytes() != resting.physics.data.qpos.tobytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_episode_repeats_and_seeds_differ() -> None:
     scenario = mixed_scenario(**ALL)
     env = dm_env(scenario, same_episode=True)

@@ -49,6 +49,7 @@ def press(page: Any, name: str) -> None:
     page.locator("#live button", has_text=name).click()
 
 
+@pytest.mark.long
 def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_path: Path) -> None:
     scenario = load_scenario("paper", {"time.end": 30})
     with Watched(scenario, "ideal", speed=1.0) as run:
@@ -93,6 +94,7 @@ def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_pa
         np.testing.assert_array_equal(run.kept.dataset[name].values, again[name].values, err_msg=name)
 
 
+@pytest.mark.long
 def test_a_reloaded_page_has_the_whole_run_and_a_second_one_cannot_control_it(browser: Any) -> None:
     with Watched(load_scenario("midpoint", {"time.end": 300}), "ideal", speed=10.0) as run:
         page = open_live(browser, run.url)

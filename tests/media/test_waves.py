@@ -140,7 +140,7 @@ def drifting(waves: dict[str, Any], depth: float, end: float) -> tuple[np.ndarra
     return moved[1], moved[2]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("steepness", [0.005, 0.01])
 def test_drift_is_half_of_stokes_at_the_surface_and_stokes_below(steepness: float) -> None:
     rate = Waves.model_validate({**PM, "components": 1}).components_of(0).rate[0]

@@ -130,6 +130,7 @@ def test_scrubbing_puts_vehicles_where_the_data_have_them(browser: Any, harbour:
     require_quiet(page)
 
 
+@pytest.mark.long
 def test_playing_keeps_time_and_ends_or_begins_again(browser: Any, harbour: tuple[Path, Made]) -> None:
     page = open_page(browser, harbour[0])
     played, passed = page.evaluate(
@@ -144,6 +145,7 @@ def test_playing_keeps_time_and_ends_or_begins_again(browser: Any, harbour: tupl
     wait_until(page, "window.mjsheaf.clock.playing && window.mjsheaf.clock.t < 50")
 
 
+@pytest.mark.long
 def test_everything_is_reached_by_keyboard_and_named(browser: Any, harbour: tuple[Path, Made]) -> None:
     page = open_page(browser, harbour[0])
     assert page.evaluate(UNNAMED) == []
@@ -178,6 +180,7 @@ def test_everything_is_reached_by_keyboard_and_named(browser: Any, harbour: tupl
     require_quiet(page)
 
 
+@pytest.mark.long
 def test_pointing_lights_an_agent_in_both_halves_and_a_click_on_a_curve_goes_there(
     browser: Any, harbour: tuple[Path, Made]
 ) -> None:
@@ -200,6 +203,7 @@ def test_pointing_lights_an_agent_in_both_halves_and_a_click_on_a_curve_goes_the
     require_quiet(page)
 
 
+@pytest.mark.long
 def test_events_are_named_and_lost_agents_turn_grey(browser: Any, harbour: tuple[Path, Made]) -> None:
     page = open_page(browser, harbour[0], hash="#t=46")
     page.wait_for_timeout(300)
@@ -208,6 +212,7 @@ def test_events_are_named_and_lost_agents_turn_grey(browser: Any, harbour: tuple
     assert page.evaluate("window.mjsheaf.world.present") == [True, True, False, True, True, True, True, True]
 
 
+@pytest.mark.long
 def test_an_address_shows_a_moment_to_somebody_else(browser: Any, harbour: tuple[Path, Made]) -> None:
     page = open_page(browser, harbour[0])
     page.evaluate("window.mjsheaf.clock.seek(12.5); window.mjsheaf.world.view('above')")
@@ -219,6 +224,7 @@ def test_an_address_shows_a_moment_to_somebody_else(browser: Any, harbour: tuple
     assert other.evaluate(state) == first
 
 
+@pytest.mark.long
 def test_both_themes(browser: Any, harbour: tuple[Path, Made]) -> None:
     light, dark = (open_page(browser, harbour[0], color_scheme=name) for name in ("light", "dark"))
     ground = "getComputedStyle(document.body).backgroundColor"
@@ -232,6 +238,7 @@ def test_both_themes(browser: Any, harbour: tuple[Path, Made]) -> None:
     assert pictures[0] == pytest.approx(pictures[1], rel=0.05)
 
 
+@pytest.mark.long
 def test_a_phone(browser: Any, harbour: tuple[Path, Made]) -> None:
     page = open_page(browser, harbour[0], width=390, height=844, hash="#t=20", has_touch=True, is_mobile=True)
     page.wait_for_timeout(500)
@@ -245,6 +252,7 @@ def test_a_phone(browser: Any, harbour: tuple[Path, Made]) -> None:
     require_quiet(page)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", [390, 701, 760, 761, 1280])
 def test_the_legend_lies_beside_the_scene(browser: Any, harbour: tuple[Path, Made], width: int) -> None:
     """Open or closed, as it is at first next to a narrow scene; and the scale bar lies within the scene."""
@@ -292,6 +300,7 @@ def estuary(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Made]:
     return made.write(tmp_path_factory.mktemp("estuary") / "report.html"), made
 
 
+@pytest.mark.long
 def test_wind_and_current_are_shown_apart(browser: Any, estuary: tuple[Path, Made]) -> None:
     page = open_page(browser, estuary[0], width=1280, height=800)
     page.locator("#layers summary").click()
@@ -317,6 +326,7 @@ def test_wind_and_current_are_shown_apart(browser: Any, estuary: tuple[Path, Mad
     require_quiet(page)
 
 
+@pytest.mark.long
 def test_small_vehicles_are_seen_beside_large_ones(browser: Any, estuary: tuple[Path, Made]) -> None:
     """Oracle: the sizes on the screen of what three.js draws, and the video's scales, which the legend states."""
     page = open_page(browser, estuary[0], width=1280, height=800)
@@ -334,6 +344,7 @@ def test_small_vehicles_are_seen_beside_large_ones(browser: Any, estuary: tuple[
     wait_until(page, "document.getElementById('legend').innerText.includes('true size')")
 
 
+@pytest.mark.long
 def test_limits_far_above_the_data_do_not_squeeze_them(browser: Any, estuary: tuple[Path, Made]) -> None:
     page = open_page(browser, estuary[0], width=1280, height=800)
     data = float(np.nanmax(np.linalg.norm(np.nan_to_num(estuary[1].dataset["velocity_command"].values), axis=2)))
@@ -346,6 +357,7 @@ def test_limits_far_above_the_data_do_not_squeeze_them(browser: Any, estuary: tu
     assert " of 3.00" in page.evaluate(f"{panel}.reading.textContent")  # the limit of who is pointed at
 
 
+@pytest.mark.long
 def test_headline_errors_say_what_they_are(browser: Any, estuary: tuple[Path, Made]) -> None:
     """Oracle: the data's own RMS over agents at the end."""
     page = open_page(browser, estuary[0], width=1280, height=800)
@@ -357,6 +369,7 @@ def test_headline_errors_say_what_they_are(browser: Any, estuary: tuple[Path, Ma
     assert [heading.split("\n")[-1] for heading in headings[1:3]] == ["mean over agents", "RMS over agents"]
 
 
+@pytest.mark.long
 def test_on_a_phone_the_card_is_small_and_tables_say_that_they_go_on(browser: Any, estuary: tuple[Path, Made]) -> None:
     page = open_page(browser, estuary[0], width=390, height=844, has_touch=True, is_mobile=True)
     scene, card = (page.locator(name).bounding_box() for name in ("#stage", "#card"))
@@ -379,6 +392,7 @@ def test_on_a_phone_the_card_is_small_and_tables_say_that_they_go_on(browser: An
     assert desk.locator("#card dl").is_visible()
 
 
+@pytest.mark.long
 def test_page_and_video_look_from_one_side(browser: Any, estuary: tuple[Path, Made]) -> None:
     page = open_page(browser, estuary[0], width=1280, height=800)
     x = np.array([float(part) for part in page.evaluate("window.mjsheaf.world.place").split(",")])
@@ -397,6 +411,7 @@ def test_a_browser_without_webgl_shows_curves_and_facts(browser: Any, harbour: t
     assert page.failures == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("event", "jumps"), [({"lose": "A1"}, True), ({"set": {"controller.gain": 0.7}}, False)], ids=["lose", "gain"]
 )
@@ -426,6 +441,7 @@ def test_an_event_is_named_only_where_the_place_jumped(
     require_quiet(page)
 
 
+@pytest.mark.long
 def test_a_run_that_blew_up(browser: Any, tmp_path: Path) -> None:
     made = make_page("paper", "ideal", {"controller.gain": 300, "time.end": 5, "controller.control_period": 0.02})
     assert made.dataset.attrs["status"] == "unstable"
@@ -438,6 +454,7 @@ def test_a_run_that_blew_up(browser: Any, tmp_path: Path) -> None:
     require_quiet(page)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_a_run_of_one_agent(browser: Any, backend: str, tmp_path: Path) -> None:
     made = make_page("midpoint", backend, {"time.end": 5})
@@ -449,6 +466,7 @@ def test_a_run_of_one_agent(browser: Any, backend: str, tmp_path: Path) -> None:
     require_quiet(page)
 
 
+@pytest.mark.long
 def test_a_thousand_agents(browser: Any, tmp_path: Path) -> None:
     made = make_page("swarm", "ideal", {"swarm.size": 1000, "time.end": 2})
     page = open_page(browser, made.write(tmp_path / "report.html"), width=1280, height=720, hash="#t=1")
@@ -461,6 +479,7 @@ def test_a_thousand_agents(browser: Any, tmp_path: Path) -> None:
     require_quiet(page)
 
 
+@pytest.mark.long
 def test_ghosts_of_ideal_kinematics_and_their_distance(browser: Any, tmp_path: Path) -> None:
     ideal = simulate(load_scenario("harbour", {"time.end": 10}), "ideal")
     made = make_page("harbour", "physics", {"time.end": 10}, ideal=ideal)
@@ -476,6 +495,7 @@ def test_ghosts_of_ideal_kinematics_and_their_distance(browser: Any, tmp_path: P
     require_quiet(page)
 
 
+@pytest.mark.long
 def test_ghosts_of_another_run_and_its_curve(browser: Any, tmp_path: Path) -> None:
     """The agents of a shorter run at another gain, until it ends; a name is text."""
     other = simulate(load_scenario("harbour", {"time.end": 5, "controller.gain": 1}), "ideal")

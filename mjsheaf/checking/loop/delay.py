@@ -38,6 +38,11 @@ class DelayAnswer(Record):
         description="largest delay of all links alike, in whole periods, up to which the loop is stable, s; null where "
         "it is unstable without delay, or undecided",
     )
+    largest_gain: Finite = Field(
+        None,
+        description="from which on the law is unstable with these delays, 1/s; null where a term changes it, or edges "
+        "have unlike delays",
+    )
     reason: str = Field(description="why a number is missing, or empty")
 
 

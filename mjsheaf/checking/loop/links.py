@@ -28,6 +28,7 @@ from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.simulation.trajectory import largest_gain
 from mjsheaf.system import System
 from mjsheaf.team import Team
 from mjsheaf.team.links import KINDS
@@ -65,6 +66,14 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
         system: the system.
         path: Path of its targets.
     """
+    found = _answers(system, path)
+    if found is None:
+        return None
+    delay = found.delay.model_copy(update={"largest_gain": largest_gain(system)})
+    return found.model_copy(update={"delay": delay})
+
+
+def _answers(system: System, path: TargetPath) -> LinkRecord | None:
     law, team = system.law, system.team
     try:
         require_model(system)
