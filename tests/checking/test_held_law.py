@@ -76,7 +76,7 @@ def accuracy(system: System) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("piece", range(PIECES))
 def test_the_bound_is_never_exceeded(piece: int) -> None:
-    """Of 120 teams and laws, 20 with each term, and of 500 in `make test-all`."""
+    """Of 120 teams and laws, 20 with each term, of which CI tries twelve, and of 500 in `make test-all`."""
     seeds = cases(STUDIED, 120)[piece::PIECES]
     assert sum(map(held, seeds)) > 0.9 * len(seeds)
 

@@ -37,7 +37,7 @@ def certified_run(seed: int) -> RunBound:
 @pytest.mark.slow
 @pytest.mark.parametrize("piece", range(WORKERS))
 def test_the_bound_is_never_exceeded(piece: int) -> None:
-    """Of 100 teams, and of 500 in `make test-all`."""
+    """Of 100 teams, of which CI tries ten, and of 500 in `make test-all`."""
     for seed in cases(CERTIFIED, 100)[piece::WORKERS]:
         run = certified_run(seed)
         assert run.ratio is not None
