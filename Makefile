@@ -17,18 +17,18 @@ install = { { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)
 
 .PHONY: demo test test-ci test-all lint compiled docs clean bundle check-bundle
 
-# EXTRAS='[dev,docs]' installs all at once.
+# EXTRAS='[dev,docs]' installs all that others below need, too, at once.
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
 	@echo "installing into $(VENV) (about a minute)"
 	@$(PYTHON) -m venv $(VENV)
 	@$(call install,.$(EXTRAS))
-	@touch $(STAMP)
+	@touch $(STAMP) $(if $(EXTRAS),$(TESTS) $(VENV)/.docs)
 
 # What tests need in addition: a browser's driver, a type checker, dask.
 $(TESTS): $(STAMP)
-	$(if $(EXTRAS),,@echo "installing what tests need into $(VENV) (about a minute)")
-	$(if $(EXTRAS),,@$(call install,.[dev]))
+	@echo "installing what tests need into $(VENV) (about a minute)"
+	@$(call install,.[dev])
 	@touch $@
 
 demo: $(STAMP)
@@ -73,7 +73,7 @@ test-all: lint compiled
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
 $(VENV)/.docs: $(TESTS)
-	$(if $(EXTRAS),,@$(call install,.[docs]))
+	@$(call install,.[docs])
 	@touch $@
 
 docs: $(VENV)/.docs

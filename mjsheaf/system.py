@@ -55,6 +55,7 @@ class TimeGrid:
 
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
+MOST_EIGENVALUES = 600  # of a matrix whose eigenvalues are all found
 _STOP = 0.01  # s; resolution of the responses of vehicles under a continuous law
 
 STILL = "still"
@@ -549,7 +550,7 @@ class System:
         """
         team = self.local.team
         H = team.law_problem.H
-        if not team.symmetric and H.shape[0] > 600:
+        if not team.symmetric and H.shape[0] > MOST_EIGENVALUES:
             return float(abs(H).sum(axis=1).max())  # no eigenvalue is larger
         if not team.symmetric:
             values = np.linalg.eigvals(H.toarray())
@@ -558,7 +559,7 @@ class System:
             with np.errstate(divide="ignore"):
                 each = np.abs(values) * np.sin(0.5 * np.pi / (2 * delay + 1)) / np.sin(np.maximum(angle, 0.0))
             return float(each.max(initial=0.0))
-        if H.shape[0] <= 600:
+        if H.shape[0] <= MOST_EIGENVALUES:
             return float(np.linalg.eigvalsh(H.toarray())[-1])
         from scipy.sparse.linalg import eigsh
 

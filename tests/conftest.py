@@ -38,15 +38,17 @@ def test_of(item: pytest.Item) -> str:
 @pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark examples of a slow test but one, and those of these scenarios, as long; what is long is slow, too."""
-    begun = {test_of(item) for item in items if not item.get_closest_marker("slow")}
     for item in items:
-        words = re.split(r"[\[\]-]", item.name)
-        test = test_of(item)
-        slow = item.get_closest_marker("slow") is not None
-        if (slow and test in begun) or not {*words}.isdisjoint(ALSO_SHOWN):
+        if not {*re.split(r"[\[\]-]", item.name)}.isdisjoint(ALSO_SHOWN):
             item.add_marker(pytest.mark.long)
-        elif slow:
-            begun.add(test)
+    short = [item for item in items if not item.get_closest_marker("long")]
+    begun = {test_of(item) for item in short if not item.get_closest_marker("slow")}
+    for item in short:
+        if item.get_closest_marker("slow"):
+            if test_of(item) in begun:
+                item.add_marker(pytest.mark.long)
+            begun.add(test_of(item))
+    for item in items:
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)
 

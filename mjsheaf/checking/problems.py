@@ -187,7 +187,8 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     law = part.law
     links = part.links
     bodies = part.margins.bodies
-    late = math.inf if links is None or links.delay.largest_gain is None else links.delay.largest_gain
+    late = math.inf if links is None else links.delay.largest_gain or math.inf
+    late = min(late, bodies.largest_gain or math.inf)
     if law.unmodelled:
         yield Problem(kind="undecided", what=f"the law is undecided, {because_of(law.unmodelled)}")
     if law.stable is False:
@@ -195,7 +196,7 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
         if gains is None:
             yield Problem(kind="held_law", what="the held law is unstable at any controller.gain")
         else:
-            gain = _round(gains[0] + _RESERVE * (min(gains[1], bodies.largest_gain or math.inf, late) - gains[0]))
+            gain = _round(gains[0] + _RESERVE * (min(gains[1], late) - gains[0]))
             why = f"controller.gain is stable between {gains[0]:.3g} and {gains[1]:.3g} 1/s"
             fix = f"set controller.gain to {gain:g} 1/s"
             yield Problem(
@@ -204,7 +205,8 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     if links is not None and links.stable is False and not (links.exact and law.stable is False):
         known = links.delay_margin is not None and not links.delay.stable
         why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
-        changes = {"controller.gain": _round(_RESERVE * late)} if math.isfinite(late) else {}
+        known = links.loss is None and links.delay.largest_gain is not None
+        changes = {"controller.gain": _round(_RESERVE * late)} if known else {}
         fix = f"set controller.gain to {changes['controller.gain']:g} 1/s" if changes else "lower controller.gain"
         fix += ", or use links with less delay and loss"
         yield Problem(kind="links", what=UNSTABLE_LINKS, why=why, fix=fix, changes=changes)
@@ -213,7 +215,7 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
         if largest is None:
             yield Problem(kind="bodies", what=bodies.verdict(), fix="lower controller.gain")
         else:
-            gain = _round(_RESERVE * min(largest, late))
+            gain = _round(_RESERVE * late)
             fix = f"set controller.gain to {gain:g} 1/s"
             yield Problem(kind="bodies", what=bodies.verdict(), fix=fix, changes={"controller.gain": gain})
     if bodies.stable_over_exact_links is False:

@@ -69,7 +69,7 @@ def _numbers(record: CheckRecord) -> Iterator[str]:
     if record.disturbance.rms != 0.0:
         yield from _row("gusts and waves", _moved(record.disturbance))
     largest = {"ideal kinematics": record.law.largest_gain, "the vehicles": record.margins.bodies.largest_gain}
-    if record.links is not None and record.links.delay.delay:
+    if record.links is not None and record.links.delay.delay and record.links.loss is None:
         largest["ideal kinematics over its links"] = record.links.delay.largest_gain
     known = ", ".join(f"{gain:.4g} 1/s on {where}" for where, gain in largest.items() if gain is not None)
     yield from _row("largest gain", f"{known or 'not known'}; the gain is {record.theorem.gain:.4g} 1/s")

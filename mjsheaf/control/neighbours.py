@@ -34,7 +34,7 @@ _ASTRAY = 100.0  # of the slack; c beyond it is rounded too much
 class Cells(NamedTuple):
     """A list of cells; all of its arrays are scratch space, and what is found with them does not depend on it.
 
-    They hold whole numbers as float64, as arrays do that every world of a batch has for itself.
+    They hold whole numbers as float64, as arrays do that every world has for itself.
 
     Attributes:
         places: Positions of all vehicles in one space, shape (V, 3), m.

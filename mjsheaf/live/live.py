@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from mjsheaf.checking.loop.body_loop import body_loop, medium_on_path
@@ -106,14 +107,14 @@ def links_of(scenario: Scenario) -> list[list[str]]:
 
 def stable_gain(system: System, backend: str) -> float | None:
     """Return the gain from which on the law is unstable, 1/s, as `mjsheaf check` has it; None if it is not known."""
-    with suppress(UndecidedError):
+    with suppress(UndecidedError, InputError, np.linalg.LinAlgError):
         if len(system.law.links.table):
             return None  # delayed or lost measurements lower it
         if backend == "physics":
             medium = medium_on_path(system, follow_targets(system))
             return body_loop(system, spectrum_of(system.team), medium).largest_gain
         loop = loop_of(system) if system.team.symmetric else directed_loop(system)
-        return loop.stable_gains[1] if loop.stable_gains else None
+        return loop.stable_gains[1] if loop.stable_gains and loop.stable_gains[0] == 0.0 else None
     return None
 
 
@@ -229,7 +230,7 @@ class LiveRun:
         self._phase = self.recorder.phase
         system = phases[self._phase].system
         events = [words for phase in phases[: self._phase + 1] for words in phase.events]
-        happened = [words for words in events if not words.startswith("gain = ")]
+        happened = [words for words in events if not words.startswith("gain = ") or "," in words]
         if happened != self._happened:  # another gain changes no limit
             self._happened = happened
             self._stable_gain = stable_gain(system.remaining, self.recorder.session.backend)

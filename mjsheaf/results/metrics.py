@@ -205,7 +205,7 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     An agent is deadlocked if the filter still keeps it from its place: over the last tenth of the run, the filter acts
     at most samples, its mean correction exceeds half of the mean speed that remains, and the tracking error does not
     fall to a tenth. So agents that stop are deadlocked, and agents that circle without arriving, which `circling`
-    names: they still move relative to the middle of the team.
+    names: they still move, in the world and relative to the middle of the team.
     """
     if "separation" not in dataset:
         return None
@@ -217,10 +217,13 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     stuck &= correction[end].mean(axis=0) > _HELD_BACK * speed.mean(axis=0)
     error = dataset["tracking_error"].values[end]
     stuck &= ~(error[-1] < _ARRIVING * error[0])
-    places = np.nan_to_num(dataset["agent_position"].values[end])
-    places -= places.mean(axis=1, keepdims=True)
-    moved = np.linalg.norm(places - places.mean(axis=0), axis=2).max(axis=0)
-    circling = stuck & (moved > _CIRCLING * error.mean(axis=0))
+    places = dataset["agent_position"].values[end]
+    there = np.isfinite(places)
+    middle = np.where(there, places, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)  # of the present agents
+    circling = stuck.copy()
+    for path in (places, places - middle[:, None]):
+        moved = np.sqrt(np.nansum((path - path[0]) ** 2, axis=2)).max(axis=0)
+        circling &= moved > 2.0 * _CIRCLING * error.mean(axis=0)
     infeasible = (dataset["safety_violation"].values > 0.0).mean(axis=0)
     return {
         "smallest_separation": finite(dataset["separation"].values.min()),

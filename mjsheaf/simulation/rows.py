@@ -1,4 +1,4 @@
-"""Batched layout: runs of one team, the worlds, side by side in memory.
+"""Runs of one team, the worlds, side by side in memory.
 
 Worlds share their parameters. What a world has of its own (see `mjsheaf.arrays.Own`) is a row of one array. The Loop of
 all is that of a world, but its own arrays have a first axis more, which counts worlds. `world_taker` makes the Loop

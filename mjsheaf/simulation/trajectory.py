@@ -10,7 +10,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.control.law import LawArrays
 from mjsheaf.control.terms import contraction
 from mjsheaf.jit import inline_jit
-from mjsheaf.system import Phase, System
+from mjsheaf.system import MOST_EIGENVALUES, Phase, System
 
 _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
 
@@ -278,10 +278,12 @@ def _margins(system: System, rough: bool) -> list[tuple[float, float, float, str
 
 def largest_gain(system: System) -> float | None:
     """Return the controller.gain from which on the held law is unstable over its links, 1/s; None if not known."""
-    if system.grid.continuous or not _is_gain_known(system):
+    team = system.local.team
+    bounded = not team.symmetric and team.law_problem.H.shape[0] > MOST_EIGENVALUES
+    if system.grid.continuous or bounded or not _is_gain_known(system):
         return None
     fastest, _, _, delay = _agents_loop(system)
-    return float(_limit(delay) / (system.grid.period * fastest)) if fastest > 0.0 else None
+    return float(_limit(delay) / (system.grid.period * fastest)) if 0.0 < fastest < np.inf else None
 
 
 def _limit(delay: int) -> float:

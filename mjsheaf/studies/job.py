@@ -234,7 +234,9 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
 
 
 def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | None, float | None]:
-    """Compute the largest |e| over Theorem 1's bound, after the start and over the second half; None without a bound.
+    """Compute the largest |e| over Theorem 1's bound, after the start and over the second half.
+
+    None where there is no bound, for a law in Python, and for runs with events, which have one in each phase.
 
     The bound is computed once for runs that differ in the agents' disturbances alone: the theorem needs their sizes,
     here rounded up. The components that seeds draw add up to the requested size except for rounding.
@@ -250,7 +252,7 @@ def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | 
     bound = _bound_of(job, replace(system, harmonics=harmonics))
     if bound is None or not np.isfinite(bound).any():
         return None, None
-    ratio = np.sqrt((dataset["tracking_error"].values ** 2).sum(axis=1)) / bound
+    ratio = np.sqrt(np.nansum(dataset["tracking_error"].values ** 2, axis=1)) / bound
     return float(ratio[1:].max()), float(ratio[max(len(ratio) // 2, 1) :].max())
 
 
@@ -258,6 +260,7 @@ def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | 
     lambda job, system: (
         (job.scenario, job.files, [(path, value) for path, value in job.changes.items() if path != "seed"]),
         (system.initial, system.harmonics, system.moving),
+        [(edge.tail, edge.head) for edge in (*system.team.communication, *system.team.sensing)],  # a swarm's seed draws
     )
 )
 def _bound_of(job: Job, system: System) -> Array | None:

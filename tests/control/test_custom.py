@@ -1,4 +1,4 @@
-"""Terms that users register: compiled into the law, on every backend, in batches, and seen by `check`.
+"""Terms that users register: compiled into the law, on every backend, and seen by `check`.
 
 Oracles: the paper's law at another gain; the shipped integral; the same run without compiling.
 """

@@ -1,7 +1,7 @@
 """The scenarios that ship, their schema, overrides, and what loading them means.
 
-That each runs as its `expect:` block says, with bounds at most a tenth above what is found, is tested by the files:
-pytest collects scenarios/ through mjsheaf's own plugin. Oracle here: the published run, and what the README says.
+That each runs as its `expect:` block says, with bounds at most a tenth above what is found, is tested with the
+commands. Oracle here: the published run, and what the README says.
 """
 
 from pathlib import Path

@@ -36,7 +36,7 @@ def records_of(source: str, changes: dict[str, Any], seed: int = 0) -> list[dict
         pytest.param("certified", MOVING[1], "finished", marks=pytest.mark.slow),
         ("certified", {"controller.gain": 1e4}, "unstable"),
         ("certified", {"controller.gain": -1.0}, "invalid"),
-        pytest.param("certified", {"events": [{"time": 0.5, "lose": "A1"}]}, "finished", marks=pytest.mark.slow),
+        ("certified", {"events": [{"time": 0.5, "lose": "A1"}]}, "finished"),
         pytest.param("range_formation", {}, "finished", marks=pytest.mark.slow),
         ("air_tracks_surface", {}, "refused"),
     ],

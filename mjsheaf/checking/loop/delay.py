@@ -40,8 +40,8 @@ class DelayAnswer(Record):
     )
     largest_gain: Finite = Field(
         None,
-        description="from which on the law is unstable with these delays, 1/s; null where a term changes it, or edges "
-        "have unlike delays",
+        description="from which on the law is unstable with these delays if nothing is lost, 1/s; null where a term "
+        "changes it, edges have unlike delays, or it is unstable at any gain",
     )
     reason: str = Field(description="why a number is missing, or empty")
 

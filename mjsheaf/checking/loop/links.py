@@ -67,8 +67,8 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
         path: Path of its targets.
     """
     found = _answers(system, path)
-    if found is None:
-        return None
+    if found is None or found.delay.reason:
+        return found
     delay = found.delay.model_copy(update={"largest_gain": largest_gain(system)})
     return found.model_copy(update={"delay": delay})
 

@@ -272,7 +272,7 @@ def _behind(time: Array, carried: Array, top: Array) -> Array:
     behind = np.zeros(carried.shape[:2])
     slow = np.flatnonzero(~(np.linalg.norm(carried, axis=2).max(axis=0) <= top))
     e = np.zeros((len(slow), 3))
-    for k, dt in enumerate(np.diff(time)):
+    for k, dt in enumerate(np.diff(time) if len(slow) else ()):
         e += carried[k + 1, slow] * dt
         distance = np.linalg.norm(e, axis=1)
         behind[k + 1, slow] = left = np.maximum(distance - top[slow] * dt, 0.0)
