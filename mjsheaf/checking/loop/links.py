@@ -67,7 +67,7 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
         path: Path of its targets.
     """
     found = _answers(system, path)
-    if found is None or found.delay.reason:
+    if found is None or found.delay.delay is None:
         return found
     delay = found.delay.model_copy(update={"largest_gain": largest_gain(system)})
     return found.model_copy(update={"delay": delay})
