@@ -58,6 +58,7 @@ def test_geoms_are_where_obstacles_are() -> None:
         np.testing.assert_allclose(own.data.geom(f"{PREFIX}ball").xpos, centres(obstacles, time)[2], atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_wall_that_is_faster_than_a_boat_pushes_it() -> None:
     """Without contacts the wall passes through the boat; with them the boat's origin stays outside."""
     boat = {

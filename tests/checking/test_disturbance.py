@@ -318,7 +318,7 @@ def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
     assert mjsheaf.check(team(), trial=False)["disturbance"]["clipped"] == {}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_screen_has_the_error_of_waves_and_who_cannot_hold_station() -> None:
     """Twice the RMS of the velocity of the surface, 2 (1.98166 / 16)^(1/2) = 0.704 m/s, exceeds a limit of 0.5."""
     law = {"gain": 0.5, "control_period": 0.1, "velocity_limit": 0.5}

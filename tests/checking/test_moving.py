@@ -142,7 +142,7 @@ def test_a_tide_that_all_meet_moves_no_error_and_enters_no_constant() -> None:
     assert apart["f_bar"] + apart["omega_bar"] > 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["vortex", "swell", "all"])
 def test_runs_in_what_moves_stay_within_the_bound_of_the_theorem(name: str) -> None:
     scenario = SHARED[name]()

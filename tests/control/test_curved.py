@@ -122,6 +122,7 @@ def test_the_continuous_bearing_law_keeps_its_size_over_100_000_samples() -> Non
     assert np.abs(size - size[0]).max() < 1e-9
 
 
+@pytest.mark.long
 def test_the_continuous_bearing_law_keeps_its_size() -> None:
     """Inside the integrator sum |x_i - c|^2 does not change."""
     run = mjsheaf.simulate(keeping("bearing", controller={"control_period": 0}), backend="ideal")

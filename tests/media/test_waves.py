@@ -155,7 +155,7 @@ def test_drift_is_half_of_stokes_at_the_surface_and_stokes_below(steepness: floa
     assert abs(buoy[0]) < 1e-12
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_drift_in_an_irregular_sea_is_the_sum_over_its_waves() -> None:
     waves = {**PM, "significant_height": 0.05, "components": 8}
     c = Waves.model_validate(waves).components_of(0)

@@ -110,7 +110,7 @@ def test_links_that_measure_ranges_and_bearings_are_off_by_what_they_measure(nam
         assert residual[-1, k] == pytest.approx(off, rel=1e-3, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bounds_are_drawn_in_every_phase_and_lie_above_the_error() -> None:
     """Over sqrt(N), as the error is the RMS over agents."""
     made = make_page("certified", "ideal", {"time.end": 12, "events": [{"time": 6, "cut": ["A1", "A2"]}]})
