@@ -205,8 +205,8 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     if links is not None and links.stable is False and not (links.exact and law.stable is False):
         known = links.delay_margin is not None and not links.delay.stable
         why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
-        known = links.loss is None and links.delay.largest_gain is not None
-        changes = {"controller.gain": _round(_RESERVE * late)} if known else {}
+        mends = links.loss is None and links.delay.largest_gain is not None  # a lower gain alone
+        changes = {"controller.gain": _round(_RESERVE * late)} if mends else {}
         fix = f"set controller.gain to {changes['controller.gain']:g} 1/s" if changes else "lower controller.gain"
         fix += ", or use links with less delay and loss"
         yield Problem(kind="links", what=UNSTABLE_LINKS, why=why, fix=fix, changes=changes)

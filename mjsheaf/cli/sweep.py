@@ -44,7 +44,7 @@ _SchedulerOption = Annotated[
 _ThreadsFlag = Annotated[bool, typer.Option("--threads", help="Use threads of one process instead of processes.")]
 _BatchFlag = Annotated[
     bool,
-    typer.Option("--batch", help="Keep errors alone, not how runs end, in half the time; on the fused engine."),
+    typer.Option("--batch", help="Keep errors alone, not how runs end, in less time; on the fused engine."),
 ]
 
 

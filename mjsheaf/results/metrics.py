@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _CLOSE = 6  # neighbours among which the nearest one is looked for
 _FEW = 100  # maximum number of vehicles for which all pairs are compared
 _HELD_BACK = 0.5  # fraction of an agent's speed; where the filter changes more, it keeps the agent from its place
-_CIRCLING = 0.1  # fraction of an agent's error by which it moves about among the others, where it circles
+_CIRCLING = 0.2  # fraction of an agent's error that it moves away from where the last tenth begins, where it circles
 _ARRIVING = 0.1  # factor by which the error of an agent that arrives falls over the last tenth of a run, at least
 ROUNDING_ERROR = 1e-9
 """Errors below this are rounding, which differs between machines, m."""
@@ -223,7 +223,7 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     circling = stuck.copy()
     for path in (places, places - middle[:, None]):
         moved = np.sqrt(np.nansum((path - path[0]) ** 2, axis=2)).max(axis=0)
-        circling &= moved > 2.0 * _CIRCLING * error.mean(axis=0)
+        circling &= moved > _CIRCLING * error.mean(axis=0)
     infeasible = (dataset["safety_violation"].values > 0.0).mean(axis=0)
     return {
         "smallest_separation": finite(dataset["separation"].values.min()),
