@@ -29,13 +29,13 @@ from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.finished import HeldBound, RunBound
+from mjsheaf.checking.loop.held_law import largest_integral
 from mjsheaf.checking.stuck import Stuck, find_stuck
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import joined, select_true
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.reflections import describe_reflections
-from mjsheaf.simulation.trajectory import largest_integral
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.authority import is_one_sided
 
