@@ -27,7 +27,7 @@ from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.media.gusts import Gusts
-from mjsheaf.media.varying import Ramp, Tide
+from mjsheaf.media.varying import MovingVortices, Ramp, Tide
 from mjsheaf.media.waves import Waves
 from mjsheaf.vehicles.vectors import add, triple
 
@@ -340,18 +340,17 @@ class FlowField(Section):
     @property
     def varies(self) -> bool:
         """True if it has a tide, a ramp, or a vortex that moves."""
-        return self.tide is not None or self.ramp is not None or len(self.moving_vortices) > 0
+        return self.tide is not None or self.ramp is not None or len(self.moving_vortices.core2) > 0
 
     @cached_property
-    def moving_vortices(self) -> Array:
-        """Vortices that move, as `VaryingArrays` has them, shape (n, 11)."""
-        space, core2 = float(self.dimension == 3), float(self.core or 0.0) ** 2
-        rows = [
-            [*_padded(k.centre), *_padded(k.velocity), *(k.gamma * np.array(k.axis or (0.0, 0.0, 1.0))), core2, space]
-            for k in self.vortices
-            if k.velocity is not None and k.gamma != 0.0
-        ]
-        return np.array(rows).reshape(-1, 11)
+    def moving_vortices(self) -> MovingVortices:
+        """Vortices that move."""
+        moving = [k for k in self.vortices if k.velocity is not None and k.gamma != 0.0]
+        along = [k.gamma * np.array(k.axis or (0.0, 0.0, 1.0)) for k in moving]
+        vectors = ([_padded(k.centre) for k in moving], [_padded(k.velocity or ()) for k in moving], along)
+        core2, space = float(self.core or 0.0) ** 2, float(self.dimension == 3)
+        numbers = (np.full(len(moving), number) for number in (core2, space))
+        return MovingVortices(*(np.array(rows).reshape(-1, 3) for rows in vectors), *numbers)
 
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.
