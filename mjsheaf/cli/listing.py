@@ -54,9 +54,9 @@ def _list_scenarios() -> None:
 
 
 def _list_vehicles(files: list[str]) -> None:
-    from mjsheaf.scenario.slips import slips_of_vehicle
+    from mjsheaf.checking.authority import authority_of
+    from mjsheaf.checking.slips import slips_of_vehicle
     from mjsheaf.simulation.arena import size_of
-    from mjsheaf.vehicles.authority import authority_of
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 

@@ -120,7 +120,7 @@ def undisturbed(medium: MediumArrays, without: tuple[type, ...] = ()) -> MediumA
         A medium of the same types, so that nothing is compiled again.
     """
     calm = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude))
-    parts = (part._replace(met=np.zeros_like(part.met)) if isinstance(part, without) else part for part in medium.parts)
+    parts = [part._replace(met=part.met * (type(part) not in without)) for part in medium.parts]
     return medium._replace(harmonics=calm, parts=tuple(parts))
 
 

@@ -271,7 +271,8 @@ def pack_waves(components: Components, met: IntArray, level: float) -> WaveArray
     bottom = -np.inf if c.depth is None else -c.depth
     decay = np.zeros_like(c.number) if c.depth is None else np.exp(-2.0 * c.number * c.depth)
     speed = c.amplitude * c.rate
-    rows = Rows(*(c.number * unit.T), c.rate, c.phase, c.amplitude, speed, *(c.speed * unit.T), decay)
+    number, velocity = c.number * unit.T, c.speed * unit.T
+    rows = Rows(number[0], number[1], c.rate, c.phase, c.amplitude, speed, velocity[0], velocity[1], decay)
     return WaveArrays(met, np.ascontiguousarray(rows), np.array([level, bottom]))
 
 

@@ -37,7 +37,7 @@ from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.reflections import describe_reflections
 from mjsheaf.system import Phase, System
-from mjsheaf.vehicles.authority import is_one_sided
+from mjsheaf.vehicles.effects import is_one_sided
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -36,7 +36,7 @@ from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
-from mjsheaf.vehicles.authority import is_one_sided, turning_of
+from mjsheaf.vehicles.effects import is_one_sided, turning_of
 
 StationKey = tuple[int, bytes]
 """Number of a vehicle; medium and heading in which it holds station."""

@@ -32,11 +32,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control.theorem import disturbance_bound
 from mjsheaf.media import disturbance
-from mjsheaf.media.bounds import Supremum, supremum
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.media.medium import moving_along, undisturbed
 from mjsheaf.media.moving import GAUSSIAN, bounds_of, pieces_of
@@ -231,7 +231,7 @@ def agent_slopes(system: System, q: Array, radii: Array) -> Array:
     """Bounds on |df_i/dq| over balls of radii (T, N) about stacked agent states (T, n_q), shape (T, N), 1/s."""
     spread, slopes = system.team.unpack(q), np.empty(radii.shape)
     for field, own in _agents_by_field(system):
-        slopes[:, own] = system.flows[field].slope_bound(spread[:, own], radii[:, own])
+        slopes[:, own] = bound_slopes(system.flows[field], spread[:, own], radii[:, own])
     return slopes
 
 

@@ -26,13 +26,13 @@ import numpy as np
 from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
 from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, evaluate_law, new_control, new_memory, pack_edges
 from mjsheaf.control.links import no_links
 from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media import disturbance
-from mjsheaf.media.flow import flow_scale, flow_slope
 from mjsheaf.media.medium import MediumArrays, moving_velocity
 from mjsheaf.media.moving import of_kind
 from mjsheaf.media.waves import WaveArrays
