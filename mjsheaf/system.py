@@ -343,16 +343,10 @@ class System:
         """Obstacles that agents keep away from; None without a section `safety`."""
         return self.control.law.safety.obstacles if self.safety else None
 
-    @cached_property
+    @property
     def vehicle_radii(self) -> Array:
         """Radius about its origin that holds what is seen of each vehicle, shape (V,), m."""
-        from mjsheaf.simulation.arena import compose  # imports MuJoCo
-        from mjsheaf.video.sizes import vehicle_radii
-
-        kinds = {id(vehicle): vehicle for vehicle in self.vehicles}
-        arena = compose(list(kinds.values()), [f"kind{k}" for k in range(len(kinds))])
-        radius = dict(zip(kinds, vehicle_radii(arena.model, arena.body), strict=True))
-        return np.array([radius[id(vehicle)] for vehicle in self.vehicles])
+        return np.array([vehicle.radius for vehicle in self.vehicles])
 
     @cached_property
     def safety_margins(self) -> Array:

@@ -171,20 +171,6 @@ def _attach_all(
             root.attach(group, prefix="", frame=root.worldbody.add_frame())
 
 
-def size_of(vehicle: Vehicle) -> float:
-    """The longest side of the box about all of a vehicle's geoms along its body axes, m; 0 without geoms."""
-    arena = compose([vehicle], ["it"])
-    model, data = arena.model, mujoco.MjData(arena.model)
-    mujoco.mj_kinematics(model, data)
-    own = np.flatnonzero(model.body_rootid[model.geom_bodyid] == arena.body[0])
-    if not own.size:
-        return 0.0
-    frames = data.geom_xmat[own].reshape(-1, 3, 3)
-    middle = data.geom_xpos[own] + np.einsum("gij,gj->gi", frames, model.geom_aabb[own, :3])
-    half = np.einsum("gij,gj->gi", np.abs(frames), model.geom_aabb[own, 3:])
-    return float(((middle + half).max(axis=0) - (middle - half).min(axis=0)).max())
-
-
 def _prepared(vehicle: Vehicle, visible: bool) -> tuple[mujoco.MjSpec, mujoco.MjSpec, bool]:
     """Return a vehicle's specification for attachment, a bare copy, and True if it is a single body.
 

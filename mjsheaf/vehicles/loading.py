@@ -32,6 +32,9 @@ from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle, VehicleDescription
 
+SEEN_GROUPS = 3
+"""MuJoCo shows geoms of the first three groups; collision shapes are in later ones."""
+
 _LARGEST_FILE = 20_000_000  # maximum size of an XML file, bytes
 _DEEPEST = 100  # maximum depth of nested elements
 _MOST_COPIES = 1000  # maximum number of copies of one element, including nested copies
@@ -494,6 +497,8 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
             Inertial(*(x[b].copy() for x in (model.body_ipos, model.body_iquat, model.body_mass, model.body_inertia)))
             for b in range(1, model.nbody)
         ],
+        radius=_radius(model),
+        size=_size(model, data),
         actuators=_actuators(path, model, data, description.actuators),
         hold=description.attitude,
         drag=linear,
@@ -503,6 +508,23 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     )
     _check(vehicle)
     return vehicle
+
+
+def _radius(model: mujoco.MjModel) -> float:
+    """Return the radius about the origin that holds the geoms that are seen, at least 0.05 m."""
+    reach = np.zeros(model.nbody)  # how far a body's origin is from the vehicle's at most; parents come first
+    for body in range(1, model.nbody):
+        reach[body] = reach[model.body_parentid[body]] + np.linalg.norm(model.body_pos[body])
+    farthest = reach[model.geom_bodyid] + np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
+    return float(farthest[model.geom_group < SEEN_GROUPS].max(initial=0.05))
+
+
+def _size(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the longest side of the box about all geoms along the axes, m; 0 without geoms."""
+    frames = data.geom_xmat.reshape(-1, 3, 3)
+    middle = data.geom_xpos + np.einsum("gij,gj->gi", frames, model.geom_aabb[:, :3])
+    half = np.einsum("gij,gj->gi", np.abs(frames), model.geom_aabb[:, 3:])
+    return float(((middle + half).max(axis=0) - (middle - half).min(axis=0)).max()) if model.ngeom else 0.0
 
 
 def _check(vehicle: Vehicle) -> None:
