@@ -19,7 +19,7 @@ from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.media import FlowField, disturbance
-from mjsheaf.media.bounded import Bounds
+from mjsheaf.media.disturbance import Bounds
 from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
 from mjsheaf.media.moving import Parts, bounds_of

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.jit import inline_jit
-from mjsheaf.media.bounded import Bounds
+from mjsheaf.media.disturbance import Bounds
 from mjsheaf.media.gridded import GridArrays, bound_grid, describe_unknown, grid_velocity, new_grid_state
 from mjsheaf.media.gusts import (
     FrozenArrays,

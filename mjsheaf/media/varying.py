@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import jit
-from mjsheaf.media.bounded import Bounds
+from mjsheaf.media.disturbance import Bounds
 from mjsheaf.vehicles.vectors import triple
 
 

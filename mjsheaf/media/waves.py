@@ -26,8 +26,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.bounded import Bounds
-from mjsheaf.media.disturbance import sine
+from mjsheaf.media.disturbance import Bounds, sine
 from mjsheaf.noise import generator_of
 
 GRAVITY = 9.81

@@ -18,7 +18,7 @@ from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import external, inline_jit, jit
 from mjsheaf.media.medium import advance
-from mjsheaf.simulation.arena import Arena, compose
+from mjsheaf.simulation.arena import Arena, compose, movers_of, place_obstacles
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Commanded, Recorder
 from mjsheaf.simulation.gate import ThreadTeam, fail
@@ -32,7 +32,6 @@ from mjsheaf.simulation.loop import (
     sense_and_command,
 )
 from mjsheaf.simulation.threaded import NEVER, ThreadedLoop, begin_span, end_span, first_bad, next_row
-from mjsheaf.simulation.walls import movers_of, place_obstacles
 from mjsheaf.system import System, phases_of
 from mjsheaf.tiers import Tiered
 
@@ -51,7 +50,7 @@ class MujocoArrays(NamedTuple):
         gear: Gears actuator_gear.
         model, data: Addresses of the model and its data.
         mocap: Positions mocap_pos of obstacles that move, shape (M, 3), m.
-        movers: Motion of those; see `mjsheaf.simulation.walls.movers_of`.
+        movers: Motion of those; see `mjsheaf.simulation.arena.movers_of`.
     """
 
     qacc: Array

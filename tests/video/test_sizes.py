@@ -78,10 +78,17 @@ def test_scales_are_said_by_kind_or_by_id() -> None:
 
 
 def radii_of(model: mujoco.MjModel, body_id: IntArray) -> Array:
-    """Find the farthest corner of the geoms of each vehicle from its body's origin, each of one body."""
-    farthest = np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
-    seen = model.geom_group < SEEN_GROUPS
-    return np.array([farthest[seen & (model.geom_bodyid == body)].max() for body in body_id])
+    """Find a radius about each vehicle's root body that holds its geoms, from body to body up to the root."""
+    radii = []
+    for root in body_id:
+        radius = 0.05
+        for g in np.flatnonzero((model.body_rootid[model.geom_bodyid] == root) & (model.geom_group < SEEN_GROUPS)):
+            reach, body = model.geom_rbound[g] + np.linalg.norm(model.geom_pos[g]), model.geom_bodyid[g]
+            while body != root:
+                reach, body = reach + np.linalg.norm(model.body_pos[body]), model.body_parentid[body]
+            radius = max(radius, float(reach))
+        radii.append(radius)
+    return np.array(radii)
 
 
 def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
