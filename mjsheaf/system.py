@@ -20,6 +20,7 @@ from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.media import FlowField, disturbance
 from mjsheaf.media.disturbance import Bounds
+from mjsheaf.media.flow import AXIS, CENTRE
 from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
 from mjsheaf.media.moving import Parts, bounds_of
@@ -333,7 +334,7 @@ class System:
     @property
     def _medium_parts(self) -> tuple[Array, Array]:
         """Return the uniform part of the medium's velocity, shape (V, 3), and a bound on the rest, shape (V,), m/s."""
-        carried = np.array([self.flows[k].table[0, 2:5] for k in self.field]).reshape(-1, 3)
+        carried = np.array([self.flows[k].table[0, CENTRE:AXIS] for k in self.field]).reshape(-1, 3)
         carried[self.planar, 2] = 0.0
         kernels = np.array([self.flows[k].kernel_speed for k in self.field])
         return carried, np.nan_to_num(kernels + self.largest_disturbance, posinf=0.0)
