@@ -59,8 +59,6 @@ from mjsheaf.dynamics.motion import MotionArrays, add_reference
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.team import Edge, Member, Team
 
-_NEVER = -1e30  # s; time of the last sample before the first
-
 
 class EdgeArrays(NamedTuple):
     """The edges of a team of V vehicles: E of them, with m numbers y_e in all.
@@ -237,8 +235,8 @@ class Memory(NamedTuple):
         command: commanded velocities, limited, shape (V, 3), m/s.
         supplied: Velocities commanded by a law in Python, shape (V, 3), m/s; without one, velocities added to the
             compiled law's.
-        last: Time of the last sample, s, shape (1,); empty where no term holds anything.
-        now, before: What terms hold after that sample and before it, shape (k,); see `begin_sample`.
+        held: What the next sample depends on, command included, shape (k,).
+        kept: 1 + the number of a step, and `held` before the law was evaluated there, shape (1 + k,); see `look`.
         terms: what the terms hold.
         links: what the links hold.
         custom: what registered terms hold of each vehicle, shape (V, k).
@@ -252,9 +250,8 @@ class Memory(NamedTuple):
     residual: Array
     command: Array
     supplied: Array
-    last: Array
-    now: Array
-    before: Array
+    held: Array
+    kept: Array
     terms: TermMemory
     links: LinkMemory
     custom: Array
@@ -267,27 +264,26 @@ def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
     m, own = len(law.edges.b), size_of_custom(law.custom)
     shipped, under_way = size_of_memory(law.terms, law.edges.first, V)
-    held = shipped + V * own
-    sizes = [m, 9 * V, int(held > 0), held, held, under_way, size_of_link_memory(law.links, m)]
-    flat = np.zeros(sum(sizes) + (m if law.edges.kinds else 0))
-    y, rest, last, now, before, line, links, compared = np.split(flat, np.cumsum(sizes))
-    last[:] = _NEVER
-    residual, command, supplied = rest.reshape(3, V, 3)
+    links = size_of_link_memory(law.links, m)
+    apart = m if law.edges.kinds else 0
+    held = 3 * V + shipped + V * own + links
+    flat = np.zeros(m + apart + 6 * V + held + under_way)
+    y, compared, residual, supplied, kept, line = np.split(flat, np.cumsum([m, apart, 3 * V, 3 * V, held]))
+    command, terms, custom, received = np.split(kept, np.cumsum([3 * V, shipped, V * own]))
     return Memory(
-        flat,
-        y,
-        residual,
-        command,
-        supplied,
-        last,
-        now,
-        before,
-        split_memory(now[:shipped], line, law.terms, law.edges.first, V),
-        split_link_memory(links, law.links, m),
-        now[shipped:].reshape(V, own),
-        compared if law.edges.kinds else y,
-        new_safety_memory(law.safety, V),
-        np.zeros(3),
+        flat=flat,
+        y=y,
+        residual=residual.reshape(V, 3),
+        command=command.reshape(V, 3),
+        supplied=supplied.reshape(V, 3),
+        held=kept,
+        kept=np.zeros(1 + held),
+        terms=split_memory(terms, line, law.terms, law.edges.first, V),
+        links=split_link_memory(received, law.links, m),
+        custom=custom.reshape(V, own),
+        compared=compared if law.edges.kinds else y,
+        safety=new_safety_memory(law.safety, V),
+        evaluated=np.zeros(3),
     )
 
 
@@ -297,10 +293,10 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory
     Vehicles keep what they hold of themselves. An edge that remains keeps what was measured on it, received over it and
     is under way on it. An agent without edges, which is lost or has yet to join, forgets v and delta.
     """
-    V, m = len(memory.command), len(memory.y)
+    V = len(memory.command)
     new = new_memory(law, V)
-    vehicles = slice(len(new.y), len(new.y) + 9 * V)
-    new.flat[vehicles] = memory.flat[m : m + 9 * V]
+    for name in ("residual", "command", "supplied"):
+        getattr(new, name)[:] = getattr(memory, name)
     carry_custom(old.custom, memory.custom, law.custom, new.custom)
     kept, rows = edges_kept(old.edges, law.edges)
     carry_terms(memory.terms, new.terms, rows, _with_changed_edges(old.edges, law.edges, kept, V))
@@ -315,7 +311,6 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory
         alone[edges.tail[edges.listens[:, 0]]] = alone[edges.head[edges.listens[:, 1]]] = False
         for values in (new.terms.v, new.terms.delta):
             values[alone] = 0.0
-    new.before[:] = new.now
     return new
 
 
@@ -393,7 +388,7 @@ def _begin_link(
     if sample == 0 or cells.delay:
         return
     first, end = old.edges.first[before : before + 2]
-    received, m, own = cells.received[(sample - 1) % 2], end - first, cells.own
+    received, m, own = cells.received, end - first, cells.own
     received[1] = sample
     received[2 : 2 + m] = memory.y[first:end]
     if own and old.terms.agents:
@@ -407,7 +402,7 @@ def _end_link(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, befor
         return
     cells = cells_of(old.links, memory.links, link_of(old, before))
     rows = slice(*law.edges.first[edge : edge + 2])
-    received = cells.received[(sample - 1) % 2]
+    received = cells.received
     fresh = cells.delay == 0 and received[1] == sample  # else the difference to the next measurement means nothing
     new.terms.age[rows] = 2.0 * fresh
     if cells.own:
@@ -422,7 +417,6 @@ def evaluate_law(control, t, x, drift, memory):
     """
     law, stages, edges = control.law, control.stages, control.law.edges
     V = x.shape[0]
-    begin_sample(t, memory)
     navigate(stages.terms, law.terms, x, drift, memory.command, memory.terms)
     measure(edges, 0, edges.tail.shape[0], x, memory.y)
     deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
@@ -442,19 +436,23 @@ def evaluate_law(control, t, x, drift, memory):
 
 
 @inline_jit
-def begin_sample(t, memory):
-    """Keep what terms hold before the sample at time t, s; the law may be evaluated there again, and begins with that.
+def look(step, held, kept):
+    """Keep what onboard computers hold at a step at which the law is evaluated, possibly again; see `unlook`."""
+    unlook(step, held, kept)
+    kept[0] = step + 1.0
+    for k in range(held.shape[0]):
+        kept[1 + k] = held[k]
 
-    So a sample counts once, whoever looks at it before the run goes on. Links do the same by the number of the sample.
+
+@inline_jit
+def unlook(step, held, kept):
+    """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was.
+
+    A sample counts once, however often the law is evaluated there before the run goes on.
     """
-    if memory.last.shape[0] == 0:
-        return
-    previous = memory.last[0]
-    memory.last[0] = t  # rounded, where the memory is in single precision
-    again = memory.last[0] == previous
-    source, copy = (memory.before, memory.now) if again else (memory.now, memory.before)
-    for k in range(source.shape[0]):
-        copy[k] = source[k]
+    if kept[0] == step + 1.0:
+        for k in range(held.shape[0]):
+            held[k] = kept[1 + k]
 
 
 @inline_jit

@@ -421,6 +421,7 @@ class ClosedLoop(Engine):
         self._enter(state.memory)
         self._unrecorded = self._recorder(0)
         self.place()
+        self._look()
         with self._naming_terms():
             self._evaluate_law()
         self._command()
@@ -491,6 +492,7 @@ class ClosedLoop(Engine):
             sample = self.steps_taken % self._loop.params.per_law == 0
         if sample:
             self._consult()
+            self._look()
             with self._naming_terms():
                 self._evaluate_law()
         self._command()
