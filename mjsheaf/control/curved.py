@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.jit import inline_jit, overload
+from mjsheaf.jit import inline_jit
 from mjsheaf.noise import normal_of
 from mjsheaf.team import Edge, Team
 
@@ -87,18 +87,11 @@ def bend(kinds, edges, y, out):
                 out[r] = share * (y[r] + edges.b[r]) - kinds.desired[r] - edges.b[r]
 
 
+@inline_jit
 def compare(kinds, edges, y, out):
     """Write into out (m,) what is pulled back, less b, from measurements y (m,); nothing if all compare positions."""
-    if kinds:
+    if len(kinds) > 0:
         bend(kinds, edges, y, out)
-
-
-@overload(compare)
-def _compare(kinds, edges, y, out):
-    """Choose by the type of `kinds`."""
-    if len(kinds) == 0:
-        return lambda kinds, edges, y, out: None
-    return lambda kinds, edges, y, out: bend(kinds, edges, y, out)
 
 
 class Slopes(NamedTuple):
@@ -144,9 +137,12 @@ def bound_slopes(team: Team, positions: Array) -> Slopes | None:
     return Slopes(problem.eigenvalues[0], np.array(steepest), team.with_edges(changed), not problem.unique)
 
 
+@inline_jit
 def slope(kinds, steepest, edges, y, e):
     """Return a and c of M = a I + c z z^T of an edge at its measured z = y + b, without its weight."""
-    return curved_slope(kinds, steepest, edges, y, e) if kinds else (1.0, 0.0)
+    if len(kinds) == 0:
+        return 1.0, 0.0
+    return curved_slope(kinds, steepest, edges, y, e)
 
 
 @inline_jit
@@ -171,14 +167,6 @@ def curved_slope(kinds, steepest, edges, y, e):
         return 0.0, 1.0 / square
     inverse = min(1.0 / np.sqrt(square), steepest[e])
     return inverse, -inverse / square
-
-
-@overload(slope)
-def _slope(kinds, steepest, edges, y, e):
-    """Choose by the type of `kinds`."""
-    if len(kinds) == 0:
-        return lambda kinds, steepest, edges, y, e: (1.0, 0.0)
-    return lambda kinds, steepest, edges, y, e: curved_slope(kinds, steepest, edges, y, e)
 
 
 @inline_jit
@@ -217,14 +205,9 @@ def blur(kinds, link, edges, first, end, draw, y):
     return True
 
 
+@inline_jit
 def disturb(kinds, link, edges, first, end, draw, y):
     """Add a link's errors to a measured range or bearing; return False if its edge compares positions."""
-    return blur(kinds, link, edges, first, end, draw, y) if kinds else False
-
-
-@overload(disturb)
-def _disturb(kinds, link, edges, first, end, draw, y):
-    """Choose by the type of `kinds`."""
     if len(kinds) == 0:
-        return lambda kinds, link, edges, first, end, draw, y: False
-    return lambda kinds, link, edges, first, end, draw, y: blur(kinds, link, edges, first, end, draw, y)
+        return False
+    return blur(kinds, link, edges, first, end, draw, y)
