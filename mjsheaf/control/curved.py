@@ -60,8 +60,13 @@ def pack_kinds(edges: Sequence[Edge]) -> Any:
 
 
 @inline_jit
-def bend(kinds, edges, y, out):
-    """Write into out (m,) what is pulled back, less b, from measurements y (m,); out may be y."""
+def compare(kinds, edges, y, out):
+    """Write into out (m,) what is pulled back, less b, from measurements y (m,); out may be y.
+
+    Nothing is written if all edges compare positions: then y is what is pulled back.
+    """
+    if len(kinds) == 0:
+        return
     for e in range(edges.tail.shape[0]):
         first, end = edges.first[e], edges.first[e + 1]
         if kinds.code[e] == POSITION:
@@ -85,13 +90,6 @@ def bend(kinds, edges, y, out):
             share = along / square
             for r in range(first, end):
                 out[r] = share * (y[r] + edges.b[r]) - kinds.desired[r] - edges.b[r]
-
-
-@inline_jit
-def compare(kinds, edges, y, out):
-    """Write into out (m,) what is pulled back, less b, from measurements y (m,); nothing if all compare positions."""
-    if len(kinds) > 0:
-        bend(kinds, edges, y, out)
 
 
 class Slopes(NamedTuple):
@@ -139,15 +137,9 @@ def bound_slopes(team: Team, positions: Array) -> Slopes | None:
 
 @inline_jit
 def slope(kinds, steepest, edges, y, e):
-    """Return a and c of M = a I + c z z^T of an edge at its measured z = y + b, without its weight."""
-    if len(kinds) == 0:
-        return 1.0, 0.0
-    return curved_slope(kinds, steepest, edges, y, e)
+    """Return a and c of M = a I + c z z^T of an edge at its measured z = y + b, without its weight.
 
-
-@inline_jit
-def curved_slope(kinds, steepest, edges, y, e):
-    """Return a and c of M = a I + c z z^T of an edge; both are 0 if a range or bearing edge measures nothing.
+    Both are 0 if a range or bearing edge measures nothing.
 
     Args:
         kinds: Kinds of the edges.
@@ -156,6 +148,8 @@ def curved_slope(kinds, steepest, edges, y, e):
         y: Measurements, shape (m,), m.
         e: Number of the edge.
     """
+    if len(kinds) == 0:
+        return 1.0, 0.0
     if kinds.code[e] == POSITION:
         return 1.0, 0.0
     square = 0.0
@@ -170,11 +164,13 @@ def curved_slope(kinds, steepest, edges, y, e):
 
 
 @inline_jit
-def blur(kinds, link, edges, first, end, draw, y):
+def disturb(kinds, link, edges, first, end, draw, y):
     """Add the errors of a link to the range or the bearing of its edge, in y[first:end]; False of a position edge.
 
     A range gets noise and bias in m; a bearing is turned by a random angle about every axis, with noise in rad.
     """
+    if len(kinds) == 0:
+        return False
     code = kinds.code[link.edge]
     if code == POSITION:
         return False
@@ -203,11 +199,3 @@ def blur(kinds, link, edges, first, end, draw, y):
         n = normal_of(draw[1 + (r - first) % 3]) - along * z / square
         y[r] = np.cos(angle) * z + turned * n - edges.b[r]
     return True
-
-
-@inline_jit
-def disturb(kinds, link, edges, first, end, draw, y):
-    """Add a link's errors to a measured range or bearing; return False if its edge compares positions."""
-    if len(kinds) == 0:
-        return False
-    return blur(kinds, link, edges, first, end, draw, y)
