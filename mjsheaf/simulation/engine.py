@@ -16,7 +16,8 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.custom import naming_terms
 from mjsheaf.control.law import ControlArrays, Memory, carry, look, new_control, unlook
-from mjsheaf.control.sample import Sample, Traffic, View
+from mjsheaf.control.sample import Sample, View
+from mjsheaf.control.terms import Traffic
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, phases_of
