@@ -1,8 +1,7 @@
 """The law of a team as stages over its edges: measure, pull back, terms, reference, limit.
 
 `evaluate_law` is the list of stages. Both backends run it once a control period (or inside the integrator, where the
-control period is 0), and what it leaves in `Memory` is what runs record. Threads that share a run divide the edges and
-then the vehicles of a law that allows it: `measure` and `command_each`. On an edge e = (i, j) with maps F, weight K
+control period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K
 and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
@@ -188,15 +187,12 @@ class Stages(NamedTuple):
         links: Links over which measurements are made.
         rounds: Links over which agents exchange numbers.
         safety: What keeps vehicles apart.
-        joint: A stage that cannot be divided among vehicles: any of those above, a registered term, or edges that
-            compare ranges or bearings.
     """
 
     terms: tuple[int, ...]
     links: tuple[int, ...]
     rounds: tuple[int, ...]
     safety: tuple[int, ...]
-    joint: tuple[int, ...]
 
 
 class ControlArrays(NamedTuple):
@@ -221,7 +217,6 @@ def with_seed(law: LawArrays, seed: int) -> LawArrays:
 def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
     """Make the parameters of the onboard computers."""
     present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect, len(law.safety) > 0]
-    present.append(any(present) or bool(law.custom or law.edges.kinds))
     return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
 
 
@@ -418,7 +413,7 @@ def evaluate_law(control, t, x, drift, memory):
     law, stages, edges = control.law, control.stages, control.law.edges
     V = x.shape[0]
     navigate(stages.terms, law.terms, x, drift, memory.command, memory.terms)
-    measure(edges, 0, edges.tail.shape[0], x, memory.y)
+    measure(edges, x, memory.y)
     deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
     compare(edges.kinds, edges, memory.y, memory.compared)
     for v in range(V):
@@ -456,15 +451,6 @@ def unlook(step, held, kept):
 
 
 @inline_jit
-def command_each(control, t, x, first, last, memory):
-    """Do what `evaluate_law` does after `measure` for vehicles from first up to last, if the law has no joint stage."""
-    for v in range(first, last):
-        respond(control.law, v, memory)
-        add_given(control, v, t, x, memory)
-        limit_speed(control.law.limit[v], memory.command[v])
-
-
-@inline_jit
 def respond(law, v, memory):
     """Write eta of vehicle v by what its edges compare, and its velocity by the proportional law or a law in Python."""
     pull_back(law.edges, memory.compared, v, memory.residual)
@@ -486,9 +472,9 @@ def add_given(control, v, t, x, memory):
 
 
 @inline_jit
-def measure(edges, first, last, x, y):
-    """Write y_e = F_head x_head - F_tail x_tail of edges from first up to last into y (m,), for positions x (V, 3)."""
-    for e in range(first, last):
+def measure(edges, x, y):
+    """Write y_e = F_head x_head - F_tail x_tail into y (m,), for positions x (V, 3)."""
+    for e in range(edges.tail.shape[0]):
         tail, head = x[edges.tail[e]], x[edges.head[e]]
         for r in range(edges.first[e], edges.first[e + 1]):
             F, G = edges.F_head[r], edges.F_tail[r]
@@ -512,7 +498,7 @@ def pull_back(edges, y, v, residual):
 @inline_jit
 def disagree(edges, x, y, residual):
     """Write eta (V, 3) of all vehicles at positions x (V, 3) over exact links; y (m,) is overwritten."""
-    measure(edges, 0, edges.tail.shape[0], x, y)
+    measure(edges, x, y)
     compare(edges.kinds, edges, y, y)
     for v in range(x.shape[0]):
         pull_back(edges, y, v, residual)
