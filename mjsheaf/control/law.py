@@ -69,10 +69,6 @@ class EdgeArrays(NamedTuple):
         F_tail, F_head: restriction maps, padded, shape (m, 3).
         P_tail, P_head: K F, whose transpose pulls back, shape (m, 3).
         b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
-        pulls: What moves each vehicle, row by row: K F of an edge at its head, -K F at its tail, sorted by vehicle and
-            then by edge, shape (n, 3).
-        row: Number in y of each row of `pulls`, shape (n,).
-        first_pull: Where the rows of each vehicle begin in `pulls`, and n at the end, shape (V + 1,).
         kinds: What edges compare; () where all compare positions.
     """
 
@@ -85,39 +81,11 @@ class EdgeArrays(NamedTuple):
     P_tail: Array
     P_head: Array
     b: Array
-    pulls: Array
-    row: IntArray
-    first_pull: IntArray
     kinds: Any = ()
 
-    @classmethod
-    def of(
-        cls,
-        tail: IntArray,
-        head: IntArray,
-        listens: BoolArray,
-        first: IntArray,
-        maps: Array,
-        b: Array,
-        V: int,
-        kinds: Any = (),
-    ) -> "EdgeArrays":
-        """Return edges between V vehicles; `maps` are F_tail, F_head, P_tail and P_head, shape (4, m, 3)."""
-        size = np.diff(first)
-        row, at_head = np.nonzero(np.repeat(listens, size, axis=0))
-        vehicle = np.repeat(np.column_stack((tail, head)), size, axis=0)[row, at_head]
-        order = np.argsort(vehicle, kind="stable")
-        row, at_head = row[order], at_head[order]
-        F_tail, F_head, P_tail, P_head = maps
-        pulls = np.where(at_head[:, np.newaxis], P_head[row], -P_tail[row])
-        first_pull = np.searchsorted(vehicle[order], np.arange(V + 1))
-        return cls(tail, head, listens, first, F_tail, F_head, P_tail, P_head, b, pulls, row, first_pull, kinds)
-
-    def renumbered(self, number: IntArray, V: int) -> "EdgeArrays":
-        """The same edges between V vehicles, where vehicle v of these is number[v]."""
-        maps = np.stack((self.F_tail, self.F_head, self.P_tail, self.P_head))
-        tail, head = number[self.tail], number[self.head]
-        return self.of(tail, head, self.listens, self.first, maps, self.b, V, self.kinds)
+    def renumbered(self, number: IntArray) -> "EdgeArrays":
+        """Return the same edges between other vehicles, where vehicle v of these is number[v]."""
+        return self._replace(tail=number[self.tail], head=number[self.head])
 
 
 class LawArrays(NamedTuple):
@@ -153,7 +121,7 @@ class LawArrays(NamedTuple):
         number = np.zeros(len(self.gain), dtype=np.int64)
         number[rows] = np.arange(len(rows))
         return self._replace(
-            edges=self.edges.renumbered(number, len(rows)),
+            edges=self.edges.renumbered(number),
             gain=self.gain[rows],
             limit=self.limit[rows],
             terms=self.terms.selected(rows[:agents]),
@@ -416,6 +384,7 @@ def evaluate_law(control, t, x, drift, memory):
     measure(edges, x, memory.y)
     deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
     compare(edges.kinds, edges, memory.y, memory.compared)
+    pull_back(edges, memory.compared, memory.residual)
     for v in range(V):
         respond(law, v, memory)
     add_terms(stages.terms, stages, law, x, memory)
@@ -452,8 +421,7 @@ def unlook(step, held, kept):
 
 @inline_jit
 def respond(law, v, memory):
-    """Write eta of vehicle v by what its edges compare, and its velocity by the proportional law or a law in Python."""
-    pull_back(law.edges, memory.compared, v, memory.residual)
+    """Write the velocity of vehicle v by the proportional law, or by a law in Python."""
     for i in range(3):
         memory.command[v, i] = memory.supplied[v, i] if v < law.supplied else -law.gain[v] * memory.residual[v, i]
 
@@ -484,15 +452,18 @@ def measure(edges, x, y):
 
 
 @inline_jit
-def pull_back(edges, y, v, residual):
-    """Write delta^T K (delta x - b) at vehicle v into residual (V, 3), from y (m,)."""
-    east, north, up = 0.0, 0.0, 0.0
-    for k in range(edges.first_pull[v], edges.first_pull[v + 1]):
-        z = y[edges.row[k]] + edges.b[edges.row[k]]
-        east += edges.pulls[k, 0] * z
-        north += edges.pulls[k, 1] * z
-        up += edges.pulls[k, 2] * z
-    residual[v, 0], residual[v, 1], residual[v, 2] = east, north, up
+def pull_back(edges, y, residual):
+    """Write delta^T K (delta x - b) into residual (V, 3), from y (m,)."""
+    residual[:] = 0.0
+    for e in range(edges.tail.shape[0]):
+        tail, head = residual[edges.tail[e]], residual[edges.head[e]]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            z = y[r] + edges.b[r]
+            for i in range(3):
+                if edges.listens[e, 0]:
+                    tail[i] -= edges.P_tail[r, i] * z
+                if edges.listens[e, 1]:
+                    head[i] += edges.P_head[r, i] * z
 
 
 @inline_jit
@@ -500,8 +471,7 @@ def disagree(edges, x, y, residual):
     """Write eta (V, 3) of all vehicles at positions x (V, 3) over exact links; y (m,) is overwritten."""
     measure(edges, x, y)
     compare(edges.kinds, edges, y, y)
-    for v in range(x.shape[0]):
-        pull_back(edges, y, v, residual)
+    pull_back(edges, y, residual)
 
 
 @jit
@@ -577,7 +547,7 @@ def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], 
     tail, head = _number_ends(members, edges)
     b = np.concatenate([np.zeros(0), *(e.b for e in edges)])
     first, listens = first.astype(np.int64), listens.reshape(-1, 2)
-    return EdgeArrays.of(tail, head, listens, first, maps, b, len(members), pack_kinds(edges))
+    return EdgeArrays(tail, head, listens, first, *maps, b, pack_kinds(edges))
 
 
 def _number_ends(members: Sequence[Member], edges: Sequence[Edge]) -> tuple[IntArray, IntArray]:
