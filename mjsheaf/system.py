@@ -80,7 +80,7 @@ class PhysicsOptions:
         surface: 'water', 'ground' or 'none'; drawn, and the level at which floating vehicles float.
         surface_height: Height of the surface, m.
         engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.simulation.fused`.
-        threads: Maximum number of threads.
+        threads: Maximum number of threads of the fused engine.
         compiled: Vehicles as their files describe them by (name,), and as they are simulated by (name, time constant,
             effects); made on first use and shared by all copies and seeds.
     """
@@ -98,16 +98,15 @@ class PhysicsOptions:
     compiled: dict[tuple[Any, ...], Vehicle] = field(default_factory=dict, repr=False)
 
     def refuse_contacts(self) -> None:
-        """Refuse contacts where bodies are not in one model of MuJoCo's.
+        """Refuse contacts on an engine that has none.
 
         Raises:
             InputError: naming the field.
         """
-        if self.contacts and (self.engine == "fused" or self.threads > 1):
-            what = "the fused engine has none" if self.engine == "fused" else f"{self.threads} threads have none"
+        if self.contacts and self.engine == "fused":
             raise InputError(
-                f"physics.contacts: is true, and {what}; expected false, as with --set physics.contacts=false, or the "
-                "engine mujoco on one thread"
+                "physics.contacts: is true, and the fused engine has none; expected false, as with --set "
+                "physics.contacts=false, or the engine mujoco"
             )
 
 
@@ -591,7 +590,7 @@ def whole_ratio(period: float, timestep: float) -> int:
 
 
 def on_engine(phases: Sequence[Phase], engine: str, threads: int = 1) -> tuple[Phase, ...]:
-    """Return the same run with its bodies moved by `engine` on `threads` threads."""
+    """Return the same run with its bodies moved by `engine` on up to `threads` threads."""
     moved = {id(phase.system): copy(phase.system) for phase in phases}  # with all that no engine changes
     for system in moved.values():
         vars(system)["bodies"] = replace(system.bodies, engine=engine, threads=threads)

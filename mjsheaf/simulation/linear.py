@@ -263,7 +263,7 @@ class _Bench:
         """Let all vehicles fly or sail under their commands, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
-            evaluate_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
+            evaluate_forces(self.loop, self.arrays, 0.0)
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()
         self.act = self.data.act.copy()
@@ -295,14 +295,14 @@ class _Bench:
         """The difference to which a physics step leads from one."""
         self._place(*self._moved(difference))
         x, R = self.loop.state.x, self._rotations()
-        controlled_positions(self.loop.params.fleet, self.data.qpos, 0, len(x), x)
+        controlled_positions(self.loop.params.fleet, self.data.qpos, x)
         begin = x.copy()
-        evaluate_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
+        evaluate_forces(self.loop, self.arrays, 0.0)
         mujoco.mj_step(self.model, self.data)
         dq, after = np.empty(self.model.nv), self.still.copy()
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)
         dq = dq.reshape(-1, 6)
-        controlled_positions(self.loop.params.fleet, self.data.qpos, 0, len(x), x)
+        controlled_positions(self.loop.params.fleet, self.data.qpos, x)
         after[:, :3] = np.einsum("vij,vj->vi", R, dq[:, 3:])
         after[:, 3:6] = np.where(self.controlled, x - begin, dq[:, :3])
         after[:, 6:12] = self.data.qvel.reshape(-1, 6) - self.qvel

@@ -23,7 +23,7 @@ import mjsheaf
 from mjsheaf import World, check, load_scenario, simulate, simulate_many
 from mjsheaf.control import pack_law
 from mjsheaf.control.controller import LocalSample, PerAgent
-from mjsheaf.control.law import carry, evaluate_law, new_memory
+from mjsheaf.control.law import carry, evaluate_law, look, new_memory
 from mjsheaf.control.links import linked_edges, pack_links
 from mjsheaf.errors import InputError
 from mjsheaf.noise import LARGEST_NORMAL, normal_of, stream_of, uniforms
@@ -337,8 +337,9 @@ def test_feedforward_knows_the_velocity_of_a_target_from_two_old_samples(lossy: 
     velocity = np.array([[0.5, -0.4, 1.0], [2.0, 1.0, 0.0]])
     first, count = system.law.edges.first, np.zeros(3)
     for n in range(80):
-        evaluate_law(system.control, n * H, x, None, memory)
-        evaluate_law(system.control, n * H, x, None, memory)  # a sample may be taken again
+        for _ in range(2):  # a sample may be taken again
+            look(float(n), memory.held, memory.kept)
+            evaluate_law(system.control, n * H, x, None, memory)
         count += memory.links.heard == 2.0
         for k, target in enumerate((1, 0, 0)):
             found = memory.links.velocity[first[k] : first[k + 1]]
@@ -597,8 +598,9 @@ def test_a_term_that_begins_later_changes_nothing_of_what_is_heard() -> None:
     for n in range(80):
         now = first if n < 20 else second
         memory = carry(memory, first.law, now.law, n) if n == 20 else memory
-        evaluate_law(now.control, n * H, x, None, memory)
-        evaluate_law(now.control, n * H, x, None, memory)
+        for _ in range(2):
+            look(float(n), memory.held, memory.kept)
+            evaluate_law(now.control, n * H, x, None, memory)
         for k, target in enumerate((1, 0)):
             begin, end = now.law.edges.first[2 + k : 4 + k]
             found = memory.links.velocity[begin:end]
@@ -751,4 +753,4 @@ def test_memory_does_not_grow() -> None:
         sensing = [["boat", "ship"], ["front", "diver"]]
         law = tangled(links=links, communication=[["boat", "front"]], sensing=sensing).system.law
         m = [b - a for a, b in pairwise(law.edges.first.tolist())][:3]
-        assert law.links.size == sum((delay + 1) * (1 + k) + 2 * (2 + k) for k in m)
+        assert law.links.size == sum((delay + 1) * (1 + k) + (2 + k) for k in m)

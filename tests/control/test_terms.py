@@ -23,6 +23,7 @@ from mjsheaf.control.terms import contraction, no_terms, size_of_memory, solve
 from mjsheaf.errors import InputError
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.session import Session
 from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.team import Edge, Team
 from mjsheaf.vehicles.loading import load_vehicle
@@ -752,6 +753,15 @@ def test_a_sample_that_is_taken_twice_counts_once() -> None:
         plain.step()
         np.testing.assert_array_equal(plain.command[:3], np.nan_to_num(recorded[k]))
         plain.step(9)
+
+
+def test_the_last_sample_of_a_run_is_the_same_when_it_is_taken_again() -> None:
+    """Also where the observer takes from the displacement what the command before explains."""
+    scenario = mixed_scenario(time={"end": 0.1}, controller={"gain": 8.0, "control_period": 0.01, **ALL})
+    engine = Session(scenario, "ideal").engine
+    (piece,) = engine.record(100)
+    for _ in range(2):
+        np.testing.assert_array_equal(engine.observe().command, piece.log.command[-1, :3])
 
 
 # -- numbers of the published run --------------------------------------------------------------------------------------
