@@ -13,7 +13,7 @@ from mjsheaf.control import ControlArrays, LawArrays, edges_of
 from mjsheaf.control.law import new_control
 from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.control.safety import SafetyArrays
-from mjsheaf.control.separation import FilteredVehicles, Safety, pack_safety
+from mjsheaf.control.separation import Safety, pack_safety
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
@@ -285,7 +285,8 @@ class System:
         if self.waiting is not None:  # these command the medium's velocity, as it was up to a period ago
             holds = self.waiting.holds
             speed[holds] = (self.medium_speeds + (0.0 if grid.continuous else 2.0) * unsteady)[holds]
-        vehicles = FilteredVehicles(
+        return pack_safety(
+            self.safety,
             ids=self.team.agent_ids,
             planar=planar,
             height=self.bodies.surface_height,
@@ -300,7 +301,6 @@ class System:
             start=grid.start,
             end=grid.start + grid.steps * grid.period,
         )
-        return pack_safety(self.safety, vehicles)
 
     @cached_property
     def target_speeds(self) -> Array:
