@@ -27,7 +27,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.control.curved import compare, pack_kinds
-from mjsheaf.control.custom import add_custom, carry_custom, names_of, size_of_custom
+from mjsheaf.control.custom import add_custom, carry_custom, names_of, size_of_custom, split_custom
 from mjsheaf.control.links import (
     LinkArrays,
     LinkMemory,
@@ -202,7 +202,7 @@ class Memory(NamedTuple):
         kept: 1 + the number of a step, and `held` before the law was evaluated there, shape (1 + k,); see `look`.
         terms: what the terms hold.
         links: what the links hold.
-        custom: what registered terms hold of each vehicle, shape (V, k).
+        custom: What each registered term holds of each vehicle, shape (V, k).
         compared: What range and bearing edges make of y, shape (m,); y itself where all edges compare positions.
         safety: What keeps vehicles apart found at the last sample; no part of the state.
         evaluated: Registered term that was called last, its vehicle, and the time, s, shape (3,); no part of the state.
@@ -217,7 +217,7 @@ class Memory(NamedTuple):
     kept: Array
     terms: TermMemory
     links: LinkMemory
-    custom: Array
+    custom: tuple[Array, ...]
     compared: Array
     safety: SafetyMemory
     evaluated: Array
@@ -243,7 +243,7 @@ def new_memory(law: LawArrays, V: int) -> Memory:
         kept=np.zeros(1 + held),
         terms=split_memory(terms, line, law.terms, law.edges.first, V),
         links=split_link_memory(received, law.links, m),
-        custom=custom.reshape(V, own),
+        custom=split_custom(custom, law.custom, V),
         compared=compared if law.edges.kinds else y,
         safety=new_safety_memory(law.safety, V),
         evaluated=np.zeros(3),
@@ -388,7 +388,7 @@ def evaluate_law(control, t, x, drift, memory):
     for v in range(V):
         respond(law, v, memory)
     add_terms(stages.terms, stages, law, x, memory)
-    add_custom(law.custom, t, memory.residual, memory.command, memory.custom, memory.evaluated)
+    add_custom(law.custom, memory.custom, None, t, memory.residual, memory.command, memory.evaluated)
     for v in range(V):
         add_given(control, v, t, x, memory)
     keep_apart(stages.safety, law, t, x, memory)
