@@ -1,4 +1,4 @@
-"""Flow fields: the velocity w(x) of the medium, as a sum of kernels, with bounds on its slope.
+"""Flow fields: the velocity w(x) of the medium, as a sum of kernels.
 
 With r = x - centre and s = |r|^2 + core^2, in m and m/s:
 
@@ -27,17 +27,19 @@ from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.media.gusts import Gusts
-from mjsheaf.media.varying import Ramp, Tide
+from mjsheaf.media.varying import MovingVortices, Ramp, Tide
 from mjsheaf.media.waves import Waves
-from mjsheaf.vehicles.vectors import add, triple
+from mjsheaf.vehicles.vectors import add, cross, triple
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
-# axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
+# axis or direction (3), strength, and two parameters: core^2, or the falloffs of a channel across and along. Its first
+# row is the drift, in the place of a centre. One array is what compiled code passes on most cheaply.
+KIND, SPACE, CENTRE, AXIS, STRENGTH = 0, 1, 2, 5, 8
+CORE2 = 9
+ACROSS, ALONG = 9, 10
 SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
-_STRENGTH = 8
-_TWO_OVER_E = 2.0 / math.e
 _NARROWEST = 1e-100  # m, of a channel: the square of its inverse must be finite
-_NOTHING_LEFT = 600.0  # exp(-600) = 3e-261, which stands for all that is less
+NOTHING_LEFT = 600.0  # exp(-600) = 3e-261, which stands for all that is less
 _LOG2_E = 1.4426950408889634
 # ln 2 in two parts: the first has so few digits that multiples of it are exact.
 _LN2_1, _LN2_2 = 0.6931471803691238, 1.9082149292705877e-10
@@ -73,117 +75,59 @@ def decay(x):
 
 
 @inline_jit
-def _channel_place(c, rx, ry, rz):
+def channel_place(c, rx, ry, rz):
     """Return the place of an offset (rx, ry, rz) from a channel's centre: l along the channel, |n|^2 across."""
-    along = rx * c[5] + ry * c[6] + rz * c[7]
-    nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
+    d = triple(c[AXIS:])
+    along = rx * d[0] + ry * d[1] + rz * d[2]
+    nx, ny, nz = rx - along * d[0], ry - along * d[1], rz - along * d[2]
     return along, nx * nx + ny * ny + nz * nz
 
 
 @inline_jit
 def source_velocity(c, r):
     """Return the velocity of a source at an offset r from its centre, as three numbers."""
-    s = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[9]
-    a = c[8] / (s * np.sqrt(s)) if c[1] else c[8] / s
+    s = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[CORE2]
+    a = c[STRENGTH] / (s * np.sqrt(s)) if c[SPACE] else c[STRENGTH] / s
     return a * r[0], a * r[1], a * r[2]
 
 
 @inline_jit
 def vortex_velocity(c, r):
     """Return that of a vortex."""
-    a = c[8] / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[9])
-    x, y, z = c[6] * r[2] - c[7] * r[1], c[7] * r[0] - c[5] * r[2], c[5] * r[1] - c[6] * r[0]
+    a = c[STRENGTH] / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[CORE2])
+    x, y, z = cross(triple(c[AXIS:]), r)
     return a * x, a * y, a * z
 
 
 @inline_jit
 def channel_velocity(c, r):
     """Return that of a channel."""
-    along, across2 = _channel_place(c, r[0], r[1], r[2])
-    falloff = across2 * c[9] + along * along * c[10]
-    a = c[8] * decay(min(falloff, _NOTHING_LEFT))
-    return a * c[5], a * c[6], a * c[7]
+    along, across2 = channel_place(c, r[0], r[1], r[2])
+    falloff = across2 * c[ACROSS] + along * along * c[ALONG]
+    a = c[STRENGTH] * decay(min(falloff, NOTHING_LEFT))
+    return a * c[AXIS], a * c[AXIS + 1], a * c[AXIS + 2]
 
 
 @inline_jit
 def offset_from(c, x):
     """Return the offset of a point x from the centre of a kernel."""
-    return x[0] - c[2], x[1] - c[3], (x[2] - c[4]) * c[1]
+    return x[0] - c[CENTRE], x[1] - c[CENTRE + 1], (x[2] - c[CENTRE + 2]) * c[SPACE]
 
 
 @jit
 def flow_velocity(table, x, y, z):
     """Velocity of the medium at a point, as three numbers; the first row of the table is the drift."""
-    w = triple(table[0, 2:])
+    w = triple(table[0, CENTRE:])
     for k in range(1, table.shape[0]):
         c = table[k]
         r = offset_from(c, (x, y, z))
-        if c[0] == SOURCE:
+        if c[KIND] == SOURCE:
             w = add(w, source_velocity(c, r))
-        elif c[0] == VORTEX:
+        elif c[KIND] == VORTEX:
             w = add(w, vortex_velocity(c, r))
         else:
             w = add(w, channel_velocity(c, r))
     return w
-
-
-@inline_jit
-def flow_slope(table, x, y, z, radius):
-    """A bound on the Jacobian's spectral norm over the ball about a point, 1/s: the Lipschitz constant there.
-
-    The sum of the kernels' own bounds, each over the ball: of a pole g M r / s^p with s = |r|^2 + core^2 the norm is at
-    most (2 p - 1) |g M| / s^p, p = 1 (a source in space 1.5), which falls with |r|; of a channel |b| E |q| with
-    E = exp(-A |n|^2 - B l^2) and q its exponent's gradient, E is largest at the nearest point, |q| at the farthest, and
-    with a = A |n|^2 + B l^2 their product is at most 2 (max(A, B) a)^(1/2) exp(-a) <= (2 max(A, B) / e)^(1/2). `bounds`
-    has tighter ones, at a hundred times the cost.
-    """
-    total = 0.0
-    for k in range(1, table.shape[0]):
-        c = table[k]
-        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
-        if c[0] == CHANNEL:
-            along, across2 = _channel_place(c, rx, ry, rz)
-            across = np.sqrt(across2)
-            near, low = max(across - radius, 0.0), max(abs(along) - radius, 0.0)
-            strongest = np.exp(-min(near * near * c[9] + low * low * c[10], _NOTHING_LEFT))
-            slope_across = c[9] * (across + radius)
-            slope_along = c[10] * (abs(along) + radius)
-            steepest = 2.0 * np.sqrt(slope_across * slope_across + slope_along * slope_along)
-            total += abs(c[8]) * min(strongest * steepest, np.sqrt(max(c[9], c[10]) * _TWO_OVER_E))
-        else:
-            r = max(np.sqrt(rx * rx + ry * ry + rz * rz) - radius, 0.0)
-            s = r * r + c[9]
-            if c[0] == SOURCE:
-                total += 2.0 * abs(c[8]) / (s * np.sqrt(s)) if c[1] else abs(c[8]) / s
-            else:
-                total += abs(c[8]) * np.sqrt(c[5] * c[5] + c[6] * c[6] + c[7] * c[7]) / s
-    return total
-
-
-@inline_jit
-def flow_scale(table, x, y, z):
-    """The length over which the field may change about a point, m: what an integrator must not step over.
-
-    Of a pole (|r|^2 + core^2)^(1/2), the distance to its singularity in complex space; of a channel its smaller width,
-    or the distance to where nine widths end, beyond which less than 3e-18 of it is left.
-    """
-    smallest = np.inf
-    for k in range(1, table.shape[0]):
-        c = table[k]
-        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
-        if c[0] == CHANNEL:
-            along, across2 = _channel_place(c, rx, ry, rz)
-            widths = np.sqrt(2.0 * (c[9] * across2 + c[10] * along * along))
-            smallest = min(smallest, max(1.0, widths - 9.0) / np.sqrt(2.0 * max(c[9], c[10])))
-        else:
-            smallest = min(smallest, np.sqrt(rx * rx + ry * ry + rz * rz + c[9]))
-    return smallest
-
-
-@jit
-def _slopes(table, points, radii, out):
-    for i in range(points.shape[0]):
-        out[i] = flow_slope(table, points[i, 0], points[i, 1], points[i, 2], radii[i])
 
 
 @jit
@@ -309,7 +253,7 @@ class FlowField(Section):
         kinds = ((SOURCE, self.sources), (VORTEX, resting), (CHANNEL, self.channels))
         rows = [[kind, space, *kernel.row(core2)] for kind, kernels in kinds for kernel in kernels]
         # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
-        return np.array([drift, *(row for row in rows if row[_STRENGTH] != 0.0)])
+        return np.array([drift, *(row for row in rows if row[STRENGTH] != 0.0)])
 
     @cached_property
     def kernel_speed(self) -> float:
@@ -320,16 +264,17 @@ class FlowField(Section):
         """
         total = 0.0
         for row in self.table[1:]:
-            core = math.sqrt(row[9])
-            if row[0] == CHANNEL:
-                total += abs(row[_STRENGTH])
+            core = math.sqrt(row[CORE2])
+            if row[KIND] == CHANNEL:
+                total += abs(row[STRENGTH])
             elif core == 0.0:
                 return math.inf
-            elif row[0] == SOURCE and row[1]:
-                total += abs(row[_STRENGTH]) * 2.0 / (3.0**1.5 * core * core)
+            elif row[KIND] == SOURCE and row[SPACE]:
+                total += abs(row[STRENGTH]) * 2.0 / (3.0**1.5 * core * core)
             else:
-                axis = 1.0 if row[0] == SOURCE else math.sqrt(row[5] ** 2 + row[6] ** 2 + row[7] ** 2)
-                total += abs(row[_STRENGTH]) * axis / (2.0 * core)
+                x, y, z = row[AXIS:STRENGTH]
+                axis = 1.0 if row[KIND] == SOURCE else math.sqrt(x**2 + y**2 + z**2)
+                total += abs(row[STRENGTH]) * axis / (2.0 * core)
         return total
 
     @property
@@ -340,18 +285,17 @@ class FlowField(Section):
     @property
     def varies(self) -> bool:
         """True if it has a tide, a ramp, or a vortex that moves."""
-        return self.tide is not None or self.ramp is not None or len(self.moving_vortices) > 0
+        return self.tide is not None or self.ramp is not None or len(self.moving_vortices.core2) > 0
 
     @cached_property
-    def moving_vortices(self) -> Array:
-        """Vortices that move, as `VaryingArrays` has them, shape (n, 11)."""
-        space, core2 = float(self.dimension == 3), float(self.core or 0.0) ** 2
-        rows = [
-            [*_padded(k.centre), *_padded(k.velocity), *(k.gamma * np.array(k.axis or (0.0, 0.0, 1.0))), core2, space]
-            for k in self.vortices
-            if k.velocity is not None and k.gamma != 0.0
-        ]
-        return np.array(rows).reshape(-1, 11)
+    def moving_vortices(self) -> MovingVortices:
+        """Vortices that move."""
+        moving = [k for k in self.vortices if k.velocity is not None and k.gamma != 0.0]
+        along = [k.gamma * np.array(k.axis or (0.0, 0.0, 1.0)) for k in moving]
+        vectors = ([_padded(k.centre) for k in moving], [_padded(k.velocity or ()) for k in moving], along)
+        core2, space = float(self.core or 0.0) ** 2, float(self.dimension == 3)
+        numbers = (np.full(len(moving), number) for number in (core2, space))
+        return MovingVortices(*(np.array(rows).reshape(-1, 3) for rows in vectors), *numbers)
 
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.
@@ -363,29 +307,18 @@ class FlowField(Section):
         Returns:
             Velocities of the same shape, m/s; the components that points do not have are left out.
         """
-        x, shape = _spatial(points)
+        x, shape = in_space(points)
         w = np.empty_like(x)
         _velocities(self.table, x, w)
         return w.reshape(*shape[:-1], 3)[..., : shape[-1]]
-
-    def slope_bound(self, points: ArrayLike, radius: ArrayLike) -> Array:
-        """A bound on |dw/dx| over the balls about points, 1/s; infinite where a ball holds a kernel without a core.
-
-        Args:
-            points: their centres, shape (..., d), m.
-            radius: shape (...), m.
-        """
-        x, shape = _spatial(points)
-        out = np.empty(len(x))
-        _slopes(self.table, x, np.broadcast_to(radius, shape[:-1]).astype(np.float64).ravel(), out)
-        return out.reshape(shape[:-1])
 
 
 def _padded(point: Sequence[float]) -> list[float]:
     return [*point, 0.0][:3]
 
 
-def _spatial(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+def in_space(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Return points (..., 2 or 3) as rows in space, with z = 0 where there is none, and their shape."""
     x = np.asarray(points, dtype=np.float64)
     if x.ndim == 0 or x.shape[-1] not in (2, 3):
         raise InputError(f"points have shape {x.shape}; expected (..., 2) or (..., 3)")
