@@ -16,9 +16,10 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
-from mjsheaf.jit import external, inline_jit, jit
+from mjsheaf.jit import external, inline_jit, jit, on_stack
 from mjsheaf.media.medium import advance
 from mjsheaf.simulation.arena import Arena, compose
+from mjsheaf.simulation.block import ALONE, command_alone
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Commanded, Recorder
 from mjsheaf.simulation.gate import ThreadTeam, fail
@@ -29,8 +30,8 @@ from mjsheaf.simulation.loop import (
     Loop,
     finish_law,
     record,
-    sense_and_command,
 )
+from mjsheaf.simulation.motion import at, attitude
 from mjsheaf.simulation.threaded import NEVER, ThreadedLoop, begin_span, end_span, first_bad, next_row
 from mjsheaf.simulation.walls import movers_of, place_obstacles
 from mjsheaf.system import System, phases_of
@@ -84,13 +85,15 @@ def apply_forces(loop, arrays, t, first, last):
     fleet = params.fleet
     advance(params.medium, t, first, last, state.medium)
     place_obstacles(arrays.movers, t, arrays.mocap)
+    b = on_stack(ALONE)
     for v in range(first, last):
         body = fleet.bodies[v]
         kind = fleet.kinds[body.kind]
-        R, _, force, moment = sense_and_command(loop, v)
+        command_alone(loop, v, b)
+        R = attitude(b, 0)
         place, channel = 6 * (v - first), body.actuator - fleet.bodies[first].actuator
         applied, gear = arrays.applied[place : place + 6], arrays.gear[channel : channel + kind.count]
-        apply_wrench(kind, state.qvel[body.dof : body.dof + 6], R, force, moment, applied)
+        apply_wrench(kind, state.qvel[body.dof : body.dof + 6], R, at(b.force, 0), at(b.moment, 0), applied)
         turn_gears(kind, fleet.thrusters[kind.thruster :], R, state.act[body.state :], gear)
 
 
