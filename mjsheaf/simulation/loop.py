@@ -341,12 +341,14 @@ def new_loop(
 
 def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: Controller | None = None) -> str:
     """Name the vehicle of a loop that was bad at a step, and the likely cause, which may be a law in Python."""
-    speed = float(np.linalg.norm(loop.state.qvel[6 * vehicle :][:3]))
-    detail = f" (body '{system.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
+    speed = np.linalg.norm(loop.state.qvel[6 * vehicle :][:3])
+    commanded = np.linalg.norm(loop.state.memory.command[vehicle])
+    detail = f" (body '{system.vehicles[vehicle].name}')"
     time = system.grid.start + step * system.timestep
     cause = controller.cause_of_blow_up(system.team, vehicle, loop.state.memory.command) if controller else ""
     cause = unknown_flow(loop.params.medium.parts, loop.state.medium.parts, vehicle) or cause
-    return blow_up_message(system, vehicle, time, system.timestep * loop.params.per_law, detail, cause)
+    seen = f"speed {speed:.3g} m/s, commanded {commanded:.3g} m/s"
+    return blow_up_message(system, vehicle, detail, time, seen, cause)
 
 
 # Python calls them once for a run or a sample; compiled loops call the functions themselves.
@@ -406,6 +408,7 @@ class ClosedLoop(Engine):
         self._enter(state.memory)
         self._unrecorded = self._recorder(0)
         self.place()
+        self._look()
         with self._naming_terms():
             self._evaluate_law()
         self._command()
@@ -476,6 +479,7 @@ class ClosedLoop(Engine):
             sample = self.steps_taken % self._loop.params.per_law == 0
         if sample:
             self._consult()
+            self._look()
             with self._naming_terms():
                 self._evaluate_law()
         self._command()

@@ -17,11 +17,10 @@ from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import external, inline_jit, jit
 from mjsheaf.media.medium import advance
-from mjsheaf.simulation.arena import Arena, compose
+from mjsheaf.simulation.arena import Arena, compose, movers_of, place_obstacles
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Commanded, Recorder
 from mjsheaf.simulation.loop import HUGE, ClosedLoop, EngineArrays, begin_span, record, sense_and_command
-from mjsheaf.simulation.walls import movers_of, place_obstacles
 from mjsheaf.system import System, phases_of
 from mjsheaf.tiers import Tiered
 
@@ -40,7 +39,7 @@ class MujocoArrays(NamedTuple):
         gear: Gears actuator_gear.
         model, data: Addresses of the model and its data.
         mocap: Positions mocap_pos of obstacles that move, shape (M, 3), m.
-        movers: Motion of those; see `mjsheaf.simulation.walls.movers_of`.
+        movers: Motion of those; see `mjsheaf.simulation.arena.movers_of`.
     """
 
     qacc: Array

@@ -11,6 +11,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.custom import naming_terms
+from mjsheaf.control.law import look, unlook
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.fused import Fused, advance_blocks, command_vehicles
@@ -55,6 +56,7 @@ def begin_periods(loop, row, values, which):
     for w in which:
         for k in range(row.shape[0]):
             row[k] = values[w, k]
+        look(0.0, loop.state.memory.held, loop.state.memory.kept)
         run_law(loop, start)
         command_vehicles(loop, start)
         for k in range(row.shape[0]):
@@ -73,13 +75,15 @@ def take_period(loop, motion, nothing, k, bad):
     Returns:
         False if a vehicle diverged.
     """
-    params = loop.params
+    params, memory = loop.params, loop.state.memory
     B = params.fleet.blocks.shape[0] - 1
+    unlook(float(k), memory.held, memory.kept)
     for _ in range(params.per_sample // params.per_law):
         run_law(loop, params.start + k * params.timestep)
         if not advance_blocks(loop, motion, 0, B, k, params.per_law, nothing, -1, bad):
             return False
         k += params.per_law
+    look(float(k), memory.held, memory.kept)
     run_law(loop, params.start + k * params.timestep)
     return True
 
