@@ -60,7 +60,7 @@ class NotUniqueError(MjsheafError):
 
 
 class UnstableError(MjsheafError):
-    """A simulation blew up; the message names the vehicle, the time and the likely cause."""
+    """A simulation blew up; the message names the vehicle, the time, the speed and the likely cause."""
 
     exit_code = 3
 

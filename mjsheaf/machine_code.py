@@ -34,6 +34,7 @@ SOURCES = (
     "linking.py",
     "system.py",
     "noise.py",
+    "parts.py",
     "sheaf/*.py",
     "dynamics/*.py",
     "media/*.py",

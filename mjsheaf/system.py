@@ -19,7 +19,7 @@ from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.media import FlowField, disturbance
-from mjsheaf.media.bounded import Bounds
+from mjsheaf.media.disturbance import Bounds
 from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
 from mjsheaf.media.moving import Parts, bounds_of
@@ -55,7 +55,7 @@ class TimeGrid:
 
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
-MOST_EIGENVALUES = 600  # of a matrix whose eigenvalues are all found
+_MOST_EIGENVALUES = 600  # of a matrix whose eigenvalues are all found
 _STOP = 0.01  # s; resolution of the responses of vehicles under a continuous law
 
 STILL = "still"
@@ -79,7 +79,7 @@ class PhysicsOptions:
         surface: 'water', 'ground' or 'none'; drawn, and the level at which floating vehicles float.
         surface_height: Height of the surface, m.
         engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.simulation.fused`.
-        threads: Maximum number of threads.
+        threads: Maximum number of threads of the fused engine.
         compiled: Vehicles as their files describe them by (name,), and as they are simulated by (name, time constant,
             effects); made on first use and shared by all copies and seeds.
     """
@@ -97,16 +97,15 @@ class PhysicsOptions:
     compiled: dict[tuple[Any, ...], Vehicle] = field(default_factory=dict, repr=False)
 
     def refuse_contacts(self) -> None:
-        """Refuse contacts where bodies are not in one model of MuJoCo's.
+        """Refuse contacts on an engine that has none.
 
         Raises:
             InputError: naming the field.
         """
-        if self.contacts and (self.engine == "fused" or self.threads > 1):
-            what = "the fused engine has none" if self.engine == "fused" else f"{self.threads} threads have none"
+        if self.contacts and self.engine == "fused":
             raise InputError(
-                f"physics.contacts: is true, and {what}; expected false, as with --set physics.contacts=false, or the "
-                "engine mujoco on one thread"
+                "physics.contacts: is true, and the fused engine has none; expected false, as with --set "
+                "physics.contacts=false, or the engine mujoco"
             )
 
 
@@ -343,16 +342,10 @@ class System:
         """Obstacles that agents keep away from; None without a section `safety`."""
         return self.control.law.safety.obstacles if self.safety else None
 
-    @cached_property
+    @property
     def vehicle_radii(self) -> Array:
         """Radius about its origin that holds what is seen of each vehicle, shape (V,), m."""
-        from mjsheaf.simulation.arena import compose  # imports MuJoCo
-        from mjsheaf.video.sizes import vehicle_radii
-
-        kinds = {id(vehicle): vehicle for vehicle in self.vehicles}
-        arena = compose(list(kinds.values()), [f"kind{k}" for k in range(len(kinds))])
-        radius = dict(zip(kinds, vehicle_radii(arena.model, arena.body), strict=True))
-        return np.array([radius[id(vehicle)] for vehicle in self.vehicles])
+        return np.array([vehicle.radius for vehicle in self.vehicles])
 
     @cached_property
     def safety_margins(self) -> Array:
@@ -533,33 +526,20 @@ class System:
 
     @cached_property
     def largest_eigenvalue(self) -> float:
-        """lambda_max(H) near q*, which bounds the gain under a held law: k1 h lambda_max < 2; see `fastest`."""
-        return self.fastest(0)
+        """The x near q* with which the paper's held law is stable for k1 h x < 2.
 
-    def fastest(self, delay: int) -> float:
-        """Return the x with which the paper's held law is stable for k1 h x < 2 sin(pi / (2 (2 d + 1))).
-
-        That is lambda_max(H) if H is symmetric. A complex eigenvalue lambda counts as
-
-            |lambda| sin(pi / (2 (2 d + 1))) / sin((pi / 2 - |arg lambda|) / (2 d + 1)),
-
-        which is |lambda|^2 / Re lambda without delay.
-
-        Args:
-            delay: d of all measurements, periods.
+        That is lambda_max(H) if H is symmetric. A complex eigenvalue lambda counts as |lambda|^2 / Re lambda.
         """
         team = self.local.team
         H = team.law_problem.H
-        if not team.symmetric and H.shape[0] > MOST_EIGENVALUES:
+        if not team.symmetric and H.shape[0] > _MOST_EIGENVALUES:
             return float(abs(H).sum(axis=1).max())  # no eigenvalue is larger
         if not team.symmetric:
             values = np.linalg.eigvals(H.toarray())
             values = values[np.abs(values) > 1e-9 * np.abs(values).max(initial=0.0)]
-            angle = (0.5 * np.pi - np.abs(np.angle(values))) / (2 * delay + 1)
             with np.errstate(divide="ignore"):
-                each = np.abs(values) * np.sin(0.5 * np.pi / (2 * delay + 1)) / np.sin(np.maximum(angle, 0.0))
-            return float(each.max(initial=0.0))
-        if H.shape[0] <= MOST_EIGENVALUES:
+                return float((np.abs(values) ** 2 / np.maximum(values.real, 0.0)).max(initial=0.0))
+        if H.shape[0] <= _MOST_EIGENVALUES:
             return float(np.linalg.eigvalsh(H.toarray())[-1])
         from scipy.sparse.linalg import eigsh
 
@@ -609,7 +589,7 @@ def whole_ratio(period: float, timestep: float) -> int:
 
 
 def on_engine(phases: Sequence[Phase], engine: str, threads: int = 1) -> tuple[Phase, ...]:
-    """Return the same run with its bodies moved by `engine` on `threads` threads."""
+    """Return the same run with its bodies moved by `engine` on up to `threads` threads."""
     moved = {id(phase.system): copy(phase.system) for phase in phases}  # with all that no engine changes
     for system in moved.values():
         vars(system)["bodies"] = replace(system.bodies, engine=engine, threads=threads)

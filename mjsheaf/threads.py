@@ -33,20 +33,3 @@ def usable_processors() -> int:
     except (OSError, ValueError):
         return allowed
     return max(1, min(allowed, math.ceil(quota / period)))
-
-
-_LOOK = 0.05  # s
-_BUSY = 50.0  # %
-
-
-def free_processors() -> int:
-    """Return how many of the processors that this process may use are idle now, at least 1."""
-    import psutil
-
-    usable = usable_processors()
-    if usable == 1:
-        return 1
-    loads = psutil.cpu_percent(_LOOK, percpu=True)
-    ours = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(len(loads))
-    busy = sum(load > _BUSY for processor, load in enumerate(loads) if processor in ours)
-    return max(1, usable - busy)

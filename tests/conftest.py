@@ -37,14 +37,18 @@ def test_of(item: pytest.Item) -> str:
 
 @pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark examples of a slow test but one, and those of these scenarios, as long; what is long is slow, too."""
+    """Mark examples of a slow test but one, and those of these scenarios, as long; what is long is slow, too.
+
+    With `slow(each=True)`, as where each example is of another scenario, none is long.
+    """
     for item in items:
         if not {*re.split(r"[\[\]-]", item.name)}.isdisjoint(ALSO_SHOWN):
             item.add_marker(pytest.mark.long)
     short = [item for item in items if not item.get_closest_marker("long")]
     begun = {test_of(item) for item in short if not item.get_closest_marker("slow")}
     for item in short:
-        if item.get_closest_marker("slow"):
+        mark = item.get_closest_marker("slow")
+        if mark and not mark.kwargs.get("each"):
             if test_of(item) in begun:
                 item.add_marker(pytest.mark.long)
             begun.add(test_of(item))

@@ -150,7 +150,14 @@ def test_terminal_shows_what_is_printed(
     assert printed[begin : begin + len(shown)] == shown
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(p, id=p.name, marks=[pytest.mark.slow(each=True)] if p.name == "extending.md" else [])
+        for p in PAGES
+        if blocks(p, "python")
+    ],
+)
 def test_code_gives_what_its_comments_say(page: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A comment that begins with a value is what the expression before it gives; "up to sign", its absolute value."""
     monkeypatch.chdir(tmp_path)

@@ -1,6 +1,5 @@
 """Speed of simulations in this process: the published run, steps of bodies, threads, and assembly."""
 
-from contextlib import ExitStack
 from functools import partial
 from statistics import median
 from time import perf_counter, thread_time
@@ -12,10 +11,8 @@ from mjsheaf.bench import WANTED, Row, at_least, at_most, best, elapsed, informs
 from mjsheaf.engine import mujoco
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.loop import ClosedLoop
-from mjsheaf.simulation.session import ENGINES, engine_of
-from mjsheaf.simulation.threaded import ThreadedLoop
-from mjsheaf.simulation.world import SplitWorld, World
+from mjsheaf.simulation.session import engine_of
+from mjsheaf.simulation.world import World
 from mjsheaf.system import on_engine, phases_of
 from mjsheaf.threads import usable_processors
 
@@ -110,7 +107,7 @@ def _fused_swarm(size: int, repetitions: int) -> Row:
 def threads(
     short: bool = False, sizes: tuple[int, ...] = (1000, 10_000), ends: tuple[float, float] = (49.99, 20.0)
 ) -> list[Row]:
-    """Measure one team on threads with both engines, and `simulate_many` on threads, against one thread.
+    """Measure one team on threads with the fused engine, and `simulate_many` on threads, against one thread.
 
     The results must be equal bit for bit. The short version omits the largest swarm. The runs of `simulate_many` are
     `paper` with different gains, on ideal kinematics and on bodies until `ends`, s.
@@ -119,30 +116,25 @@ def threads(
     if count == 1:
         return [informs("threads", "threads", 1.0, note="one processor only")]
     repetitions = 10 if short else 40
-    rows = [_team_on_threads(size, e, count, repetitions) for size in sizes[: -1 if short else None] for e in ENGINES]
+    rows = [_team_on_threads(size, count, repetitions) for size in sizes[: -1 if short else None]]
     return rows + _runs_on_threads(min(count, len(_GAINS)), 3 if short else 8, ends)
 
 
-def _team_on_threads(size: int, engine: str, count: int, repetitions: int) -> Row:
+def _team_on_threads(size: int, count: int, repetitions: int) -> Row:
     """Measure the time of a step per vehicle of one swarm, ns, on `count` threads and on one."""
     # A tenth of a second of work, long compared with waking a thread.
-    phases, steps = swarm(size).phases, max(20, (1_000_000 if engine == "fused" else 200_000) // size)
-    with ExitStack() as threads:
-        if engine == "fused":
-            alone: ClosedLoop = Fused(on_engine(phases, engine))
-            together: ThreadedLoop = threads.enter_context(Fused(on_engine(phases, engine, count)))
-        else:
-            alone = World(phases, visible=False)
-            together = threads.enter_context(SplitWorld(on_engine(phases, engine, count)))
+    phases, steps = swarm(size).phases, max(20, 1_000_000 // size)
+    alone = Fused(on_engine(phases, "fused"))
+    with Fused(on_engine(phases, "fused", count)) as together:
         one, several = partial(alone.step, steps), partial(together.step, steps)
         one()  # compiles
         several()
         turns = [(elapsed(one, perf_counter), elapsed(several, perf_counter)) for _ in range(repetitions)]
         same = np.array_equal(alone.positions(), together.positions())
     single, shared = (1e9 / (steps * (size + 1)) * min(times) for times in zip(*turns, strict=True))
-    what = f"{size + 1} tilted hexarotors by {engine}, {count} threads, ns"
+    what = f"{size + 1} tilted hexarotors by the fused engine, {count} threads, ns"
     note = "one thread" if same else "one thread; the results DIFFER"
-    wanted = WANTED[f"{engine} threads"] * count
+    wanted = WANTED["fused threads"] * count
     return at_least("threads", what, shared, single, median(a / b for a, b in turns), wanted, note)
 
 

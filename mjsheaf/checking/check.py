@@ -26,6 +26,7 @@ from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.problems import Problem, TriedFix, problems_of, untried_of
 from mjsheaf.checking.proposals import Proposal, propose
 from mjsheaf.checking.separation import SafetyRecord, safety_record
+from mjsheaf.checking.slips import drifts_of, slips_of
 from mjsheaf.checking.theorem.certificate import (
     Assumption,
     Certificate,
@@ -46,7 +47,6 @@ from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.scenario.slips import drifts_of, slips_of
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team
 from mjsheaf.threads import one_thread

@@ -54,9 +54,8 @@ def _list_scenarios() -> None:
 
 
 def _list_vehicles(files: list[str]) -> None:
-    from mjsheaf.scenario.slips import slips_of_vehicle
-    from mjsheaf.simulation.arena import size_of
-    from mjsheaf.vehicles.authority import authority_of
+    from mjsheaf.checking.authority import authority_of
+    from mjsheaf.checking.slips import slips_of_vehicle
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
@@ -70,7 +69,7 @@ def _list_vehicles(files: list[str]) -> None:
         table.add_row(
             vehicle.name,
             f"{vehicle.mass:g}",
-            f"{size_of(vehicle):.3g}",
+            f"{vehicle.size:.3g}",
             str(len(vehicle.actuators)),
             _limit(can.forward_thrust),
             " ".join(f"{x:.3g}" for x in dict.fromkeys(tau.round(3))),

@@ -38,7 +38,10 @@ EngineOption = Annotated[
 ThreadsOption = Annotated[
     int | None,
     typer.Option(
-        min=1, metavar="N", help="Threads for the bodies; results do not depend on it.", show_default="idle cores"
+        min=1,
+        metavar="N",
+        help="Maximum number of threads of the fused engine; MuJoCo uses one. Results do not depend on it.",
+        show_default="all cores",
     ),
 ]
 SetOption = Annotated[

@@ -85,8 +85,12 @@ def describe_files(directory: Path, about: Mapping[str, str]) -> list[str]:
 
 
 def _notes(summary: dict[str, Any]) -> list[str]:
-    """Return the most important notes, and how many more there are."""
-    lines = [f"note: {note['text']}" for note in summary["notes"]]
+    """Return the most important notes, and how many more there are.
+
+    That bodies exceed the bound of ideal kinematics is no news: the page and summary.json have it.
+    """
+    told = [note for note in summary["notes"] if note["kind"] != "bound" or summary["backend"] == "ideal"]
+    lines = [f"note: {note['text']}" for note in told]
     if len(lines) <= _MAX_NOTES:
         return lines
     shown = _MAX_NOTES - 1

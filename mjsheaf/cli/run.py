@@ -112,8 +112,8 @@ def run(
 
 def _law_of(scenario: str, loaded: "Scenario", controller: str | None, expect: bool) -> "Controller | None":
     """Return the law in Python of a run: that of --controller, else with --expect that of `expect.controller`."""
-    from mjsheaf.control.source import load_controller
     from mjsheaf.runs.expecting import expected_law
+    from mjsheaf.scenario.law_file import load_controller
     from mjsheaf.scenario.load import find_scenario
 
     if controller is not None:
@@ -195,9 +195,9 @@ def expect(
     diverges, it writes nothing (exit code 3).
     """
     with progress_bars() as bars:
-        from mjsheaf.control.source import find_law, name_law_from
         from mjsheaf.io.files import require_writable
         from mjsheaf.runs import expecting
+        from mjsheaf.scenario.law_file import find_law, name_law_from
         from mjsheaf.scenario.load import find_scenario, load_scenario
 
         loaded = load_scenario(scenario)

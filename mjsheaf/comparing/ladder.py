@@ -53,9 +53,9 @@ from mjsheaf.comparing.measures import (
 )
 from mjsheaf.comparing.recording import Recording, record_run
 from mjsheaf.control.links import no_links
-from mjsheaf.control.source import LawFile
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
+from mjsheaf.scenario.law_file import LawFile
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import has_effects

@@ -17,7 +17,6 @@ from mjsheaf.comparing.compare import Comparison, compare
 from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
-from mjsheaf.control.source import LawFile
 from mjsheaf.errors import PlaceError, joined, select_true, shortened
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.results import summarize
@@ -25,6 +24,7 @@ from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.law_file import LawFile
 
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 

@@ -336,8 +336,8 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
     effects = _ranked(budget)
     limit = record.limit_costs(scope, record.measure, "all") or 0.0
     if 0.0 < limit >= _LEAST_CAUSE_SHARE * budget.all_m and limit >= max(effects, default=(limit, ""))[0]:
-        less = f"without it the error would be {limit:.2g} m less ({now})"
-        return _Lever("the velocity limit", less, _raise_limit(record))
+        without = f"without it the error would be {_left(budget, limit)} ({now})"
+        return _Lever("the velocity limit", without, _raise_limit(record))
     cost = budget.all_m - budget.ideal_m
     if cost <= _LEAST_BODY_SHARE * budget.all_m:
         return _Lever("the law, not the vehicles", now, _law(record, "more sensing agents", "slower targets"))
@@ -357,15 +357,19 @@ def _lever_of_bodies(budget: BudgetRecord, changes: dict[str, str], cost: float,
     if effects and effects[0][0] >= _LEAST_CAUSE_SHARE * cost:
         most, effect = effects[0]
         others = [(x, other) for x, other in effects[1:2] if x >= 0.5 * most]
-        # Each is what the error would be less without that effect alone, so that they do not add up.
-        then = "".join(f"; without {display_name(e)} instead, {x:.2g} m less: {changes[e]}" for x, e in others)
-        less = f"without it the error would be {most:.2g} m less ({now})"
-        return _Lever(display_name(effect), less, f"{changes[effect]}{then}")
+        then = "".join(f"; {_left(budget, x)} without {display_name(e)} instead: {changes[e]}" for x, e in others)
+        without = f"without it the error would be {_left(budget, most)} ({now})"
+        return _Lever(display_name(effect), without, f"{changes[effect]}{then}")
     share, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
     if share >= _LEAST_CAUSE_SHARE * cost:
         why = f"with ideal thrusters they already add {share:.2g} m ({now})"
         return _Lever(f"time constant tau of the {who}", why, "")
     return _Lever("no single effect", f"bodies add {cost:.2g} m together ({now})", "see the interaction in the budget")
+
+
+def _left(budget: BudgetRecord, given_back: float) -> str:
+    """Return the error that is left when a part of it is given back, so that nobody adds up parts that overlap."""
+    return f"{max((budget.all_m or 0.0) - given_back, 0.0):.3g} m"
 
 
 def _changes(record: CompareRecord) -> dict[str, str]:
@@ -465,7 +469,7 @@ def _cause_in_bodies(budget: BudgetRecord, now: float) -> str:
     """Attribute the rest of the tracking error, m, to the effect whose removal reduces it most."""
     most, effect = next(iter(_ranked(budget)), (0.0, ""))
     notable = most >= _LEAST_BODY_SHARE * now
-    first = f", mainly {display_name(effect)}: without it the error would be {most:.2g} m less" if notable else ""
+    first = f", mainly {display_name(effect)}: without it the error would be {_left(budget, most)}" if notable else ""
     return f"the rest is due to bodies{first}"
 
 

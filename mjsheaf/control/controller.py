@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
-from mjsheaf.control.sample import Sample, Traffic, real_numbers
+from mjsheaf.control.sample import Sample, real_numbers
+from mjsheaf.control.terms import Traffic
 from mjsheaf.errors import InputError, visible
 from mjsheaf.io.user_code import describe, in_this_directory
 from mjsheaf.team import Edge, Team

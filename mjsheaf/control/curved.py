@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.jit import inline_jit, overload
+from mjsheaf.jit import inline_jit
 from mjsheaf.noise import normal_of
 from mjsheaf.team import Edge, Team
 
@@ -60,8 +60,13 @@ def pack_kinds(edges: Sequence[Edge]) -> Any:
 
 
 @inline_jit
-def bend(kinds, edges, y, out):
-    """Write into out (m,) what is pulled back, less b, from measurements y (m,); out may be y."""
+def compare(kinds, edges, y, out):
+    """Write into out (m,) what is pulled back, less b, from measurements y (m,); out may be y.
+
+    Nothing is written if all edges compare positions: then y is what is pulled back.
+    """
+    if len(kinds) == 0:
+        return
     for e in range(edges.tail.shape[0]):
         first, end = edges.first[e], edges.first[e + 1]
         if kinds.code[e] == POSITION:
@@ -85,20 +90,6 @@ def bend(kinds, edges, y, out):
             share = along / square
             for r in range(first, end):
                 out[r] = share * (y[r] + edges.b[r]) - kinds.desired[r] - edges.b[r]
-
-
-def compare(kinds, edges, y, out):
-    """Write into out (m,) what is pulled back, less b, from measurements y (m,); nothing if all compare positions."""
-    if kinds:
-        bend(kinds, edges, y, out)
-
-
-@overload(compare)
-def _compare(kinds, edges, y, out):
-    """Choose by the type of `kinds`."""
-    if len(kinds) == 0:
-        return lambda kinds, edges, y, out: None
-    return lambda kinds, edges, y, out: bend(kinds, edges, y, out)
 
 
 class Slopes(NamedTuple):
@@ -144,14 +135,11 @@ def bound_slopes(team: Team, positions: Array) -> Slopes | None:
     return Slopes(problem.eigenvalues[0], np.array(steepest), team.with_edges(changed), not problem.unique)
 
 
-def slope(kinds, steepest, edges, y, e):
-    """Return a and c of M = a I + c z z^T of an edge at its measured z = y + b, without its weight."""
-    return curved_slope(kinds, steepest, edges, y, e) if kinds else (1.0, 0.0)
-
-
 @inline_jit
-def curved_slope(kinds, steepest, edges, y, e):
-    """Return a and c of M = a I + c z z^T of an edge; both are 0 if a range or bearing edge measures nothing.
+def slope(kinds, steepest, edges, y, e):
+    """Return a and c of M = a I + c z z^T of an edge at its measured z = y + b, without its weight.
+
+    Both are 0 if a range or bearing edge measures nothing.
 
     Args:
         kinds: Kinds of the edges.
@@ -160,6 +148,8 @@ def curved_slope(kinds, steepest, edges, y, e):
         y: Measurements, shape (m,), m.
         e: Number of the edge.
     """
+    if len(kinds) == 0:
+        return 1.0, 0.0
     if kinds.code[e] == POSITION:
         return 1.0, 0.0
     square = 0.0
@@ -173,20 +163,14 @@ def curved_slope(kinds, steepest, edges, y, e):
     return inverse, -inverse / square
 
 
-@overload(slope)
-def _slope(kinds, steepest, edges, y, e):
-    """Choose by the type of `kinds`."""
-    if len(kinds) == 0:
-        return lambda kinds, steepest, edges, y, e: (1.0, 0.0)
-    return lambda kinds, steepest, edges, y, e: curved_slope(kinds, steepest, edges, y, e)
-
-
 @inline_jit
-def blur(kinds, link, edges, first, end, draw, y):
+def disturb(kinds, link, edges, first, end, draw, y):
     """Add the errors of a link to the range or the bearing of its edge, in y[first:end]; False of a position edge.
 
     A range gets noise and bias in m; a bearing is turned by a random angle about every axis, with noise in rad.
     """
+    if len(kinds) == 0:
+        return False
     code = kinds.code[link.edge]
     if code == POSITION:
         return False
@@ -215,16 +199,3 @@ def blur(kinds, link, edges, first, end, draw, y):
         n = normal_of(draw[1 + (r - first) % 3]) - along * z / square
         y[r] = np.cos(angle) * z + turned * n - edges.b[r]
     return True
-
-
-def disturb(kinds, link, edges, first, end, draw, y):
-    """Add a link's errors to a measured range or bearing; return False if its edge compares positions."""
-    return blur(kinds, link, edges, first, end, draw, y) if kinds else False
-
-
-@overload(disturb)
-def _disturb(kinds, link, edges, first, end, draw, y):
-    """Choose by the type of `kinds`."""
-    if len(kinds) == 0:
-        return lambda kinds, link, edges, first, end, draw, y: False
-    return lambda kinds, link, edges, first, end, draw, y: blur(kinds, link, edges, first, end, draw, y)

@@ -1,8 +1,7 @@
 """The law of a team as stages over its edges: measure, pull back, terms, reference, limit.
 
 `evaluate_law` is the list of stages. Both backends run it once a control period (or inside the integrator, where the
-control period is 0), and what it leaves in `Memory` is what runs record. Threads that share a run divide the edges and
-then the vehicles of a law that allows it: `measure` and `command_each`. On an edge e = (i, j) with maps F, weight K
+control period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K
 and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
@@ -59,8 +58,6 @@ from mjsheaf.dynamics.motion import MotionArrays, add_reference
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.team import Edge, Member, Team
 
-_NEVER = -1e30  # s; time of the last sample before the first
-
 
 class EdgeArrays(NamedTuple):
     """The edges of a team of V vehicles: E of them, with m numbers y_e in all.
@@ -72,10 +69,6 @@ class EdgeArrays(NamedTuple):
         F_tail, F_head: restriction maps, padded, shape (m, 3).
         P_tail, P_head: K F, whose transpose pulls back, shape (m, 3).
         b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
-        pulls: What moves each vehicle, row by row: K F of an edge at its head, -K F at its tail, sorted by vehicle and
-            then by edge, shape (n, 3).
-        row: Number in y of each row of `pulls`, shape (n,).
-        first_pull: Where the rows of each vehicle begin in `pulls`, and n at the end, shape (V + 1,).
         kinds: What edges compare; () where all compare positions.
     """
 
@@ -88,39 +81,11 @@ class EdgeArrays(NamedTuple):
     P_tail: Array
     P_head: Array
     b: Array
-    pulls: Array
-    row: IntArray
-    first_pull: IntArray
     kinds: Any = ()
 
-    @classmethod
-    def of(
-        cls,
-        tail: IntArray,
-        head: IntArray,
-        listens: BoolArray,
-        first: IntArray,
-        maps: Array,
-        b: Array,
-        V: int,
-        kinds: Any = (),
-    ) -> "EdgeArrays":
-        """Return edges between V vehicles; `maps` are F_tail, F_head, P_tail and P_head, shape (4, m, 3)."""
-        size = np.diff(first)
-        row, at_head = np.nonzero(np.repeat(listens, size, axis=0))
-        vehicle = np.repeat(np.column_stack((tail, head)), size, axis=0)[row, at_head]
-        order = np.argsort(vehicle, kind="stable")
-        row, at_head = row[order], at_head[order]
-        F_tail, F_head, P_tail, P_head = maps
-        pulls = np.where(at_head[:, np.newaxis], P_head[row], -P_tail[row])
-        first_pull = np.searchsorted(vehicle[order], np.arange(V + 1))
-        return cls(tail, head, listens, first, F_tail, F_head, P_tail, P_head, b, pulls, row, first_pull, kinds)
-
-    def renumbered(self, number: IntArray, V: int) -> "EdgeArrays":
-        """The same edges between V vehicles, where vehicle v of these is number[v]."""
-        maps = np.stack((self.F_tail, self.F_head, self.P_tail, self.P_head))
-        tail, head = number[self.tail], number[self.head]
-        return self.of(tail, head, self.listens, self.first, maps, self.b, V, self.kinds)
+    def renumbered(self, number: IntArray) -> "EdgeArrays":
+        """Return the same edges between other vehicles, where vehicle v of these is number[v]."""
+        return self._replace(tail=number[self.tail], head=number[self.head])
 
 
 class LawArrays(NamedTuple):
@@ -156,7 +121,7 @@ class LawArrays(NamedTuple):
         number = np.zeros(len(self.gain), dtype=np.int64)
         number[rows] = np.arange(len(rows))
         return self._replace(
-            edges=self.edges.renumbered(number, len(rows)),
+            edges=self.edges.renumbered(number),
             gain=self.gain[rows],
             limit=self.limit[rows],
             terms=self.terms.selected(rows[:agents]),
@@ -190,15 +155,12 @@ class Stages(NamedTuple):
         links: Links over which measurements are made.
         rounds: Links over which agents exchange numbers.
         safety: What keeps vehicles apart.
-        joint: A stage that cannot be divided among vehicles: any of those above, a registered term, or edges that
-            compare ranges or bearings.
     """
 
     terms: tuple[int, ...]
     links: tuple[int, ...]
     rounds: tuple[int, ...]
     safety: tuple[int, ...]
-    joint: tuple[int, ...]
 
 
 class ControlArrays(NamedTuple):
@@ -223,7 +185,6 @@ def with_seed(law: LawArrays, seed: int) -> LawArrays:
 def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
     """Make the parameters of the onboard computers."""
     present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect, len(law.safety) > 0]
-    present.append(any(present) or bool(law.custom or law.edges.kinds))
     return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
 
 
@@ -237,8 +198,8 @@ class Memory(NamedTuple):
         command: commanded velocities, limited, shape (V, 3), m/s.
         supplied: Velocities commanded by a law in Python, shape (V, 3), m/s; without one, velocities added to the
             compiled law's.
-        last: Time of the last sample, s, shape (1,); empty where no term holds anything.
-        now, before: What terms hold after that sample and before it, shape (k,); see `begin_sample`.
+        held: What the next sample depends on, command included, shape (k,).
+        kept: 1 + the number of a step, and `held` before the law was evaluated there, shape (1 + k,); see `look`.
         terms: what the terms hold.
         links: what the links hold.
         custom: what registered terms hold of each vehicle, shape (V, k).
@@ -252,9 +213,8 @@ class Memory(NamedTuple):
     residual: Array
     command: Array
     supplied: Array
-    last: Array
-    now: Array
-    before: Array
+    held: Array
+    kept: Array
     terms: TermMemory
     links: LinkMemory
     custom: Array
@@ -267,27 +227,26 @@ def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
     m, own = len(law.edges.b), size_of_custom(law.custom)
     shipped, under_way = size_of_memory(law.terms, law.edges.first, V)
-    held = shipped + V * own
-    sizes = [m, 9 * V, int(held > 0), held, held, under_way, size_of_link_memory(law.links, m)]
-    flat = np.zeros(sum(sizes) + (m if law.edges.kinds else 0))
-    y, rest, last, now, before, line, links, compared = np.split(flat, np.cumsum(sizes))
-    last[:] = _NEVER
-    residual, command, supplied = rest.reshape(3, V, 3)
+    links = size_of_link_memory(law.links, m)
+    apart = m if law.edges.kinds else 0
+    held = 3 * V + shipped + V * own + links
+    flat = np.zeros(m + apart + 6 * V + held + under_way)
+    y, compared, residual, supplied, kept, line = np.split(flat, np.cumsum([m, apart, 3 * V, 3 * V, held]))
+    command, terms, custom, received = np.split(kept, np.cumsum([3 * V, shipped, V * own]))
     return Memory(
-        flat,
-        y,
-        residual,
-        command,
-        supplied,
-        last,
-        now,
-        before,
-        split_memory(now[:shipped], line, law.terms, law.edges.first, V),
-        split_link_memory(links, law.links, m),
-        now[shipped:].reshape(V, own),
-        compared if law.edges.kinds else y,
-        new_safety_memory(law.safety, V),
-        np.zeros(3),
+        flat=flat,
+        y=y,
+        residual=residual.reshape(V, 3),
+        command=command.reshape(V, 3),
+        supplied=supplied.reshape(V, 3),
+        held=kept,
+        kept=np.zeros(1 + held),
+        terms=split_memory(terms, line, law.terms, law.edges.first, V),
+        links=split_link_memory(received, law.links, m),
+        custom=custom.reshape(V, own),
+        compared=compared if law.edges.kinds else y,
+        safety=new_safety_memory(law.safety, V),
+        evaluated=np.zeros(3),
     )
 
 
@@ -297,10 +256,10 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory
     Vehicles keep what they hold of themselves. An edge that remains keeps what was measured on it, received over it and
     is under way on it. An agent without edges, which is lost or has yet to join, forgets v and delta.
     """
-    V, m = len(memory.command), len(memory.y)
+    V = len(memory.command)
     new = new_memory(law, V)
-    vehicles = slice(len(new.y), len(new.y) + 9 * V)
-    new.flat[vehicles] = memory.flat[m : m + 9 * V]
+    for name in ("residual", "command", "supplied"):
+        getattr(new, name)[:] = getattr(memory, name)
     carry_custom(old.custom, memory.custom, law.custom, new.custom)
     kept, rows = edges_kept(old.edges, law.edges)
     carry_terms(memory.terms, new.terms, rows, _with_changed_edges(old.edges, law.edges, kept, V))
@@ -315,7 +274,6 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory
         alone[edges.tail[edges.listens[:, 0]]] = alone[edges.head[edges.listens[:, 1]]] = False
         for values in (new.terms.v, new.terms.delta):
             values[alone] = 0.0
-    new.before[:] = new.now
     return new
 
 
@@ -393,7 +351,7 @@ def _begin_link(
     if sample == 0 or cells.delay:
         return
     first, end = old.edges.first[before : before + 2]
-    received, m, own = cells.received[(sample - 1) % 2], end - first, cells.own
+    received, m, own = cells.received, end - first, cells.own
     received[1] = sample
     received[2 : 2 + m] = memory.y[first:end]
     if own and old.terms.agents:
@@ -407,7 +365,7 @@ def _end_link(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, befor
         return
     cells = cells_of(old.links, memory.links, link_of(old, before))
     rows = slice(*law.edges.first[edge : edge + 2])
-    received = cells.received[(sample - 1) % 2]
+    received = cells.received
     fresh = cells.delay == 0 and received[1] == sample  # else the difference to the next measurement means nothing
     new.terms.age[rows] = 2.0 * fresh
     if cells.own:
@@ -422,11 +380,11 @@ def evaluate_law(control, t, x, drift, memory):
     """
     law, stages, edges = control.law, control.stages, control.law.edges
     V = x.shape[0]
-    begin_sample(t, memory)
     navigate(stages.terms, law.terms, x, drift, memory.command, memory.terms)
-    measure(edges, 0, edges.tail.shape[0], x, memory.y)
+    measure(edges, x, memory.y)
     deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
     compare(edges.kinds, edges, memory.y, memory.compared)
+    pull_back(edges, memory.compared, memory.residual)
     for v in range(V):
         respond(law, v, memory)
     add_terms(stages.terms, stages, law, x, memory)
@@ -442,34 +400,28 @@ def evaluate_law(control, t, x, drift, memory):
 
 
 @inline_jit
-def begin_sample(t, memory):
-    """Keep what terms hold before the sample at time t, s; the law may be evaluated there again, and begins with that.
-
-    So a sample counts once, whoever looks at it before the run goes on. Links do the same by the number of the sample.
-    """
-    if memory.last.shape[0] == 0:
-        return
-    previous = memory.last[0]
-    memory.last[0] = t  # rounded, where the memory is in single precision
-    again = memory.last[0] == previous
-    source, copy = (memory.before, memory.now) if again else (memory.now, memory.before)
-    for k in range(source.shape[0]):
-        copy[k] = source[k]
+def look(step, held, kept):
+    """Keep what onboard computers hold at a step at which the law is evaluated, possibly again; see `unlook`."""
+    unlook(step, held, kept)
+    kept[0] = step + 1.0
+    for k in range(held.shape[0]):
+        kept[1 + k] = held[k]
 
 
 @inline_jit
-def command_each(control, t, x, first, last, memory):
-    """Do what `evaluate_law` does after `measure` for vehicles from first up to last, if the law has no joint stage."""
-    for v in range(first, last):
-        respond(control.law, v, memory)
-        add_given(control, v, t, x, memory)
-        limit_speed(control.law.limit[v], memory.command[v])
+def unlook(step, held, kept):
+    """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was.
+
+    A sample counts once, however often the law is evaluated there before the run goes on.
+    """
+    if kept[0] == step + 1.0:
+        for k in range(held.shape[0]):
+            held[k] = kept[1 + k]
 
 
 @inline_jit
 def respond(law, v, memory):
-    """Write eta of vehicle v by what its edges compare, and its velocity by the proportional law or a law in Python."""
-    pull_back(law.edges, memory.compared, v, memory.residual)
+    """Write the velocity of vehicle v by the proportional law, or by a law in Python."""
     for i in range(3):
         memory.command[v, i] = memory.supplied[v, i] if v < law.supplied else -law.gain[v] * memory.residual[v, i]
 
@@ -488,9 +440,9 @@ def add_given(control, v, t, x, memory):
 
 
 @inline_jit
-def measure(edges, first, last, x, y):
-    """Write y_e = F_head x_head - F_tail x_tail of edges from first up to last into y (m,), for positions x (V, 3)."""
-    for e in range(first, last):
+def measure(edges, x, y):
+    """Write y_e = F_head x_head - F_tail x_tail into y (m,), for positions x (V, 3)."""
+    for e in range(edges.tail.shape[0]):
         tail, head = x[edges.tail[e]], x[edges.head[e]]
         for r in range(edges.first[e], edges.first[e + 1]):
             F, G = edges.F_head[r], edges.F_tail[r]
@@ -500,24 +452,26 @@ def measure(edges, first, last, x, y):
 
 
 @inline_jit
-def pull_back(edges, y, v, residual):
-    """Write delta^T K (delta x - b) at vehicle v into residual (V, 3), from y (m,)."""
-    east, north, up = 0.0, 0.0, 0.0
-    for k in range(edges.first_pull[v], edges.first_pull[v + 1]):
-        z = y[edges.row[k]] + edges.b[edges.row[k]]
-        east += edges.pulls[k, 0] * z
-        north += edges.pulls[k, 1] * z
-        up += edges.pulls[k, 2] * z
-    residual[v, 0], residual[v, 1], residual[v, 2] = east, north, up
+def pull_back(edges, y, residual):
+    """Write delta^T K (delta x - b) into residual (V, 3), from y (m,)."""
+    residual[:] = 0.0
+    for e in range(edges.tail.shape[0]):
+        tail, head = residual[edges.tail[e]], residual[edges.head[e]]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            z = y[r] + edges.b[r]
+            for i in range(3):
+                if edges.listens[e, 0]:
+                    tail[i] -= edges.P_tail[r, i] * z
+                if edges.listens[e, 1]:
+                    head[i] += edges.P_head[r, i] * z
 
 
 @inline_jit
 def disagree(edges, x, y, residual):
     """Write eta (V, 3) of all vehicles at positions x (V, 3) over exact links; y (m,) is overwritten."""
-    measure(edges, 0, edges.tail.shape[0], x, y)
+    measure(edges, x, y)
     compare(edges.kinds, edges, y, y)
-    for v in range(x.shape[0]):
-        pull_back(edges, y, v, residual)
+    pull_back(edges, y, residual)
 
 
 @jit
@@ -593,7 +547,7 @@ def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], 
     tail, head = _number_ends(members, edges)
     b = np.concatenate([np.zeros(0), *(e.b for e in edges)])
     first, listens = first.astype(np.int64), listens.reshape(-1, 2)
-    return EdgeArrays.of(tail, head, listens, first, maps, b, len(members), pack_kinds(edges))
+    return EdgeArrays(tail, head, listens, first, *maps, b, pack_kinds(edges))
 
 
 def _number_ends(members: Sequence[Member], edges: Sequence[Edge]) -> tuple[IntArray, IntArray]:

@@ -8,8 +8,7 @@ Of every edge with a link, at sample n, in this order:
     delay      what was measured d periods ago arrives, if it was sent
     hold       without an arrival the last measurement is held for a limited time; then y_e = -b_e, which has no effect
 
-Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks. A
-sample may be taken again (see `law.begin_sample`): what changes from sample to sample is kept for n and n - 1 in turn.
+Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks.
 
 Numbers that agents send each other in rounds have links of their own: see `mjsheaf.control.rounds`.
 """
@@ -93,11 +92,11 @@ class LinkMemory(NamedTuple):
         heard: Reception on each link at the present sample, SILENT, HELD or NEW, shape (L,).
         velocity: F p' of targets by sensing edges that have links, shape (m,), m/s; empty without feedforward.
         attitude: Attitudes of the vehicles, shape (V, 4), if a sensor needs them.
-        before: Positions at the present and the previous sample, alternating, shape (2, V, 3), m.
+        before: Positions at the last sample, shape (V, 3), m, if a sensor needs attitudes.
         cells: Delay line of each link. It has a slot for each sample in transit: 1 + its number (0 if lost), y, and the
-            agent's displacement up to it. Two copies of the last received sample follow, for even and odd samples:
-            state of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which it arrived (0
-            before any), y, displacement, filtered velocity.
+            agent's displacement up to it. The last received sample follows: state of the chain (0 before it begins, 1
+            good, 2 bad), 1 + the number of the sample at which it arrived (0 before any), y, displacement, filtered
+            velocity.
     """
 
     heard: Array
@@ -115,15 +114,15 @@ def no_links(record: bool = False) -> LinkArrays:
 
 def size_of_link_memory(links: LinkArrays, m: int) -> int:
     """Count the numbers that the links of edges with m numbers store."""
-    return len(links.table) + m * links.odometry + 10 * len(links.facing) + links.size
+    return len(links.table) + m * links.odometry + 7 * len(links.facing) + links.size
 
 
 def split_link_memory(flat: Array, links: LinkArrays, m: int) -> LinkMemory:
     """Return views of the numbers that links store; `size_of_link_memory` counts them."""
     V = len(links.facing)
-    ends = np.cumsum([len(links.table), m * links.odometry, 4 * V, 6 * V])
+    ends = np.cumsum([len(links.table), m * links.odometry, 4 * V, 3 * V])
     heard, velocity, attitude, before, cells = np.split(flat, ends)
-    return LinkMemory(heard, velocity, attitude.reshape(V, 4), before.reshape(2, V, 3), cells)
+    return LinkMemory(heard, velocity, attitude.reshape(V, 4), before.reshape(V, 3), cells)
 
 
 class LinkCells(NamedTuple):
@@ -131,7 +130,7 @@ class LinkCells(NamedTuple):
 
     Attributes:
         line: its delay line, shape (delay + 1, 1 + m + own).
-        received: the last that was received, for samples of even and of odd number, shape (2, 2 + m + 2 own).
+        received: the last that was received, shape (2 + m + 2 own,).
         own: numbers of own displacement that go with a sample.
         delay: periods.
     """
@@ -148,7 +147,7 @@ def cells_of(links: LinkArrays, memory: LinkMemory, link: int) -> LinkCells:
     place, received, own, delay = (int(row[name]) for name in ("place", "received", "own", "delay"))
     line = memory.cells[place:received].reshape(delay + 1, -1)
     width = _HEADER + line.shape[1] - 1 + own
-    return LinkCells(line, memory.cells[received : received + 2 * width].reshape(2, width), own, delay)
+    return LinkCells(line, memory.cells[received : received + width], own, delay)
 
 
 def carry_cells(old: LinkCells, new: LinkCells, sample: int) -> None:
@@ -160,9 +159,9 @@ def carry_cells(old: LinkCells, new: LinkCells, sample: int) -> None:
         return
     under_way = old.line[old.line[:, 0] > sample - min(old.delay, new.delay)]
     new.line[(under_way[:, 0].astype(np.int64) - 1) % len(new.line)] = under_way[:, : new.line.shape[1]]
-    new.received[:] = old.received[:, : new.received.shape[1]]
-    arrived = new.received[:, 1] > 0.0
-    new.received[arrived, 1] += new.delay - old.delay  # the age of a sample counts from its arrival
+    new.received[:] = old.received[: len(new.received)]
+    if new.received[1] > 0.0:
+        new.received[1] += new.delay - old.delay  # the age of a sample counts from its arrival
 
 
 def carry_heading(old: LinkMemory, new: LinkMemory) -> None:
@@ -319,7 +318,7 @@ def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -
             "hold": int(min(link.hold / period + 1e-6, 1e9)),
         }
         rows.append(tuple(fields[name] for name in LINK.names or ()))
-        size = received + 2 * (_HEADER + m + 2 * own)
+        size = received + _HEADER + m + 2 * own
         with in_field("links"):
             require_held(size)
     return np.array(rows, dtype=LINK), size
@@ -371,12 +370,9 @@ def deliver(stage, law, t, x, bodies, y, terms, memory):
         if link.delay != delay:
             delay = link.delay
             ring, oldest = n % (delay + 1), (n + 1) % (delay + 1)
-        width = _HEADER + m + 2 * link.own
-        now, before = link.received + (n % 2) * width, link.received + ((n + 1) % 2) * width
-        state = send(law, link, n, m, link.place + ring * (1 + m + link.own), memory.cells[before], x, y, terms, memory)
-        memory.cells[now] = state
-        slot = link.place + oldest * (1 + m + link.own)
-        memory.heard[k] = take_in(law, link, n, m, slot, before, now, y, terms, memory)
+        width, state = 1 + m + link.own, memory.cells[link.received]
+        memory.cells[link.received] = send(law, link, n, m, link.place + ring * width, state, x, y, terms, memory)
+        memory.heard[k] = take_in(law, link, n, m, link.place + oldest * width, y, terms, memory)
 
 
 @inline_jit
@@ -423,7 +419,7 @@ def multiply(F, v, out):
 
 
 @inline_jit
-def take_in(law, link, n, m, slot, before, now, y, terms, memory):
+def take_in(law, link, n, m, slot, y, terms, memory):
     """Write the measurement of an edge at sample n to y and, with its velocity, to the memory.
 
     Args:
@@ -432,7 +428,6 @@ def take_in(law, link, n, m, slot, before, now, y, terms, memory):
         n: Number of the sample.
         m: Number of values that the edge measures.
         slot: Index of the cells with the sample that is due.
-        before, now: Indices of the cells with the last reception, up to the previous sample and up to this one.
         y: Measurements, in place.
         terms: Memory of the terms.
         memory: Memory of the links.
@@ -440,22 +435,20 @@ def take_in(law, link, n, m, slot, before, now, y, terms, memory):
     Returns:
         Reception: NEW, HELD or SILENT.
     """
-    cells, edges, first, last = memory.cells, law.edges, law.edges.first[link.edge], memory.cells[before + 1]
+    cells, edges, first, place = memory.cells, law.edges, law.edges.first[link.edge], link.received + _HEADER
+    last = cells[place - 1]
     heard = arrival(link, n, cells[slot], last)
     if heard == NEW:
         for i in range(m):
             y[first + i] = cells[slot + 1 + i]
         periods = age_of_velocity(law.terms, link, n, last, terms)
-        receive(law, cells, slot + 1, before + _HEADER, now + _HEADER, m, link.own, periods)
-        last = n + 1.0
+        receive(law, cells, slot + 1, place, m, link.own, periods)
+        cells[place - 1] = n + 1.0
     else:
         for i in range(m):
-            y[first + i] = cells[before + _HEADER + i] if heard == HELD else -edges.b[first + i]
-        for i in range(m + 2 * link.own):
-            cells[now + _HEADER + i] = cells[before + _HEADER + i]
-    cells[now + 1] = last
+            y[first + i] = cells[place + i] if heard == HELD else -edges.b[first + i]
     for i in range(link.own):
-        memory.velocity[first + i] = cells[now + _HEADER + 2 * m + i]
+        memory.velocity[first + i] = cells[place + 2 * m + i]
     return heard
 
 
@@ -491,7 +484,7 @@ def next_state(state, chance, to_bad, to_good, begins_bad):
 
 
 @inline_jit
-def receive(law, cells, slot, before, now, m, own, periods):
+def receive(law, cells, slot, place, m, own, periods):
     """Store the m numbers that arrive, and mix the velocity they imply over the given periods, if any, into the old.
 
     It has that many periods' share in the filter, which begins at rest: else noise, which cancels in the sum of
@@ -499,13 +492,13 @@ def receive(law, cells, slot, before, now, m, own, periods):
     """
     share = 1.0 - (1.0 - law.terms.measured) ** periods
     for i in range(own):
-        a, b, velocity = cells[slot + i] + cells[slot + m + i], cells[before + i] + cells[before + m + i], 0.0
+        a, b, velocity = cells[slot + i] + cells[slot + m + i], cells[place + i] + cells[place + m + i], 0.0
         if periods > 0.0:
-            velocity = cells[before + 2 * m + i]
+            velocity = cells[place + 2 * m + i]
             velocity += share * ((a - b) / (periods * law.links.period) - velocity)
-        cells[now + 2 * m + i] = velocity
+        cells[place + 2 * m + i] = velocity
     for i in range(m + own):
-        cells[now + i] = cells[slot + i]
+        cells[place + i] = cells[slot + i]
 
 
 @inline_jit
@@ -587,14 +580,14 @@ def face_along(links, x, n, memory):
     on, the initial headings hold.
     """
     for v in range(memory.attitude.shape[0]):
-        attitude, last = memory.attitude[v], memory.before[(n + 1) % 2, v]
+        attitude, last = memory.attitude[v], memory.before[v]
         if n == 0 or is_unknown(attitude):
             for i in range(4):
                 attitude[i] = links.facing[v, i]
         else:
             point_along(x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2], attitude)
         for i in range(3):
-            memory.before[n % 2, v, i] = x[v, i]
+            memory.before[v, i] = x[v, i]
 
 
 @inline_jit

@@ -11,23 +11,10 @@ from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
 from mjsheaf.control.law import LawArrays, Memory, link_of, rows_of_measuring_edges
+from mjsheaf.control.terms import Traffic
 from mjsheaf.errors import InputError
+from mjsheaf.sheaf.nonlinear import measure
 from mjsheaf.team import Edge, Team
-
-
-@dataclass
-class Traffic:
-    """Communication of a law in Python.
-
-    Attributes:
-        rounds: Number of rounds, which are calls of `Sample.exchange`.
-        messages: Number of messages from agent to agent.
-        numbers: Number of numbers in all messages.
-    """
-
-    rounds: int = 0
-    messages: int = 0
-    numbers: int = 0
 
 
 class ReadOnlyTeam(Team):
@@ -83,14 +70,9 @@ def perceived(edge: Edge, y: Array) -> Perceived:
     z = y + edge.b
     if edge.measures == "position" or edge.offset is None:
         return Perceived(y.copy(), np.eye(len(y)), z)
-    length = float(np.linalg.norm(z))
-    g = z / length if length > 0.0 else np.zeros_like(z)
-    silent = length == 0.0
-    if edge.measures == "range":
-        distance = np.array([length])
-        return Perceived(distance, g[None], 0.0 * distance if silent else distance - edge.offset)
-    J = np.zeros((len(z), len(z))) if silent else (np.eye(len(z)) - np.outer(g, g)) / length
-    return Perceived(g, J, 0.0 * g if silent else g - edge.offset)
+    measured = measure(edge.measures, z)
+    residual = measured.h - edge.offset if measured.h.any() else np.zeros_like(measured.h)
+    return Perceived(measured.h, measured.J, residual)
 
 
 class View:

@@ -17,6 +17,7 @@ in a phase, the target is assumed to move with v for one sample. v is extrapolat
 residual to a thousandth. After a change of its edges an agent waits for that again; the others do not.
 """
 
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -376,11 +377,13 @@ def contraction(rounds: int, low: float, high: float) -> float:
     return float(1.0 / np.cosh(min(rounds * np.arccosh((high + low) / (high - low)), 700.0)))
 
 
-class Traffic(NamedTuple):
+@dataclass
+class Traffic:
     """Messages between agents.
 
     Attributes:
-        rounds: exchanges, in each of which every agent sends to all its neighbours; measuring is none.
+        rounds: Exchanges, in each of which every agent sends to all its neighbours; measuring is none. A law in Python
+            calls `Sample.exchange`.
         messages: Number of messages from one agent to another.
         numbers: Number of scalars in the messages.
     """

@@ -171,7 +171,7 @@ class Recorded(Tagged):
     loaded scenario has the samples of a file in place of its path. See `mjsheaf.dynamics.curve` for uneven samples.
     """
 
-    kind: Literal["recorded"] = Field("recorded", description="always recorded")
+    kind: Literal["recorded", "file"] = Field("recorded", description="recorded; older files say file")
     samples: Annotated[list[Annotated[list[Number], Field(min_length=3, max_length=4)]], Field(min_length=2)] | None = (
         Field(
             None,
@@ -257,24 +257,6 @@ class Recorded(Tagged):
         return fit_curve(t, np.array([row[1 : n + 1] for row in samples]))
 
 
-class File(Tagged):
-    """A path through positions recorded in a CSV file; a loaded scenario has `recorded` with the samples instead."""
-
-    kind: Literal["file"] = Field("file", description="always file")
-    path: str = Field(
-        description="CSV file with rows t, x, y, z in s and m, or a header that names them; relative to the scenario"
-    )
-    pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
-
-    def read(self) -> Recorded:
-        """Return the motion with the samples of the file.
-
-        Raises:
-            InputError: The file cannot be read, or is no table of numbers; the message names file and line.
-        """
-        return Recorded(samples=read_positions(self.path), pull=self.pull)
-
-
 class Fixed(Tagged):
     """No motion at all: it stays where it begins, whatever flows.
 
@@ -305,7 +287,7 @@ class Static(Tagged):
     pull: NonNegative = Field(0.0, description="return to the initial position [1/s]")
 
 
-Motion = Annotated[Lissajous | Waypoints | Recorded | File | Fixed | Adrift | Static, Field(discriminator="kind")]
+Motion = Annotated[Lissajous | Waypoints | Recorded | Fixed | Adrift | Static, Field(discriminator="kind")]
 
 
 def pack(
@@ -347,7 +329,7 @@ def pack(
         with in_field(names[v] if names else f"motion of vehicle {v}"):
             if isinstance(motion, Lissajous):
                 motion.write(arrays, v, n, start)
-            if not isinstance(motion, Waypoints | Recorded | File):
+            if not isinstance(motion, Waypoints | Recorded):
                 continue
             spline = _spline(motion, positions[v, :n], start, start if end is None else end)
         pieces = len(spline.x) - 1
@@ -363,7 +345,7 @@ def pack(
     return arrays
 
 
-def _spline(motion: Waypoints | Recorded | File, initial: Array, start: float, end: float) -> "PPoly":
+def _spline(motion: Waypoints | Recorded, initial: Array, start: float, end: float) -> "PPoly":
     """The path of a target that is at `initial` (n,), m, at the start."""
     if isinstance(motion, Waypoints):
         return motion.spline(initial, start)

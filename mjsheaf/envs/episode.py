@@ -305,10 +305,7 @@ class Episode:
         return cast(Self, copied)  # with the same scenario, which does not change
 
     def sample(self) -> None:
-        """Let agents measure, if a control period begins now, and keep their observations and rewards.
-
-        A sample may be taken again.
-        """
+        """Let agents measure, if a control period begins now, and keep their observations and rewards."""
         world = self.world
         if self.message or world.steps_taken % world.steps_per_sample:
             return

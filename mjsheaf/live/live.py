@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
 from typing import Any
 
@@ -147,6 +148,8 @@ class LiveRun:
         self._phase = 0
         self._happened: list[str] | None = None
         self._stable_gain: float | None = None
+        self._search: Future[float | None] | None = None  # of it, which takes seconds for large teams
+        self._searches = ThreadPoolExecutor(1)
         self._advance(2)
         self._tell()
 
@@ -155,6 +158,9 @@ class LiveRun:
         while not self._server.closed:
             self._display.show_page()
             self._act()
+            if self._search is not None and self._search.done():
+                self._stable_gain, self._search = self._search.result(), None
+                self._tell()
             if self._paused or self._ended or not self._server.opened:
                 self._server.wait(0.5)
                 continue
@@ -163,6 +169,7 @@ class LiveRun:
             self._pace(time.perf_counter() - began)
             if self._ended or self.recorder.phase != self._phase:
                 self._tell()
+        self._searches.shutdown(wait=False, cancel_futures=True)
 
     @property
     def _ended(self) -> bool:
@@ -232,8 +239,8 @@ class LiveRun:
         events = [words for phase in phases[: self._phase + 1] for words in phase.events]
         happened = [words for words in events if not words.startswith("gain = ") or "," in words]
         if happened != self._happened:  # another gain changes no limit
-            self._happened = happened
-            self._stable_gain = stable_gain(system.remaining, self.recorder.session.backend)
+            self._happened, self._stable_gain = happened, None
+            self._search = self._searches.submit(stable_gain, system.remaining, self.recorder.session.backend)
         words = self.recorder.words
         said = [{"time": phase.time, "events": [words.get(own, own) for own in phase.events]} for phase in phases[1:]]
         self._server.tell(

@@ -1,4 +1,4 @@
-"""Bounded, continuous, seeded disturbances omega_i(t): the paper's Assumption 3.
+"""Bounded, continuous, seeded disturbances omega_i(t), the paper's Assumption 3, and bounds of all that moves.
 
 omega(t) = bound * sum_k a_k d_k sin(2 pi nu_k t + phi_k) with unit directions d_k and weights a_k that sum to 1, so
 that |omega(t)| <= bound for all t. Frequencies, phases and directions are drawn once from the seed and the vehicle's
@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit
@@ -163,3 +163,25 @@ def evaluate(harmonics: Array, times: Array) -> Array:
 def bounds(harmonics: Array) -> Array:
     """omega_bar of every vehicle, the sum of its amplitudes, shape (V,), m/s."""
     return np.asarray(np.linalg.norm(harmonics[..., :3], axis=2).sum(axis=1), dtype=np.float64)
+
+
+class Bounds(NamedTuple):
+    """Bounds of the velocity that each of V vehicles can meet of a part of the medium, wherever it is.
+
+    Attributes:
+        speed: Largest speed, shape (V,), m/s; infinite where the part is Gaussian.
+        change: Largest rate of change at a fixed place, shape (V,), m/s^2.
+        slope: Largest norm of the Jacobian, shape (V,), 1/s.
+        rate: Highest frequency, rad/s.
+    """
+
+    speed: Array
+    change: Array
+    slope: Array
+    rate: float
+
+
+def unbounded(met: BoolArray) -> Bounds:
+    """Return infinite bounds for vehicles that meet a part, shape (V,), and zeros for others."""
+    infinite = np.where(met, np.inf, 0.0)
+    return Bounds(infinite, infinite, infinite, 0.0)

@@ -1,4 +1,4 @@
-"""Flow fields: the velocity w(x) of the medium, as a sum of kernels, with bounds on its slope.
+"""Flow fields: the velocity w(x) of the medium, as a sum of kernels.
 
 With r = x - centre and s = |r|^2 + core^2, in m and m/s:
 
@@ -27,7 +27,7 @@ from mjsheaf.errors import InputError, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.media.gusts import Gusts
-from mjsheaf.media.varying import Ramp, Tide
+from mjsheaf.media.varying import MovingVortices, Ramp, Tide
 from mjsheaf.media.waves import Waves
 from mjsheaf.vehicles.vectors import add, triple
 
@@ -35,9 +35,8 @@ from mjsheaf.vehicles.vectors import add, triple
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
 SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
 _STRENGTH = 8
-_TWO_OVER_E = 2.0 / math.e
 _NARROWEST = 1e-100  # m, of a channel: the square of its inverse must be finite
-_NOTHING_LEFT = 600.0  # exp(-600) = 3e-261, which stands for all that is less
+NOTHING_LEFT = 600.0  # exp(-600) = 3e-261, which stands for all that is less
 _LOG2_E = 1.4426950408889634
 # ln 2 in two parts: the first has so few digits that multiples of it are exact.
 _LN2_1, _LN2_2 = 0.6931471803691238, 1.9082149292705877e-10
@@ -73,7 +72,7 @@ def decay(x):
 
 
 @inline_jit
-def _channel_place(c, rx, ry, rz):
+def channel_place(c, rx, ry, rz):
     """Return the place of an offset (rx, ry, rz) from a channel's centre: l along the channel, |n|^2 across."""
     along = rx * c[5] + ry * c[6] + rz * c[7]
     nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
@@ -99,9 +98,9 @@ def vortex_velocity(c, r):
 @inline_jit
 def channel_velocity(c, r):
     """Return that of a channel."""
-    along, across2 = _channel_place(c, r[0], r[1], r[2])
+    along, across2 = channel_place(c, r[0], r[1], r[2])
     falloff = across2 * c[9] + along * along * c[10]
-    a = c[8] * decay(min(falloff, _NOTHING_LEFT))
+    a = c[8] * decay(min(falloff, NOTHING_LEFT))
     return a * c[5], a * c[6], a * c[7]
 
 
@@ -125,65 +124,6 @@ def flow_velocity(table, x, y, z):
         else:
             w = add(w, channel_velocity(c, r))
     return w
-
-
-@inline_jit
-def flow_slope(table, x, y, z, radius):
-    """A bound on the Jacobian's spectral norm over the ball about a point, 1/s: the Lipschitz constant there.
-
-    The sum of the kernels' own bounds, each over the ball: of a pole g M r / s^p with s = |r|^2 + core^2 the norm is at
-    most (2 p - 1) |g M| / s^p, p = 1 (a source in space 1.5), which falls with |r|; of a channel |b| E |q| with
-    E = exp(-A |n|^2 - B l^2) and q its exponent's gradient, E is largest at the nearest point, |q| at the farthest, and
-    with a = A |n|^2 + B l^2 their product is at most 2 (max(A, B) a)^(1/2) exp(-a) <= (2 max(A, B) / e)^(1/2). `bounds`
-    has tighter ones, at a hundred times the cost.
-    """
-    total = 0.0
-    for k in range(1, table.shape[0]):
-        c = table[k]
-        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
-        if c[0] == CHANNEL:
-            along, across2 = _channel_place(c, rx, ry, rz)
-            across = np.sqrt(across2)
-            near, low = max(across - radius, 0.0), max(abs(along) - radius, 0.0)
-            strongest = np.exp(-min(near * near * c[9] + low * low * c[10], _NOTHING_LEFT))
-            slope_across = c[9] * (across + radius)
-            slope_along = c[10] * (abs(along) + radius)
-            steepest = 2.0 * np.sqrt(slope_across * slope_across + slope_along * slope_along)
-            total += abs(c[8]) * min(strongest * steepest, np.sqrt(max(c[9], c[10]) * _TWO_OVER_E))
-        else:
-            r = max(np.sqrt(rx * rx + ry * ry + rz * rz) - radius, 0.0)
-            s = r * r + c[9]
-            if c[0] == SOURCE:
-                total += 2.0 * abs(c[8]) / (s * np.sqrt(s)) if c[1] else abs(c[8]) / s
-            else:
-                total += abs(c[8]) * np.sqrt(c[5] * c[5] + c[6] * c[6] + c[7] * c[7]) / s
-    return total
-
-
-@inline_jit
-def flow_scale(table, x, y, z):
-    """The length over which the field may change about a point, m: what an integrator must not step over.
-
-    Of a pole (|r|^2 + core^2)^(1/2), the distance to its singularity in complex space; of a channel its smaller width,
-    or the distance to where nine widths end, beyond which less than 3e-18 of it is left.
-    """
-    smallest = np.inf
-    for k in range(1, table.shape[0]):
-        c = table[k]
-        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
-        if c[0] == CHANNEL:
-            along, across2 = _channel_place(c, rx, ry, rz)
-            widths = np.sqrt(2.0 * (c[9] * across2 + c[10] * along * along))
-            smallest = min(smallest, max(1.0, widths - 9.0) / np.sqrt(2.0 * max(c[9], c[10])))
-        else:
-            smallest = min(smallest, np.sqrt(rx * rx + ry * ry + rz * rz + c[9]))
-    return smallest
-
-
-@jit
-def _slopes(table, points, radii, out):
-    for i in range(points.shape[0]):
-        out[i] = flow_slope(table, points[i, 0], points[i, 1], points[i, 2], radii[i])
 
 
 @jit
@@ -340,18 +280,17 @@ class FlowField(Section):
     @property
     def varies(self) -> bool:
         """True if it has a tide, a ramp, or a vortex that moves."""
-        return self.tide is not None or self.ramp is not None or len(self.moving_vortices) > 0
+        return self.tide is not None or self.ramp is not None or len(self.moving_vortices.core2) > 0
 
     @cached_property
-    def moving_vortices(self) -> Array:
-        """Vortices that move, as `VaryingArrays` has them, shape (n, 11)."""
-        space, core2 = float(self.dimension == 3), float(self.core or 0.0) ** 2
-        rows = [
-            [*_padded(k.centre), *_padded(k.velocity), *(k.gamma * np.array(k.axis or (0.0, 0.0, 1.0))), core2, space]
-            for k in self.vortices
-            if k.velocity is not None and k.gamma != 0.0
-        ]
-        return np.array(rows).reshape(-1, 11)
+    def moving_vortices(self) -> MovingVortices:
+        """Vortices that move."""
+        moving = [k for k in self.vortices if k.velocity is not None and k.gamma != 0.0]
+        along = [k.gamma * np.array(k.axis or (0.0, 0.0, 1.0)) for k in moving]
+        vectors = ([_padded(k.centre) for k in moving], [_padded(k.velocity or ()) for k in moving], along)
+        core2, space = float(self.core or 0.0) ** 2, float(self.dimension == 3)
+        numbers = (np.full(len(moving), number) for number in (core2, space))
+        return MovingVortices(*(np.array(rows).reshape(-1, 3) for rows in vectors), *numbers)
 
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.
@@ -363,29 +302,18 @@ class FlowField(Section):
         Returns:
             Velocities of the same shape, m/s; the components that points do not have are left out.
         """
-        x, shape = _spatial(points)
+        x, shape = in_space(points)
         w = np.empty_like(x)
         _velocities(self.table, x, w)
         return w.reshape(*shape[:-1], 3)[..., : shape[-1]]
-
-    def slope_bound(self, points: ArrayLike, radius: ArrayLike) -> Array:
-        """A bound on |dw/dx| over the balls about points, 1/s; infinite where a ball holds a kernel without a core.
-
-        Args:
-            points: their centres, shape (..., d), m.
-            radius: shape (...), m.
-        """
-        x, shape = _spatial(points)
-        out = np.empty(len(x))
-        _slopes(self.table, x, np.broadcast_to(radius, shape[:-1]).astype(np.float64).ravel(), out)
-        return out.reshape(shape[:-1])
 
 
 def _padded(point: Sequence[float]) -> list[float]:
     return [*point, 0.0][:3]
 
 
-def _spatial(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+def in_space(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Return points (..., 2 or 3) as rows in space, with z = 0 where there is none, and their shape."""
     x = np.asarray(points, dtype=np.float64)
     if x.ndim == 0 or x.shape[-1] not in (2, 3):
         raise InputError(f"points have shape {x.shape}; expected (..., 2) or (..., 3)")

@@ -18,7 +18,7 @@ from mjsheaf.errors import InputError, in_field
 from mjsheaf.io.files import digest_of
 from mjsheaf.io.section import NonNegative, Number
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.bounded import Bounds
+from mjsheaf.media.disturbance import Bounds
 from mjsheaf.media.flow import FlowField
 from mjsheaf.media.flow_files import Grid, Medium, Reading, Request, read_flow
 from mjsheaf.media.gusts import Exposure
@@ -103,24 +103,15 @@ class GridState(NamedTuple):
     """State of a gridded flow.
 
     Attributes:
-        time: Time by vehicle, shape (V,), s.
         place: Where each vehicle was when it last met a flow that is not known, shape (V, 2), m; NaN before.
     """
 
-    time: Array
     place: Array
 
 
 def new_grid_state(grid: GridArrays) -> GridState:
-    """Return a state for `advance_grid` to write to."""
-    return GridState(np.zeros(len(grid.met)), np.full((len(grid.met), 2), np.nan))
-
-
-@jit
-def advance_grid(grid, t, first, last, state):
-    """Bring the flow about the vehicles from first up to last to time t, s."""
-    for v in range(first, last):
-        state.time[v] = t
+    """Return a state for `grid_velocity` to write to."""
+    return GridState(np.full((len(grid.met), 2), np.nan))
 
 
 @inline_jit
@@ -146,7 +137,7 @@ def _blend(level, i, j, f, g, n):
 
 
 @jit
-def grid_velocity(grid, state, v, x, y, z):
+def grid_velocity(grid, state, t, v, x, y, z):
     """Return the velocity of the flow at a point, as three numbers, m/s; NaN outside the grid and on land."""
     if grid.met[v] == 0:
         return 0.0, 0.0, 0.0
@@ -163,7 +154,7 @@ def grid_velocity(grid, state, v, x, y, z):
     f = (a - grid.x[i]) / (grid.x[i + 1] - grid.x[i])
     g = (b - grid.y[j]) / (grid.y[j + 1] - grid.y[j])
     last = grid.time.shape[0] - 1
-    t = min(max(state.time[v], grid.time[0]), grid.time[last])
+    t = min(max(t, grid.time[0]), grid.time[last])
     k = 0 if last == 0 else _cell(grid.time, t)
     level = grid.velocity[k]
     east, north, up = _blend(level, i, j, f, g, 0), _blend(level, i, j, f, g, 1), _blend(level, i, j, f, g, 2)
@@ -203,9 +194,8 @@ def flow_at_start(grid: GridArrays, exposed: Exposure) -> Array:
         InputError: It is not known.
     """
     state, found = new_grid_state(grid), np.zeros((len(grid.met), 3))
-    state.time[:] = exposed.start
     for v, place in enumerate(exposed.positions.tolist()):
-        found[v] = grid_velocity(grid, state, v, *place)
+        found[v] = grid_velocity(grid, state, exposed.start, v, *place)
         if why := describe_unknown(grid, state, v):
             raise InputError(f"path: {exposed.ids[v]} begins where no flow is known: {why}")
     return found

@@ -31,7 +31,7 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.bounded import Bounds, unbounded
+from mjsheaf.media.disturbance import Bounds, unbounded
 from mjsheaf.noise import normals, stream_of
 
 FOOT = 0.3048  # m
@@ -44,6 +44,7 @@ _NODES_PER_LENGTH = 100.0  # of the shortest scale length in a frozen field
 _MAX_NODES = 8_000_000  # of a frozen field: 200 MB
 _MARGIN = 20.0  # scale lengths beyond what vehicles meet from where they begin
 _STATES = 5  # u, and two each for v and w
+_NUMBERS = 19  # of a filter
 _ROUNDING = 1e-6  # of a period
 
 
@@ -147,12 +148,69 @@ def discretise(rate: float, period: float) -> tuple[Array, Array]:
     return transition, factor
 
 
+class First(NamedTuple):
+    """Filter of u over a period: x+ = decay x + noise n, u = size x.
+
+    Attributes:
+        decay: Transition.
+        noise: Factor of the noise.
+        size: Standard deviation of u, m/s.
+    """
+
+    decay: float
+    noise: float
+    size: float
+
+
+class Second(NamedTuple):
+    """Filter of v or w over a period, see the module: x1+ = decay x1 + corner n1, v = one x1 + other x2.
+
+    For the other state, x2+ = slip x1 + decay x2 + below n1 + last n2.
+    """
+
+    decay: float
+    slip: float
+    corner: float
+    below: float
+    last: float
+    one: float
+    other: float
+
+
+class Filter(NamedTuple):
+    """Filters of a vehicle's gusts.
+
+    Attributes:
+        cosine, sine: Direction of the mean wind.
+        u, v, w: Filters of the components.
+    """
+
+    cosine: float
+    sine: float
+    u: First
+    v: Second
+    w: Second
+
+
+@inline_jit
+def _second(row, k):
+    return Second(row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5], row[k + 6])
+
+
+@inline_jit
+def filter_of(row):
+    """Return the numbers of a row of `GustArrays.filters` by name."""
+    return Filter(row[0], row[1], First(row[2], row[3], row[4]), _second(row, 5), _second(row, 12))
+
+
 def _filter(rates: Array, sigma: Array, direction: Array, period: float) -> Array:
     """Return a row of `GustArrays.filters`."""
-    row = [*direction, np.exp(-rates[0] * period), np.sqrt(-np.expm1(-2.0 * rates[0] * period)), sigma[0]]
+    u = First(np.exp(-rates[0] * period), np.sqrt(-np.expm1(-2.0 * rates[0] * period)), sigma[0])
+    row = [*direction, *u]
     for rate, size in zip(rates[1:], sigma[1:], strict=True):
         transition, factor = discretise(rate, period)
-        row += [transition[0, 0], transition[1, 0], factor[0, 0], factor[1, 0], factor[1, 1], *(size * OUTPUT)]
+        corner, below, last = factor[0, 0], factor[1, 0], factor[1, 1]
+        row += Second(transition[0, 0], transition[1, 0], corner, below, last, *(size * OUTPUT))
     return np.array(row)
 
 
@@ -169,21 +227,33 @@ def _begin(seed, stream, state):
 
 
 @inline_jit
-def _continue(row, seed, stream, k, state):
-    """Take the states (5,) from sample k - 1 to sample k."""
-    a, b, c, d = normals(seed, stream, k, 0)
-    e = normals(seed, stream, k, 1)[0]
-    state[0] = row[2] * state[0] + row[3] * a
-    state[2] = row[6] * state[1] + row[5] * state[2] + row[8] * b + row[9] * c
-    state[1] = row[5] * state[1] + row[7] * b
-    state[4] = row[13] * state[3] + row[12] * state[4] + row[15] * d + row[16] * e
-    state[3] = row[12] * state[3] + row[14] * d
+def _continue_second(f, first, second, state):
+    """Take the states (2,) of v or w one sample on, with two normal numbers."""
+    state[1] = f.slip * state[0] + f.decay * state[1] + f.below * first + f.last * second
+    state[0] = f.decay * state[0] + f.corner * first
 
 
 @inline_jit
-def _components(row, state):
+def _continue(f, seed, stream, k, state):
+    """Take the states (5,) from sample k - 1 to sample k."""
+    a, b, c, d = normals(seed, stream, k, 0)
+    e = normals(seed, stream, k, 1)[0]
+    state[0] = f.u.decay * state[0] + f.u.noise * a
+    _continue_second(f.v, b, c, state[1:3])
+    _continue_second(f.w, d, e, state[3:5])
+
+
+@inline_jit
+def _components(f, state):
     """Return u, v and w, m/s."""
-    return row[4] * state[0], row[10] * state[1] + row[11] * state[2], row[17] * state[3] + row[18] * state[4]
+    v = f.v.one * state[1] + f.v.other * state[2]
+    return f.u.size * state[0], v, f.w.one * state[3] + f.w.other * state[4]
+
+
+@inline_jit
+def _in_world(f, along, left, up):
+    """Return components along the wind, to its left and upwards in world axes."""
+    return f.cosine * along - f.sine * left, f.sine * along + f.cosine * left, up
 
 
 # -- gusts of each vehicle's own -----------------------------------------------------------------------------------
@@ -193,12 +263,14 @@ class GustArrays(NamedTuple):
     """Gusts of V vehicles, each with its own.
 
     Attributes:
+        met: Number of each vehicle that meets gusts among those that do, from 1 on; 0 for the others, shape (V,).
         seed: Seed of the run.
-        streams: Random stream of each vehicle, shape (V, 2); zeros for a vehicle that meets none.
-        filters: Direction of the mean wind, and the filters of u, v and w over a period, shape (V, 19).
+        streams: Random streams of those that do, shape (G, 2).
+        filters: Numbers of their filters over a period, shape (G, 19); see `filter_of`.
         clock: Time of sample 0, and the period, shape (2,), s.
     """
 
+    met: IntArray
     seed: int
     streams: IntArray
     filters: Array
@@ -221,31 +293,29 @@ class GustState(NamedTuple):
 
 def new_gust_state(gusts: GustArrays) -> GustState:
     """Return a state for `hold_gusts` to write to."""
-    V = len(gusts.streams)
+    V = len(gusts.met)
     return GustState(np.full(V, -1.0), np.zeros((V, _STATES)), np.zeros((V, 3)))
 
 
 @jit
-def hold_gusts(gusts, t, first, last, state):
+def hold_gusts(gusts, state, t, first, last):
     """Let vehicles from first up to last meet the gusts of the sample at time t, s."""
     n = sample_at(gusts.clock, t)
     for v in range(first, last):
-        stream = gusts.streams[v]
-        if stream[0] == 0 or state.sample[v] == n:
+        if gusts.met[v] == 0 or state.sample[v] == n:
             continue
-        row, filters = gusts.filters[v], state.filters[v]
+        stream, f = gusts.streams[gusts.met[v] - 1], filter_of(gusts.filters[gusts.met[v] - 1])
+        filters, velocity = state.filters[v], state.velocity[v]
         k = int(state.sample[v])
         if k < 0 or k > n:
             _begin(gusts.seed, stream, filters)
             k = 0
         while k < n:
             k += 1
-            _continue(row, gusts.seed, stream, k, filters)
+            _continue(f, gusts.seed, stream, k, filters)
         state.sample[v] = n
-        along, left, up = _components(row, filters)
-        state.velocity[v, 0] = row[0] * along - row[1] * left
-        state.velocity[v, 1] = row[1] * along + row[0] * left
-        state.velocity[v, 2] = up
+        along, left, up = _components(f, filters)
+        velocity[0], velocity[1], velocity[2] = _in_world(f, along, left, up)
 
 
 @inline_jit
@@ -255,28 +325,28 @@ def sample_at(clock, t):
 
 
 @inline_jit
-def gust_velocity(gusts, state, v, x, y, z):
+def gust_velocity(gusts, state, t, v, x, y, z):
     """Return the velocity of vehicle v's gusts, as three numbers, m/s."""
     return state.velocity[v, 0], state.velocity[v, 1], state.velocity[v, 2]
 
 
 def bound_gusts(gusts: GustArrays) -> Bounds:
     """Return bounds, infinite for vehicles that meet gusts: they are Gaussian."""
-    return unbounded(gusts.streams[:, 0] > 0)
+    return unbounded(gusts.met > 0)
 
 
 def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
     """Pack gusts of each vehicle's own for compiled code."""
-    V = len(met.ids)
-    filters = np.zeros((V, 19))
-    streams = np.zeros((V, 2), dtype=np.int64)
-    for v in np.flatnonzero(met.met).tolist():
+    vehicles = np.flatnonzero(met.met).tolist()
+    number = np.where(met.met, np.cumsum(met.met), 0)
+    filters = np.zeros((len(vehicles), _NUMBERS))
+    for row, v in zip(filters, vehicles, strict=True):
         altitude = gusts.altitude_of(met.positions[v, 2] - met.level)
         direction, speed = gusts.wind(met.wind[v])
         sigma = gusts.scales(altitude)[0]
-        filters[v] = _filter(speed / gusts.decay_lengths(altitude), sigma, direction, met.period)
-        streams[v] = stream_of("gusts", met.ids[v])
-    return GustArrays(met.seed, streams, filters, np.array([met.start, met.period]))
+        row[:] = _filter(speed / gusts.decay_lengths(altitude), sigma, direction, met.period)
+    streams = np.array([stream_of("gusts", met.ids[v]) for v in vehicles], dtype=np.int64)
+    return GustArrays(number, met.seed, streams, filters, np.array([met.start, met.period]))
 
 
 # -- a frozen field ------------------------------------------------------------------------------------------------
@@ -293,9 +363,8 @@ class FrozenArrays(NamedTuple):
     Attributes:
         met: 1 for vehicles that meet it, else 0, shape (V,).
         nodes: u, v and w at the nodes, shape (n, 3), m/s.
-        filter: Row of `GustArrays.filters`.
-        place: Cosine and sine of the wind, V in m/s, xi of the first node and distance of nodes in m, and the three
-            correlations r, shape (8,).
+        filter: As a row of `GustArrays.filters`, shape (19,).
+        place: Numbers of its `Place`, shape (6,).
         clock: Time of sample 0, and the period, shape (2,), s.
     """
 
@@ -304,6 +373,30 @@ class FrozenArrays(NamedTuple):
     filter: Array
     place: Array
     clock: Array
+
+
+class Place(NamedTuple):
+    """Place of the nodes of a frozen field.
+
+    Attributes:
+        speed: V, m/s.
+        first: xi of the first node, m.
+        spacing: Distance of nodes, m.
+        u, v, w: Correlation r of each component.
+    """
+
+    speed: float
+    first: float
+    spacing: float
+    u: float
+    v: float
+    w: float
+
+
+@inline_jit
+def place_of(row):
+    """Return the numbers of `FrozenArrays.place` by name."""
+    return Place(row[0], row[1], row[2], row[3], row[4], row[5])
 
 
 class FrozenState(NamedTuple):
@@ -322,7 +415,7 @@ def new_frozen_state(gusts: FrozenArrays) -> FrozenState:
 
 
 @jit
-def hold_frozen(gusts, t, first, last, state):
+def hold_frozen(gusts, state, t, first, last):
     """Let vehicles from first up to last meet the field as it is at the sample at time t, s."""
     n = sample_at(gusts.clock, t)
     for v in range(first, last):
@@ -330,12 +423,12 @@ def hold_frozen(gusts, t, first, last, state):
 
 
 @jit
-def frozen_velocity(gusts, state, v, x, y, z):
+def frozen_velocity(gusts, state, t, v, x, y, z):
     """Return the velocity of the field at a point, as three numbers, m/s."""
     if gusts.met[v] == 0:
         return 0.0, 0.0, 0.0
-    place, last = gusts.place, gusts.nodes.shape[0] - 1
-    at = (place[2] * state.time[v] - place[0] * x - place[1] * y - place[3]) / place[4]
+    place, wind, last = place_of(gusts.place), filter_of(gusts.filter), gusts.nodes.shape[0] - 1
+    at = (place.speed * state.time[v] - wind.cosine * x - wind.sine * y - place.first) / place.spacing
     at = abs(at) % (2.0 * last)
     if at > last:
         at = 2.0 * last - at
@@ -344,10 +437,10 @@ def frozen_velocity(gusts, state, v, x, y, z):
     both = (1.0 - f) * (1.0 - f) + f * f
     mixed = 2.0 * f * (1.0 - f)
     one, other = gusts.nodes[k], gusts.nodes[k + 1]
-    along = ((1.0 - f) * one[0] + f * other[0]) / np.sqrt(both + mixed * place[5])
-    left = ((1.0 - f) * one[1] + f * other[1]) / np.sqrt(both + mixed * place[6])
-    up = ((1.0 - f) * one[2] + f * other[2]) / np.sqrt(both + mixed * place[7])
-    return place[0] * along - place[1] * left, place[1] * along + place[0] * left, up
+    along = ((1.0 - f) * one[0] + f * other[0]) / np.sqrt(both + mixed * place.u)
+    left = ((1.0 - f) * one[1] + f * other[1]) / np.sqrt(both + mixed * place.v)
+    up = ((1.0 - f) * one[2] + f * other[2]) / np.sqrt(both + mixed * place.w)
+    return _in_world(wind, along, left, up)
 
 
 def bound_frozen(gusts: FrozenArrays) -> Bounds:
@@ -357,12 +450,13 @@ def bound_frozen(gusts: FrozenArrays) -> Bounds:
 
 @jit
 def _draw_nodes(row, seed, stream, state, nodes):
+    f = filter_of(row)
     for k in range(nodes.shape[0]):
         if k == 0:
             _begin(seed, stream, state)
         else:
-            _continue(row, seed, stream, k, state)
-        nodes[k, 0], nodes[k, 1], nodes[k, 2] = _components(row, state)
+            _continue(f, seed, stream, k, state)
+        nodes[k, 0], nodes[k, 1], nodes[k, 2] = _components(f, state)
 
 
 def pack_frozen(gusts: Gusts, met: Exposure, name: str) -> FrozenArrays:
@@ -393,6 +487,6 @@ def pack_frozen(gusts: Gusts, met: Exposure, name: str) -> FrozenArrays:
     _draw_nodes(row, met.seed, stream, np.zeros(_STATES), nodes)
     slip = spacing / lengths
     correlations = np.exp(-slip) * (1.0 - np.array([0.0, 0.5, 0.5]) * slip)
-    place = np.array([*direction, speed, first, spacing, *correlations])
+    place = np.array(Place(speed, first, spacing, *correlations))
     of_period = _filter(speed / lengths, sigma, direction, met.period)
     return FrozenArrays(own.astype(np.int64), nodes, of_period, place, np.array([met.start, met.period]))

@@ -20,7 +20,7 @@ from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow, flow_at_start, pack_grid
 from mjsheaf.media.gusts import Exposure, pack_frozen, pack_gusts
-from mjsheaf.media.moving import Parts, add_surfaces, add_velocities, advance_parts, hold_parts, new_states, silence
+from mjsheaf.media.moving import Parts, add_surfaces, add_velocities, hold_parts, new_states
 from mjsheaf.media.varying import pack_varying
 from mjsheaf.media.waves import pack_waves
 
@@ -55,10 +55,12 @@ class MediumState(NamedTuple):
 
     Attributes:
         sines: Sines of the disturbances' harmonics, shape (D K,).
+        time: That time by vehicle, shape (V,), s.
         parts: States of what moves.
     """
 
     sines: Array
+    time: Array
     parts: Parts = ()
 
 
@@ -117,26 +119,29 @@ def undisturbed(medium: MediumArrays, without: tuple[type, ...] = ()) -> MediumA
     Returns:
         A medium of the same types, so that nothing is compiled again.
     """
-    silent = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude))
-    return medium._replace(harmonics=silent, parts=silence(medium.parts, without))
+    calm = medium.harmonics._replace(amplitude=np.zeros_like(medium.harmonics.amplitude))
+    parts = [part._replace(met=part.met * (type(part) not in without)) for part in medium.parts]
+    return medium._replace(harmonics=calm, parts=tuple(parts))
 
 
 def new_state(medium: MediumArrays) -> MediumState:
     """Return a state for `advance` to write to."""
-    return MediumState(np.zeros(len(medium.harmonics.rate)), new_states(medium.parts))
+    return MediumState(np.zeros(len(medium.harmonics.rate)), np.zeros(len(medium.planar)), new_states(medium.parts))
 
 
 @inline_jit
 def hold(medium, t, first, last, state):
     """Bring what is held between samples to the sample at time t, s, for the vehicles from first up to last."""
-    hold_parts(medium.parts, state.parts, t, first, last)
+    hold_parts(medium.parts, state.parts, (), t, first, last)
 
 
 @inline_jit
 def advance(medium, t, first, last, state):
     """Bring the state of the medium about the vehicles from first up to last to time t, s."""
     evaluate_sines(medium.harmonics, t, first, last, state.sines)
-    advance_parts(medium.parts, state.parts, t, first, last)
+    if len(medium.parts) > 0:
+        for v in range(first, last):
+            state.time[v] = t
 
 
 @inline_jit
@@ -153,7 +158,7 @@ def moving_velocity(medium, state, v, x, y, z):
     `System.largest_disturbance` bounds it. The certificates rest on that bound, and on `flow_about` for the rest.
     """
     w = disturbance_velocity(medium.harmonics, state.sines, v)
-    wx, wy, wz = add_velocities(medium.parts, state.parts, v, x, y, z, w)
+    wx, wy, wz = add_velocities(medium.parts, state.parts, w, state.time[v], v, x, y, z)
     return wx, wy, 0.0 if medium.planar[v] else wz
 
 
@@ -186,4 +191,4 @@ def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
 @inline_jit
 def surface_about(medium, state, v, x, y):
     """Return height, m, slopes along x and y, and rate, m/s, of the surface above a point where vehicle v is."""
-    return add_surfaces(medium.parts, state.parts, v, x, y, medium.level)
+    return add_surfaces(medium.parts, state.parts, (medium.level, 0.0, 0.0, 0.0), state.time[v], v, x, y)

@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import jit
-from mjsheaf.media.bounded import Bounds
+from mjsheaf.media.disturbance import Bounds
+from mjsheaf.vehicles.vectors import triple
 
 
 class Tide(Section):
@@ -36,79 +37,84 @@ class Ramp(Section):
         return self
 
 
+class MovingVortices(NamedTuple):
+    """Moving vortices for compiled code.
+
+    Attributes:
+        centre: Centre at time 0, shape (n, 3), m.
+        velocity: Its velocity, shape (n, 3), m/s.
+        strength: Axis times gamma, shape (n, 3), m^2/s.
+        core2: core^2, shape (n,), m^2.
+        space: 1 in space, 0 in the plane, shape (n,).
+    """
+
+    centre: Array
+    velocity: Array
+    strength: Array
+    core2: Array
+    space: Array
+
+    def select(self, rows: slice) -> "MovingVortices":
+        """Return some of them."""
+        return MovingVortices(*(values[rows] for values in self))
+
+
 class VaryingArrays(NamedTuple):
     """Uniform flows in time and moving vortices for compiled code.
 
     Attributes:
         met: 1 for vehicles that meet them, else 0, shape (V,).
-        tide: Velocities at phi = 0 and a quarter of a period later (3 each), m/s, rate, rad/s, and phase, rad; (8,).
-        ramp: Velocity, m/s, start and end, s; shape (5,).
-        vortices: Centre at time 0 (3), m, its velocity (3), m/s, axis times gamma (3), core^2, m^2, and 1 in space or 0
-            in the plane, shape (n, 11).
+        tide: Velocities at phi = 0 and a quarter of a period later, shape (2, 3), m/s.
+        turning: Its rate, rad/s, and phase, rad, shape (2,).
+        ramp: Velocity after a rise, shape (3,), m/s.
+        rise: Its start and end, shape (2,), s.
+        vortices: Vortices that move.
     """
 
     met: IntArray
     tide: Array
+    turning: Array
     ramp: Array
-    vortices: Array
-
-
-class VaryingState(NamedTuple):
-    """State of a flow in time.
-
-    Attributes:
-        time: Time by vehicle, shape (V,), s.
-    """
-
-    time: Array
-
-
-def new_varying_state(flow: VaryingArrays) -> VaryingState:
-    """Return a state for `advance_varying` to write to."""
-    return VaryingState(np.zeros(len(flow.met)))
+    rise: Array
+    vortices: MovingVortices
 
 
 @jit
-def advance_varying(flow, t, first, last, state):
-    """Bring the flow about the vehicles from first up to last to time t, s."""
-    for v in range(first, last):
-        state.time[v] = t
-
-
-@jit
-def varying_velocity(flow, state, v, x, y, z):
+def varying_velocity(flow, state, t, v, x, y, z):
     """Return the velocity of the flow at a point, as three numbers, m/s."""
     if flow.met[v] == 0:
         return 0.0, 0.0, 0.0
-    t, tide, ramp = state.time[v], flow.tide, flow.ramp
-    c, s = np.cos(tide[6] * t + tide[7]), np.sin(tide[6] * t + tide[7])
-    risen = min(max((t - ramp[3]) / (ramp[4] - ramp[3]), 0.0), 1.0)
-    wx = c * tide[0] + s * tide[3] + risen * ramp[0]
-    wy = c * tide[1] + s * tide[4] + risen * ramp[1]
-    wz = c * tide[2] + s * tide[5] + risen * ramp[2]
-    for k in range(flow.vortices.shape[0]):
-        p = flow.vortices[k]
-        rx, ry, rz = x - p[0] - p[3] * t, y - p[1] - p[4] * t, (z - p[2] - p[5] * t) * p[10]
-        a = 1.0 / (rx * rx + ry * ry + rz * rz + p[9])
-        wx += a * (p[7] * rz - p[8] * ry)
-        wy += a * (p[8] * rx - p[6] * rz)
-        wz += a * (p[6] * ry - p[7] * rx)
+    angle = flow.turning[0] * t + flow.turning[1]
+    c, s, start, end = np.cos(angle), np.sin(angle), flow.rise[0], flow.rise[1]
+    first, later, ramp = triple(flow.tide[0]), triple(flow.tide[1]), triple(flow.ramp)
+    risen = min(max((t - start) / (end - start), 0.0), 1.0)
+    wx = c * first[0] + s * later[0] + risen * ramp[0]
+    wy = c * first[1] + s * later[1] + risen * ramp[1]
+    wz = c * first[2] + s * later[2] + risen * ramp[2]
+    vortices = flow.vortices
+    for k in range(vortices.core2.shape[0]):
+        place, carried, b = triple(vortices.centre[k]), triple(vortices.velocity[k]), triple(vortices.strength[k])
+        rx, ry = x - place[0] - carried[0] * t, y - place[1] - carried[1] * t
+        rz = (z - place[2] - carried[2] * t) * vortices.space[k]
+        a = 1.0 / (rx * rx + ry * ry + rz * rz + vortices.core2[k])
+        wx += a * (b[1] * rz - b[2] * ry)
+        wy += a * (b[2] * rx - b[0] * rz)
+        wz += a * (b[0] * ry - b[1] * rx)
     return wx, wy, wz
 
 
-def pack_varying(tide: Tide | None, ramp: Ramp | None, vortices: Array, met: IntArray) -> VaryingArrays:
-    """Pack flows in time for compiled code; `vortices` as in `VaryingArrays`."""
-    row = np.zeros(8)
+def pack_varying(tide: Tide | None, ramp: Ramp | None, vortices: MovingVortices, met: IntArray) -> VaryingArrays:
+    """Pack flows in time for compiled code."""
+    velocities, turning, risen, rise = np.zeros((2, 3)), np.zeros(2), np.zeros(3), np.array([0.0, 1.0])
     if tide is not None:
         along = math.radians(tide.direction)
-        row[:2] = tide.amplitude * np.array([math.cos(along), math.sin(along)])
-        row[3:5] = tide.minor * np.array([-math.sin(along), math.cos(along)])
-        row[6:] = 2.0 * math.pi / tide.period, math.radians(tide.phase)
-    rise = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+        velocities[0, :2] = tide.amplitude * np.array([math.cos(along), math.sin(along)])
+        velocities[1, :2] = tide.minor * np.array([-math.sin(along), math.cos(along)])
+        turning[:] = 2.0 * math.pi / tide.period, math.radians(tide.phase)
     if ramp is not None:
-        rise[: len(ramp.velocity)] = ramp.velocity
-        rise[3:] = ramp.start, ramp.end
-    return VaryingArrays(met, row, rise, vortices)
+        risen[: len(ramp.velocity)] = ramp.velocity
+        rise[:] = ramp.start, ramp.end
+    return VaryingArrays(met, velocities, turning, risen, rise, vortices)
 
 
 def bound_varying(flow: VaryingArrays) -> Bounds:
@@ -117,13 +123,13 @@ def bound_varying(flow: VaryingArrays) -> Bounds:
     A vortex gamma (axis x r) / (r^2 + core^2) is at most |gamma axis| / (2 core), and its Jacobian's norm at most
     |gamma axis| / core^2; at a fixed place it changes by that times the speed of its centre.
     """
-    tide, ramp, rows = flow.tide, flow.ramp, flow.vortices
-    turning = float(max(np.linalg.norm(tide[:3]), np.linalg.norm(tide[3:6])))
-    rising = float(np.linalg.norm(ramp[:3]))
-    strength = np.linalg.norm(rows[:, 6:9], axis=1)
-    slopes = strength / rows[:, 9]
-    speed = turning + rising + float(np.sum(strength / (2.0 * np.sqrt(rows[:, 9]))))
-    carried = float(np.sum(slopes * np.linalg.norm(rows[:, 3:6], axis=1)))
-    change = turning * tide[6] + rising / (ramp[4] - ramp[3]) + carried
+    turning = float(np.linalg.norm(flow.tide, axis=1).max())
+    rising = float(np.linalg.norm(flow.ramp))
+    strength = np.linalg.norm(flow.vortices.strength, axis=1)
+    slopes = strength / flow.vortices.core2
+    speed = turning + rising + float(np.sum(strength / (2.0 * np.sqrt(flow.vortices.core2))))
+    carried = float(np.sum(slopes * np.linalg.norm(flow.vortices.velocity, axis=1)))
+    rate = float(flow.turning[0])
+    change = turning * rate + rising / float(flow.rise[1] - flow.rise[0]) + carried
     met = (flow.met > 0).astype(np.float64)
-    return Bounds(met * speed, met * change, met * float(slopes.sum()), float(tide[6]))
+    return Bounds(met * speed, met * change, met * float(slopes.sum()), rate)

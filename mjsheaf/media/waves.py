@@ -25,9 +25,8 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.section import Number, Positive, Section
-from mjsheaf.jit import jit
-from mjsheaf.media.bounded import Bounds
-from mjsheaf.media.disturbance import sine
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.media.disturbance import Bounds, sine
 from mjsheaf.noise import generator_of
 
 GRAVITY = 9.81
@@ -212,8 +211,7 @@ class WaveArrays(NamedTuple):
 
     Attributes:
         met: 0 for vehicles that meet no water, 1 for those at its surface, 2 for those in space, shape (V,).
-        waves: Rows of k_x, k_y, omega, phase, amplitude, amplitude times omega, horizontal velocity along x and along
-            y, and exp(-2 k h), shape (9, N).
+        waves: `Rows` of numbers by wave, shape (9, N).
         level: Height of the undisturbed surface, and of the bottom above it, shape (2,), m; -inf at infinite depth.
     """
 
@@ -222,17 +220,45 @@ class WaveArrays(NamedTuple):
     level: Array
 
 
+class Rows(NamedTuple):
+    """N waves at the undisturbed surface, each shape (N,).
+
+    Attributes:
+        number_x, number_y: Wave number, 1/m.
+        rate: omega, rad/s.
+        phase: Phase at the origin at time 0, rad.
+        height: Amplitude of the elevation, m.
+        rise: Amplitude of its rate, m/s.
+        east, north: Amplitudes of the horizontal velocity along x and y, m/s.
+        decay: exp(-2 k h).
+    """
+
+    number_x: Array
+    number_y: Array
+    rate: Array
+    phase: Array
+    height: Array
+    rise: Array
+    east: Array
+    north: Array
+    decay: Array
+
+
+@inline_jit
+def rows_of(waves):
+    """Return the rows of `WaveArrays.waves` by name."""
+    return Rows(waves[0], waves[1], waves[2], waves[3], waves[4], waves[5], waves[6], waves[7], waves[8])
+
+
 class WaveState(NamedTuple):
     """State of the sea.
 
     Attributes:
-        time: Time by vehicle, shape (V,), s.
         place: Time and place for which `met` was computed, shape (V, 4), s and m.
         met: Velocity (3), elevation, slopes along x and y, and its rate, shape (V, 7), m/s, m, 1 and m/s.
         waves: Cosine and sine of the phases, and the phases, turns, shape (V, 3, N).
     """
 
-    time: Array
     place: Array
     met: Array
     waves: Array
@@ -244,7 +270,8 @@ def pack_waves(components: Components, met: IntArray, level: float) -> WaveArray
     bottom = -np.inf if c.depth is None else -c.depth
     decay = np.zeros_like(c.number) if c.depth is None else np.exp(-2.0 * c.number * c.depth)
     speed = c.amplitude * c.rate
-    rows = [*(c.number * unit.T), c.rate, c.phase, c.amplitude, speed, *(c.speed * unit.T), decay]
+    number, velocity = c.number * unit.T, c.speed * unit.T
+    rows = Rows(number[0], number[1], c.rate, c.phase, c.amplitude, speed, velocity[0], velocity[1], decay)
     return WaveArrays(met, np.ascontiguousarray(rows), np.array([level, bottom]))
 
 
@@ -254,8 +281,8 @@ def bound_waves(waves: WaveArrays) -> Bounds:
     Below the surface no amplitude is larger than at it. There the velocity along the wave and upwards are a quarter of
     a period apart, so that neither it nor its derivatives exceed their amplitudes along the wave.
     """
-    along, rate = np.hypot(waves.waves[6], waves.waves[7]), waves.waves[2]
-    number = np.hypot(waves.waves[0], waves.waves[1])
+    w = Rows(*waves.waves)
+    along, rate, number = np.hypot(w.east, w.north), w.rate, np.hypot(w.number_x, w.number_y)
     met = waves.met > 0
     return Bounds(
         speed=met * along.sum(),
@@ -266,16 +293,9 @@ def bound_waves(waves: WaveArrays) -> Bounds:
 
 
 def new_wave_state(waves: WaveArrays) -> WaveState:
-    """Return a state for `advance_waves` to write to."""
+    """Return a state for `wave_velocity` and `wave_surface` to write to."""
     V, N = len(waves.met), waves.waves.shape[1]
-    return WaveState(np.zeros(V), np.full((V, 4), np.nan), np.zeros((V, 7)), np.zeros((V, 3, N)))
-
-
-@jit
-def advance_waves(waves, t, first, last, state):
-    """Bring the sea about the vehicles from first up to last to time t, s."""
-    for v in range(first, last):
-        state.time[v] = t
+    return WaveState(np.full((V, 4), np.nan), np.zeros((V, 7)), np.zeros((V, 3, N)))
 
 
 @jit
@@ -284,10 +304,10 @@ def _find_phases(waves, x, y, t, found):
 
     Each is a loop of its own: only that becomes vector instructions.
     """
-    east, north, rate, phase = waves[0], waves[1], waves[2], waves[3]
+    w = rows_of(waves)
     cosine, sin, angle = found[0], found[1], found[2]
     for j in range(angle.shape[0]):
-        angle[j] = _TURNS * (east[j] * x + north[j] * y - rate[j] * t + phase[j])
+        angle[j] = _TURNS * (w.number_x[j] * x + w.number_y[j] * y - w.rate[j] * t + w.phase[j])
     for j in range(angle.shape[0]):
         cosine[j] = sine(angle[j] + 0.25)
     for j in range(angle.shape[0]):
@@ -295,60 +315,59 @@ def _find_phases(waves, x, y, t, found):
 
 
 @jit
-def _meet(waves, state, v, x, y):
+def _meet(waves, state, t, v, x, y):
     """Compute what vehicle v meets at the undisturbed surface, unless it is known."""
-    t, place = state.time[v], state.place[v]
+    place = state.place[v]
     if place[0] == t and place[1] == x and place[2] == y and place[3] == 0.0:
         return
-    w, met, cosine, sin = waves.waves, state.met[v], state.waves[v, 0], state.waves[v, 1]
-    _find_phases(w, x, y, t, state.waves[v])
+    w, met, cosine, sin = rows_of(waves.waves), state.met[v], state.waves[v, 0], state.waves[v, 1]
+    _find_phases(waves.waves, x, y, t, state.waves[v])
     east, north, height, slope_x, slope_y, rise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(w.shape[1]):
-        east += w[6, j] * cosine[j]
-        north += w[7, j] * cosine[j]
-        height += w[4, j] * cosine[j]
-        steep = w[4, j] * sin[j]
-        slope_x -= w[0, j] * steep
-        slope_y -= w[1, j] * steep
-        rise += w[5, j] * sin[j]
+    for j in range(cosine.shape[0]):
+        east += w.east[j] * cosine[j]
+        north += w.north[j] * cosine[j]
+        height += w.height[j] * cosine[j]
+        steep = w.height[j] * sin[j]
+        slope_x -= w.number_x[j] * steep
+        slope_y -= w.number_y[j] * steep
+        rise += w.rise[j] * sin[j]
     met[0], met[1], met[2], met[3] = east, north, rise, height
     met[4], met[5], met[6] = slope_x, slope_y, rise
     place[0], place[1], place[2], place[3] = t, x, y, 0.0
 
 
 @jit
-def _meet_below(waves, state, v, x, y, z):
+def _meet_below(waves, t, x, y, z):
     """Return the velocity below the undisturbed surface, z < 0, as three numbers, m/s."""
-    t, w = state.time[v], waves.waves
-    east, north, up = 0.0, 0.0, 0.0
-    for j in range(w.shape[1]):
-        angle = _TURNS * (w[0, j] * x + w[1, j] * y - w[2, j] * t + w[3, j])
-        k = np.sqrt(w[0, j] * w[0, j] + w[1, j] * w[1, j])
+    w, east, north, up = rows_of(waves.waves), 0.0, 0.0, 0.0
+    for j in range(w.rate.shape[0]):
+        angle = _TURNS * (w.number_x[j] * x + w.number_y[j] * y - w.rate[j] * t + w.phase[j])
+        k = np.sqrt(w.number_x[j] * w.number_x[j] + w.number_y[j] * w.number_y[j])
         direct = np.exp(k * z)
         mirrored = np.exp(-k * (z - 2.0 * waves.level[1]))
-        # w[6] and w[7] are the velocities at z = 0, where cosh is (1 + e^(-2 k h)) / 2 of e^(k h).
-        along = (direct + mirrored) / (1.0 + w[8, j]) * sine(angle + 0.25)
-        east += w[6, j] * along
-        north += w[7, j] * along
-        up += w[5, j] * (direct - mirrored) / (1.0 - w[8, j]) * sine(angle)
+        # Velocities are those at z = 0, where cosh is (1 + e^(-2 k h)) / 2 of e^(k h).
+        along = (direct + mirrored) / (1.0 + w.decay[j]) * sine(angle + 0.25)
+        east += w.east[j] * along
+        north += w.north[j] * along
+        up += w.rise[j] * (direct - mirrored) / (1.0 - w.decay[j]) * sine(angle)
     return east, north, up
 
 
 @jit
-def wave_velocity(waves, state, v, x, y, z):
+def wave_velocity(waves, state, t, v, x, y, z):
     """Return the velocity of the water that vehicle v meets at a point, as three numbers, m/s."""
     met = waves.met[v]
     if met == 1:
-        _meet(waves, state, v, x, y)
+        _meet(waves, state, t, v, x, y)
         return state.met[v, 0], state.met[v, 1], 0.0
     if met == 2 and z < waves.level[0]:
-        return _meet_below(waves, state, v, x, y, max(z - waves.level[0], waves.level[1]))
+        return _meet_below(waves, t, x, y, max(z - waves.level[0], waves.level[1]))
     return 0.0, 0.0, 0.0
 
 
 @jit
-def wave_surface(waves, state, v, x, y):
+def wave_surface(waves, state, t, v, x, y):
     """Return elevation, m, slopes along x and y, and rate of the elevation, m/s, of the surface where vehicle v is."""
-    _meet(waves, state, v, x, y)
+    _meet(waves, state, t, v, x, y)
     met = state.met[v]
     return met[3], met[4], met[5], met[6]

@@ -9,8 +9,8 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.engine import mujoco
 from mjsheaf.simulation.arena import compose
+from mjsheaf.vehicles.loading import SEEN_GROUPS
 from mjsheaf.vehicles.vehicle import Vehicle
-from mjsheaf.video.sizes import SEEN_GROUPS, vehicle_radii
 
 _SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
@@ -37,7 +37,6 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[dict[str, Any]], list[in
     root = np.full(model.nbody, -1)
     root[arena.body] = np.arange(len(kinds))
     owner = root[model.body_rootid[model.geom_bodyid]]
-    radii = vehicle_radii(model, arena.body)
     found = []
     for k, vehicle in enumerate(kinds):
         own = np.flatnonzero((owner == k) & (model.geom_group < SEEN_GROUPS))
@@ -46,7 +45,7 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[dict[str, Any]], list[in
         found.append(
             {
                 "name": vehicle.name,
-                "radius": float(radii[k]),
+                "radius": vehicle.radius,
                 "ahead": float(vehicle.steering.hand),
                 "solids": solids,
             }

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,7 +88,7 @@ def page_of(
     said = {
         **replay.record,
         **_scene(scenario, phases, dataset, replay.record),
-        "facts": _facts(scenario, dataset, summary, again) | {"theory": _theory(phases, bounds)},
+        "facts": _facts(scenario, phases, dataset, summary, again) | {"theory": _theory(phases, bounds)},
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
     if live is None:
@@ -244,6 +245,7 @@ def _flow(media: Sequence[Medium], places: Array, height: float, replay: dict[st
 
 def _facts(
     scenario: Scenario,
+    phases: "Sequence[Phase]",
     dataset: xr.Dataset,
     summary: dict[str, Any],
     again: tuple[str, str] | None,
@@ -260,7 +262,7 @@ def _facts(
         "scenario": scenario.name,
         "summary": scenario.summary,
         "backend": _BODIES[engine_of(dataset)],
-        "law": f"a law in Python, {attrs['controller']}" if controller else law_in_words(scenario.system),
+        "law": f"a law in Python, {attrs['controller']}" if controller else _laws_in_words(phases),
         "status": attrs["status"],
         "message": attrs.get("message", ""),
         "ending": summary.get("ending"),
@@ -282,6 +284,13 @@ def _facts(
 def law_in_words(system: "System") -> str:
     """Return the law of a system with its gain and its terms."""
     return ", ".join(["sheaf law", f"gain {system.gain:g} 1/s", *system.law.term_names])
+
+
+def _laws_in_words(phases: "Sequence[Phase]") -> str:
+    """Return the law of a run's phases: where it changes, with the time from which on it holds."""
+    laws = [(phase.time, law_in_words(phase.system)) for phase in phases]
+    changes = [(time, law) for (_, before), (time, law) in pairwise(laws) if law != before]
+    return "; ".join([laws[0][1], *(f"from {time:g} s on {law}" for time, law in changes)])
 
 
 def _theory(phases: "Sequence[Phase]", bounds: Bounds) -> list[dict[str, Any]]:

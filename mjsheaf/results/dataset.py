@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ def make_datasets(
         done += len(piece.time)
         read_from = Samples(piece, delivery.edges, delivery.sizes, delivery.share, path)
         dataset = gather(read_from, _number_phases(phases or [Phase(0, piece.system)], samples), only)
-        traffic += len(piece.time) * np.array(traffic_of(piece.system.law.terms, piece.system.team))
+        traffic += len(piece.time) * np.array(astuple(traffic_of(piece.system.law.terms, piece.system.team)))
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
         dataset.attrs |= dict(zip(("exchange_rounds", "messages", "numbers_sent"), traffic.tolist(), strict=True))
         yield dataset

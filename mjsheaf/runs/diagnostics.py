@@ -29,15 +29,15 @@ from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.finished import HeldBound, RunBound
+from mjsheaf.checking.loop.held_law import largest_integral
 from mjsheaf.checking.stuck import Stuck, find_stuck
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import joined, select_true
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.reflections import describe_reflections
-from mjsheaf.simulation.trajectory import largest_integral
 from mjsheaf.system import Phase, System
-from mjsheaf.vehicles.authority import is_one_sided
+from mjsheaf.vehicles.effects import is_one_sided
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -424,13 +424,10 @@ def _stopped(system: System) -> BoolArray:
 
 def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
     """Report vehicles closer than their size; in teams of more than 100, only where each is closest to another."""
-    from mjsheaf.simulation.arena import size_of
-    from mjsheaf.vehicles.effects import of_each
-
     members = system.team.members
     if len(members) < 2:
         return []
-    sizes = of_each(system.vehicles, size_of)
+    sizes = np.array([vehicle.size for vehicle in system.vehicles])
     kinds, measured = ("agent", "target"), ("body_position", "orientation", "separation")
     names = [f"{kind}_{what}" for kind in kinds for what in measured]
     closest: tuple[float, float, float, tuple[int, int], Any] = (1.0, 0.0, 0.0, (0, 0), None)

@@ -16,7 +16,6 @@ import xarray as xr
 
 from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
-from mjsheaf.control.source import same_law
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
 from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
@@ -31,6 +30,7 @@ from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.law_file import same_law
 from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.video import VideoOptions, available_backend
 
@@ -346,8 +346,8 @@ def account_of(
     """Compute the errors, bounds and notes of a run from its data, in memory or in an open file."""
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.checking.separation import too_close_in
+    from mjsheaf.checking.slips import slips_of
     from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
-    from mjsheaf.scenario.slips import slips_of
 
     timings = timings or Timings()
     own, drawn = summarize_phases(phases[0].system.team, dataset), thinned(dataset)

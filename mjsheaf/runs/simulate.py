@@ -41,8 +41,9 @@ def simulate(
         backend: 'physics' or 'ideal'.
         engine: Physics engine: 'mujoco', or 'fused', which has no contacts, agrees with MuJoCo to within rounding, and
             takes a fraction of the time.
-        threads: Number of threads for the bodies; in MuJoCo each has its own model. Contacts require one thread, and a
-            law in Python runs on one. None takes the idle processors. The result is the same bit for bit.
+        threads: Maximum number of threads of the fused engine, which divides the vehicles of a large team between two
+            evaluations of the law; None takes all processors. MuJoCo, small teams and laws in Python run on one. The
+            result is the same bit for bit.
         controller: Law in Python that replaces the agents' own, `law(t, sample)` -> velocities (N, 3), m/s, called once
             per control period; see `mjsheaf.control.controller`.
         allow_drift: True to also simulate a team whose harmonic extension is not unique, with the q* of minimum norm;
@@ -55,7 +56,7 @@ def simulate(
         'unstable', attrs['message'] explains why, and the data end with the last valid sample.
 
     Raises:
-        InputError: The backend or engine is unknown, the engine or threads do not support the scenario, a vehicle does
+        InputError: The backend or engine is unknown, the engine does not support the scenario, a vehicle does
             not fit its agent, or a g does not have full row rank; or a law in Python raised an exception or returned no
             velocities, in which case the message names agent and time.
         NotUniqueError: The harmonic extension is not unique, and drift is not allowed.

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping
-from mjsheaf.dynamics.motion import File, Recorded
+from mjsheaf.dynamics.motion import Recorded
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion
 from mjsheaf.io.files import confined, resource_directory
 from mjsheaf.io.section import plain, split_path, validation_problems
@@ -28,9 +28,6 @@ _VEHICLE_PLACES = (
     ("flow", "*", "path"),
 )
 """Fields that name a file; * is any item of a list or mapping."""
-
-_FILES: dict[str, type[File | Recorded]] = {"file": File, "recorded": Recorded}
-"""Motions that may name a file, by kind."""
 
 
 def list_scenarios() -> dict[str, Path]:
@@ -101,11 +98,12 @@ def _with_recorded(node: Any, place: Callable[[str], str]) -> Any:
     """A scenario whose motions from files hold what the files say; `place` finds a file from what is written."""
 
     def read(motion: Any, field: str) -> Any:
-        kind = _FILES.get(str(motion.get("kind"))) if isinstance(motion, dict) else None
-        if kind is None or not isinstance(motion.get("path"), str):
+        if not (isinstance(motion, dict) and isinstance(motion.get("path"), str)):
+            return motion
+        if motion.get("kind") not in ("recorded", "file"):
             return motion
         with in_field(field):
-            return kind(**{**motion, "path": place(motion["path"])}).read().model_dump(exclude_none=True)
+            return Recorded(**{**motion, "path": place(motion["path"])}).read().model_dump(exclude_none=True)
 
     if not isinstance(node, dict):
         return node

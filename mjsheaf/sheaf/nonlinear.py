@@ -117,21 +117,39 @@ class LinearMaps(NamedTuple):
     offset: Array
 
 
+class Measured(NamedTuple):
+    """Range or bearing at a relative position z, and its derivative; zero where z is.
+
+    Attributes:
+        h: The measured value, shape (1,) of a range, (m,) of a bearing.
+        J: dh/dz, shape (1, m) or (m, m).
+    """
+
+    h: Array
+    J: Array
+
+
+def measure(measures: Measure, z: Array) -> Measured:
+    """Compute a range or bearing at the relative position z, shape (m,)."""
+    length = float(np.linalg.norm(z))
+    g = z / length if length > 0.0 else np.zeros_like(z)
+    if measures == "range":
+        return Measured(np.array([length]), g[None])
+    J = (np.eye(len(z)) - np.outer(g, g)) / length if length > 0.0 else np.zeros((len(z), len(z)))
+    return Measured(g, J)
+
+
 def linear_maps(edge: NonlinearEdge, z: Array) -> LinearMaps:
     """Linearise an edge at the relative position z, shape (m,)."""
     if edge.measures == "position":
         return LinearMaps(edge.F_tail, edge.F_head, edge.weight, edge.desired + edge.lift)
-    length = float(np.linalg.norm(z))
-    g = z / length if length > 0.0 else np.zeros_like(z)
-    weight = edge.weight
+    h, J = measure(edge.measures, z)
     if edge.measures == "range":
-        J = g[None]
+        weight = edge.weight[:1, :1]
         offset = J @ edge.lift - edge.desired
-        weight = weight[:1, :1]
     else:
-        J = (np.eye(len(z)) - np.outer(g, g)) / length if length > 0.0 else np.zeros((len(z), len(z)))
-        offset = J @ edge.lift + g - edge.desired
-        weight = weight * (length or 1.0)
+        weight = edge.weight * (float(np.linalg.norm(z)) or 1.0)
+        offset = J @ edge.lift + h - edge.desired
     return LinearMaps(J @ edge.F_tail, J @ edge.F_head, weight, offset)
 
 

@@ -6,6 +6,11 @@ Thrusters become actuators on their vehicle's free joint. MuJoCo's site transmis
 actuator, which makes a step quadratic in the number of vehicles; on the free joint the gear is the thruster's wrench
 itself, force in world axes and moment in body axes, and the forces are the same. As the force part turns with the
 body, it is written before every step (see `bodies`).
+
+Obstacles are geoms, which vehicles touch where contacts are on. One at rest belongs to the world. One that moves is a
+mocap body: the loop puts it where its motion has it before every step, and contacts push vehicles only. To MuJoCo a
+mocap body has no velocity, so that it exerts no drag by friction. The geoms are in the group of collision shapes, which
+pictures leave out: they draw obstacles themselves.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,10 +20,12 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
+from mjsheaf.dynamics.motion import position_at
 from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
-from mjsheaf.simulation.walls import add_obstacles
+from mjsheaf.jit import inline_jit
 from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import is_at_origin, mass_properties, read_spec
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -50,6 +57,14 @@ def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
 
 
 SURFACES = ("water", "ground", "none")
+
+PREFIX = "obstacle/"
+"""Beginning of the names of these bodies and geoms; the id of the obstacle follows."""
+
+_GROUP = 3  # of collision shapes
+_SHAPES = mujoco.mjtGeom
+_TYPES = {SPHERE: _SHAPES.mjGEOM_SPHERE, CAPSULE: _SHAPES.mjGEOM_CAPSULE, BOX: _SHAPES.mjGEOM_BOX,
+          HALF_SPACE: _SHAPES.mjGEOM_PLANE}  # fmt: skip
 
 _ARENA_BYTES = 2**16
 """Arena memory for a vehicle without contacts, which uses about 500. MuJoCo's default is 150 GB for ten thousand."""
@@ -171,20 +186,6 @@ def _attach_all(
             root.attach(group, prefix="", frame=root.worldbody.add_frame())
 
 
-def size_of(vehicle: Vehicle) -> float:
-    """The longest side of the box about all of a vehicle's geoms along its body axes, m; 0 without geoms."""
-    arena = compose([vehicle], ["it"])
-    model, data = arena.model, mujoco.MjData(arena.model)
-    mujoco.mj_kinematics(model, data)
-    own = np.flatnonzero(model.body_rootid[model.geom_bodyid] == arena.body[0])
-    if not own.size:
-        return 0.0
-    frames = data.geom_xmat[own].reshape(-1, 3, 3)
-    middle = data.geom_xpos[own] + np.einsum("gij,gj->gi", frames, model.geom_aabb[own, :3])
-    half = np.einsum("gij,gj->gi", np.abs(frames), model.geom_aabb[own, 3:])
-    return float(((middle + half).max(axis=0) - (middle - half).min(axis=0)).max())
-
-
 def _prepared(vehicle: Vehicle, visible: bool) -> tuple[mujoco.MjSpec, mujoco.MjSpec, bool]:
     """Return a vehicle's specification for attachment, a bare copy, and True if it is a single body.
 
@@ -260,3 +261,41 @@ def _check_masses(arena: Arena) -> None:
             if not np.allclose(here, alone, rtol=0.0, atol=1e-9 * scale):
                 values = f"{what} is {here} in the arena, but {alone} when compiled alone"
                 raise InputError(f"{vehicle.path}: its {' '.join(values.split())}")
+
+
+def add_obstacles(root: mujoco.MjSpec, obstacles: ObstacleArrays, ids: Sequence[str], time: float) -> None:
+    """Add obstacles of these ids to an arena, where they are at a time in s."""
+    for n, (id, centre) in enumerate(zip(ids, centres(obstacles, time), strict=True)):
+        kind, (x, y, z), size = int(obstacles.kind[n]), obstacles.axes[n], obstacles.size[n]
+        columns = (y, z, x) if kind in (CAPSULE, HALF_SPACE) else (x, y, z)  # theirs is the z axis
+        extent = {
+            SPHERE: [size[0], 0.0, 0.0],
+            CAPSULE: [size[1], size[0], 0.0],
+            BOX: size,
+            HALF_SPACE: [0.0, 0.0, 1.0],
+        }[kind]
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, np.column_stack(columns).ravel())
+        body = root.worldbody.add_body(
+            name=f"{PREFIX}{id}", pos=centre, quat=quaternion, mocap=bool(obstacles.speed[n] > 0.0)
+        )
+        body.add_geom(name=f"{PREFIX}{id}", type=_TYPES[kind], size=extent, group=_GROUP, rgba=[0.78, 0.55, 0.38, 1.0])
+
+
+def movers_of(obstacles: ObstacleArrays | None) -> tuple[Any, ...]:
+    """Return numbers and motion of the obstacles that are mocap bodies, in order; () without any."""
+    if obstacles is None or not (obstacles.speed > 0.0).any():
+        return ()
+    return np.flatnonzero(obstacles.speed > 0.0), obstacles.motion
+
+
+@inline_jit
+def place_obstacles(movers, t, places):
+    """Write where obstacles are at time t, s, into mocap_pos (M, 3), m; nothing if `movers` is ()."""
+    if len(movers) == 0:
+        return
+    for m in range(places.shape[0]):
+        x, y, z = position_at(movers[1], movers[0][m], t)
+        places[m, 0] = x
+        places[m, 1] = y
+        places[m, 2] = z

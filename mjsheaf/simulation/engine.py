@@ -15,17 +15,23 @@ from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.custom import naming_terms
-from mjsheaf.control.law import ControlArrays, Memory, carry, new_control
-from mjsheaf.control.sample import Sample, Traffic, View
+from mjsheaf.control.law import ControlArrays, Memory, carry, look, new_control, unlook
+from mjsheaf.control.sample import Sample, View
+from mjsheaf.control.terms import Traffic
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, phases_of
+from mjsheaf.tiers import Tiered
 
 Commanded = bool | Literal["thrust"]
 """True if velocities from outside take the place of the agents' law, 'thrust' if commands of actuators do."""
 
 Progress = Callable[[int, int], None]
 """Called with (samples done, samples in all)."""
+
+
+_look = Tiered(look)
+_unlook = Tiered(unlook)
 
 
 class Recorder(NamedTuple):
@@ -238,12 +244,11 @@ class Engine(ABC):
         sample = max(step // self.steps_per_sample, 0)
         system = [phase.system for phase in self._phases if phase.start <= sample][-1]
         if system is not self.system:
-            law, memory = self._control.law, self.memory
-            if len(memory.last) and memory.last[0] == self.time:  # evaluated for the next sample, under the old law
-                memory.now[:] = memory.before
+            self._unlook()
+            law = self._control.law
             self.system = system
             self._control = self._law_of_phase()
-            self._enter(carry(memory, law, self._control.law, sample))
+            self._enter(carry(self.memory, law, self._control.law, sample))
         return step
 
     def change_phases(self, phases: Sequence[Phase]) -> None:
@@ -289,6 +294,7 @@ class Engine(ABC):
                 self._place_targets(recorder)
                 self._consult()
             count = min(count, self.steps_per_sample - into)
+        self._unlook()
         with self._naming_terms():
             bad = self._move(step, count, recorder)
         if bad:
@@ -337,6 +343,7 @@ class Engine(ABC):
             self._enter_phase()
             self._place_targets(recorder)
             self._consult()
+            self._look()
             with self._naming_terms():
                 self._record_now(recorder)
 
@@ -380,6 +387,7 @@ class Engine(ABC):
         kept = memory.flat.copy()
         if not self._commanded:
             memory.supplied[:] = 0.0
+        self._look()
         with self._naming_terms():
             self._evaluate_law()
         x = self.positions()
@@ -388,6 +396,14 @@ class Engine(ABC):
         sample = Sample(self._view, self.time, x, self.quaternions(), *moved, memory, self._traffic)
         memory.flat[:] = kept
         return sample
+
+    def _look(self) -> None:
+        """Keep what onboard computers hold, before the law is evaluated at a step that has yet to be taken."""
+        _look(float(self.steps_taken), self.memory.held, self.memory.kept)
+
+    def _unlook(self) -> None:
+        """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was."""
+        _unlook(float(self.steps_taken), self.memory.held, self.memory.kept)
 
     def _naming_terms(self) -> AbstractContextManager[None]:
         """Return a context that names the registered term whose exception ends it."""
@@ -423,7 +439,12 @@ class Engine(ABC):
         before = self._before if self._observed == self.steps_taken else self._now
         seed = float(self.seed)  # a double has 53 bits, and a seed 63
         rest = float(self.seed - int(seed))
-        return np.concatenate([[seed], self._get_motion(), self.memory.flat, [rest], before.ravel()])
+        memory = self.memory.flat
+        seen = memory.copy()
+        self._unlook()
+        state = np.concatenate([[seed], self._get_motion(), memory, [rest], before.ravel()])
+        memory[:] = seen
+        return state
 
     def set_state(self, state: Array) -> None:
         """Continue from a state of `get_state`, bit for bit as the run from which it was taken, with its seed.
@@ -459,6 +480,7 @@ class Engine(ABC):
         if len(state) != end + self._now.size + 1:
             return False
         memory[:] = state[begin:end]
+        self.memory.kept[0] = 0.0
         self._observed = -1
         self._now = state[end + 1 :].reshape(-1, 3).copy()
         return True

@@ -15,26 +15,29 @@ commands to forces. `lanes` takes the same steps for several vehicles at a time,
 `tests/backends/test_fused.py` holds it to the bits of this module.
 
 Between two evaluations of the law vehicles are independent: each is moved up to the next evaluation in one call, and
-vehicles are divided among threads. The assignment to threads does not change a bit. Where possible, neighbours of one
-kind move side by side: see `lanes`.
+the vehicles of a large team are divided among threads. The assignment to threads does not change a bit. Where possible,
+neighbours of one kind move side by side: see `lanes`.
 """
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import IntArray
-from mjsheaf.jit import inline_jit, jit, on_stack
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.jit import INTERPRETED, inline_jit, jit, on_stack
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.simulation.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes
 from mjsheaf.simulation.bodies import kinds_of
 from mjsheaf.simulation.engine import Recorder
-from mjsheaf.simulation.gate import fail, take
-from mjsheaf.simulation.loop import Loop, finish_law
+from mjsheaf.simulation.loop import NEVER, ClosedLoop, EngineArrays, Loop, begin_span, first_bad
 from mjsheaf.simulation.motion import pack_motion
-from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
 from mjsheaf.tiers import Tiered
 
 _MOST_NUMBERS = 50_000  # of a loop whose vehicles Python commands: some 150 vehicles
+_WORTH_A_THREAD = 5_000  # vehicles times steps between two evaluations of the law
 
 
 @inline_jit
@@ -45,7 +48,7 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     kind move in lanes where they fit, which does not change a bit.
 
     Returns:
-        True if no vehicle became bad; see `ThreadedLoop._work` on `bad`.
+        True if no vehicle became bad; see `Fused._bad` on `bad`.
     """
     all_good, fleet, helm = True, loop.params.fleet, loop.params.helm
     begin = first
@@ -61,26 +64,41 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     return all_good
 
 
+@inline_jit
+def advance_blocks(loop, motion, first, last, step, count, log, row, bad):
+    """Move the vehicles of blocks from first up to last; other arguments and the result as for `advance_block`."""
+    blocks, all_good = loop.params.fleet.blocks, True
+    for b in range(first, last):
+        all_good &= advance_block(loop, motion, blocks[b], blocks[b + 1], step, count, log, row, bad)
+    return all_good
+
+
 @jit
-def advance(loop, motion, steps, count, recorder, row, bad, thread, threads, gate):
-    """See `ThreadedLoop._work`; motion has a MOTION for each kind, and steps (1,) the number of the first step."""
-    k, end, meetings, blocks = steps[0], steps[0] + count, 0, loop.params.fleet.blocks
-    B, joint = blocks.shape[0] - 1, loop.params.control.stages.joint
-    while k < end:
-        span = min(loop.params.per_law - k % loop.params.per_law, end - k)
-        sample = next_row(loop.params.per_sample, k, recorder.log.positions, row)
-        if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
+def advance(loop, motion, steps, count, recorder, bad):
+    """Take `count` steps with all vehicles, fewer where one becomes bad.
+
+    Args:
+        loop: The closed loop.
+        motion: A MOTION for each kind of vehicle.
+        steps: Number of the first step, which follows the steps taken, shape (1,).
+        count: Number of steps.
+        recorder: Destination of samples.
+        bad: See `Fused._bad`.
+    """
+    params = loop.params
+    end, B = steps[0] + count, params.fleet.blocks.shape[0] - 1
+    while steps[0] < end:
+        k = steps[0]
+        span = min(params.per_law - k % params.per_law, end - k)
+        row = begin_span(loop, k, recorder)
+        if not advance_blocks(loop, motion, 0, B, k, span, recorder.log, row, bad):
             return
-        block = take(gate, thread, threads, B)
-        while block >= 0:
-            first, last = blocks[block], blocks[block + 1]
-            finish_law(joint, loop, k, first, last)
-            if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
-                fail(gate)
-            block = take(gate, thread, threads, B)
-        if not end_span(steps, k + span, thread, threads, meetings, gate):
-            return
-        k, row, meetings = k + span, row + (sample >= 0), meetings + 3
+        steps[0] = k + span
+
+
+@jit
+def _advance_part(loop, motion, first, last, step, count, log, row, bad):
+    advance_blocks(loop, motion, first, last, step, count, log, row, bad)
 
 
 @inline_jit
@@ -98,12 +116,48 @@ command_all = Tiered(command_vehicles, records=True, numbers=_MOST_NUMBERS)
 """`command_vehicles`, for calls by Python."""
 
 
-class Fused(ThreadedLoop):
-    """A scenario on bodies that this module moves. It has no contacts, and takes no forces from outside."""
+class Fused(ClosedLoop):
+    """A scenario on bodies that this module moves. It has no contacts, and takes no forces from outside.
+
+    A large team is moved by the threads that its plan names, unless a law in Python is in control: the law is evaluated
+    by one thread, then each thread moves a part of the vehicles up to its next evaluation.
+
+    Attributes:
+        _bad: Time at which each vehicle was bad, shape (V,): 2 k if its state after k steps is the first that is bad,
+            2 k + 1 if its command there is, NEVER if it was good.
+    """
+
+    _at_once = 2_000_000
+    _pool: ThreadPoolExecutor | None = None
 
     def _prepare(self) -> None:
-        super()._prepare()
+        plan, V, channels = self.system.bodies, len(self._vehicles), self._fleet.channels
+        plan.refuse_contacts()
         self._motion = pack_motion(kinds_of(self._vehicles)[0], self._timestep)
+        self._count = np.zeros(1, dtype=np.int64)
+        self._bad = np.full(V, NEVER)
+        self._arrays = EngineArrays(
+            qpos=np.zeros(7 * V),
+            qvel=np.zeros(6 * V),
+            ctrl=np.zeros(len(channels)),
+            act=np.zeros(channels["late"].sum()),
+            gain=channels["gain"].reshape(-1, 1).copy(),
+        )
+        steps = 1 if self.system.grid.continuous else self.steps_per_sample
+        threads = min(plan.threads, V * steps // _WORTH_A_THREAD)
+        if threads > 1 and not self.controller and not INTERPRETED:
+            self._pool = ThreadPoolExecutor(threads)
+            self._ends = (np.arange(threads + 1) * (len(self._fleet.blocks) - 1) // threads).tolist()
+
+    def reset(self) -> None:
+        """Go back to the initial condition."""
+        arrays = self._arrays
+        for values in (self._count, arrays.qpos, arrays.qvel, arrays.ctrl, arrays.act):
+            values[:] = 0
+        super().reset()
+
+    def _state_arrays(self) -> EngineArrays:
+        return self._arrays
 
     @property
     def compiled(self) -> tuple[Loop, NDArray[np.void]]:
@@ -116,8 +170,50 @@ class Fused(ThreadedLoop):
         if steps is not None:
             self._count = steps
 
+    @property
+    def steps_taken(self) -> int:
+        """Number of physics steps since the start."""
+        return int(self._count[0])
+
+    @property
+    def _moving(self) -> Sequence[Array | IntArray]:
+        state = self._loop.state
+        return self._count, state.qpos, state.qvel, state.ctrl, state.act
+
     def _command(self) -> None:
         command_all(self._loop, self.time)
 
-    def _work(self, loop: Loop, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray) -> None:
-        advance(loop, self._motion, self._count, count, recorder, row, self._bad, thread, self._thread_team.count, gate)
+    def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
+        self._bad[:] = NEVER
+        if self._pool is None:
+            advance(self._loop, self._motion, self._count, count, recorder, self._bad)
+        else:
+            # Not by this thread, where Ctrl-C would leave some vehicles behind.
+            moving = self._pool.submit(self._move_in_parts, self._pool, step + count, recorder)
+            try:
+                wait([moving])
+            finally:
+                moving.result()
+        self._count[0] = step + count  # also where a vehicle is bad and its span does not count
+        return first_bad(self._bad)
+
+    def _move_in_parts(self, pool: ThreadPoolExecutor, end: int, recorder: Recorder) -> None:
+        """Do what `advance` does up to step `end`; each thread moves a part of the vehicles."""
+        params, log = self._loop.params, recorder.log
+        while self.steps_taken < end and self._bad.min() == NEVER:
+            k = self.steps_taken
+            span = min(params.per_law - k % params.per_law, end - k)
+            row = begin_span(self._loop, k, recorder)
+            others = [
+                pool.submit(_advance_part, self._loop, self._motion, first, last, k, span, log, row, self._bad)
+                for first, last in pairwise(self._ends[1:])
+            ]
+            _advance_part(self._loop, self._motion, 0, self._ends[1], k, span, log, row, self._bad)
+            for other in others:
+                other.result()
+            self._count[0] = k + span
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()

@@ -397,9 +397,9 @@ class Ideal(Engine):
         cause = ""
         if self.controller:
             cause = self.controller.cause_of_blow_up(self.system.team, vehicle, self.memory.command)
-        held = 0.0 if grid.continuous else grid.period
         cause = unknown_flow(self.system.moving, self._integrator.medium_state.parts, vehicle) or cause
-        return blow_up_message(self.system, vehicle, grid.start + step * grid.period, held, detail, cause)
+        speed = f"commanded {float(np.linalg.norm(self.memory.command[vehicle])):.3g} m/s"
+        return blow_up_message(self.system, vehicle, detail, grid.start + step * grid.period, speed, cause)
 
     def _velocity(self, displacement: Array) -> Array:
         return np.hstack([displacement / self._timestep, np.zeros_like(displacement)])

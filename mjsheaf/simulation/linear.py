@@ -44,7 +44,7 @@ _WAYS = 64  # instants after the command to stop at which the way is computed
 
 
 @dataclass(frozen=True)
-class Station:
+class HeldPoint:
     """A vehicle that is to hold station.
 
     Attributes:
@@ -72,7 +72,7 @@ class LinearVehicle(NamedTuple):
     D: Array
 
 
-def _linear_key(stations: Sequence[Station], control: ControlArrays, timestep: float, steps: int) -> tuple[Any, ...]:
+def _linear_key(stations: Sequence[HeldPoint], control: ControlArrays, timestep: float, steps: int) -> tuple[Any, ...]:
     """Of the vehicles and where they are; not the law, which is not evaluated."""
     return list(stations), timestep, steps
 
@@ -80,7 +80,7 @@ def _linear_key(stations: Sequence[Station], control: ControlArrays, timestep: f
 @remember_last(_linear_key)
 @quiet()
 def linearise(
-    stations: Sequence[Station], control: ControlArrays, timestep: float, steps: int
+    stations: Sequence[HeldPoint], control: ControlArrays, timestep: float, steps: int
 ) -> list[LinearVehicle | str]:
     """Linearise each vehicle's loop about the equilibrium in which it keeps its station.
 
@@ -148,7 +148,7 @@ def stopping_times(vehicles: Sequence[Vehicle], control: ControlArrays, timestep
     """Compute the stopping time of each vehicle, s: tau unless its linear loop overshoots."""
     times = [float(vehicle.reduced_model().tau.max()) for vehicle in vehicles]
     driven = [v for v, vehicle in enumerate(vehicles) if vehicle.actuators]
-    stations = [Station(vehicles[v], np.zeros(3), 0.0) for v in driven]
+    stations = [HeldPoint(vehicles[v], np.zeros(3), 0.0) for v in driven]
     models = linearise(stations, control, timestep, steps) if driven else []
     for v, model in zip(driven, models, strict=True):
         time = 0.0 if isinstance(model, str) else stopping_time(model, steps * timestep)
@@ -180,7 +180,7 @@ class _Bench:
     one of the command, and one after a step is how far the controlled position has moved.
     """
 
-    def __init__(self, stations: Sequence[Station], control: ControlArrays, timestep: float) -> None:
+    def __init__(self, stations: Sequence[HeldPoint], control: ControlArrays, timestep: float) -> None:
         vehicles = [station.vehicle for station in stations]
         V = len(vehicles)
         arena = compose(vehicles, [f"V{v}" for v in range(V)], timestep=timestep, visible=False)
@@ -263,7 +263,7 @@ class _Bench:
         """Let all vehicles fly or sail under their commands, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
-            evaluate_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
+            evaluate_forces(self.loop, self.arrays, 0.0)
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()
         self.act = self.data.act.copy()
@@ -295,14 +295,14 @@ class _Bench:
         """The difference to which a physics step leads from one."""
         self._place(*self._moved(difference))
         x, R = self.loop.state.x, self._rotations()
-        controlled_positions(self.loop.params.fleet, self.data.qpos, 0, len(x), x)
+        controlled_positions(self.loop.params.fleet, self.data.qpos, x)
         begin = x.copy()
-        evaluate_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
+        evaluate_forces(self.loop, self.arrays, 0.0)
         mujoco.mj_step(self.model, self.data)
         dq, after = np.empty(self.model.nv), self.still.copy()
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)
         dq = dq.reshape(-1, 6)
-        controlled_positions(self.loop.params.fleet, self.data.qpos, 0, len(x), x)
+        controlled_positions(self.loop.params.fleet, self.data.qpos, x)
         after[:, :3] = np.einsum("vij,vj->vi", R, dq[:, 3:])
         after[:, 3:6] = np.where(self.controlled, x - begin, dq[:, :3])
         after[:, 6:12] = self.data.qvel.reshape(-1, 6) - self.qvel

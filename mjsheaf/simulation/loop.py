@@ -11,9 +11,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, Own
+from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.control.controller import Controller
-from mjsheaf.control.law import ControlArrays, Memory, command_each, evaluate_law, measure, new_memory
+from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.jit import inline_jit
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
@@ -27,6 +27,9 @@ from mjsheaf.vehicles.actuators import ANGLE
 
 HUGE = 1e10
 """Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
+
+NEVER = int(np.iinfo(np.int64).max)
+"""Time at which a vehicle was bad that was not; see `Fused._bad`."""
 
 AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
 """Codes of what commands the actuators of a vehicle: its autopilot, nothing, or the caller, who writes `State.ctrl`."""
@@ -107,12 +110,9 @@ class EngineArrays(NamedTuple):
 
 
 @inline_jit
-def controlled_positions(fleet, qpos, first, last, x):
-    """Write the positions that the law controls into x (V, 3): hand points, or origins; z = 0 for planar ones.
-
-    Only those of vehicles from first up to last are written.
-    """
-    for v in range(first, last):
+def controlled_positions(fleet, qpos, x):
+    """Write the positions that the law controls into x (V, 3): hand points, or origins; z = 0 for planar ones."""
+    for v in range(x.shape[0]):
         kind, a = fleet.kinds[fleet.bodies[v].kind], fleet.bodies[v].qpos
         x[v, 0], x[v, 1] = qpos[a], qpos[a + 1]
         x[v, 2] = 0.0 if kind.planar else qpos[a + 2]
@@ -126,16 +126,9 @@ def controlled_positions(fleet, qpos, first, last, x):
 def run_law(loop, t):
     """Evaluate the law at time t, s, for the present state."""
     params, state = loop
-    controlled_positions(params.fleet, state.qpos, 0, params.fleet.bodies.shape[0], state.x)
-    command_team(loop, t)
-
-
-@inline_jit
-def command_team(loop, t):
-    """Evaluate the law at time t, s, for vehicles whose controlled positions are in the state."""
-    params, state = loop
     memory = state.memory
     bodies = params.fleet.bodies
+    controlled_positions(params.fleet, state.qpos, state.x)
     hold(params.medium, t, 0, bodies.shape[0], state.medium)
     if params.control.law.terms.drift > 0.0:
         advance(params.medium, t, 0, bodies.shape[0], state.medium)
@@ -148,43 +141,11 @@ def command_team(loop, t):
         for i in range(4):
             attitude[v, i] = state.qpos[bodies[v].qpos + 3 + i]
     evaluate_law(params.control, t, state.x, state.drift, memory)
-    keep_stations(loop, t, 0, bodies.shape[0])
-
-
-@inline_jit
-def share_law(joint, loop, t, thread, threads):
-    """Do a thread's share of the law at time t, s, before vehicles are commanded by `finish_law`.
-
-    Thread 0 evaluates the whole law if it has a joint stage. Of other laws, the edges are measured.
-    """
-    if len(joint) == 0:
-        edges, state = loop.params.control.law.edges, loop.state
-        E = edges.tail.shape[0]
-        measure(edges, E * thread // threads, E * (thread + 1) // threads, state.x, state.memory.y)
-    elif thread == 0:
-        command_team(loop, t)
-
-
-@inline_jit
-def finish_law(joint, loop, k, first, last):
-    """After `share_law` of all threads, do the rest for vehicles from first up to last if the law is due at step k."""
-    params, state = loop
-    if len(joint) == 0 and k % params.per_law == 0:
-        t = params.start + k * params.timestep
-        hold(params.medium, t, first, last, state.medium)
-        command_each(params.control, t, state.x, first, last, state.memory)
-        keep_stations(loop, t, first, last)
-
-
-@inline_jit
-def keep_stations(loop, t, first, last):
-    """Command those of the vehicles from first up to last that hold a position, at time t, s."""
-    params, state = loop
-    for v in range(first, last):
+    for v in range(bodies.shape[0]):
         if params.station.holds[v]:
             advance(params.medium, t, v, v + 1, state.medium)
             w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
-            keep_station(params.station, v, state.x[v], w, state.memory.command[v])
+            keep_station(params.station, v, state.x[v], w, memory.command[v])
 
 
 @inline_jit
@@ -197,13 +158,13 @@ def medium_at(medium, present, fleet, qpos, v):
 
 
 @inline_jit
-def place_targets(fleet, qpos, x, recorder, first, last):
-    """Put the targets among the vehicles from first up to last at their references of this sample."""
-    k, agents = recorder.written[0], fleet.bodies.shape[0] - recorder.placed.shape[1]
+def place_targets(fleet, qpos, x, recorder):
+    """Put the targets at their references of this sample."""
+    k, agents = recorder.written[0], x.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
         return
-    controlled_positions(fleet, qpos, first, last, x)
-    for v in range(max(agents, first), last):
+    controlled_positions(fleet, qpos, x)
+    for v in range(agents, x.shape[0]):
         body = fleet.bodies[v]
         for i in range(2 if fleet.kinds[body.kind].planar else 3):
             qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - x[v, i]
@@ -247,6 +208,30 @@ def record(loop, log, k, first, last):
         log.saturation[k, v] = at_limit / max(kind.count, 1)
 
 
+@inline_jit
+def begin_span(loop, k, recorder):
+    """Do what comes before step k: place targets for the recorder, and evaluate the law if it is due.
+
+    Returns:
+        Row of the log for the sample at step k, which is counted as written; -1 if it is no sample or there is no room.
+    """
+    params, state = loop
+    row = -1
+    if k % params.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]:
+        row = recorder.written[0]
+        place_targets(params.fleet, state.qpos, state.x, recorder)
+        recorder.written[0] = row + 1
+    if k % params.per_law == 0:
+        run_law(loop, params.start + k * params.timestep)
+    return row
+
+
+def first_bad(bad: IntArray) -> tuple[int, int] | None:
+    """Return the vehicle that was bad first and the number of its step, from `Fused._bad`; None if none was."""
+    vehicle = int(np.argmin(bad))
+    return None if bad[vehicle] == NEVER else (vehicle, int(bad[vehicle]) // 2)
+
+
 def new_loop(
     fleet: Fleet,
     control: ControlArrays,
@@ -287,12 +272,14 @@ def new_loop(
 
 def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: Controller | None = None) -> str:
     """Name the vehicle of a loop that was bad at a step, and the likely cause, which may be a law in Python."""
-    speed = float(np.linalg.norm(loop.state.qvel[6 * vehicle :][:3]))
-    detail = f" (body '{system.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
+    speed = np.linalg.norm(loop.state.qvel[6 * vehicle :][:3])
+    commanded = np.linalg.norm(loop.state.memory.command[vehicle])
+    detail = f" (body '{system.vehicles[vehicle].name}')"
     time = system.grid.start + step * system.timestep
     cause = controller.cause_of_blow_up(system.team, vehicle, loop.state.memory.command) if controller else ""
     cause = unknown_flow(loop.params.medium.parts, loop.state.medium.parts, vehicle) or cause
-    return blow_up_message(system, vehicle, time, system.timestep * loop.params.per_law, detail, cause)
+    seen = f"speed {speed:.3g} m/s, commanded {commanded:.3g} m/s"
+    return blow_up_message(system, vehicle, detail, time, seen, cause)
 
 
 # Python calls them once for a run or a sample; compiled loops call the functions themselves.
@@ -352,6 +339,7 @@ class ClosedLoop(Engine):
         self._enter(state.memory)
         self._unrecorded = self._recorder(0)
         self.place()
+        self._look()
         with self._naming_terms():
             self._evaluate_law()
         self._command()
@@ -391,7 +379,7 @@ class ClosedLoop(Engine):
         _run_law(self._loop, self.time)
 
     def _place_targets(self, recorder: Recorder) -> None:
-        _place_targets(self._fleet, self._loop.state.qpos, self._loop.state.x, recorder, 0, len(self._vehicles))
+        _place_targets(self._fleet, self._loop.state.qpos, self._loop.state.x, recorder)
 
     def _record_now(self, recorder: Recorder) -> None:
         self._evaluate_law()
@@ -422,6 +410,7 @@ class ClosedLoop(Engine):
             sample = self.steps_taken % self._loop.params.per_law == 0
         if sample:
             self._consult()
+            self._look()
             with self._naming_terms():
                 self._evaluate_law()
         self._command()
@@ -464,7 +453,7 @@ class ClosedLoop(Engine):
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
         x = np.empty((len(self._vehicles), 3))
-        controlled_positions(self._fleet, self._loop.state.qpos, 0, len(x), x)
+        controlled_positions(self._fleet, self._loop.state.qpos, x)
         return x
 
     def heights(self) -> Array:

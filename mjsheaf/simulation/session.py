@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from mjsheaf.arguments import real_numbers, require_choice, require_scenario, require_whole
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, NotUniqueError, RankError
-from mjsheaf.threads import free_processors
+from mjsheaf.threads import usable_processors
 
 if TYPE_CHECKING:
     from mjsheaf.control.controller import Controller, Law
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 BACKENDS = ("physics", "ideal")
 ENGINES = ("mujoco", "fused")
-_WORTH_THREADS = 1e6  # vehicles times physics steps: less ends before another thread is of use
 
 
 class Session:
@@ -35,7 +34,7 @@ class Session:
     Attributes:
         scenario: The scenario, with the seed of the run.
         backend: 'physics' or 'ideal'.
-        engine: Engine that moves the vehicles: a `World` for MuJoCo with one thread, else another `Engine`.
+        engine: Engine that moves the vehicles: a `World` for MuJoCo, else another `Engine`.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class Session:
             scenario: The scenario, as `mjsheaf.load_scenario` returns it.
             backend: 'physics' or 'ideal'.
             engine: Engine that moves bodies: 'mujoco' or 'fused'; see `simulate`.
-            threads: Number of threads that move the bodies; None takes the idle processors, see `simulate`.
+            threads: Maximum number of threads of the fused engine; None takes all processors, see `simulate`.
             controller: A law in Python in place of the agents' own; see `simulate`.
             commanded: True if the argument of `step` replaces the agents' own law; by default it is added. 'thrust' if
                 it has the commands of actuators, which replace law and autopilot: on bodies only.
@@ -209,18 +208,15 @@ def engine_of(
         from mjsheaf.simulation.fused import Fused
 
         return Fused(run, controller=called, commanded=commanded)
-    from mjsheaf.simulation.threaded import thread_count
-    from mjsheaf.simulation.world import SplitWorld, World
+    from mjsheaf.simulation.world import World
 
-    if thread_count(system.bodies, called is not None) > 1:
-        return SplitWorld(run, commanded=commanded)
     return World(run, controller=called, commanded=commanded, visible=visible)
 
 
 def moved_by(
     phases: "Sequence[Phase]", backend: str, engine: str = "mujoco", threads: int | None = None
 ) -> "Sequence[Phase]":
-    """A run on an engine and threads; see `simulate`.
+    """Return a run on an engine and threads, of which MuJoCo takes one; see `simulate`.
 
     Raises:
         InputError: unknown engine, threads below 1, or either for ideal kinematics.
@@ -234,10 +230,8 @@ def moved_by(
         if threads is not None and threads > 1:
             raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
         return phases
-    plan, grid = phases[0].system.bodies, phases[0].system.grid
-    if threads is None:
-        vehicle_steps = len(plan.vehicle) * grid.steps * grid.period / plan.timestep
-        threads = free_processors() if vehicle_steps >= _WORTH_THREADS and not plan.contacts else 1
+    plan = phases[0].system.bodies
+    threads = 1 if engine == "mujoco" else threads or usable_processors()
     return phases if (plan.engine, plan.threads) == (engine, threads) else on_engine(phases, engine, threads)
 
 
@@ -265,7 +259,7 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
     """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
 
     Raises:
-        InputError: unknown backend; contacts, where the engine or its threads have none; a vehicle that is unknown or
+        InputError: unknown backend; contacts, where the engine has none; a vehicle that is unknown or
             does not fit its agent or target, which matters to the ideal backend too, as a scenario that only one
             backend takes is not one to compare; or a g that is not of full row rank.
         NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.

@@ -8,9 +8,8 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.control.law import LawArrays
-from mjsheaf.control.terms import contraction
 from mjsheaf.jit import inline_jit
-from mjsheaf.system import MOST_EIGENVALUES, Phase, System
+from mjsheaf.system import Phase, System
 
 _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
 
@@ -207,117 +206,22 @@ def pieces_of(phases: Sequence[Phase], samples: int, end: int, first: int = 0) -
             yield phase.system, begin, min(begin + samples, stop, end)
 
 
-def blow_up_message(
-    system: System, vehicle: int, time: float, law_period: float, detail: str = "", cause: str = ""
-) -> str:
-    """Name the vehicle, the time and the likely cause of a blow-up.
-
-    Args:
-        system: the system.
-        vehicle: number of the vehicle that blew up.
-        time: s.
-        law_period: time between evaluations of a held law, s; 0 where it is continuous.
-        detail: what was seen of it.
-        cause: Likely cause; found from the system unless given.
-    """
-    name = system.team.members[vehicle].id
-    return f"unstable: {name}{detail} at t = {time:.6g} s; {cause or likely_cause(system, law_period)}"
-
-
-def likely_cause(system: System, law_period: float) -> str:
-    """Return the first stability margin that the system violates, with the field that fixes it.
+def blow_up_message(system: System, vehicle: int, detail: str, time: float, speed: str, cause: str = "") -> str:
+    """Name the vehicle, the time and the speed of a blow-up, and the cause, or where to find it.
 
     Args:
         system: The system.
-        law_period: Time between evaluations of the law, s; 0 where it is inside the integrator.
+        vehicle: Number of the vehicle that blew up.
+        detail: What is added to its name.
+        time: Time, s.
+        speed: Its speed, in words.
+        cause: Cause, if it is known.
     """
-    h = law_period
-    terms = system.law.terms
-    rough = terms.newton > 0 and terms.rounds.imperfect  # what its rounds leave is not known
-    shorter = "physics.timestep" if system.grid.continuous else "controller.control_period"
-    for gain, fastest, limit, margin, what, field in _margins(system, rough):
-        if np.isinf(fastest) and gain > 0.0:
-            return f"likely cause: {what} diverges at any gain: it is unstable about q*"
-        if gain * h * fastest >= limit:
-            fix = f"take {field} below {limit / (h * fastest):.4g}"
-            if field == "controller.gain" and not _is_gain_known(system):
-                fix = f"take a lower {field}, and mjsheaf check says how low,"
-            return (
-                f"likely cause: {what} diverges, as {margin} = {gain * h * fastest:.3g} is not below {limit:.3g}; "
-                f"{fix} or a shorter {shorter if limit == 2.0 else 'delay'}"
-            )
-    if rough:
-        return (
-            "likely cause: the gain is too high for newton over links that delay or lose its rounds; take a lower "
-            "controller.gain, or a shorter links.rounds.delay"
-        )
-    largest = largest_integral(system)
-    if 0.0 < largest <= terms.integral:
-        return (
-            f"likely cause: the integral diverges, as k_I is {terms.integral:.4g} 1/s^2; take controller.integral.gain "
-            f"below {largest:.4g}, a larger controller.gain or a shorter controller.control_period"
-        )
-    return (
-        "likely cause: a flow or a motion too strong to integrate; look at flow (strengths, core radii) and "
-        "target motions, and on bodies shorten physics.timestep"
+    gain = "the law, with a controller.gain"
+    if vehicle >= len(system.team.agents):
+        gain = "the targets' consensus or pull, with a target_formation.gain or motion.pull"
+    cause = cause or (
+        f"likely cause: {gain} that is too high for the control period, the links or the bodies, or a flow or motion "
+        "too strong to integrate; mjsheaf check names the margin"
     )
-
-
-def _margins(system: System, rough: bool) -> list[tuple[float, float, float, str, str, str]]:
-    """Return gain, largest eigenvalue, limit of their product with the period, and words, of each held loop."""
-    target_gain = float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
-    consensus = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1] if target_gain > 0.0 else 0.0
-    pull = np.max(system.motion.pull, initial=0.0)
-    fastest, margin, what, delay = _agents_loop(system)
-    return [
-        (0.0 if rough else system.gain, fastest, _limit(delay), margin, what, "controller.gain"),
-        (target_gain, consensus, 2.0, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
-        (pull, 1.0, 2.0, "pull h", "a target's held pull to its path", "its motion.pull"),
-    ]
-
-
-def largest_gain(system: System) -> float | None:
-    """Return the controller.gain from which on the held law is unstable over its links, 1/s; None if not known."""
-    team = system.local.team
-    bounded = not team.symmetric and team.law_problem.H.shape[0] > MOST_EIGENVALUES
-    if system.grid.continuous or bounded or not _is_gain_known(system):
-        return None
-    fastest, _, _, delay = _agents_loop(system)
-    return float(_limit(delay) / (system.grid.period * fastest)) if 0.0 < fastest < np.inf else None
-
-
-def _limit(delay: int) -> float:
-    """Return the limit of k1 h x for the x of `System.fastest`, with measurements that are `delay` periods old."""
-    return 2.0 * float(np.sin(0.5 * np.pi / (2 * delay + 1)))
-
-
-def _is_gain_known(system: System) -> bool:
-    """Return True if the largest gain is exact: no term changes it, and all measurements are equally old."""
-    law, delays = system.law, system.law.links.table["delay"]
-    alike = not delays.any() or (len(delays) == len(system.team.measuring_edges) and len(set(delays.tolist())) == 1)
-    changed = law.terms.newton or law.terms.integral or law.custom
-    return alike and not (changed or (law.extended and not system.local.team.symmetric))
-
-
-def _agents_loop(system: System) -> tuple[float, str, str, int]:
-    """Return the agents' held law: largest eigenvalue, margin and name in words, and delay in periods."""
-    terms = system.law.terms
-    if terms.newton:  # x+ = (1 - h k1) x - h k1 s, s+ = p (h k1 x + (1 + h k1) s), and p of the rounds is at least -c
-        c = contraction(terms.newton, *terms.eigenvalues)
-        what = f"the held law, whose rounds leave c = {c:.3g},"
-        return (1.0 + c) / max(1.0 - c, 1e-9), "k1 h (1 + c) / (1 - c)", what, 0
-    delay = int(np.max(system.law.links.table["delay"], initial=0))
-    what = f"the held law on measurements {delay} periods old" if delay else "the held law"
-    return system.fastest(delay), "k1 h lambda_max", what, delay
-
-
-def largest_integral(system: System) -> float:
-    """Return the smallest k_I, 1/s^2, with which the held integral diverges; 0 without terms.
-
-    For an eigenvalue lambda of H, the held loop of e and z has the determinant 1 - h (k1 lambda - h k_I lambda). With
-    the Newton direction and exact rounds it is 1 - h (k1 - h k_I lambda). Both are below 1 only for smaller k_I.
-    """
-    terms = system.law.terms
-    if not terms.agents:
-        return 0.0
-    return system.gain / (terms.period * (system.largest_eigenvalue if terms.newton else 1.0))
+    return f"unstable: {system.team.members[vehicle].id}{detail} at t = {time:.6g} s, {speed}; {cause}"

@@ -5,7 +5,6 @@ belong to the whole process and slow down or break other simulations in it. mj_s
 without the interpreter.
 """
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,22 +17,12 @@ from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import external, inline_jit, jit, on_stack
 from mjsheaf.media.medium import advance
-from mjsheaf.simulation.arena import Arena, compose
+from mjsheaf.simulation.arena import Arena, compose, movers_of, place_obstacles
 from mjsheaf.simulation.block import ALONE, command_alone
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Commanded, Recorder
-from mjsheaf.simulation.gate import ThreadTeam, fail
-from mjsheaf.simulation.loop import (
-    HUGE,
-    ClosedLoop,
-    EngineArrays,
-    Loop,
-    finish_law,
-    record,
-)
+from mjsheaf.simulation.loop import HUGE, ClosedLoop, EngineArrays, begin_span, record
 from mjsheaf.simulation.motion import at, attitude
-from mjsheaf.simulation.threaded import NEVER, ThreadedLoop, begin_span, end_span, first_bad, next_row
-from mjsheaf.simulation.walls import movers_of, place_obstacles
 from mjsheaf.system import System, phases_of
 from mjsheaf.tiers import Tiered
 
@@ -52,7 +41,7 @@ class MujocoArrays(NamedTuple):
         gear: Gears actuator_gear.
         model, data: Addresses of the model and its data.
         mocap: Positions mocap_pos of obstacles that move, shape (M, 3), m.
-        movers: Motion of those; see `mjsheaf.simulation.walls.movers_of`.
+        movers: Motion of those; see `mjsheaf.simulation.arena.movers_of`.
     """
 
     qacc: Array
@@ -76,23 +65,20 @@ def engine_arrays(model: mujoco.MjModel, data: mujoco.MjData) -> EngineArrays:
 
 
 @inline_jit
-def apply_forces(loop, arrays, t, first, last):
-    """Let vehicles from first up to last measure and command at time t, s, and write what the medium does to them.
-
-    They are MuJoCo's only ones.
-    """
+def apply_forces(loop, arrays, t):
+    """Let vehicles measure and command at time t, s, and write what the medium does to them: MuJoCo's only forces."""
     params, state = loop
     fleet = params.fleet
-    advance(params.medium, t, first, last, state.medium)
+    V = fleet.bodies.shape[0]
+    advance(params.medium, t, 0, V, state.medium)
     place_obstacles(arrays.movers, t, arrays.mocap)
     b = on_stack(ALONE)
-    for v in range(first, last):
+    for v in range(V):
         body = fleet.bodies[v]
         kind = fleet.kinds[body.kind]
         command_alone(loop, v, b)
         R = attitude(b, 0)
-        place, channel = 6 * (v - first), body.actuator - fleet.bodies[first].actuator
-        applied, gear = arrays.applied[place : place + 6], arrays.gear[channel : channel + kind.count]
+        applied, gear = arrays.applied[body.dof : body.dof + 6], arrays.gear[body.actuator : body.actuator + kind.count]
         apply_wrench(kind, state.qvel[body.dof : body.dof + 6], R, at(b.force, 0), at(b.moment, 0), applied)
         turn_gears(kind, fleet.thrusters[kind.thruster :], R, state.act[body.state :], gear)
 
@@ -110,108 +96,26 @@ def _is_bad(values):
     return bad > 0
 
 
-@inline_jit
-def _is_any_bad(qpos, qvel, qacc):
-    return _is_bad(qpos) or _is_bad(qvel) or _is_bad(qacc)
-
-
-@inline_jit
-def _copy(source, target):
-    for i in range(target.shape[0]):
-        target[i] = source[i]
-
-
-@inline_jit
-def _mark_bad_commands(loop, first, last, k, bad):
-    for v in range(first, last):
-        body = loop.params.fleet.bodies[v]
-        count = loop.params.fleet.kinds[body.kind].count
-        if _is_bad(loop.state.ctrl[body.actuator : body.actuator + count]):
-            bad[v] = 2 * k + 1
-
-
-@inline_jit
-def _mark_bad_motion(loop, qacc, first, last, k, bad):
-    state = loop.state
-    for v in range(first, last):
-        a, d, own = 7 * v, 6 * v, 6 * (v - first)
-        if _is_any_bad(state.qpos[a : a + 7], state.qvel[d : d + 6], qacc[own : own + 6]):
-            bad[v] = 2 * k
-
-
-@inline_jit
-def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
-    """Take `count` steps from step number `step` with a model's vehicles, fewer where one of them becomes bad.
-
-    Their samples before the first step are recorded as `row` of the log, unless that is negative.
-
-    Args:
-        loop: Loop of all vehicles.
-        arrays: Arrays of the model.
-        own: State of the model; None where it is the loop's, which is another type and compiles without the copies.
-        first, last: Vehicles of the model, up to but without the last.
-        step, count: Number of the first step, and of steps.
-        log, row: Destination of samples.
-        bad: Time at which each vehicle was bad, see `ThreadedLoop._work`.
+@jit
+def _advance(loop, arrays, step, count, recorder):
+    """Take `count` steps from step number `step`, fewer where commands or the state become bad.
 
     Returns:
-        True if none did.
+        Number of the step at which they did; -1 if they did not.
     """
     params, state = loop
-    body, final = params.fleet.bodies[first], params.fleet.bodies[last - 1]
-    qpos, qvel, act = state.qpos[7 * first : 7 * last], state.qvel[6 * first : 6 * last], state.act[body.state :]
-    ctrl = state.ctrl[body.actuator : final.actuator + params.fleet.kinds[final.kind].count]
-    if own is not None:
-        _copy(qpos, own.qpos)
-        _copy(qvel, own.qvel)
-        _copy(act, own.act)
     for k in range(step, step + count):
-        apply_forces(loop, arrays, params.start + k * params.timestep, first, last)
-        if k == step and row >= 0:
-            record(loop, log, row, first, last)
+        row = begin_span(loop, k, recorder)
+        apply_forces(loop, arrays, params.start + k * params.timestep)
+        if row >= 0:
+            record(loop, recorder.log, row, 0, params.fleet.bodies.shape[0])
         # If a command is bad, MuJoCo sets all commands to zero and continues, which would be another simulation.
-        if _is_bad(ctrl):
-            _mark_bad_commands(loop, first, last, k, bad)
-            return False
-        if own is not None:
-            _copy(ctrl, own.ctrl)
+        if _is_bad(state.ctrl):
+            return k
         _mj_step(arrays.model, arrays.data)
-        if own is not None:
-            _copy(own.qpos, qpos)
-            _copy(own.qvel, qvel)
-            _copy(own.act, act[: own.act.shape[0]])
-        if _is_any_bad(qpos, qvel, arrays.qacc):
-            _mark_bad_motion(loop, arrays.qacc, first, last, k + 1, bad)
-            return False
-    return True
-
-
-@jit
-def _advance_part(loop, arrays, own, first, last, steps, count, recorder, row, bad, thread, threads, gate):
-    """Do a thread's part, see `ThreadedLoop._work`, with vehicles from first up to last; return False if one is bad.
-
-    The number of the first step is in `steps`, shape (1,).
-    """
-    k, end, meetings = steps[0], steps[0] + count, 0
-    while k < end:
-        span = min(loop.params.per_law - k % loop.params.per_law, end - k)
-        sample = next_row(loop.params.per_sample, k, recorder.log.positions, row)
-        if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
-            return False
-        finish_law(loop.params.control.stages.joint, loop, k, first, last)
-        if not _step_part(loop, arrays, own, first, last, k, span, recorder.log, sample, bad):
-            fail(gate)
-        if not end_span(steps, k + span, thread, threads, meetings, gate):
-            return False
-        k, row, meetings = k + span, row + (sample >= 0), meetings + 3
-    return True
-
-
-@jit
-def _advance(loop, arrays, steps, count, recorder, bad, gate):
-    """Take `count` steps from step number steps[0] with all vehicles in one model; return False if one becomes bad."""
-    V, row = loop.params.fleet.bodies.shape[0], recorder.written[0]
-    return _advance_part(loop, arrays, None, 0, V, steps, count, recorder, row, bad, 0, 1, gate)
+        if _is_bad(state.qpos) or _is_bad(state.qvel) or _is_bad(arrays.qacc):
+            return k + 1
+    return -1
 
 
 class World(ClosedLoop):
@@ -263,8 +167,6 @@ class World(ClosedLoop):
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         touched = self.system.obstacles if self.system.bodies.contacts else None
         self._arrays = mujoco_arrays(self.model, self.data, movers_of(touched))
-        self._bad = np.full(len(self._vehicles), NEVER)
-        self._gate = ThreadTeam.gate()
 
     def _state_arrays(self) -> EngineArrays:
         return engine_arrays(self.model, self.data)
@@ -275,7 +177,7 @@ class World(ClosedLoop):
         return round((self.data.time - self.system.grid.start) / self._timestep)
 
     def _command(self) -> None:
-        evaluate_forces(self._loop, self._arrays, self.time, 0, len(self._vehicles))
+        evaluate_forces(self._loop, self._arrays, self.time)
 
     def reset(self, seed: int | None = None) -> None:
         """Return to the initial condition.
@@ -314,12 +216,18 @@ class World(ClosedLoop):
 
     @quiet()
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
-        if _advance(self._loop, self._arrays, np.full(1, step), count, recorder, self._bad, self._gate):
-            return None
-        found = first_bad(self._bad)
-        self._bad[:] = NEVER
-        self._gate = ThreadTeam.gate()
-        return found
+        bad = _advance(self._loop, self._arrays, step, count, recorder)
+        return None if bad < 0 else (self._first_bad_vehicle(), bad)
+
+    def _first_bad_vehicle(self) -> int:
+        """Return the number of the first vehicle whose state or command is bad."""
+        data = self.data
+        motion = np.hstack([data.qpos.reshape(-1, 7), data.qvel.reshape(-1, 6), data.qacc.reshape(-1, 6)])
+        counts = self._fleet.kinds["count"][self._fleet.bodies["kind"]]
+        owners = np.repeat(np.arange(len(counts)), counts)
+        moved = np.flatnonzero(~(np.abs(motion) < HUGE).all(axis=1))
+        commanded = owners[~(np.abs(data.ctrl) < HUGE)]
+        return int(min([*moved, *commanded]))
 
     def actuators(self, id: str) -> IntArray:
         """Return indices of a vehicle's actuators in `model` and `data.ctrl`, in the order of thrusters in `result.nc`.
@@ -336,47 +244,6 @@ class World(ClosedLoop):
         if id not in index:
             raise InputError(f"unknown vehicle {id!r}; {expected(id, index)}")
         return np.arange(*self.arena.thruster[index[id] :][:2])
-
-
-class _Part(NamedTuple):
-    """The vehicles of a thread, from first up to last, in a model of their own."""
-
-    first: int
-    last: int
-    arrays: MujocoArrays
-    own: EngineArrays
-    model: mujoco.MjModel
-    data: mujoco.MjData
-
-
-class SplitWorld(ThreadedLoop):
-    """A scenario on MuJoCo bodies without contacts, on several threads, each of which has a model of its vehicles.
-
-    Vehicles that never touch are independent trees to MuJoCo: the motion is that of `World` to the bit. The state is
-    the loop's; MuJoCo's is a copy.
-    """
-
-    def _prepare(self) -> None:
-        super()._prepare()
-        ends = np.arange(self._thread_team.count + 1) * len(self._vehicles) // self._thread_team.count
-        self._parts = [self._part(int(first), int(last)) for first, last in pairwise(ends)]
-
-    def _part(self, first: int, last: int) -> "_Part":
-        """The model of vehicles from first up to last."""
-        ids = [member.id for member in self.system.team.members[first:last]]
-        model = compose(self._vehicles[first:last], ids, timestep=self._timestep, visible=False).model
-        data = mujoco.MjData(model)
-        return _Part(first, last, mujoco_arrays(model, data), engine_arrays(model, data), model, data)
-
-    def _command(self) -> None:
-        for part in self._parts:  # forces are written too, which the next step overwrites
-            apply_forces(self._loop, part.arrays, self.time, part.first, part.last)
-
-    @quiet()
-    def _work(self, loop: Loop, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray) -> None:
-        first, last, arrays, own, _, _ = self._parts[thread]
-        steps, threads = self._count, self._thread_team.count
-        _advance_part(loop, arrays, own, first, last, steps, count, recorder, row, self._bad, thread, threads, gate)
 
 
 def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:

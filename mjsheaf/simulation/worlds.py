@@ -11,13 +11,13 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.custom import naming_terms
+from mjsheaf.control.law import look, unlook
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.simulation.fused import Fused, advance_block, command_vehicles
-from mjsheaf.simulation.loop import EngineArrays, Loop, blow_up_of, new_loop, run_law
+from mjsheaf.simulation.fused import Fused, advance_blocks, command_vehicles
+from mjsheaf.simulation.loop import NEVER, EngineArrays, Loop, blow_up_of, new_loop, run_law
 from mjsheaf.simulation.rows import Rows, is_seed, leaves_of
 from mjsheaf.simulation.scores import goal_of, require_scorable, square_errors
-from mjsheaf.simulation.threaded import NEVER
 from mjsheaf.simulation.trajectory import new_log
 
 
@@ -34,7 +34,7 @@ def take_periods(loop, row, motion, goal, nothing, values, alive, steps, bad, sq
         values: Rows of the worlds, shape (W, n).
         alive: True for each world that takes a period, shape (W,).
         steps: Number of physics steps that each world has taken, shape (W,).
-        bad: Time at which each vehicle diverged, NEVER if it did not, shape (W, V); see `ThreadedLoop._work`.
+        bad: Time at which each vehicle diverged, NEVER if it did not, shape (W, V); see `Fused._bad`.
         squares: Squared errors |q*_i - q_i|^2 of the agents, shape (W, N), m^2. A world that diverges keeps its own.
     """
     for w in range(values.shape[0]):
@@ -56,6 +56,7 @@ def begin_periods(loop, row, values, which):
     for w in which:
         for k in range(row.shape[0]):
             row[k] = values[w, k]
+        look(0.0, loop.state.memory.held, loop.state.memory.kept)
         run_law(loop, start)
         command_vehicles(loop, start)
         for k in range(row.shape[0]):
@@ -74,15 +75,15 @@ def take_period(loop, motion, nothing, k, bad):
     Returns:
         False if a vehicle diverged.
     """
-    params = loop.params
-    blocks, good = params.fleet.blocks, True
+    params, memory = loop.params, loop.state.memory
+    B = params.fleet.blocks.shape[0] - 1
+    unlook(float(k), memory.held, memory.kept)
     for _ in range(params.per_sample // params.per_law):
         run_law(loop, params.start + k * params.timestep)
-        for b in range(blocks.shape[0] - 1):
-            good &= advance_block(loop, motion, blocks[b], blocks[b + 1], k, params.per_law, nothing, -1, bad)
-        if not good:
+        if not advance_blocks(loop, motion, 0, B, k, params.per_law, nothing, -1, bad):
             return False
         k += params.per_law
+    look(float(k), memory.held, memory.kept)
     run_law(loop, params.start + k * params.timestep)
     return True
 

@@ -15,7 +15,6 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import Ending, bound_ahead, bound_of_run, ending_of_run, judge
-from mjsheaf.control.source import LawFile
 from mjsheaf.errors import InputError, NotUniqueError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
@@ -28,6 +27,7 @@ from mjsheaf.results.netcdf import thin
 from mjsheaf.results.store import digest
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario.law_file import LawFile
 from mjsheaf.scenario.load import map_vehicles
 from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.studies.schema import Point

@@ -10,12 +10,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping, require_type
-from mjsheaf.control.source import LawFile, find_law
 from mjsheaf.errors import InputError, ScenarioError, in_field, joined, raise_first
 from mjsheaf.io.files import confined, digest_of, list_studies
 from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.law_file import LawFile, find_law
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
 from mjsheaf.studies.job import Job, versions
 from mjsheaf.studies.schema import Point, StudyFile, points_of

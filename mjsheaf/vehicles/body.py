@@ -62,6 +62,8 @@ class Body:
             shape (3,), N m.
         inertia: Inertia about the origin of the body frame, body axes, shape (3, 3), kg m^2.
         inertials: Inertias of the bodies in the file, depth first.
+        radius: Radius about the origin of the body frame that holds what is seen of it, m.
+        size: Longest side of the box about all of its geoms along the body axes, m; 0 without geoms.
         actuators: Actuators of the vehicle.
         hold: Parameters of the attitude hold.
         drag: Linear drag D along the body axes, shape (3,), N s/m.
@@ -79,6 +81,8 @@ class Body:
     weight_moment: Array
     inertia: Array
     inertials: list[Inertial]
+    radius: float
+    size: float
     actuators: list[Thruster]
     hold: AttitudeHold
     drag: Array

@@ -13,16 +13,21 @@ effects are:
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.io.section import Duration, Section
-from mjsheaf.vehicles.actuators import Thruster
+from mjsheaf.vehicles.actuators import WEAK_SIDE, Thruster
 from mjsheaf.vehicles.body import ROW_NAMES
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle
+
+SURGE, YAW = 0, 5
+_TURNING_SHARE = 0.12  # fraction of the speed ahead above which a boat that cannot back turns round under way
+_HALF = 0.5  # fraction of the largest yaw moment at which its price in surge is taken
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,54 @@ def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
     if not np.isfinite(thrust):
         return float("inf")
     return float(2.0 * thrust / (D + np.sqrt(D**2 + 4.0 * Q * thrust)))
+
+
+def is_one_sided(vehicle: Vehicle) -> bool:
+    """Return True for a boat with an actuator that pushes in one direction only, or very little in the other."""
+    return vehicle.dimension == 2 and any(actuator.one_sided for actuator in vehicle.actuators)
+
+
+class Turning(NamedTuple):
+    """Turning parameters of a boat that cannot back; see `steering.steer`.
+
+    Attributes:
+        price: Surge force that comes with each unit of yaw moment, 1/m; 0 if it turns on the spot.
+        speed: Commanded speed above which it turns round instead of drifting, m/s.
+    """
+
+    price: float
+    speed: float
+
+
+def turning_of(vehicle: Vehicle) -> Turning | None:
+    """Return the turning parameters of a boat steered at its hand point; None for a vehicle that can back."""
+    if YAW not in vehicle.controlled_rows or vehicle.steering.attitude or not is_one_sided(vehicle):
+        return None
+    ahead, astern = (largest_wrench(vehicle, SURGE, sign, []) for sign in (1.0, -1.0))
+    if not ahead > 0.0 or astern >= WEAK_SIDE * ahead:
+        return None
+    prices = []
+    for sign in (1.0, -1.0):
+        moment = _HALF * largest_wrench(vehicle, YAW, sign, [SURGE])
+        if np.isfinite(moment) and moment > 0.0:
+            prices.append(_least_surge(vehicle, sign * moment) / moment)
+    speed = _TURNING_SHARE * capability_of(vehicle).forward_speed
+    return Turning(max(prices, default=0.0), speed if np.isfinite(speed) else 0.0)
+
+
+def largest_wrench(vehicle: Vehicle, row: int, sign: float, free: list[int]) -> float:
+    """Compute the largest wrench along a row in one direction, N or N m; other controlled rows are zero or `free`."""
+    rows = [other for other in vehicle.controlled_rows if other not in free]
+    along = np.zeros(6)
+    along[row] = sign
+    return vehicle.largest_along(rows, along, vehicle.W @ vehicle.steering.trim_effort(vehicle))
+
+
+def _least_surge(vehicle: Vehicle, moment: float) -> float:
+    """Compute the smallest surge force >= 0 with which a boat produces a yaw moment, N."""
+    W = vehicle.W
+    A = np.column_stack([W[[SURGE, YAW]], [-1.0, 0.0]])
+    return vehicle.solve_for_efforts(A, np.array([0.0, moment]), np.append(np.zeros(W.shape[1]), 1.0))
 
 
 class Effects(Section):

@@ -1,13 +1,10 @@
 """Loading of vehicles: the description and the MJCF file, checked against each other, and the files they refer to.
 
 A description names an MJCF file, which may include others and refer to meshes, textures and height fields. None of
-these files may lie outside the description's directory. All are checked before MuJoCo opens any of them. MJCF does not
-make MuJoCo load code, but plugins that are already loaded may do anything, so plugins are refused. Input that would
-crash MuJoCo is refused too: unbounded nested copies, images larger than memory, and non-finite numbers, which MuJoCo
-accepts with only a warning.
+these files may lie outside the description's directory. All are checked before MuJoCo opens any of them. Plugins are
+refused, because they are code. Nothing else protects MuJoCo from a file that is made to harm it.
 """
 
-import math
 import os
 import re
 from dataclasses import replace
@@ -32,15 +29,13 @@ from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle, VehicleDescription
 
+SEEN_GROUPS = 3
+"""MuJoCo shows geoms of the first three groups; collision shapes are in later ones."""
+
 _LARGEST_FILE = 20_000_000  # maximum size of an XML file, bytes
-_DEEPEST = 100  # maximum depth of nested elements
-_MOST_COPIES = 1000  # maximum number of copies of one element, including nested copies
-_LARGEST_GRID = 4096**2  # pixels of a texture, points of a height field
-_LARGEST_NUMBER = 1e12
-_ROOTS = ("mujoco", "mujocoinclude")
-_COPYING = ("replicate", "composite", "flexcomp")
-_GRIDS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
+_HEAVIEST = 1e12  # kg
 _WORDS = ("name", "class", "childclass")  # attributes that are words, even if they look like numbers
+_NO_NUMBER = re.compile(r"(?i)(^|\s)[-+]?(nan|inf(inity)?)(\s|\(|$)")
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _IN_MESHDIR = ("mesh", "hfield", "skin")
 _GROUND = {mujoco.mjtGeom.mjGEOM_PLANE: "plane", mujoco.mjtGeom.mjGEOM_HFIELD: "height field"}
@@ -153,27 +148,13 @@ def _read(path: Path, names: _Names) -> None:
         InputError: The file cannot be read, is not MJCF, declares a document type, or has a plugin.
     """
     parser = expat.ParserCreate("utf-8")
-    copies = [1.0]  # number of copies of each enclosing element
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
-        where = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
-        numbers = {key: _numbers(value) for key, value in attributes.items() if key not in _WORDS}
-        for key, found in numbers.items():
-            if not all(abs(x) <= _LARGEST_NUMBER for x in found):
-                text = attributes[key][:50]
-                raise InputError(f"{where}: {key} is {text}; expected numbers of at most {_LARGEST_NUMBER:g}")
-        copies.append(copies[-1] * math.prod(numbers.get("count", [1.0]) if tag in _COPYING else [1.0]))
-        size = math.prod(numbers.get(key, [1.0])[0] for key in _GRIDS.get(tag, ()) if numbers.get(key, [1.0]))
-        for refused, what in (
-            (copies[-1] > _MOST_COPIES, f"makes {copies[-1]:g} copies; expected at most {_MOST_COPIES}"),
-            (size > _LARGEST_GRID, f"has {size:g} points; expected at most {_LARGEST_GRID}"),
-            (len(copies) == 2 and tag not in _ROOTS, "is the root of the file; expected <mujoco>"),
-            (len(copies) > _DEEPEST + 1, f"is nested more than {_DEEPEST} levels deep"),
-            (tag in ("extension", "plugin"), "is not allowed: plugins are code"),
-        ):
-            if refused:
-                raise InputError(f"{where} {what}")
+        if tag in ("extension", "plugin"):
+            raise InputError(f"{path}: line {parser.CurrentLineNumber}: <{tag}> is not allowed: plugins are code")
         for key, value in attributes.items():
+            if key not in _WORDS and _NO_NUMBER.search(value):  # MuJoCo takes them for numbers that are not given
+                raise InputError(f"{path}: line {parser.CurrentLineNumber}: <{tag}>: {key} is {value[:50]}")
             if key.startswith("file"):
                 names.references.append(_Reference(tag, value, path.parent))
             elif tag == "compiler" and key in _DIRECTORIES:
@@ -183,22 +164,12 @@ def _read(path: Path, names: _Names) -> None:
         raise InputError(f"{path}: a document type is not allowed; remove <!DOCTYPE")
 
     parser.StartElementHandler, parser.StartDoctypeDeclHandler = begin, doctype
-    parser.EndElementHandler = lambda _: copies.pop()
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: is no regular file")
     try:
         parser.Parse(read_bytes(path, _LARGEST_FILE), True)
     except expat.ExpatError as error:
         raise InputError(f"{path}: not XML: {error}") from None
-
-
-def _numbers(value: str) -> list[float]:
-    """Split an attribute into numbers, as C reads them; empty if one of its words is not a number."""
-    try:
-        words = [re.sub(r"(?i)^([-+]?nan)\(\w*\)$", r"\1", word) for word in value.split()]
-        return [float.fromhex(word) if "0x" in word.lower() else float(word) for word in words]
-    except (ValueError, OverflowError):
-        return []
 
 
 def list_vehicles() -> dict[str, Path]:
@@ -472,7 +443,8 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     mujoco.mj_forward(model, data)
     mass, centre, inertia = mass_properties(model, data, slice(None))
     about_centre = inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    if not (np.isfinite(inertia).all() and np.linalg.eigvalsh(about_centre)[0] > mujoco.mjMINVAL):
+    movable = mass <= _HEAVIEST and np.isfinite(inertia).all()
+    if not (movable and np.linalg.eigvalsh(about_centre)[0] > mujoco.mjMINVAL):
         raise InputError(f"{path}: its mass or inertia is too small or too large to move; expected those of a vehicle")
     carried = float((model.body_mass * model.body_gravcomp).sum())
     drag = description.drag
@@ -494,6 +466,8 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
             Inertial(*(x[b].copy() for x in (model.body_ipos, model.body_iquat, model.body_mass, model.body_inertia)))
             for b in range(1, model.nbody)
         ],
+        radius=_radius(model),
+        size=_size(model, data),
         actuators=_actuators(path, model, data, description.actuators),
         hold=description.attitude,
         drag=linear,
@@ -503,6 +477,23 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     )
     _check(vehicle)
     return vehicle
+
+
+def _radius(model: mujoco.MjModel) -> float:
+    """Return the radius about the origin that holds the geoms that are seen, at least 0.05 m."""
+    reach = np.zeros(model.nbody)  # how far a body's origin is from the vehicle's at most; parents come first
+    for body in range(1, model.nbody):
+        reach[body] = reach[model.body_parentid[body]] + np.linalg.norm(model.body_pos[body])
+    farthest = reach[model.geom_bodyid] + np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
+    return float(farthest[model.geom_group < SEEN_GROUPS].max(initial=0.05))
+
+
+def _size(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the longest side of the box about all geoms along the axes, m; 0 without geoms."""
+    frames = data.geom_xmat.reshape(-1, 3, 3)
+    middle = data.geom_xpos + np.einsum("gij,gj->gi", frames, model.geom_aabb[:, :3])
+    half = np.einsum("gij,gj->gi", np.abs(frames), model.geom_aabb[:, 3:])
+    return float(((middle + half).max(axis=0) - (middle - half).min(axis=0)).max()) if model.ngeom else 0.0
 
 
 def _check(vehicle: Vehicle) -> None:

@@ -32,7 +32,7 @@ from mjsheaf.video.film import (
 )
 from mjsheaf.video.flow import largest_speed, velocities
 from mjsheaf.video.sea import Sea
-from mjsheaf.video.sizes import MOMENTS, automatic_scales, vehicle_radii
+from mjsheaf.video.sizes import MOMENTS, automatic_scales
 
 if TYPE_CHECKING:
     from mjsheaf.engine import mujoco
@@ -148,7 +148,7 @@ def film_of(
         kinds=system.bodies.vehicle,
         media=media_of(phases, places),
         stages=[_stage(phase) for phase in phases] if any(phase.events for phase in phases) else (),
-        automatic=automatic_scales(system.bodies.vehicle, vehicle_radii(arena.model, arena.body), places),
+        automatic=automatic_scales(system.bodies.vehicle, system.vehicle_radii, places),
         obstacles=system.obstacles,
         restraints=partial(restraints_of, dataset, system.control.law.safety) if "safety_cause" in dataset else None,
         seas=seas,

@@ -6,15 +6,11 @@ size of the run. It stays smaller than the usual gap between neighbours, so that
 
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mjsheaf.arrays import Array, IntArray
-
-if TYPE_CHECKING:
-    from mjsheaf.engine import mujoco
+from mjsheaf.arrays import Array
 
 MIN_FRACTION = 1 / 18
 """Smallest size of a vehicle as it is drawn, as a fraction of the size of the run."""
@@ -22,8 +18,6 @@ MAX_GAP_FRACTION = 0.8
 """Largest size of an enlarged vehicle as it is drawn, as a fraction of the gap between neighbours."""
 MOMENTS = 9
 """Number of samples of a run from which its size is found."""
-SEEN_GROUPS = 3
-"""MuJoCo shows geoms of the first three groups; collision shapes are in later ones."""
 
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
@@ -73,29 +67,6 @@ def _typical_gap(positions: Array) -> float:
             nearest, _ = cKDTree(known).query(known, k=2)
             gaps.append(float(np.median(nearest[:, 1])))
     return float(np.median(gaps)) if gaps else np.inf
-
-
-def vehicle_radii(model: "mujoco.MjModel", body_id: IntArray) -> Array:
-    """Compute a radius about each root body's origin that holds what is seen of its vehicle.
-
-    Args:
-        model: MuJoCo's compiled model.
-        body_id: Root body of each vehicle, shape (V,).
-
-    Returns:
-        Radius of each vehicle, at least 0.05 m, shape (V,).
-    """
-    root = model.body_rootid
-    # How far a body's origin can be from its root's, whichever way its joints turn; parents come before children.
-    reach = np.zeros(model.nbody)
-    for body in np.flatnonzero(np.isin(root, body_id) & ~np.isin(np.arange(model.nbody), body_id)):
-        reach[body] = reach[model.body_parentid[body]] + np.linalg.norm(model.body_pos[body])
-    geoms = np.flatnonzero(np.isin(root[model.geom_bodyid], body_id) & (model.geom_group < SEEN_GROUPS))
-    bodies = model.geom_bodyid[geoms]
-    radius = np.full(model.nbody, 0.05)
-    outermost = reach[bodies] + np.linalg.norm(model.geom_pos[geoms], axis=1) + model.geom_rbound[geoms]
-    np.maximum.at(radius, root[bodies], outermost)
-    return np.asarray(radius[body_id])
 
 
 def round_up(value: float) -> float:

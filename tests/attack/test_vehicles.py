@@ -1,4 +1,4 @@
-"""Malicious vehicles: MuJoCo files that diverge, contradict themselves, or change while they are read.
+"""Malicious vehicles: MuJoCo files that reach outside, contradict themselves, or change while they are read.
 
 Oracle: the contract. Each is accepted, or refused in one line with exit code 2 (1 where `check` then finds an
 assumption open), within bounded memory and time.
@@ -28,22 +28,9 @@ HARMFUL = {
     "include outside": BODY.replace("<asset>", '<include file="../outside.xml"/><asset>'),
     "plugin": BODY.replace("<asset>", '<extension><plugin plugin="mujoco.pid"/></extension><asset>'),
     "huge arena": BODY.replace("<default>", '<size memory="900G"/><default>', 1),
-    "replicated": BODY.replace('<geom type="box"', '<replicate count="2000000000"><geom type="box"').replace(
-        'material="livery"/>', 'material="livery"/></replicate>', 1
-    ),
-    "replicated in itself": BODY.replace(
-        '<geom type="box"', '<replicate count="3000">' * 3 + '<geom type="box"'
-    ).replace('material="livery"/>', 'material="livery"/>' + "</replicate>" * 3, 1),
-    "huge height field": BODY.replace(
-        "<asset>", '<asset><hfield name="h" nrow="2000000" ncol="2000000" size="1 1 1 1"/>'
-    ),
-    "huge texture": BODY.replace(
-        "<asset>", '<asset><texture name="t" type="2d" builtin="flat" width="60000" height="60000"/>'
-    ),
     "deep": BODY.replace('<geom type="box"', '<body pos="0 0 0">' * 20_000 + "</body>" * 20_000 + '<geom type="box"'),
     "not a number": BODY.replace('mass="60"', 'mass="nan"'),
     "no mass": BODY.replace('mass="60"', 'mass="0"'),
-    "endless mass": BODY.replace('mass="60"', 'mass="1e300"'),
     "truncated": BODY[: len(BODY) // 2],
     "binary": "\x00\x01\x02" * 1000,
     "empty": "",

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.bodies import pack_fleet
-from mjsheaf.simulation.linear import Station, linearise
+from mjsheaf.simulation.linear import HeldPoint, linearise
 from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
 from mjsheaf.vehicles.effects import Effects, capability_of, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
@@ -402,7 +402,7 @@ def test_a_boat_with_one_outboard_engine_is_steered_at_a_hand_point(tmp_path: Pa
 def test_its_loop_is_linear_in_a_current_and_not_at_rest() -> None:
     """Without thrust it has no direction; with some, the loop's sway mode decays at about 1 / tau."""
     vehicle, control = load_vehicle(NAME), alone(NAME).system.control
-    stations = [Station(vehicle, np.array(w), 0.0) for w in ([0.0, 0.0, 0.0], [0.5, 0.3, 0.0])]
+    stations = [HeldPoint(vehicle, np.array(w), 0.0) for w in ([0.0, 0.0, 0.0], [0.5, 0.3, 0.0])]
     still, model = linearise(stations, control, 0.005, 1)
     assert isinstance(still, str)
     assert not isinstance(model, str)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
+from mjsheaf.checking.authority import authority_of
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.arena import size_of
-from mjsheaf.vehicles.authority import authority_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import POWERED, altered
 
@@ -69,7 +68,7 @@ def test_what_it_is() -> None:
     assert 1025 * np.pi * 0.35**2 * 0.152 == pytest.approx(buoy.mass, rel=1e-2)
     assert buoy.description.hydrostatics is not None
     assert buoy.description.hydrostatics.heave == pytest.approx(1025 * 9.81 * np.pi * 0.35**2, rel=1e-2)
-    assert 1.0 < size_of(buoy) < 2.0
+    assert 1.0 < buoy.size < 2.0
     assert authority_of(buoy).describe() == "not at all"
     assert set(list_vehicles()) == {*POWERED, "buoy"}
 

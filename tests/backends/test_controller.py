@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 import mjsheaf
 from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.control.sample import ReadOnlyTeam, Sample
-from mjsheaf.control.source import load_controller
 from mjsheaf.errors import InputError
+from mjsheaf.scenario.law_file import load_controller
 from tests.builders import mixed_scenario
 from tests.commands import IDEAL, RUN_FILES, answer_of, call, is_refusal
 from tests.running import run_ideal, run_physics

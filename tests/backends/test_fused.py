@@ -125,7 +125,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         theirs.qpos[:], theirs.qvel[:], theirs.act[:] = ours.qpos, ours.qvel, ours.act
         theirs.memory.command[:] = ours.memory.command
         before = w.copy()
-        apply_forces(world._loop, world._arrays, of_world.start + k * h, 0, V)
+        apply_forces(world._loop, world._arrays, of_world.start + k * h)
         mujoco.mj_step(world.model, world.data)
         assert advance_block(fused._loop, fused._motion, 0, V, k, 1, nothing, -1, fused._bad)
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
 from mjsheaf import check, load_scenario, simulate
+from mjsheaf.checking.authority import authority_of, may_lack
 from mjsheaf.checking.finished import ending_of_run
 from mjsheaf.checking.stuck import find_stuck
 from mjsheaf.comparing.ladder import ladder_of, run_ablation
@@ -24,8 +25,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.vehicles.actuators import Thruster
 from mjsheaf.vehicles.allocation import allocate_nearest
-from mjsheaf.vehicles.authority import authority_of, is_one_sided, may_lack, turning_of
-from mjsheaf.vehicles.effects import Effects, embody
+from mjsheaf.vehicles.effects import Effects, embody, is_one_sided, turning_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -119,8 +119,7 @@ def test_a_state_of_another_scenario_is_refused_and_changes_nothing() -> None:
 
 # -- what a phase may change, and what it may not ----------------------------------------------------------------------
 
-ENGINES = [("ideal", "mujoco", 1), ("bodies", "mujoco", 1), ("bodies", "mujoco", 2), ("bodies", "fused", 1),
-           ("bodies", "fused", 2)]  # fmt: skip
+ENGINES = [("ideal", "mujoco", 1), ("bodies", "mujoco", 1), ("bodies", "fused", 1), ("bodies", "fused", 2)]
 
 
 def in_a_flow(drift: list[float], **fields: Any) -> Scenario:
@@ -142,8 +141,11 @@ def in_a_flow(drift: list[float], **fields: Any) -> Scenario:
 
 
 @pytest.mark.parametrize(("backend", "engine", "threads"), ENGINES)
-def test_a_phase_brings_its_own_medium(backend: str, engine: str, threads: int) -> None:
+def test_a_phase_brings_its_own_medium(
+    backend: str, engine: str, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Still water, then a current of 2 m/s, then still water again."""
+    monkeypatch.setattr("mjsheaf.simulation.fused._WORTH_A_THREAD", 1)
     still, moving = (in_a_flow(drift).system for drift in ([0.0, 0.0], [2.0, 0.0]))
     run = on_engine([Phase(0, still), Phase(10, moving), Phase(25, still)], engine, threads)
     stream_of = stream_ideal if backend == "ideal" else stream_physics

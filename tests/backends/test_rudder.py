@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.bodies import pack_fleet
-from mjsheaf.simulation.linear import Station, linearise
+from mjsheaf.simulation.linear import HeldPoint, linearise
 from mjsheaf.simulation.loop import STOPPED
 from mjsheaf.vehicles.actuators import AzimuthThruster, RudderThruster, aim, flow_wrench
 from mjsheaf.vehicles.effects import Effects, embody, has_effects
@@ -262,7 +262,7 @@ def test_its_loop_is_linear_in_a_current_and_not_at_rest() -> None:
     """In a current, a velocity command of 1 along each axis is reached in the end."""
     vehicle, control = load_vehicle(NAME), alone(NAME).system.control
     current = np.array([-0.8, 0.0, 0.0])
-    still, model = linearise([Station(vehicle, w, 0.0) for w in (np.zeros(3), current)], control, 0.005, 1)
+    still, model = linearise([HeldPoint(vehicle, w, 0.0) for w in (np.zeros(3), current)], control, 0.005, 1)
     assert isinstance(still, str)
     assert not isinstance(model, str)
     factors = np.linalg.eigvals(model.A)

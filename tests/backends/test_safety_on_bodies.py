@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import Scenario, Session, load_scenario, simulate
-from mjsheaf.simulation.linear import Station, linearise, step_responses
+from mjsheaf.simulation.linear import HeldPoint, linearise, step_responses
 from mjsheaf.vehicles.loading import list_vehicles
 
 PASSIVE = {"buoy"}
@@ -129,7 +129,7 @@ def test_no_commands_bring_a_vehicle_past_its_margin(vehicle: str, speed: float)
     scenario = alone(vehicle, speed)
     system = scenario.whole
     (model,) = linearise(
-        [Station(system.vehicles[0], np.zeros(3), 0.0)], system.control, system.timestep, system.steps_per_sample
+        [HeldPoint(system.vehicles[0], np.zeros(3), 0.0)], system.control, system.timestep, system.steps_per_sample
     )
     assert not isinstance(model, str)
     S = step_responses(model, system.grid.period)

@@ -10,7 +10,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.control.obstacles import centres, distances
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
-from mjsheaf.simulation.walls import PREFIX
+from mjsheaf.simulation.arena import PREFIX
 
 _WALLS = [
     {"id": "pole", "kind": "capsule", "ends": [[0.0, -1.0, 3.0], [1.0, 1.0, 7.0]], "radius": 0.5},

@@ -211,13 +211,15 @@ def test_a_bad_state_ends_the_run_and_names_the_vehicle(value: float, name: str,
 
 
 def test_a_run_that_blows_up_keeps_what_was_recorded() -> None:
-    """A held gain far over its limit: the law's own divergence is named as the cause."""
+    """A held gain far over its limit: the gain is named, and where its margin is to be found."""
     scenario = mixed_scenario(
         controller={"gain": 500.0, "control_period": 0.01}, time={"end": 5.0}, vehicles={"tau": 0.001}
     )
     result = simulate(scenario, backend="physics")
     assert result.attrs["status"] == "unstable"
-    assert "k1 h lambda_max" in result.attrs["message"]
+    assert "likely cause: the law, with a controller.gain" in result.attrs["message"]
+    assert "mjsheaf check" in result.attrs["message"]
+    assert float(result.attrs["message"].split(", speed ")[1].split(" m/s, commanded ")[0]) > 100.0
     names = [*result.agent.values, *result.target.values]
     assert result.attrs["message"].removeprefix("unstable: ").split(" ")[0] in names
     assert 0.0 < float(result.time[-1]) < 5.0

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import load_scenario, simulate
+from mjsheaf import simulate
 from mjsheaf.arrays import Array
 from mjsheaf.checking import check
 from mjsheaf.checking.loop.directed import directed_loop, largest_delay
@@ -317,31 +317,13 @@ def test_the_vehicles_loop_of_a_directed_team_is_that_of_its_eigenvalues() -> No
     assert found["largest_gain"] == pytest.approx(expected["largest_gain"], rel=2e-3)
 
 
-def test_a_blow_up_names_the_largest_gain_of_check() -> None:
+def test_the_largest_eigenvalue_gives_the_largest_gain_of_check() -> None:
     """One answer for a directed team and for ranges that do not fit."""
-    from mjsheaf.simulation.trajectory import likely_cause
-
     for scenario in (random_team(1, misfit=0.0, directed=0.5), three_ranges(2.0), random_team(2, directed=0.5)):
         limit = check(scenario, trial=False)["law"]["largest_gain"]
         assert limit == pytest.approx(
             2.0 / (scenario.system.grid.period * scenario.system.largest_eigenvalue), rel=1e-9
         )
-    beyond = three_ranges(20.0).system
-    assert "take controller.gain below 9.275" in likely_cause(beyond, beyond.grid.period)
-
-
-@pytest.mark.parametrize(
-    "changed",
-    [{"controller.newton.rounds": 2}, {"controller.integral.gain": 0.2}, {"links.sensing.delay": 0.1}],
-    ids=["newton", "integral", "unlike-delays"],
-)
-def test_a_blow_up_points_to_check_where_no_formula_has_the_largest_gain(changed: dict[str, Any]) -> None:
-    from mjsheaf.simulation.trajectory import likely_cause
-
-    system = load_scenario("paper", {"controller.gain": 1e4, **changed}).system
-    message = likely_cause(system, system.grid.period)
-    assert "mjsheaf check says how low" in message
-    assert "controller.gain below" not in message
 
 
 BEARINGS = [[0.6, 0.8], [0.0, -1.0], [1.0, 0.0]]

@@ -39,9 +39,19 @@ FILMED_AGAIN = [*QUICKLY_FILMED, *EVERY[::16]]
 """Runs whose video is drawn a second time by the command `video`, which reads any run in the same way."""
 
 
-@pytest.mark.parametrize(  # on the backends in turn; the others are slow
+IN_TURN = [run for k, run in enumerate(EVERY) if k % 4 in (0, 3)]
+"""Each scenario on one of the backends."""
+
+
+@pytest.mark.parametrize(
     ("name", "backend"),
-    [pytest.param(*run, marks=[] if k % 4 in (0, 3) else [pytest.mark.slow]) for k, run in enumerate(EVERY)],
+    [
+        *(
+            pytest.param(*run, marks=[] if k % 3 == 0 else [pytest.mark.slow(each=True)])
+            for k, run in enumerate(IN_TURN)
+        ),
+        *(pytest.param(*run, marks=pytest.mark.long) for run in EVERY if run not in IN_TURN),
+    ],
 )
 def test_run_of_every_scenario(name: str, backend: str, published: Published) -> None:
     """To its end, with its expectations, which are met and at most a tenth wider than what is found."""

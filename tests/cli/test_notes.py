@@ -12,7 +12,6 @@ from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of
 from mjsheaf.engine import mujoco
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.arena import size_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import QUADROTOR_PAIR
 from tests.commands import call
@@ -128,7 +127,7 @@ def test_vehicles_through_each_other() -> None:
 
 
 def test_vehicles_closer_than_their_size() -> None:
-    size = size_of(load_vehicle("hexarotor"))
+    size = load_vehicle("hexarotor").size
     near = {"sensing.0.offset": [0, -4, -1], "sensing.1.offset": [-0.95 * size, -4, -1]}
     places = {"agents.Q1.position": [3, 0, 5], "agents.Q2.position": [3 - 0.95 * size, 0, 5]}
     found = noted({**near, **places})["close"]
@@ -193,7 +192,7 @@ def test_the_size_of_a_vehicle_is_that_of_its_vertices(name: str) -> None:
         corners.append(data.geom_xpos[g] + own @ data.geom_xmat[g].reshape(3, 3).T)
     points = np.concatenate(corners)
     longest = np.ptp(points, axis=0).max()
-    assert longest - 1e-9 <= size_of(vehicle) <= 1.5 * longest
+    assert longest - 1e-9 <= vehicle.size <= 1.5 * longest
 
 
 def test_the_paper_s_bodies_go_through_each_other_and_a_world_says_nothing() -> None:

@@ -85,6 +85,15 @@ def test_notes_are_in_order_of_importance(tmp_path: Path) -> None:
     assert kinds.index("limited") < kinds.index("submerged")
 
 
+def test_that_bodies_exceed_the_bound_of_ideal_kinematics_is_no_news(tmp_path: Path) -> None:
+    """The page and summary.json have it."""
+    answer = answer_of("run", "midpoint", "--set", "time.end=2", "--no-video", "--out", tmp_path / "out")
+    notes = json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]
+    assert [note["kind"] for note in notes] == ["bound"]
+    assert "Theorem 1" in notes[0]["text"]
+    assert "note" not in answer.out
+
+
 INTERRUPTED = """
 import os, sys
 from mjsheaf.cli import main
@@ -129,7 +138,7 @@ def test_many_notes_groups_and_phases_leave_twenty_lines(tmp_path: Path, capsys:
         "expect": {"met": None},
         "final": {"time": 9.0, **numbers, "groups": {f"group {k}": numbers for k in range(9)}},
         "phases": [{"final": {"time": 1.0, **numbers}, "events": ["lose A1"]}] * 9,
-        "notes": [{"text": f"note number {k}"} for k in range(9)],
+        "notes": [{"kind": "stuck", "text": f"note number {k}"} for k in range(9)],
         "free_directions": [],
         "steps": 1,
         "wall_time_s": 1.0,

@@ -244,7 +244,7 @@ def test_only_effects_that_matter_are_named(share: float, named: bool, torn: Com
     changed = [b.model_copy(update={"ideal_m": 0.0, "all_m": 1.0, "effects": [item]}) for b in torn.budgets]
     told = verdict_of(torn.model_copy(update={"budgets": changed}))
     (tracking,) = [sentence for sentence in told if sentence.startswith("tracking error")]
-    assert ("mainly lag: without it the error would be 0.1 m less" in tracking) == named
+    assert ("mainly lag: without it the error would be 0.9 m" in tracking) == named
     assert ("lag" in " ".join(told)) == named
 
 

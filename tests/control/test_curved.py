@@ -325,7 +325,7 @@ def test_no_position_makes_h_larger_than_its_bound(measures: str) -> None:
         x = np.zeros((6, 3))
         x[:, :2] = rng.normal(scale=scale, size=(6, 2))
         y = np.zeros(len(system.law.edges.b))
-        measure(system.law.edges, 0, len(system.law.edges.tail), x, y)
+        measure(system.law.edges, x, y)
         H = np.zeros((6, 6))
         for column in range(6):
             one, out = np.zeros((6, 3)), np.zeros((6, 3))

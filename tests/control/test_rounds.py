@@ -15,7 +15,7 @@ import xarray as xr
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.checking.loop.held_law import loop_of
-from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
+from mjsheaf.control.law import Memory, carry, evaluate_law, look, new_memory
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.noise import stream_of, uniforms
 from mjsheaf.results import dataset_bytes
@@ -114,8 +114,9 @@ def wander(scenario: Scenario, T: int, each: Callable[[int, Array, Memory], None
     memory, x = new_memory(system.law, len(system.initial)), system.initial.copy()
     dimension = np.array([m.dimension for m in scenario.team.members])
     for n in range(T):
-        evaluate_law(system.control, n * H, x, None, memory)
-        evaluate_law(system.control, n * H, x, None, memory)
+        for _ in range(2):
+            look(float(n), memory.held, memory.kept)
+            evaluate_law(system.control, n * H, x, None, memory)
         each(n, x, memory)
         x += rng.normal(0, 1, x.shape) * step * (np.arange(3) < dimension[:, None])
     return memory

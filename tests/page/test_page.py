@@ -111,6 +111,17 @@ def test_links_that_measure_ranges_and_bearings_are_off_by_what_they_measure(nam
 
 
 @pytest.mark.long
+def test_the_heading_has_the_law_of_every_phase() -> None:
+    """Once where events leave it as it is."""
+    events = [{"time": time, "set": {"controller.gain": gain}} for time, gain in ((0.2, 5), (0.4, 3))]
+    page = make_page("midpoint", "ideal", {"time.end": 0.5, "events": events}).page
+    assert said_in(page)["facts"]["law"] == (
+        "sheaf law, gain 3 1/s; from 0.2 s on sheaf law, gain 5 1/s; from 0.4 s on sheaf law, gain 3 1/s"
+    )
+    page = make_page("paper", "ideal", {"time.end": 0.5, "events": [{"time": 0.2, "lose": "A1"}]}).page
+    assert said_in(page)["facts"]["law"] == "sheaf law, gain 10 1/s"
+
+
 def test_bounds_are_drawn_in_every_phase_and_lie_above_the_error() -> None:
     """Over sqrt(N), as the error is the RMS over agents."""
     made = make_page("certified", "ideal", {"time.end": 12, "events": [{"time": 6, "cut": ["A1", "A2"]}]})

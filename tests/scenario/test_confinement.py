@@ -161,8 +161,7 @@ OUTSIDE = {
     "a plugin": ("xml", ASSET, f'<mesh name="m"><plugin plugin="mujoco.sdf.nut"/></mesh>{ASSET}', "plugins are code"),
     "an entity": ("xml", "<mujoco", '<!DOCTYPE mujoco [<!ENTITY x SYSTEM "file:///etc/passwd">]><mujoco', "DOCTYPE"),
     "a bomb": ("xml", "<mujoco", '<!DOCTYPE m [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><mujoco', "DOCTYPE"),
-    "another language": ("xml", "<mujoco model", "<robot name", "<robot> is the root of the file; expected <mujoco>"),
-    "deep nesting": ("xml", "<default>", "<default>" * 200, "nested more than 100 levels deep"),
+    "another language": ("xml", "<mujoco model", "<robot name", "not XML"),
     "a folder": ("yaml", "mjcf: raft.xml", "mjcf: .", "is no regular file"),
     "nothing": ("yaml", "mjcf: raft.xml", "mjcf: none.xml", "cannot be read: No such file"),
 }  # fmt: skip

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.control.source import load_controller
 from mjsheaf.errors import PlaceError
+from mjsheaf.scenario.law_file import load_controller
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.workers import local_workers

@@ -37,8 +37,7 @@ def afloat(**water: Any) -> Scenario:
 def met(waves: WaveArrays, x: float, y: float, time: float) -> list[float]:
     """Return elevation and slopes that a boat at a place meets."""
     state = new_wave_state(waves)
-    state.time[0] = time
-    return list(wave_surface(waves, state, 0, x, y)[:3])
+    return list(wave_surface(waves, state, time, 0, x, y)[:3])
 
 
 def test_the_drawn_surface_is_what_boats_meet() -> None:

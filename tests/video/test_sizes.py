@@ -6,8 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf import simulate
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
+from mjsheaf.vehicles.loading import SEEN_GROUPS
 from mjsheaf.video import VideoOptions, available_backend
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.from_run import both_films, film_of, half_options, video_options
@@ -19,7 +22,6 @@ from mjsheaf.video.sizes import (
     round_down,
     round_up,
     run_size,
-    vehicle_radii,
 )
 from tests.strategies import examples
 
@@ -75,6 +77,20 @@ def test_scales_are_said_by_kind_or_by_id() -> None:
     assert list_scales(kinds, ids, np.ones(4)) == []
 
 
+def radii_of(model: mujoco.MjModel, body_id: IntArray) -> Array:
+    """Find a radius about each vehicle's root body that holds its geoms, from body to body up to the root."""
+    radii = []
+    for root in body_id:
+        radius = 0.05
+        for g in np.flatnonzero((model.body_rootid[model.geom_bodyid] == root) & (model.geom_group < SEEN_GROUPS)):
+            reach, body = model.geom_rbound[g] + np.linalg.norm(model.geom_pos[g]), model.geom_bodyid[g]
+            while body != root:
+                reach, body = reach + np.linalg.norm(model.body_pos[body]), model.body_parentid[body]
+            radius = max(radius, float(reach))
+        radii.append(radius)
+    return np.array(radii)
+
+
 def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
     """Drones of half a metre among boats of five. Oracle: the model that is drawn."""
     backend, reason = available_backend()
@@ -84,9 +100,10 @@ def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
     film, model = film_of(scenario, simulate(scenario, backend="ideal"))
     options = video_options(scenario, width=640, height=360)
     scales = film.scales(options)
-    own = vehicle_radii(model, film.body_id)
+    own = radii_of(model, film.body_id)
+    np.testing.assert_allclose(own, scenario.system.vehicle_radii, rtol=1e-12)
     with Painter(film, model, options) as painter:
-        drawn = vehicle_radii(painter.model, film.body_id)
+        drawn = radii_of(painter.model, film.body_id)
         pixel = painter.camera.view(0).metres_per_pixel(360)
     np.testing.assert_allclose(drawn, scales * own, rtol=1e-9)
     assert 2 * own.min() < 1.0

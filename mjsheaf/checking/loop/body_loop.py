@@ -27,16 +27,16 @@ from mjsheaf.checking.loop.linear_law import Feedback, LawModel, model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
+from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.io.section import Record
 from mjsheaf.media.moving import WITHOUT_MEAN
-from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
+from mjsheaf.simulation.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
-from mjsheaf.vehicles.authority import is_one_sided, turning_of
+from mjsheaf.vehicles.effects import is_one_sided, turning_of
 
 StationKey = tuple[int, bytes]
 """Number of a vehicle; medium and heading in which it holds station."""
@@ -246,7 +246,7 @@ def mean_medium(system: System, time: Array, q_star: Array) -> Array:
     The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
     """
     stride = max(1, len(q_star) // _MOST_SAMPLES)
-    w = agent_drift(system, q_star[::stride])
+    w = agent_flow(system, q_star[::stride])
     w += agent_motion(system, time[::stride], q_star[::stride], WITHOUT_MEAN)
     mean = np.trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
     return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
@@ -305,7 +305,7 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     return [models[chosen[0]]] * len(keys)
 
 
-def _stations(system: System, medium: Array) -> tuple[list[StationKey], dict[StationKey, Station]]:
+def _stations(system: System, medium: Array) -> tuple[list[StationKey], dict[StationKey, HeldPoint]]:
     """Return the key of every agent's station, and the stations.
 
     Raises:
@@ -314,7 +314,7 @@ def _stations(system: System, medium: Array) -> tuple[list[StationKey], dict[Sta
     if not np.isfinite(medium).all():
         raise UndecidedError("the mean flow along q* is not known")
     keys = []
-    stations = dict[StationKey, Station]()
+    stations = dict[StationKey, HeldPoint]()
     for i, agent in enumerate(system.team.agents):
         speed = float(np.linalg.norm(medium[i]))
         if speed > system.law.limit[i]:
@@ -327,12 +327,12 @@ def _stations(system: System, medium: Array) -> tuple[list[StationKey], dict[Sta
     return keys, stations
 
 
-def key_of(station: Station) -> StationKey:
+def key_of(station: HeldPoint) -> StationKey:
     """Return what is equal for stations that share a linear vehicle."""
     return id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()
 
 
-def _extreme_stations(stations: Mapping[StationKey, Station]) -> list[StationKey]:
+def _extreme_stations(stations: Mapping[StationKey, HeldPoint]) -> list[StationKey]:
     """Choose stations at the extremes of the flow, and some between.
 
     Raises:
@@ -346,7 +346,7 @@ def _extreme_stations(stations: Mapping[StationKey, Station]) -> list[StationKey
     return [keys[k] for k in sorted(int(k) for k in extreme)]
 
 
-def _why_no_model(id_: str, station: Station, failure: str) -> str:
+def _why_no_model(id_: str, station: HeldPoint, failure: str) -> str:
     """Return why an agent has no linear vehicle."""
     speed = float(np.linalg.norm(station.medium))
     why = f"{failure} (some push one way only)" if is_one_sided(station.vehicle) else failure
@@ -355,15 +355,15 @@ def _why_no_model(id_: str, station: Station, failure: str) -> str:
     return f"{id_} cannot hold station in a mean flow of {speed:.3g} m/s relative to its q*: {why}"
 
 
-def station_in(system: System, number: int, medium: Array) -> Station:
+def station_in(system: System, number: int, medium: Array) -> HeldPoint:
     """Return where a vehicle holds station; one that holds no heading turns into the current if the run lasts."""
     vehicle, heading = system.vehicles[number], float(system.bodies.heading[number])
     if vehicle.steering.attitude:
-        return Station(vehicle, medium, heading)
+        return HeldPoint(vehicle, medium, heading)
     span = system.grid.period * system.grid.steps
     if float(np.hypot(medium[0], medium[1])) * span < _TURNS * vehicle.steering.hand:
-        return Station(vehicle, np.zeros(3), heading)
-    return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
+        return HeldPoint(vehicle, np.zeros(3), heading)
+    return HeldPoint(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 
 
 def _response(model: LinearVehicle, period: float) -> Array:

@@ -106,9 +106,7 @@ class DirectedLoop:
     @cached_property
     def largest_gain(self) -> float | None:
         """The gain up to which the paper's law is stable, 2 min Re(lambda) / (h |lambda|^2), 1/s; None with terms."""
-        if self.system.law.extended or not len(self.values) or not (self.values.real > 0.0).all():
-            return None
-        return float((2.0 * self.values.real / np.abs(self.values) ** 2).min() / self.system.grid.period)
+        return None if self.system.law.extended else largest_gain(self.values, self.system.grid.period)
 
     @property
     def stable_gains(self) -> tuple[float, float] | None:
@@ -144,6 +142,23 @@ def directed_loop(system: System) -> DirectedLoop:
     if system.grid.continuous:
         raise UndecidedError("the law is continuous: see rigidity.rate")
     return DirectedLoop(system, held_eigenvalues(system.team))
+
+
+def largest_gain(values: Complex | Array, period: float, delay: int = 0) -> float | None:
+    """Return the gain from which on the paper's held law is unstable, 1/s; None if it is at any gain.
+
+    With k1 h |lambda| = 2 sin(theta / 2), see `largest_delay`, that is min 2 sin(theta / 2) / (h |lambda|), which is
+    2 min Re(lambda) / (h |lambda|^2) without delay.
+
+    Args:
+        values: Eigenvalues of H, shape (L,).
+        period: h, s.
+        delay: Delay of all measurements, m periods.
+    """
+    if not len(values) or not (values.real > 0.0).all():
+        return None
+    half = (0.5 * np.pi - np.abs(np.angle(values))) / (2 * delay + 1)
+    return float((2.0 * np.sin(half) / np.abs(values)).min() / period)
 
 
 def largest_delay(values: Complex, product: float) -> int:

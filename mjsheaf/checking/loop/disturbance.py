@@ -37,7 +37,7 @@ from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.errors import InputError, UndecidedError, raise_first, select_true
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.media.gusts import FrozenArrays, GustArrays
+from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
 from mjsheaf.media.moving import of_kind
 from mjsheaf.media.waves import Components
 from mjsheaf.simulation.linear import LinearVehicle
@@ -178,9 +178,10 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
             along, up = _speeds(system, flow.waves.sampled(system.seed), number, system.initial[:, 2])
             variance += 0.5 * np.sum(along**2 + up**2, axis=0)
     for gusts in of_kind(system.moving, GustArrays):
-        variance += np.square(gusts.filters[:, 4]) * (1.0 + (gusts.streams[:, 0] > 0))
+        met = gusts.met > 0
+        variance[met] += 2.0 * np.square([filter_of(row).u.size for row in gusts.filters])
     for frozen in of_kind(system.moving, FrozenArrays):
-        variance += 2.0 * frozen.filter[4] ** 2 * (frozen.met > 0)
+        variance += 2.0 * filter_of(frozen.filter).u.size ** 2 * (frozen.met > 0)
     found = {}
     for i, id in enumerate(system.team.agent_ids):
         able = min(capability_of(system.vehicles[i]).least_speed, float(system.law.limit[i]))
@@ -414,48 +415,51 @@ def _angles(loop: _Loop, slowest: float) -> Iterator[tuple[float, float]]:
     yield from zip(angles.tolist(), (weight * angles / np.pi).tolist(), strict=True)
 
 
-def _spectra(row: Array, z: complex) -> list[float]:
-    """Return the spectra of u, v and w of a row of `GustArrays.filters` at z, m^2/s^2."""
-    found = [abs(row[4] * row[3] / (z - row[2])) ** 2]
-    for first in (5, 12):
-        decay, slip, corner, below, last, one, other = row[first : first + 7]
-        pole = 1.0 / (z - decay)
-        mixed = corner * (one + other * slip * pole) + other * below
-        found.append(abs(mixed * pole) ** 2 + abs(other * last * pole) ** 2)
+def _spectra(gusts: Filter, z: complex) -> list[float]:
+    """Return the spectra of u, v and w at z, m^2/s^2."""
+    found = [abs(gusts.u.size * gusts.u.noise / (z - gusts.u.decay)) ** 2]
+    for f in (gusts.v, gusts.w):
+        pole = 1.0 / (z - f.decay)
+        mixed = f.corner * (f.one + f.other * f.slip * pole) + f.other * f.below
+        found.append(abs(mixed * pole) ** 2 + abs(f.other * f.last * pole) ** 2)
     return found
 
 
-def _frame(row: Array) -> Array:
+def _frame(gusts: Filter) -> Array:
     """Return the directions of u, v and w, shape (3, 3)."""
-    return np.array([[row[0], row[1], 0.0], [-row[1], row[0], 0.0], [0.0, 0.0, 1.0]])
+    return np.array([[gusts.cosine, gusts.sine, 0.0], [-gusts.sine, gusts.cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _slowest(filters: list[Filter]) -> float:
+    """Return the smallest part of a state that decays in a period."""
+    return min(float(1.0 - part.decay) for f in filters for part in (f.u, f.v, f.w))
 
 
 def _of_gusts(system: System, loop: _Loop, carrier: Carrier, tau: Array, gusts: GustArrays) -> Array:
     """Return the variances by gusts of each vehicle's own, stacked, shape (n_q,), m^2."""
-    met = np.flatnonzero(gusts.streams[:, 0])
-    slowest = float((1.0 - gusts.filters[met][:, [2, 5, 12]]).min())
+    filters = [filter_of(row) for row in gusts.filters]
 
     def sources(z: complex, rate: float) -> Iterator[tuple[Complex, float]]:
-        for v in met:
-            for direction, size in zip(_frame(gusts.filters[v]), _spectra(gusts.filters[v], z), strict=True):
-                velocity = np.zeros((len(gusts.streams), 3), dtype=np.complex128)
+        for v, f in zip(np.flatnonzero(gusts.met), filters, strict=True):
+            for direction, size in zip(_frame(f), _spectra(f, z), strict=True):
+                velocity = np.zeros((len(gusts.met), 3), dtype=np.complex128)
                 velocity[v] = direction
                 yield velocity, size
 
-    return _integrated(system, loop, carrier, tau, slowest, sources)
+    return _integrated(system, loop, carrier, tau, _slowest(filters), sources)
 
 
 def _of_frozen(system: System, loop: _Loop, carrier: Carrier, tau: Array, frozen: FrozenArrays) -> Array:
     """Return the variances by a frozen field, stacked, shape (n_q,), m^2."""
-    place, row = frozen.place, frozen.filter
-    along = _places(system)[:, :2] @ place[:2]
+    f = filter_of(frozen.filter)
+    along = _places(system)[:, :2] @ [f.cosine, f.sine]
 
     def sources(z: complex, rate: float) -> Iterator[tuple[Complex, float]]:
-        phase = np.exp(-1j * rate * along / place[2]) * (frozen.met > 0)
-        for direction, size in zip(_frame(row), _spectra(row, z), strict=True):
+        phase = np.exp(-1j * rate * along / place_of(frozen.place).speed) * (frozen.met > 0)
+        for direction, size in zip(_frame(f), _spectra(f, z), strict=True):
             yield phase[:, None] * direction, size
 
-    return _integrated(system, loop, carrier, tau, float((1.0 - row[[2, 5, 12]]).min()), sources)
+    return _integrated(system, loop, carrier, tau, _slowest([f]), sources)
 
 
 def _integrated(

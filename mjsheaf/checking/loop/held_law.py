@@ -35,7 +35,7 @@ from mjsheaf.checking.loop.modelled import require_model, terms_without_bound, u
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
-from mjsheaf.checking.theorem.constants import agent_drift, agent_slopes
+from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.control.terms import traffic_of
@@ -247,7 +247,7 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
     harmonics = system.harmonics[:N].copy()
     harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * h / (2.0 * np.pi))  # the mean of a sine over a period
     shaken = evaluate(harmonics, system.grid.span(0, K) + 0.5 * h)
-    F = agent_drift(system, middle) + shaken.reshape(K, -1)[:, team.slots[:n_q]]
+    F = agent_flow(system, middle) + shaken.reshape(K, -1)[:, team.slots[:n_q]]
     observed = np.zeros_like(F)
     if terms.drift > 0.0:
         observed = _filtered(F, terms.drift)
@@ -515,6 +515,18 @@ def directed_law_loop(system: System) -> LawLoop:
     except UndecidedError as error:
         found["reason"] = str(error)
     return LawLoop(**found)
+
+
+def largest_integral(system: System) -> float:
+    """Return the smallest k_I, 1/s^2, with which the held integral diverges; 0 without terms.
+
+    For an eigenvalue lambda of H, the held loop of e and z has the determinant 1 - h (k1 lambda - h k_I lambda). With
+    the Newton direction and exact rounds it is 1 - h (k1 - h k_I lambda). Both are below 1 only for smaller k_I.
+    """
+    terms = system.law.terms
+    if not terms.agents:
+        return 0.0
+    return system.gain / (terms.period * (system.largest_eigenvalue if terms.newton else 1.0))
 
 
 def _noise(system: System, loop: Loop) -> float:

@@ -388,14 +388,16 @@ def _one_agent(law: LawArrays) -> ControlArrays:
     """Return a law as one agent runs it that measures two points, without limits, noise and losses."""
     solid = bool(law.edges.F_tail[:, 2].any() or law.edges.F_head[:, 2].any())
     F = np.tile(np.diag([1.0, 1.0, float(solid)]), (2, 1))
-    edges = EdgeArrays.of(
+    edges = EdgeArrays(
         tail=np.zeros(2, dtype=np.int64),
         head=np.array([1, 2], dtype=np.int64),
         listens=np.array([[True, False], [True, False]]),
         first=np.array([0, 3, 6], dtype=np.int64),
-        maps=np.stack((F, F, F, F)),
+        F_tail=F,
+        F_head=F,
+        P_tail=F.copy(),
+        P_head=F.copy(),
         b=np.zeros(6),
-        V=3,
     )
     motion = MotionArrays(
         pull=np.zeros(3),
@@ -443,7 +445,6 @@ def _answer(control, t, start, cells, size, points, weights, still, memory, ends
             for i in range(3):
                 edges.P_tail[r, i] = weights[one, r // 3] * edges.F_tail[r, i]
                 edges.P_head[r, i] = weights[one, r // 3] * edges.F_head[r, i]
-                edges.pulls[r, i] = -edges.P_tail[r, i]  # of the agent, which is the tail of both edges
         for case in range(n + points.shape[0]):
             for i in range(start.shape[0]):
                 memory.flat[i] = start[i]

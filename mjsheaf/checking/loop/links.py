@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.checking.loop.delay import DelayAnswer, delay_answer, papers_answer
-from mjsheaf.checking.loop.directed import continuous_delay_margin, directed_loop, held_eigenvalues
+from mjsheaf.checking.loop.directed import continuous_delay_margin, directed_loop, held_eigenvalues, largest_gain
 from mjsheaf.checking.loop.link_noise import NoiseAnswer, noise_answer
 from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
@@ -28,7 +28,6 @@ from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.simulation.trajectory import largest_gain
 from mjsheaf.system import System
 from mjsheaf.team import Team
 from mjsheaf.team.links import KINDS
@@ -69,8 +68,22 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
     found = _answers(system, path)
     if found is None or found.delay.delay is None:
         return found
-    delay = found.delay.model_copy(update={"largest_gain": largest_gain(system)})
+    delay = found.delay.model_copy(update={"largest_gain": _largest_gain(system)})
     return found.model_copy(update={"delay": delay})
+
+
+def _largest_gain(system: System) -> float | None:
+    """Return the controller.gain from which on the held law is unstable over its links, 1/s.
+
+    It is None if it is not known: where a term changes it, and where measurements are not equally old.
+    """
+    law, team, delays = system.law, system.local.team, system.law.links.table["delay"]
+    alike = not delays.any() or (len(delays) == len(system.team.measuring_edges) and len(set(delays.tolist())) == 1)
+    changed = law.terms.newton or law.terms.integral or law.custom or (law.extended and not team.symmetric)
+    if system.grid.continuous or changed or not alike:
+        return None
+    values = np.array([system.largest_eigenvalue]) if team.symmetric else held_eigenvalues(team)
+    return largest_gain(values, system.grid.period, int(delays.max(initial=0)))
 
 
 def _answers(system: System, path: TargetPath) -> LinkRecord | None:

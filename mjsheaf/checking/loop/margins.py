@@ -7,6 +7,7 @@ from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array
+from mjsheaf.checking.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.checking.loop.body_loop import BodyLoop, held_modes, loop_on_path
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import Difference, velocities_along
@@ -17,7 +18,6 @@ from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.probe import mean_flow
 from mjsheaf.system import System
-from mjsheaf.vehicles.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 

@@ -20,10 +20,7 @@ from mjsheaf.errors import UndecidedError, listed, select_true
 from mjsheaf.system import System
 
 _LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links", "custom", "safety"))
-_EDGES = frozenset((
-    "tail", "head", "listens", "first", "F_tail", "F_head", "P_tail", "P_head", "b", "pulls", "row", "first_pull",
-    "kinds",
-))  # fmt: skip
+_EDGES = frozenset(("tail", "head", "listens", "first", "F_tail", "F_head", "P_tail", "P_head", "b", "kinds"))
 _TERMS = frozenset((
     "agents", "dimension", "period", "sensing", "eigenvalues", "steepest", "fresh", "feedforward", "newton", "measured",
     "drift", "lead", "settled", "integral", "largest", "noise", "bias", "seed", "streams", "rounds",

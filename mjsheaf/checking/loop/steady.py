@@ -24,7 +24,7 @@ from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
 from mjsheaf.checking.loop.linear_law import LinearLaw, model_of
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
-from mjsheaf.checking.theorem.constants import agent_drift, agent_motion
+from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.control import LawArrays
 from mjsheaf.errors import UndecidedError, raise_first, select_true
@@ -180,7 +180,7 @@ def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
     harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * period / (2.0 * np.pi))  # the mean of a sine over a period
     shaken = evaluate(harmonics, times).reshape(last - first, -1)
     middle = 0.5 * (q_star[1:] + q_star[:-1])
-    flow = agent_drift(system, middle) + shaken[:, system.team.slots[: q_star.shape[1]]]
+    flow = agent_flow(system, middle) + shaken[:, system.team.slots[: q_star.shape[1]]]
     for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
         flow += 0.5 * agent_motion(system, instant, middle)
     return flow
@@ -195,7 +195,7 @@ def _initial_part(system: System, path: _Path, rate: float | None) -> float:
 
 def _shear(system: System, places: Array, path: _Path) -> float:
     """Return the RMS over agents of the difference in steady flow between places (counted, n_q), m, and q*, m/s."""
-    difference = agent_drift(system, places) - agent_drift(system, path.q_star[-path.counted :])
+    difference = agent_flow(system, places) - agent_flow(system, path.q_star[-path.counted :])
     return float(np.sqrt((difference**2).sum(axis=1).mean() / len(system.team.agents)))
 
 

@@ -32,11 +32,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control.theorem import disturbance_bound
 from mjsheaf.media import disturbance
-from mjsheaf.media.bounds import Supremum, supremum
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.media.medium import moving_along, undisturbed
 from mjsheaf.media.moving import GAUSSIAN, bounds_of, pieces_of
@@ -88,7 +88,7 @@ def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tupl
     """Return H^-1 B f_p, f_q(q*), and what disturbances add to their difference; see `Difference`."""
     carried = carrier.carry(np.nan_to_num(path.drift))
     shaken = carrier.carry(_shaking(system, path)) - agent_motion(system, path.time, path.q_star, GAUSSIAN)
-    return carried, agent_drift(system, path.q_star), shaken
+    return carried, agent_flow(system, path.q_star), shaken
 
 
 def _shaking(system: System, path: TargetPath) -> Array:
@@ -139,7 +139,7 @@ def _bound(system: System, carrier: Carrier, cells: Cells) -> tuple[Array, Array
     """Bounds on |f_B| over cells, and values that it reaches in each at least, shapes (n,), m/s."""
     moves = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
     q_star = carrier.extend(cells.centre)
-    centre = np.linalg.norm(carrier.carry(cells.drift) - agent_drift(system, q_star), axis=1)
+    centre = np.linalg.norm(carrier.carry(cells.drift) - agent_flow(system, q_star), axis=1)
     spread = carrier.spread(cells.spread, agent_slopes(system, q_star, moves), moves)
     upper = centre + spread
     return np.where(np.isnan(upper), np.inf, upper), np.nan_to_num(np.maximum(centre - spread, 0.0))
@@ -197,7 +197,7 @@ def coarser(cells: Cells, most: int) -> Cells:
     return cells
 
 
-def agent_drift(system: System, q: Array) -> Array:
+def agent_flow(system: System, q: Array) -> Array:
     """f_q at stacked agent states (T, n_q): the flow that agents meet, stacked; shape (T, n_q), m/s."""
     spread = system.team.unpack(q)
     w = np.zeros_like(spread)
@@ -231,7 +231,7 @@ def agent_slopes(system: System, q: Array, radii: Array) -> Array:
     """Bounds on |df_i/dq| over balls of radii (T, N) about stacked agent states (T, n_q), shape (T, N), 1/s."""
     spread, slopes = system.team.unpack(q), np.empty(radii.shape)
     for field, own in _agents_by_field(system):
-        slopes[:, own] = system.flows[field].slope_bound(spread[:, own], radii[:, own])
+        slopes[:, own] = bound_slopes(system.flows[field], spread[:, own], radii[:, own])
     return slopes
 
 

@@ -26,15 +26,15 @@ import numpy as np
 from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
 from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, evaluate_law, new_control, new_memory, pack_edges
 from mjsheaf.control.links import no_links
 from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media import disturbance
-from mjsheaf.media.flow import flow_scale, flow_slope
 from mjsheaf.media.medium import MediumArrays, moving_velocity
-from mjsheaf.media.moving import of_kind, rows_of
+from mjsheaf.media.moving import of_kind
 from mjsheaf.media.waves import WaveArrays
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
@@ -526,7 +526,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
         planar=medium.planar[N:],
         rows=medium.rows[N:],
         harmonics=disturbance.pack(system.harmonics[N:]),
-        parts=rows_of(medium.parts, np.arange(N, len(medium.planar))),
+        parts=tuple(part._replace(met=part.met[N:]) for part in medium.parts),
     )
     return new_control(alone, motion._replace(**own)), around, system.initial[N:].copy()
 

@@ -1,20 +1,20 @@
 """Warnings about valid but suspicious values: angles in radians, static targets in a flow, uneven recordings.
 
 `check`, `run` and `list --vehicles` print them, also about vehicles that cannot do what their description asks of them,
-see `mjsheaf.vehicles.authority`, and what is left out of their files.
+see `mjsheaf.checking.authority`, and what is left out of their files.
 """
 
 import math
 
 import numpy as np
 
+from mjsheaf.checking.authority import shortfalls_of
 from mjsheaf.dynamics.motion import Adrift, Motion, Recorded, Static
 from mjsheaf.errors import listed
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.probe import mean_flow
 from mjsheaf.scenario.scenario import Agent, Scenario, Target
-from mjsheaf.vehicles.authority import shortfalls_of
 from mjsheaf.vehicles.steering import ThrustVector
 from mjsheaf.vehicles.vehicle import Vehicle
 

@@ -15,10 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from mjsheaf.checking.theorem.flow_bounds import Supremum, _Kernels
+from mjsheaf.checking.theorem.flow_bounds import supremum as supremum_of
 from mjsheaf.errors import InputError
 from mjsheaf.media import FlowField
-from mjsheaf.media.bounds import Supremum, _Kernels
-from mjsheaf.media.bounds import supremum as supremum_of
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
 from tests.strategies import examples
 
