@@ -154,13 +154,11 @@ class Stages(NamedTuple):
         terms: Shipped terms beyond -k1 eta.
         links: Links over which measurements are made.
         rounds: Links over which agents exchange numbers.
-        safety: What keeps vehicles apart.
     """
 
     terms: tuple[int, ...]
     links: tuple[int, ...]
     rounds: tuple[int, ...]
-    safety: tuple[int, ...]
 
 
 class ControlArrays(NamedTuple):
@@ -184,7 +182,7 @@ def with_seed(law: LawArrays, seed: int) -> LawArrays:
 
 def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
     """Make the parameters of the onboard computers."""
-    present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect, len(law.safety) > 0]
+    present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect]
     return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
 
 
@@ -401,9 +399,9 @@ def evaluate_law(control, t, x, drift, memory):
     add_custom(law.custom, memory.custom, None, t, memory.residual, memory.command, memory.evaluated)
     for v in range(V):
         add_given(control, v, t, x, memory)
-    keep_apart(stages.safety, law, t, x, memory)
+    keep_apart(law.safety, law.limit, t, x, memory)
     for v in range(V):
-        clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(stages.safety, memory.safety, v)
+        clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(law.safety, memory.safety, v)
         if not clipped:
             integrate(stages.terms, law.terms, v, memory.residual[v], memory.terms)
     remember(stages.terms, law.terms, x, memory.y, memory.terms)
