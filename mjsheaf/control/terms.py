@@ -34,6 +34,7 @@ from mjsheaf.control.rounds import (
     no_rounds,
     relax,
     size_of_round_memory,
+    split_round_memory,
 )
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
@@ -222,11 +223,10 @@ def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> tuple[int, int
 
 def split_memory(flat: Array, under_way: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
     """Return views of the numbers that terms store; `size_of_memory` counts them."""
-    rounds = terms.rounds
-    m, V, C = (int(first[-1]), V, len(rounds.streams)) if terms.agents else (0, 0, 0)
+    m, V = (int(first[-1]), V) if terms.agents else (0, 0)
     ends = np.cumsum([1, m, m, m, V, 33 * V])
     clock, y, rate, age, since, vehicles, held = np.split(flat, np.minimum(ends, len(flat)))
-    sent = RoundMemory(held, under_way, np.ascontiguousarray(rounds.streams[:C]), np.ascontiguousarray(first[: C + 1]))
+    sent = split_round_memory(held, under_way, terms.rounds, first)
     return TermMemory._make((clock, y, rate, age, since, *vehicles.reshape(11, V, 3), sent))
 
 

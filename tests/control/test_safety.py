@@ -229,7 +229,7 @@ def test_what_is_too_far_to_matter_changes_no_bit() -> None:
         for closing in (packed.closing, np.full(V, np.inf)):
             memory = new_memory(law._replace(safety=packed._replace(closing=closing)), V)
             memory.command[:] = commands
-            keep_apart((1,), law._replace(safety=packed._replace(closing=closing)), 0.0, places, memory)
+            keep_apart(packed._replace(closing=closing), law.limit, 0.0, places, memory)
             found.append((memory.command.copy(), memory.safety.found.copy()))
         np.testing.assert_array_equal(found[0][0], found[1][0])
         np.testing.assert_array_equal(found[0][1], found[1][1])
@@ -525,7 +525,7 @@ def test_a_limited_command_that_satisfies_all_constraints_is_the_laws_to_the_bit
     for _ in range(100):
         memory = new_memory(law, 2)
         memory.command[:] = wanted = 9.0 * rng.normal(size=(2, 3))
-        keep_apart((1,), law, 0.0, places, memory)
+        keep_apart(law.safety, law.limit, 0.0, places, memory)
         limited = 2.0 * wanted / np.linalg.norm(wanted, axis=1)[:, None]
         satisfied = limited @ [1.0, 0.0, 0.0] * [1.0, -1.0] >= 0.75  # -gamma h / (4 |z|) = 3 / 4
         np.testing.assert_array_equal(memory.command[satisfied], wanted[satisfied])

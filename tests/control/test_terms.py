@@ -430,7 +430,7 @@ def test_a_law_without_terms_holds_nothing_of_them() -> None:
         assert bool(terms.agents) == scenario.controller.terms.any, path
         if not scenario.controller.terms.any:
             V, m = len(scenario.team.members), len(scenario.system.law.edges.b)
-            links = size_of_link_memory(scenario.system.law.links, m)
+            links = size_of_link_memory(scenario.system.law.links, m) + scenario.system.law.links.size
             compared = m if scenario.system.law.edges.kinds else 0
             assert len(new_memory(scenario.system.law, V).flat) == m + 9 * V + links + compared
 

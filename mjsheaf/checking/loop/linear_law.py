@@ -188,7 +188,7 @@ class LawModel:
         self._memory = new_memory(self._control.law, 3)
         self._numbers = new_memory(self._control.law, 3)
         self._numbers.flat[:] = np.arange(len(self._memory.flat))
-        self._registered = self._numbers.custom[0].astype(np.int64)
+        self._registered = np.concatenate([np.zeros(0), *(own[0] for own in self._numbers.custom)]).astype(np.int64)
         self._lock = Lock()
         alone.law.gain[0] = _GENERIC_GAIN
         self._settle()

@@ -28,7 +28,7 @@ _TERMS = frozenset((
 _ROUNDS = frozenset(("imperfect", "delay", "loss", "streams", "range", "lift", "own", "inverse", "stiffest"))
 _LINKS = frozenset(("table", "of", "lift", "facing", "size", "odometry", "start", "period", "seed", "record"))
 _LINK = frozenset((
-    "edge", "place", "received", "own", "delay", "hold", "random", "lossy", "bursts", "bearing",
+    "edge", "place", "width", "moves", "delay", "hold", "random", "lossy", "bursts", "bearing",
     "noise", "bias", "range_noise", "bearing_noise", "range", "to_bad", "to_good", "bad", "loss_good",
     "loss_bad", "stream",
 ))  # fmt: skip
