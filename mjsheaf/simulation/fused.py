@@ -50,6 +50,13 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     Returns:
         True if no vehicle became bad; see `Fused._bad` on `bad`.
     """
+    return _advance_block(loop.params.fleet.lanes, loop, motion, first, last, step, count, log, row, bad)
+
+
+@inline_jit
+def _advance_block(lanes, loop, motion, first, last, step, count, log, row, bad):
+    if len(lanes) == 0:  # a matter of types: the rest is not compiled
+        return advance_alone(loop, motion, first, last, step, count, log, row, bad)
     all_good, fleet, helm = True, loop.params.fleet, loop.params.helm
     begin = first
     while begin < last:

@@ -27,7 +27,7 @@ from mjsheaf.simulation.world import apply_forces
 from mjsheaf.system import on_engine
 from mjsheaf.tiers import _as_records, in_python
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import POWERED, RAFT, altered, find, make_scenario, mixed_scenario, refused
+from tests.builders import DATA, POWERED, RAFT, altered, find, make_scenario, mixed_scenario, refused
 
 Array = NDArray[np.float64]
 
@@ -182,6 +182,7 @@ def of_lanes(folder: Path) -> list[str]:
         *["wamv"] * 4,
         *["otter"] * 3,
         *["submersible"] * 4,
+        *[str(DATA / "skiff.yaml")] * 4,
     ]
 
 
