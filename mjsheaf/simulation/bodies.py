@@ -125,6 +125,8 @@ BLOCK = 16
 MIN_ALIKE = 3
 """Number of neighbours of one kind from which they form a block of their own, as they may move faster in lanes."""
 
+_WORTH_LANES = 8  # vehicles in such blocks, below which code for lanes would take longer to compile than it saves
+
 _REST = {"none": 0.0, "ground": 50.0, "water": 10.0}  # rad/s
 _REST_IN_A_STEP = 0.25  # rad: a faster surface would not be stable as an applied force
 _AIRCRAFT = 0.5  # share of its weight that an aircraft must carry itself; water carries that of a submersible
@@ -139,12 +141,14 @@ class Fleet(NamedTuple):
         bodies: a BODY for each vehicle, shape (V,).
         thrusters: CHANNELs of each kind in turn.
         blocks: First vehicle of each block of vehicles that move together, and V, shape (B + 1,).
+        lanes: Empty if all vehicles move alone: a type of its own, for which no code for lanes is compiled.
     """
 
     kinds: NDArray[np.void]
     bodies: NDArray[np.void]
     thrusters: NDArray[np.void]
     blocks: IntArray
+    lanes: tuple[int, ...]
 
     @property
     def channels(self) -> NDArray[np.void]:
@@ -212,7 +216,11 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
     for name, each in (("actuator", kinds["count"][number]), ("state", states[number])):
         bodies[name] = np.cumsum(each) - each
     bodies["heading"] = quaternions_of(heading)[:, [0, 3]]
-    return Fleet(as_records(kinds), as_records(bodies), as_records(thrusters), split_into_blocks(number))
+    blocks = split_into_blocks(number)
+    sizes = np.diff(blocks)
+    alike = sizes[(number[blocks[:-1]] == number[blocks[1:] - 1]) & (sizes >= MIN_ALIKE)].sum()
+    lanes = (BLOCK,) if alike >= _WORTH_LANES else ()
+    return Fleet(as_records(kinds), as_records(bodies), as_records(thrusters), blocks, lanes)
 
 
 def split_into_blocks(kind: IntArray) -> IntArray:
@@ -428,38 +436,21 @@ def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment
         yaw = carry[2] + (turn[2] + moment[2])
         allocate_nearest(thrusters, triple(kind.row_norm), add(weight, force), yaw, effort)
         return
-    weight, carry, force, moment = within_thrust(kind, upright, weight, carry, force, moment)
+    none = (0.0, 0.0, 0.0)
+    if upright < _TIPPED and kind.supported_weight > 0.0:
+        # The part of its weight that an aircraft cannot carry while tipped over is a force of translation: thrusters
+        # that had to carry it would saturate, and no thrust would remain to turn.
+        carried = (0.0, 0.0, _TIPPED * kind.supported_weight)
+        force, moment = subtract(add(force, weight), carried), add(moment, carry)
+        weight, carry = carried, none
     for k in range(effort.shape[0]):
         effort[k] = row_product(thrusters[k].row, weight, carry)
-    none = (0.0, 0.0, 0.0)
     _add_within(thrusters, none, (turn[0], turn[1], 0.0), effort)
     _add_within(thrusters, none, (0.0, 0.0, turn[2]), effort)
     _add_within(thrusters, force, moment, effort)
     for k in range(effort.shape[0]):
         if thrusters[k].code == FIXED:
             effort[k] = at_most(effort[k], thrusters[k].low, thrusters[k].high)
-
-
-@inline_jit
-def within_thrust(kind, upright, weight, carry, force, moment):
-    """Move the part of an aircraft's weight that it cannot carry while tipped over to the force of translation.
-
-    If thrusters had to carry more weight than they can, they would saturate, and no thrust would remain to turn.
-    """
-    tipped = (upright < _TIPPED) & (kind.supported_weight > 0.0)
-    carried = (0.0, 0.0, _TIPPED * kind.supported_weight)
-    none = (0.0, 0.0, 0.0)
-    return (
-        _choose(tipped, carried, weight),
-        _choose(tipped, none, carry),
-        _choose(tipped, subtract(add(force, weight), carried), force),
-        _choose(tipped, add(moment, carry), moment),
-    )
-
-
-@inline_jit
-def _choose(condition, a, b):
-    return a[0] if condition else b[0], a[1] if condition else b[1], a[2] if condition else b[2]
 
 
 @jit

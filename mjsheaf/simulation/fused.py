@@ -10,13 +10,12 @@ MuJoCo's step of h is
 
 where the free joint integrates the linear damping d and D implicitly (mj_Euler). The loop compensates the explicit part
 of d with a force (see `bodies`), so neither is in f. The matrix depends on the kind only and is inverted once. The law
-and the commands of a single vehicle are the code of MuJoCo's loop; `actuators.actuator_force` and `unit_wrench` convert
-commands to forces. `lanes` takes the same steps for several vehicles at a time, from the same elementary functions;
-`tests/backends/test_fused.py` holds it to the bits of this module.
+and the commands of a vehicle are the code of MuJoCo's loop; `actuators.actuator_force` and `unit_wrench` convert
+commands to forces. `block` has a vehicle's whole step.
 
 Between two evaluations of the law vehicles are independent: each is moved up to the next evaluation in one call, and
 the vehicles of a large team are divided among threads. The assignment to threads does not change a bit. Where possible,
-neighbours of one kind move side by side: see `lanes`.
+neighbours of one kind move side by side: see `block`.
 """
 
 from collections.abc import Sequence
@@ -50,6 +49,13 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     Returns:
         True if no vehicle became bad; see `Fused._bad` on `bad`.
     """
+    return _advance_block(loop.params.fleet.lanes, loop, motion, first, last, step, count, log, row, bad)
+
+
+@inline_jit
+def _advance_block(lanes, loop, motion, first, last, step, count, log, row, bad):
+    if len(lanes) == 0:  # a matter of types: the rest is not compiled
+        return advance_alone(loop, motion, first, last, step, count, log, row, bad)
     all_good, fleet, helm = True, loop.params.fleet, loop.params.helm
     begin = first
     while begin < last:

@@ -718,18 +718,11 @@ def room_of(channels, k, u, du, v, dv):
             a, b, c = du * du + dv * dv, u * du + v * dv, u * u + v * v - most * most
             room = max(0.0, (np.sqrt(b * b - a * c) - b) / a) if c < 0.0 else 0.0
     elif channels[k].code == FIXED:
-        room = room_of_fixed(low, high, u, du)
+        if u + du > high and du > 0.0:
+            room = max(0.0, (high - u) / du)
+        elif u + du < low and du < 0.0:
+            room = max(0.0, (low - u) / du)
     return room
-
-
-@inline_jit
-def room_of_fixed(low, high, u, du):
-    """Compute `room_of` for a fixed thruster with limits `low` and `high`; no branch, as lanes evaluate it too."""
-    above = (u + du > high) & (du > 0.0)
-    below = (u + du < low) & (du < 0.0)
-    limit = high if above else low
-    room = max(0.0, (limit - u) / (du if above | below else 1.0))
-    return room if above | below else 1.0
 
 
 @inline_jit

@@ -83,7 +83,7 @@ def is_one_sided(vehicle: Vehicle) -> bool:
 
 
 class Turning(NamedTuple):
-    """Turning parameters of a boat that cannot back; see `steering.steer`.
+    """Turning parameters of a boat that cannot back; see `steering.steer_hand_point`.
 
     Attributes:
         price: Surge force that comes with each unit of yaw moment, 1/m; 0 if it turns on the spot.
