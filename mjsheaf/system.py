@@ -13,13 +13,14 @@ from mjsheaf.control import ControlArrays, LawArrays, edges_of
 from mjsheaf.control.law import new_control
 from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.control.safety import SafetyArrays
-from mjsheaf.control.separation import FilteredVehicles, Safety, pack_safety
+from mjsheaf.control.separation import Safety, pack_safety
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.media import FlowField, disturbance
 from mjsheaf.media.disturbance import Bounds
+from mjsheaf.media.flow import AXIS, CENTRE
 from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
 from mjsheaf.media.moving import Parts, bounds_of
@@ -284,7 +285,8 @@ class System:
         if self.waiting is not None:  # these command the medium's velocity, as it was up to a period ago
             holds = self.waiting.holds
             speed[holds] = (self.medium_speeds + (0.0 if grid.continuous else 2.0) * unsteady)[holds]
-        vehicles = FilteredVehicles(
+        return pack_safety(
+            self.safety,
             ids=self.team.agent_ids,
             planar=planar,
             height=self.bodies.surface_height,
@@ -299,7 +301,6 @@ class System:
             start=grid.start,
             end=grid.start + grid.steps * grid.period,
         )
-        return pack_safety(self.safety, vehicles)
 
     @cached_property
     def target_speeds(self) -> Array:
@@ -332,7 +333,7 @@ class System:
     @property
     def _medium_parts(self) -> tuple[Array, Array]:
         """Return the uniform part of the medium's velocity, shape (V, 3), and a bound on the rest, shape (V,), m/s."""
-        carried = np.array([self.flows[k].table[0, 2:5] for k in self.field]).reshape(-1, 3)
+        carried = np.array([self.flows[k].table[0, CENTRE:AXIS] for k in self.field]).reshape(-1, 3)
         carried[self.planar, 2] = 0.0
         kernels = np.array([self.flows[k].kernel_speed for k in self.field])
         return carried, np.nan_to_num(kernels + self.largest_disturbance, posinf=0.0)

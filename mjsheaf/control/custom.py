@@ -36,7 +36,8 @@ from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.io.files import digest_of
 from mjsheaf.io.section import Section
 from mjsheaf.io.user_code import describe, execute_file
-from mjsheaf.jit import INTERPRETED, NumbaError, inline_jit, overload, types, user_jit
+from mjsheaf.jit import INTERPRETED, NumbaError, inline_jit, types, user_jit
+from mjsheaf.parts import for_each
 from mjsheaf.team import Team
 
 _PREFIX = "Term_"
@@ -65,14 +66,14 @@ class Registered:
     """A term that has been registered.
 
     Attributes:
-        function: The function, compiled.
+        evaluate: Compiled function that evaluates the term for all agents; see `_for_each_agent`.
         parameters: Names of its parameters.
         memory: How many numbers it remembers of an agent.
         kind: Type of its named tuple.
         source: SHA-256 of the file that defines it, hexadecimal; of nothing where there is none.
     """
 
-    function: Any
+    evaluate: Any
     parameters: tuple[str, ...]
     memory: int
     kind: type
@@ -121,7 +122,8 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
         file = _file_of(function)
         digest = _digest(repr(memory).encode(), file, *_meaning(function, set()))
         kind = _kind(f"{_PREFIX}{name}_{digest[:16]}")
-        known = Registered(_compiled(function), names, memory, kind, _digest(file))
+        evaluate = _for_each_agent(_compiled(function))
+        known = Registered(evaluate, names, memory, kind, _digest(file))
         _registered[name] = _of_kind[kind.__name__] = known
         return function
 
@@ -215,14 +217,14 @@ class TermOfLaw(NamedTuple):
     """A registered term in the law of a team: the fields that the type of each has.
 
     Attributes:
+        number: Number of the term.
         agents: How many vehicles, from the first on, have it.
-        first: Where its numbers begin among those that an agent's terms remember.
         parameters: Values of its parameters.
         period: Control period, s.
     """
 
+    number: int
     agents: int
-    first: int
     parameters: Array
     period: float
 
@@ -235,14 +237,12 @@ def pack_custom(terms: Mapping[str, CustomTerm], agents: int, period: float) -> 
             missing or unknown; the message begins with the field.
     """
     packed = list[Any]()
-    first = 0
-    for name in sorted(terms):
+    for number, name in enumerate(sorted(terms)):
         with in_field(f"controller.custom.{name}"):
             term = _find(name, terms[name])
             values = _values(term, terms[name].parameters)
         make: Any = term.kind
-        packed.append(make(agents, first, values, period))
-        first += term.memory
+        packed.append(make(number, agents, values, period))
     return tuple(packed)
 
 
@@ -288,18 +288,22 @@ def names_of(terms: Sequence[Any]) -> tuple[str, ...]:
 
 
 def size_of_custom(terms: Sequence[Any]) -> int:
-    """Return how many numbers the registered terms of a law remember of each agent."""
+    """Return how many numbers the registered terms of a law remember of each vehicle."""
     return sum(_of_kind[type(term).__name__].memory for term in terms)
 
 
-def carry_custom(old: Sequence[Any], kept: Array, new: Sequence[Any], memory: Array) -> None:
-    """Take over what the terms of one law remember (V, m) under another, of the terms that both have."""
-    before = {type(term): term.first for term in old}
-    for term in new:
+def split_custom(flat: Array, terms: Sequence[Any], V: int) -> tuple[Array, ...]:
+    """Return views of the numbers that each term remembers of V vehicles, shape (V, m) each."""
+    ends = V * np.cumsum([_of_kind[type(term).__name__].memory for term in terms])
+    return tuple(own.reshape(V, -1) for own, _ in zip(np.split(flat, ends), terms, strict=False))
+
+
+def carry_custom(old: Sequence[Any], kept: Sequence[Array], new: Sequence[Any], memory: Sequence[Array]) -> None:
+    """Take over what the terms of one law remember under another, of the terms that both have."""
+    before = {type(term): own for term, own in zip(old, kept, strict=True)}
+    for term, own in zip(new, memory, strict=True):
         if type(term) in before:
-            first = before[type(term)]
-            size = _of_kind[type(term).__name__].memory
-            memory[:, term.first : term.first + size] = kept[:, first : first + size]
+            own[:] = before[type(term)]
 
 
 def naming_terms(terms: Sequence[Any], team: Team, evaluated: Array) -> AbstractContextManager[None]:
@@ -308,7 +312,7 @@ def naming_terms(terms: Sequence[Any], team: Team, evaluated: Array) -> Abstract
     Args:
         terms: Registered terms of the law that is evaluated inside.
         team: The team.
-        evaluated: See `add_custom`.
+        evaluated: Numbers of the term and the vehicle that were evaluated last, and the time, s, shape (3,).
     """
     return _naming(terms, team, evaluated) if terms else _NOTHING
 
@@ -340,37 +344,23 @@ def require_finite(was_finite, velocity):
         raise InputError("the velocity that it commands is not finite")
 
 
-def add_custom(terms, t, residual, command, memory, evaluated):
-    """Add the registered terms to the commands (V, 3) by eta (V, 3), m, and what they remember (V, m).
+def _for_each_agent(function: Any) -> Any:
+    """Return a compiled function that evaluates a term for each of its agents."""
 
-    Before each call, `evaluated` (3,) gets the numbers of the term and of the vehicle, and the time t, s.
-    """
-    for k, term in enumerate(terms):
-        known = _of_kind[type(term).__name__]
+    @inline_jit
+    def evaluate(term, memory, t, residual, command, evaluated):
         for v in range(term.agents):
-            evaluated[:] = k, v, t
-            own = memory[v, term.first : term.first + known.memory]
+            evaluated[0], evaluated[1], evaluated[2] = term.number, v, t
             was_finite = is_finite(command[v]) and is_finite(residual[v])
-            known.function(residual[v], command[v], own, term.parameters, term.period)
+            function(residual[v], command[v], memory[v], term.parameters, term.period)
             require_finite(was_finite, command[v])
 
+    return evaluate
 
-@overload(add_custom)
-def _add_custom(terms, t, residual, command, memory, evaluated):
-    """Write the calls out, one after the other: numba then compiles a function for these types."""
-    known = [_of_kind[kind.instance_class.__name__] for kind in terms]
-    names: dict[str, Any] = {f"term_{k}": one.function for k, one in enumerate(known)}
-    names |= {"is_finite": is_finite, "require_finite": require_finite}
-    lines = ["def add_all(terms, t, residual, command, memory, evaluated):", "    pass"]
-    for k, one in enumerate(known):
-        lines += [
-            f"    own_{k} = terms[{k}]",
-            f"    for v in range(own_{k}.agents):",
-            f"        evaluated[0], evaluated[1], evaluated[2] = {k}, v, t",
-            f"        kept_{k} = memory[v, own_{k}.first : own_{k}.first + {one.memory}]",
-            "        was_finite = is_finite(command[v]) and is_finite(residual[v])",
-            f"        term_{k}(residual[v], command[v], kept_{k}, own_{k}.parameters, own_{k}.period)",
-            "        require_finite(was_finite, command[v])",
-        ]
-    exec("\n".join(lines), names)
-    return names["add_all"]
+
+add_custom = for_each(lambda kind: _of_kind[kind.__name__].evaluate)
+"""Add registered terms to the commands: called with (terms, what they remember, None, t, residual, command, evaluated).
+
+`residual` is eta (V, 3), m, and `command` (V, 3), m/s. Before each call of a term, `evaluated` (3,) gets the numbers of
+the term and of the vehicle, and the time t, s.
+"""

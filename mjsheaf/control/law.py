@@ -27,15 +27,14 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.control.curved import compare, pack_kinds
-from mjsheaf.control.custom import add_custom, carry_custom, names_of, size_of_custom
+from mjsheaf.control.custom import add_custom, carry_custom, names_of, size_of_custom, split_custom
 from mjsheaf.control.links import (
     LinkArrays,
+    LinkedRows,
     LinkMemory,
-    carry_cells,
     carry_heading,
-    cells_of,
+    carry_link,
     deliver,
-    no_links,
     size_of_link_memory,
     split_link_memory,
 )
@@ -48,7 +47,6 @@ from mjsheaf.control.terms import (
     integrate,
     limit_speed,
     navigate,
-    no_terms,
     remember,
     require_symmetric,
     size_of_memory,
@@ -132,7 +130,7 @@ class LawArrays(NamedTuple):
     @property
     def without_terms(self) -> "LawArrays":
         """The paper's law."""
-        return self._replace(terms=no_terms(), custom=())
+        return self._replace(terms=TermArrays(), custom=())
 
     @property
     def extended(self) -> bool:
@@ -154,13 +152,11 @@ class Stages(NamedTuple):
         terms: Shipped terms beyond -k1 eta.
         links: Links over which measurements are made.
         rounds: Links over which agents exchange numbers.
-        safety: What keeps vehicles apart.
     """
 
     terms: tuple[int, ...]
     links: tuple[int, ...]
     rounds: tuple[int, ...]
-    safety: tuple[int, ...]
 
 
 class ControlArrays(NamedTuple):
@@ -184,7 +180,7 @@ def with_seed(law: LawArrays, seed: int) -> LawArrays:
 
 def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
     """Make the parameters of the onboard computers."""
-    present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect, len(law.safety) > 0]
+    present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect]
     return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
 
 
@@ -202,7 +198,7 @@ class Memory(NamedTuple):
         kept: 1 + the number of a step, and `held` before the law was evaluated there, shape (1 + k,); see `look`.
         terms: what the terms hold.
         links: what the links hold.
-        custom: what registered terms hold of each vehicle, shape (V, k).
+        custom: What each registered term holds of each vehicle, shape (V, k).
         compared: What range and bearing edges make of y, shape (m,); y itself where all edges compare positions.
         safety: What keeps vehicles apart found at the last sample; no part of the state.
         evaluated: Registered term that was called last, its vehicle, and the time, s, shape (3,); no part of the state.
@@ -217,7 +213,7 @@ class Memory(NamedTuple):
     kept: Array
     terms: TermMemory
     links: LinkMemory
-    custom: Array
+    custom: tuple[Array, ...]
     compared: Array
     safety: SafetyMemory
     evaluated: Array
@@ -230,8 +226,9 @@ def new_memory(law: LawArrays, V: int) -> Memory:
     links = size_of_link_memory(law.links, m)
     apart = m if law.edges.kinds else 0
     held = 3 * V + shipped + V * own + links
-    flat = np.zeros(m + apart + 6 * V + held + under_way)
-    y, compared, residual, supplied, kept, line = np.split(flat, np.cumsum([m, apart, 3 * V, 3 * V, held]))
+    sizes = [m, apart, 3 * V, 3 * V, held, under_way, law.links.size]
+    flat = np.zeros(sum(sizes))
+    y, compared, residual, supplied, kept, rounds, line, _ = np.split(flat, np.cumsum(sizes))
     command, terms, custom, received = np.split(kept, np.cumsum([3 * V, shipped, V * own]))
     return Memory(
         flat=flat,
@@ -241,9 +238,9 @@ def new_memory(law: LawArrays, V: int) -> Memory:
         supplied=supplied.reshape(V, 3),
         held=kept,
         kept=np.zeros(1 + held),
-        terms=split_memory(terms, line, law.terms, law.edges.first, V),
-        links=split_link_memory(received, law.links, m),
-        custom=custom.reshape(V, own),
+        terms=split_memory(terms, rounds, law.terms, law.edges.first, V),
+        links=split_link_memory(received, line, law.links, m),
+        custom=split_custom(custom, law.custom, V),
         compared=compared if law.edges.kinds else y,
         safety=new_safety_memory(law.safety, V),
         evaluated=np.zeros(3),
@@ -322,13 +319,24 @@ def _carry_links(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, ke
     """Carry what links hold, also of edges that have one in one of two phases only: see `carry`."""
     carry_heading(memory.links, new.links)
     for e in np.flatnonzero(kept >= 0).tolist():
-        before, now = link_of(old, int(kept[e])), link_of(law, e)
-        if before >= 0 and now >= 0:
-            carry_cells(cells_of(old.links, memory.links, before), cells_of(law.links, new.links, now), sample)
-        elif now >= 0:
-            _begin_link(memory, old, new, law, int(kept[e]), e, sample)
-        elif before >= 0:
-            _end_link(memory, old, new, law, int(kept[e]), e, sample)
+        before, now = int(kept[e]), e
+        linked_before, linked_now = link_of(old, before), link_of(law, now)
+        if linked_before >= 0 and linked_now >= 0:
+            carry_link(_linked_rows(old, memory, before), _linked_rows(law, new, now), sample)
+        elif linked_now >= 0:
+            _begin_link(memory, old, new, law, before, now, sample)
+        elif linked_before >= 0:
+            _end_link(memory, old, new, law, before, now, sample)
+
+
+def _rows_of(law: LawArrays, edge: int) -> slice:
+    return slice(*law.edges.first[edge : edge + 2])
+
+
+def _linked_rows(law: LawArrays, memory: Memory, edge: int) -> LinkedRows:
+    """Return the link of an edge in a memory."""
+    number = link_of(law, edge)
+    return LinkedRows(memory.links, number, law.links.table[number], _rows_of(law, edge))
 
 
 def rows_of_measuring_edges(team: Team, law: LawArrays) -> list[int]:
@@ -347,29 +355,27 @@ def _begin_link(
     memory: Memory, old: LawArrays, new: Memory, law: LawArrays, before: int, edge: int, sample: int
 ) -> None:
     """Put what was measured on an edge without a link into the memory of the link that it has now."""
-    cells = cells_of(law.links, new.links, link_of(law, edge))
-    if sample == 0 or cells.delay:
+    number = link_of(law, edge)
+    link, was, rows = law.links.table[number], _rows_of(old, before), _rows_of(law, edge)
+    if sample == 0 or link["delay"]:
         return
-    first, end = old.edges.first[before : before + 2]
-    received, m, own = cells.received, end - first, cells.own
-    received[1] = sample
-    received[2 : 2 + m] = memory.y[first:end]
-    if own and old.terms.agents:
-        received[2 + m : 2 + 2 * m] = old.edges.F_tail[first:end] @ memory.terms.walked[old.edges.tail[before]]
-        received[2 + 2 * m :] = memory.terms.rate[first:end]
+    new.links.last[number] = sample
+    new.links.y[rows] = memory.y[was]
+    if link["moves"] and old.terms.agents:
+        new.links.walked[rows] = old.edges.F_tail[was] @ memory.terms.walked[old.edges.tail[before]]
+        new.links.velocity[rows] = memory.terms.rate[was]
 
 
 def _end_link(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, before: int, edge: int, sample: int) -> None:
     """Put what was received over a link into the memory of the terms, for an edge that has none any more."""
     if not (law.terms.agents and old.terms.agents):
         return
-    cells = cells_of(old.links, memory.links, link_of(old, before))
-    rows = slice(*law.edges.first[edge : edge + 2])
-    received = cells.received
-    fresh = cells.delay == 0 and received[1] == sample  # else the difference to the next measurement means nothing
-    new.terms.age[rows] = 2.0 * fresh
-    if cells.own:
-        new.terms.rate[rows] = received[len(received) - cells.own :]
+    number = link_of(old, before)
+    link, was, rows = old.links.table[number], _rows_of(old, before), _rows_of(law, edge)
+    fresh = link["delay"] == 0 and memory.links.last[number] == sample
+    new.terms.age[rows] = 2.0 * fresh  # else the difference to the next measurement means nothing
+    if link["moves"]:
+        new.terms.rate[rows] = memory.links.velocity[was]
 
 
 @inline_jit
@@ -388,12 +394,12 @@ def evaluate_law(control, t, x, drift, memory):
     for v in range(V):
         respond(law, v, memory)
     add_terms(stages.terms, stages, law, x, memory)
-    add_custom(law.custom, t, memory.residual, memory.command, memory.custom, memory.evaluated)
+    add_custom(law.custom, memory.custom, None, t, memory.residual, memory.command, memory.evaluated)
     for v in range(V):
         add_given(control, v, t, x, memory)
-    keep_apart(stages.safety, law, t, x, memory)
+    keep_apart(law.safety, law.limit, t, x, memory)
     for v in range(V):
-        clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(stages.safety, memory.safety, v)
+        clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(law.safety, memory.safety, v)
         if not clipped:
             integrate(stages.terms, law.terms, v, memory.residual[v], memory.terms)
     remember(stages.terms, law.terms, x, memory.y, memory.terms)
@@ -518,10 +524,10 @@ def pack_law(
         custom: registered terms.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.broadcast_to(target_gain, len(team.targets))])
-    terms = terms or no_terms()
+    terms = terms or TermArrays()
     if team.directed:
         require_symmetric(terms)
-    return LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or no_links(), custom)
+    return LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or LinkArrays(), custom)
 
 
 def edges_of(team: Team) -> EdgeArrays:

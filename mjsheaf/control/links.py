@@ -31,7 +31,6 @@ SILENT, HELD, NEW = 0.0, 1.0, 2.0
 """Reception of an edge at a sample: nothing, the last measurement held, or a new one."""
 
 _MOST_NUMBERS = 100_000_000  # in delay lines
-_HEADER = 2  # of what was received: state, last
 _STILL = 1e-9  # m in a period: no direction of motion
 
 _WHOLE = ("bearing", "delay", "hold")  # fields of a LinkModel that are whole numbers for compiled code
@@ -39,9 +38,9 @@ _WHOLE = ("bearing", "delay", "hold")  # fields of a LinkModel that are whole nu
 LINK = np.dtype(
     [
         ("edge", "i8"),  # number of the edge
-        ("place", "i8"),  # index in LinkMemory.cells where the delay line begins
-        ("received", "i8"),  # index where, after the delay line, what was received begins
-        ("own", "i8"),  # numbers of own displacement that go with a sample: feedforward's, of sensing
+        ("place", "i8"),  # index in LinkMemory.line where the delay line begins
+        ("width", "i8"),  # numbers of a sample in the delay line
+        ("moves", "i8"),  # 1 if the displacement of the agent goes with a sample: feedforward's, of sensing
         ("random", "i8"),  # 1 if the link takes random numbers
         ("lossy", "i8"),  # 1 if anything is lost at random
         ("bursts", "i8"),  # 1 if losses depend on the state of a chain
@@ -54,30 +53,30 @@ LINK = np.dtype(
 
 
 class LinkArrays(NamedTuple):
-    """The links of a team of V vehicles: L edges of E have one that changes anything.
+    """The links of a team of V vehicles: L edges of E have one that changes anything; by default none has.
 
     Attributes:
         table: the links, of the type LINK, shape (L,).
         of: the link of each edge, or -1, shape (E,); empty without links.
         lift: what is added to z for the distance between bodies, shape (V,), m.
         facing: initial attitudes where a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
-        size: Length of LinkMemory.cells.
+        size: Length of LinkMemory.line.
         odometry: True if agents store how they moved since they sensed a target, for feedforward.
         start, period: time of sample 0 and between samples, s.
         seed: Seed of the run.
         record: True if measurements are recorded.
     """
 
-    table: NDArray[np.void]
-    of: IntArray
-    lift: Array
-    facing: Array
-    size: int
-    odometry: bool
-    start: float
-    period: float
-    seed: Own[int]
-    record: bool
+    table: NDArray[np.void] = as_records(np.zeros(0, dtype=LINK))
+    of: IntArray = np.zeros(0, dtype=np.int64)
+    lift: Array = np.zeros(0)
+    facing: Array = np.zeros((0, 4))
+    size: int = 0
+    odometry: bool = False
+    start: float = 0.0
+    period: float = 1.0
+    seed: Own[int] = 0
+    record: bool = False
 
     def selected(self, rows: IntArray) -> "LinkArrays":
         """The links among some of the vehicles, by number."""
@@ -90,78 +89,85 @@ class LinkMemory(NamedTuple):
 
     Attributes:
         heard: Reception on each link at the present sample, SILENT, HELD or NEW, shape (L,).
-        velocity: F p' of targets by sensing edges that have links, shape (m,), m/s; empty without feedforward.
+        state: State of the chain of losses of each link: 0 before it begins, 1 good, 2 bad, shape (L,).
+        last: 1 + the number of the sample at which something last arrived on each link, 0 before that, shape (L,).
+        y: Last received measurement on each edge that has a link, shape (m,), m.
+        walked: F times the displacement of the agent up to when it took that measurement, of sensing edges, shape (m,),
+            m; empty without feedforward.
+        velocity: F p' of targets, filtered, by sensing edges that have links, shape (m,), m/s; empty likewise.
         attitude: Attitudes of the vehicles, shape (V, 4), if a sensor needs them.
         before: Positions at the last sample, shape (V, 3), m, if a sensor needs attitudes.
-        cells: Delay line of each link. It has a slot for each sample in transit: 1 + its number (0 if lost), y, and the
-            agent's displacement up to it. The last received sample follows: state of the chain (0 before it begins, 1
-            good, 2 bad), 1 + the number of the sample at which it arrived (0 before any), y, displacement, filtered
-            velocity.
+        line: Delay line of each link, with a slot for each sample in transit: 1 + its number (0 if lost), y, and F
+            times the agent's displacement up to it. A slot is written once.
     """
 
     heard: Array
+    state: Array
+    last: Array
+    y: Array
+    walked: Array
     velocity: Array
     attitude: Array
     before: Array
-    cells: Array
-
-
-def no_links(record: bool = False) -> LinkArrays:
-    """Return exact links: every measurement is received at once, unchanged."""
-    none, nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 4))
-    return LinkArrays(as_records(np.zeros(0, dtype=LINK)), none, np.zeros(0), nobody, 0, False, 0.0, 1.0, 0, record)
+    line: Array
 
 
 def size_of_link_memory(links: LinkArrays, m: int) -> int:
-    """Count the numbers that the links of edges with m numbers store."""
-    return len(links.table) + m * links.odometry + 7 * len(links.facing) + links.size
+    """Count the numbers that the links of edges with m numbers hold, without their delay lines."""
+    if not len(links.of):
+        return 0
+    return 3 * len(links.table) + m * (1 + 2 * links.odometry) + 7 * len(links.facing)
 
 
-def split_link_memory(flat: Array, links: LinkArrays, m: int) -> LinkMemory:
-    """Return views of the numbers that links store; `size_of_link_memory` counts them."""
-    V = len(links.facing)
-    ends = np.cumsum([len(links.table), m * links.odometry, 4 * V, 3 * V])
-    heard, velocity, attitude, before, cells = np.split(flat, ends)
-    return LinkMemory(heard, velocity, attitude.reshape(V, 4), before.reshape(V, 3), cells)
+def split_link_memory(held: Array, line: Array, links: LinkArrays, m: int) -> LinkMemory:
+    """Return views of the numbers that links hold, which `size_of_link_memory` counts, and of their delay lines."""
+    L, V, m = len(links.table), len(links.facing), m if len(links.of) else 0
+    sizes = [L, L, L, m, m * links.odometry, m * links.odometry, 4 * V]
+    heard, state, last, y, walked, velocity, attitude, before = np.split(held, np.cumsum(sizes))
+    attitude, before = attitude.reshape(V, 4), before.reshape(V, 3)
+    return LinkMemory(heard, state, last, y, walked, velocity, attitude, before, line)
 
 
-class LinkCells(NamedTuple):
-    """Views of the cells of one link.
+class LinkedRows(NamedTuple):
+    """A link in the memory of a phase.
 
     Attributes:
-        line: its delay line, shape (delay + 1, 1 + m + own).
-        received: the last that was received, shape (2 + m + 2 own,).
-        own: numbers of own displacement that go with a sample.
-        delay: periods.
+        memory: Memory of the links.
+        number: Number of the link.
+        link: The link, of the type LINK.
+        rows: Rows of the edge's numbers y_e.
     """
 
-    line: Array
-    received: Array
-    own: int
-    delay: int
+    memory: LinkMemory
+    number: int
+    link: Any
+    rows: slice
+
+    @property
+    def line(self) -> Array:
+        """The delay line, shape (delay + 1, width)."""
+        size = (self.link["delay"] + 1) * self.link["width"]
+        return self.memory.line[self.link["place"] :][:size].reshape(-1, self.link["width"])
 
 
-def cells_of(links: LinkArrays, memory: LinkMemory, link: int) -> LinkCells:
-    """Return views of the cells of a link, given by its row in the table."""
-    row = links.table[link]
-    place, received, own, delay = (int(row[name]) for name in ("place", "received", "own", "delay"))
-    line = memory.cells[place:received].reshape(delay + 1, -1)
-    width = _HEADER + line.shape[1] - 1 + own
-    return LinkCells(line, memory.cells[received : received + width], own, delay)
-
-
-def carry_cells(old: LinkCells, new: LinkCells, sample: int) -> None:
+def carry_link(old: LinkedRows, new: LinkedRows, sample: int) -> None:
     """Copy what is under way and what was received last to the same edge's link in the phase that begins at a sample.
 
     Feedforward needs the displacement of every sample: nothing is copied from a line without it to one with it.
     """
-    if new.own > old.own:
+    if new.link["moves"] > old.link["moves"]:
         return
-    under_way = old.line[old.line[:, 0] > sample - min(old.delay, new.delay)]
-    new.line[(under_way[:, 0].astype(np.int64) - 1) % len(new.line)] = under_way[:, : new.line.shape[1]]
-    new.received[:] = old.received[: len(new.received)]
-    if new.received[1] > 0.0:
-        new.received[1] += new.delay - old.delay  # the age of a sample counts from its arrival
+    delays = [int(one.link["delay"]) for one in (old, new)]
+    under_way = old.line[old.line[:, 0] > sample - min(delays)]
+    new.line[(under_way[:, 0].astype(np.int64) - 1) % len(new.line)] = under_way[:, : new.link["width"]]
+    before, now = old.memory, new.memory
+    now.state[new.number] = before.state[old.number]
+    if before.last[old.number] > 0.0:
+        now.last[new.number] = before.last[old.number] + delays[1] - delays[0]  # the age counts from the arrival
+    now.y[new.rows] = before.y[old.rows]
+    if new.link["moves"]:
+        now.walked[new.rows] = before.walked[old.rows]
+        now.velocity[new.rows] = before.velocity[old.rows]
 
 
 def carry_heading(old: LinkMemory, new: LinkMemory) -> None:
@@ -266,7 +272,7 @@ def pack_links(
     present = linked_edges(team, links)
     ever = linked_edges(run or team, links)
     if all(one.link.exact for one in ever):
-        return no_links(bool(links.record))
+        return LinkArrays(record=bool(links.record))
     if period == 0.0:
         raise InputError(
             "links: controller.control_period is 0; expected a positive one with noise, delay, loss or range"
@@ -291,7 +297,7 @@ def pack_links(
 
 
 def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -> tuple[NDArray[np.void], int]:
-    """Return the links that change anything, of the type LINK, and the size of their cells; see `pack_links`."""
+    """Return the links that change anything, of the type LINK, and the size of their delay lines; see `pack_links`."""
     rows: list[tuple[Any, ...]] = []
     size = 0
     for e, one in enumerate(edges):
@@ -301,15 +307,14 @@ def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -
         if link.bearing:
             with in_field(f"{one.kind}.{one.number}, {edge}"):
                 require_bearing(edge.F_tail, edge.F_head)
-        m = len(edge.F_tail)
-        own = m if feedforward and one.kind == "sensing" else 0
+        moves = int(feedforward and one.kind == "sensing")
+        width = 1 + len(edge.F_tail) * (1 + moves)
         delay = whole_periods(link.delay, period)
-        received = size + (delay + 1) * (1 + m + own)
         fields = link._asdict() | {
             "edge": e,
             "place": size,
-            "received": received,
-            "own": own,
+            "width": width,
+            "moves": moves,
             "random": link.random,
             "lossy": link.lossy,
             "bursts": link.bursts,
@@ -318,7 +323,7 @@ def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -
             "hold": int(min(link.hold / period + 1e-6, 1e9)),
         }
         rows.append(tuple(fields[name] for name in LINK.names or ()))
-        size = received + _HEADER + m + 2 * own
+        size += (delay + 1) * width
         with in_field("links"):
             require_held(size)
     return np.array(rows, dtype=LINK), size
@@ -365,42 +370,37 @@ def deliver(stage, law, t, x, bodies, y, terms, memory):
     delay, ring, oldest = -1, 0, 0
     for k in range(links.table.shape[0]):
         link = links.table[k]
-        first = law.edges.first[link.edge]
-        m = law.edges.first[link.edge + 1] - first
         if link.delay != delay:
             delay = link.delay
             ring, oldest = n % (delay + 1), (n + 1) % (delay + 1)
-        width, state = 1 + m + link.own, memory.cells[link.received]
-        memory.cells[link.received] = send(law, link, n, m, link.place + ring * width, state, x, y, terms, memory)
-        memory.heard[k] = take_in(law, link, n, m, link.place + oldest * width, y, terms, memory)
+        send(law, link, k, n, memory.line[link.place + ring * link.width :], x, y, terms, memory)
+        memory.heard[k] = take_in(law, link, k, n, memory.line[link.place + oldest * link.width :], y, terms, memory)
 
 
 @inline_jit
-def send(law, link, n, m, slot, state, x, y, terms, memory):
-    """Measure the m numbers of an edge at sample n and put them, unless they are lost, into a slot of the delay line.
+def send(law, link, k, n, slot, x, y, terms, memory):
+    """Measure the numbers of an edge with link k at sample n and put them, unless lost, into a slot of the delay line.
 
-    Returns:
-        State of the chain of losses at this sample, from the state before.
+    The chain of losses takes a step.
     """
-    links, cells, first = law.links, memory.cells, law.edges.first[link.edge]
+    links, first, end = law.links, law.edges.first[link.edge], law.edges.first[link.edge + 1]
     tail, head = law.edges.tail[link.edge], law.edges.head[link.edge]
     lost, draw = False, (0.5, 0.5, 0.5, 0.5)
     if link.random:
         draw = uniforms(links.seed, link.stream, n, 0)
     if link.bursts:
         chance = uniforms(links.seed, link.stream, n, 1)[0]
-        state = next_state(state, chance, link.to_bad, link.to_good, link.bad)
+        memory.state[k] = next_state(memory.state[k], chance, link.to_bad, link.to_good, link.bad)
     if link.lossy:
-        lost = draw[0] < (link.loss_bad if state == 2.0 else link.loss_good)
+        lost = draw[0] < (link.loss_bad if memory.state[k] == 2.0 else link.loss_good)
     lost |= is_beyond_range(links, link, x, tail, head)
-    cells[slot] = 0.0 if lost else n + 1.0
+    slot[0] = 0.0 if lost else n + 1.0
     if not lost:
-        sense(links, link, law.edges, first, first + m, n, draw, memory.attitude, tail, y)
-        for i in range(m):
-            cells[slot + 1 + i] = y[first + i]
-        if link.own > 0 and law.terms.agents > 0:
-            multiply(law.edges.F_tail[first : first + m], terms.walked[tail], cells[slot + 1 + m :])
-    return state
+        sense(links, link, law.edges, first, end, n, draw, memory.attitude, tail, y)
+        for r in range(first, end):
+            slot[1 + r - first] = y[r]
+        if link.moves > 0 and law.terms.agents > 0:
+            multiply(law.edges.F_tail[first:end], terms.walked[tail], slot[1 + end - first :])
 
 
 @inline_jit
@@ -419,15 +419,15 @@ def multiply(F, v, out):
 
 
 @inline_jit
-def take_in(law, link, n, m, slot, y, terms, memory):
+def take_in(law, link, k, n, slot, y, terms, memory):
     """Write the measurement of an edge at sample n to y and, with its velocity, to the memory.
 
     Args:
         law: Law of the team.
         link: Link of the edge.
+        k: Number of the link.
         n: Number of the sample.
-        m: Number of values that the edge measures.
-        slot: Index of the cells with the sample that is due.
+        slot: Sample of the delay line that is due.
         y: Measurements, in place.
         terms: Memory of the terms.
         memory: Memory of the links.
@@ -435,20 +435,17 @@ def take_in(law, link, n, m, slot, y, terms, memory):
     Returns:
         Reception: NEW, HELD or SILENT.
     """
-    cells, edges, first, place = memory.cells, law.edges, law.edges.first[link.edge], link.received + _HEADER
-    last = cells[place - 1]
-    heard = arrival(link, n, cells[slot], last)
+    edges, first, end = law.edges, law.edges.first[link.edge], law.edges.first[link.edge + 1]
+    heard = arrival(link, n, slot[0], memory.last[k])
     if heard == NEW:
-        for i in range(m):
-            y[first + i] = cells[slot + 1 + i]
-        periods = age_of_velocity(law.terms, link, n, last, terms)
-        receive(law, cells, slot + 1, place, m, link.own, periods)
-        cells[place - 1] = n + 1.0
-    else:
-        for i in range(m):
-            y[first + i] = cells[place + i] if heard == HELD else -edges.b[first + i]
-    for i in range(link.own):
-        memory.velocity[first + i] = cells[place + 2 * m + i]
+        if link.moves > 0:
+            periods = age_of_velocity(law.terms, link, n, memory.last[k], terms)
+            receive_velocity(law, first, end, slot, periods, memory)
+        for r in range(first, end):
+            memory.y[r] = slot[1 + r - first]
+        memory.last[k] = n + 1.0
+    for r in range(first, end):
+        y[r] = -edges.b[r] if heard == SILENT else memory.y[r]
     return heard
 
 
@@ -468,7 +465,7 @@ def age_of_velocity(params, link, n, last, terms):
 
     It gives one if odometry has gone on since the last was measured.
     """
-    if link.own > 0 and params.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
+    if params.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
         return n + 1.0 - last
     return 0.0
 
@@ -484,21 +481,21 @@ def next_state(state, chance, to_bad, to_good, begins_bad):
 
 
 @inline_jit
-def receive(law, cells, slot, place, m, own, periods):
-    """Store the m numbers that arrive, and mix the velocity they imply over the given periods, if any, into the old.
+def receive_velocity(law, first, end, slot, periods, memory):
+    """Mix the velocity that a sample implies over the given periods into the old one; 0 periods begin the filter anew.
 
     It has that many periods' share in the filter, which begins at rest: else noise, which cancels in the sum of
-    differences, would add up.
+    differences, would add up. The sample also has the displacement up to it, which the next one needs.
     """
     share = 1.0 - (1.0 - law.terms.measured) ** periods
-    for i in range(own):
-        a, b, velocity = cells[slot + i] + cells[slot + m + i], cells[place + i] + cells[place + m + i], 0.0
+    for r in range(first, end):
+        y, walked = slot[1 + r - first], slot[1 + end - first + r - first]
         if periods > 0.0:
-            velocity = cells[place + 2 * m + i]
-            velocity += share * ((a - b) / (periods * law.links.period) - velocity)
-        cells[place + 2 * m + i] = velocity
-    for i in range(m + own):
-        cells[place + i] = cells[slot + i]
+            moved = (y + walked) - (memory.y[r] + memory.walked[r])
+            memory.velocity[r] += share * (moved / (periods * law.links.period) - memory.velocity[r])
+        else:
+            memory.velocity[r] = 0.0
+        memory.walked[r] = walked
 
 
 @inline_jit

@@ -39,13 +39,23 @@ _WEIGHT = 0.9  # w
 _COUNT = 2**20  # random numbers of rounds are counted from here on within a sample: apart from those of measurements
 
 
+class Losses(NamedTuple):
+    """Chain of losses of messages; see `mjsheaf.team.links.GilbertElliott`."""
+
+    to_bad: float = 0.0
+    to_good: float = 0.0
+    bad: float = 0.0
+    loss_good: float = 0.0
+    loss_bad: float = 0.0
+
+
 class RoundArrays(NamedTuple):
-    """Links of the rounds of N agents with C communication edges, the first of a law; of size 0 where all is perfect.
+    """Links of the rounds of N agents with C communication edges, the first of a law; by default all is perfect.
 
     Attributes:
         imperfect: True if a message can be delayed or lost, on any edge.
         delay: Delay of a message, periods; if positive, there is one round a period.
-        loss: to_bad, to_good, bad, loss_good, loss_bad of the chain of each edge, shape (5,).
+        loss: Chain of losses of each edge.
         streams: Random streams, shape (C, 2).
         range: beyond which an edge carries no messages, shape (C,), m.
         lift: what is added to z for the distance between bodies, shape (V,), m.
@@ -53,89 +63,98 @@ class RoundArrays(NamedTuple):
         stiffest: largest eigenvalue of any D_i.
     """
 
-    imperfect: bool
-    delay: int
-    loss: Array
-    streams: IntArray
-    range: Array
-    lift: Array
-    own: Array
-    inverse: Array
-    stiffest: float
+    imperfect: bool = False
+    delay: int = 0
+    loss: Losses = Losses()
+    streams: IntArray = np.zeros((0, 2), dtype=np.int64)
+    range: Array = np.zeros(0)
+    lift: Array = np.zeros(0)
+    own: Array = np.zeros((0, 3, 3))
+    inverse: Array = np.zeros((0, 3, 3))
+    stiffest: float = 1.0
 
     @property
     def lossy(self) -> bool:
         """Return True if a message can be lost at random."""
-        bad, good_loss, bad_loss = self.loss[2:]
-        return bool(good_loss > 0.0 or bad * bad_loss > 0.0)
+        return self.loss.loss_good > 0.0 or self.loss.bad * self.loss.loss_bad > 0.0
 
     def settling(self, rounds: int, low: float) -> float:
         """Fraction of the slowest error that the rounds of one period remove, nearly; `low` bounds H from below."""
         if self.stiffest == 0.0:  # no edge is left
             return 1.0
-        bad, good_loss, bad_loss = self.loss[2:]
-        lost = bad * bad_loss + (1.0 - bad) * good_loss
+        lost = self.loss.bad * self.loss.loss_bad + (1.0 - self.loss.bad) * self.loss.loss_good
         late = self.delay + lost / max(1.0 - lost, 1e-3)
         return min(1.0, (1 if self.delay else rounds) * _WEIGHT * low / self.stiffest / (1.0 + _WEIGHT * late))
 
 
 class RoundMemory(NamedTuple):
-    """Messages received by agents, and messages under way.
+    """Messages received by agents, and messages under way, on C communication edges with m numbers in all.
+
+    Arrays by term have an axis for NEWTON and FEEDFORWARD; arrays by end have one for the tail and the head as senders.
 
     Attributes:
-        held: State of the chain of each edge (0 before it begins, 1 good, 2 bad), then, for either term and either
-            end, whether and what that end has sent last, shape (5 C + 4 m,).
-        line: Slots of each edge, one for each sample under way, with, of either term and end, 1 + the number of the
-            sample where the message was sent and not lost, and its numbers, shape ((delay + 1) 4 (C + m),).
+        state: State of the chain of each edge: 0 before it begins, 1 good, 2 bad, shape (C,).
+        arrived: 1 if something has arrived that an end sent, by term and end, shape (2, 2, C).
+        last: Last of that, shape (2, 2, m).
+        stamps: 1 + the number of the sample at which a message was sent and not lost, in a slot for each sample under
+            way, shape (delay + 1, 2, 2, C). A slot is written once.
+        line: Numbers of these messages, shape (delay + 1, 2, 2, m).
         streams: Random streams of the edges, which identify them in another phase, shape (C, 2).
-        first: where each edge's numbers begin, and m at the end, shape (C + 1,).
+        first: Start of each edge's numbers, and m at the end, shape (C + 1,).
     """
 
-    held: Array
+    state: Array
+    arrived: Array
+    last: Array
+    stamps: Array
     line: Array
     streams: IntArray
     first: IntArray
 
-    def of_edge(self) -> list[tuple[Array, Array]]:
-        """Each edge's part of `held` and `line`."""
-        ends = np.arange(1, len(self.first)) + self.first[1:]
-        slots = len(self.line) // max(len(self.held) - len(self.streams), 1)
-        held = np.split(self.held, (np.arange(1, len(self.first)) + 4 * ends)[:-1])
-        return list(zip(held, np.split(self.line, 4 * slots * ends[:-1]), strict=True)) if len(self.streams) else []
-
-
-def no_rounds() -> RoundArrays:
-    """All messages arrive at once."""
-    one, none = np.zeros(0), np.zeros((0, 3, 3))
-    return RoundArrays(False, 0, np.zeros(5), np.zeros((0, 2), dtype=np.int64), one, one, none, none, 1.0)
-
 
 def size_of_round_memory(rounds: RoundArrays, first: IntArray) -> tuple[int, int]:
-    """Count the numbers of `held` and of `line`, for edges whose numbers begin at `first`."""
-    edges = len(rounds.streams)
-    m = int(first[edges])
-    return 5 * edges + 4 * m, (rounds.delay + 1) * 4 * (edges + m)
+    """Count the numbers that are held, and those of messages under way, for edges whose numbers begin at `first`."""
+    C = len(rounds.streams)
+    m = int(first[C])
+    return 5 * C + 4 * m, (rounds.delay + 1) * 4 * (C + m)
+
+
+def split_round_memory(held: Array, under_way: Array, rounds: RoundArrays, first: IntArray) -> RoundMemory:
+    """Return views of the numbers that `size_of_round_memory` counts."""
+    C, slots = len(rounds.streams), rounds.delay + 1
+    m = int(first[C])
+    state, arrived, last, _ = np.split(held, np.cumsum([C, 4 * C, 4 * m]))
+    stamps, line = np.split(under_way, [slots * 4 * C])
+    return RoundMemory(
+        state,
+        arrived.reshape(2, 2, C),
+        last.reshape(2, 2, m),
+        stamps.reshape(slots, 2, 2, C),
+        line.reshape(slots, 2, 2, m),
+        np.ascontiguousarray(rounds.streams),
+        np.ascontiguousarray(first[: C + 1]),
+    )
 
 
 def carry_rounds(old: RoundMemory, new: RoundMemory, sample: int) -> None:
     """Copy what was sent on the edges that remain, up to a sample of the terms' clock."""
-    known = dict(zip(map(tuple, old.streams.tolist()), old.of_edge(), strict=True))
-    for stream, (held, line) in zip(map(tuple, new.streams.tolist()), new.of_edge(), strict=True):
-        held_before, line_before = known.get(stream, (held, line))
-        if len(held) != len(held_before):  # its maps are of another size
+    known = {stream: e for e, stream in enumerate(map(tuple, old.streams.tolist()))}
+    slots = min(len(old.stamps), len(new.stamps))
+    for e, stream in enumerate(map(tuple, new.streams.tolist())):
+        if stream not in known:
             continue
-        held[:] = held_before
-        if len(line) == len(line_before):
-            line[:] = line_before
-        else:
-            _carry_line(line_before.reshape(-1, 4, len(held) // 4), line.reshape(-1, 4, len(held) // 4), sample)
-
-
-def _carry_line(old: Array, new: Array, sample: int) -> None:
-    """Copy messages that are under way into a line of another delay, shapes (delay + 1, 4, 1 + m)."""
-    stamp = old[..., 0]
-    slot, sender = np.nonzero(stamp > sample + 1 - min(len(old), len(new)))
-    new[(stamp[slot, sender].astype(np.int64) - 1) % len(new), sender] = old[slot, sender]
+        k = known[stream]
+        rows, before = slice(*new.first[e : e + 2]), slice(*old.first[k : k + 2])
+        if rows.stop - rows.start != before.stop - before.start:  # its maps are of another size
+            continue
+        new.state[e] = old.state[k]
+        new.arrived[..., e] = old.arrived[..., k]
+        new.last[..., rows] = old.last[..., before]
+        for slot, term, end in np.argwhere(old.stamps[..., k] > sample + 1 - slots).tolist():
+            stamp = old.stamps[slot, term, end, k]
+            to = (int(stamp) - 1) % len(new.stamps)
+            new.stamps[to, term, end, e] = stamp
+            new.line[to, term, end, rows] = old.line[slot, term, end, before]
 
 
 def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0) -> RoundArrays:
@@ -157,14 +176,14 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
     edges = linked_edges(team, links)[: len(team.communication)]
     far = np.array([one.link.range for one in edges])
     if not (delay or loss.lossy or np.isfinite(far).any()):
-        return no_rounds()
+        return RoundArrays()
     with in_field("links.rounds"):
         require_held(4 * (delay + 1) * sum(1 + len(edge.F_tail) for edge in team.communication))
     own = _diagonal_blocks(team)
     return RoundArrays(
         imperfect=True,
         delay=delay,
-        loss=np.array([loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad]),
+        loss=Losses(*(float(getattr(loss, name)) for name in Losses._fields)),
         streams=np.array([one.stream for one in edges], dtype=np.int64).reshape(-1, 2),
         range=far,
         lift=np.where([member.dimension == 2 for member in team.members], height, 0.0),
@@ -224,24 +243,20 @@ def relax(edges, rounds, steepest, seed, n, term, count, first, b, y, x, positio
 @inline_jit
 def send(edges, rounds, seed, n, term, k, x, positions, memory):
     """Let both ends of every edge send F x in round k of sample n, unless the message is lost."""
-    to_bad, to_good, begins_bad, loss_good, loss_bad = rounds.loss
+    chain, slot = rounds.loss, n % (rounds.delay + 1)
     for e in range(rounds.streams.shape[0]):
-        first, end = edges.first[e], edges.first[e + 1]
-        tail, head, m = edges.tail[e], edges.head[e], end - first
-        chance, state = uniforms(seed, rounds.streams[e], n, _COUNT + k), 5 * e + 4 * first
-        memory.held[state] = next_state(memory.held[state], chance[2], to_bad, to_good, begins_bad)
-        loss = loss_bad if memory.held[state] == 2.0 else loss_good
+        tail, head = edges.tail[e], edges.head[e]
+        chance = uniforms(seed, rounds.streams[e], n, _COUNT + k)
+        memory.state[e] = next_state(memory.state[e], chance[2], chain.to_bad, chain.to_good, chain.bad)
+        loss = chain.loss_bad if memory.state[e] == 2.0 else chain.loss_good
         if rounds.range[e] < np.inf:
             far = distance(positions[tail], rounds.lift[tail], positions[head], rounds.lift[head])
             loss = 1.0 if far > rounds.range[e] else loss
-        for side in range(2):
-            slot = 4 * (rounds.delay + 1) * (e + first)
-            slot += (4 * (n % (rounds.delay + 1)) + 2 * term + side) * (1 + m)
-            memory.line[slot] = 0.0 if chance[side] < loss else n + 1.0
-            F, own = (edges.F_head, x[head]) if side else (edges.F_tail, x[tail])
-            for i in range(m):
-                row = F[first + i]
-                memory.line[slot + 1 + i] = row[0] * own[0] + row[1] * own[1] + row[2] * own[2]
+        for end in range(2):
+            memory.stamps[slot, term, end, e] = 0.0 if chance[end] < loss else n + 1.0
+            F, own = (edges.F_head, x[head]) if end else (edges.F_tail, x[tail])
+            for r in range(edges.first[e], edges.first[e + 1]):
+                memory.line[slot, term, end, r] = F[r, 0] * own[0] + F[r, 1] * own[1] + F[r, 2] * own[2]
 
 
 @inline_jit
@@ -293,35 +308,31 @@ def _subtract_at(edges, F, P, a, c, y, e, own, residue):
 @inline_jit
 def receive(edges, rounds, steepest, n, term, y, x, memory, residue):
     """Add to the residue (V, 3) what neighbours sent last; an edge on which nothing ever came adds no difference."""
+    due = (n + 1) % (rounds.delay + 1)
     for e in range(rounds.streams.shape[0]):
-        first, end = edges.first[e], edges.first[e + 1]
-        m = end - first
-        for side in range(2):  # of the sender
-            slot = 4 * (rounds.delay + 1) * (e + first)
-            slot += (4 * ((n + 1) % (rounds.delay + 1)) + 2 * term + side) * (1 + m)
-            last = 5 * e + 4 * first + 1 + (2 * term + side) * (1 + m)
-            if n >= rounds.delay and memory.line[slot] == n - rounds.delay + 1.0:
-                memory.held[last] = 1.0
-                for i in range(m):
-                    memory.held[last + 1 + i] = memory.line[slot + 1 + i]
-            v = edges.tail[e] if side else edges.head[e]
-            F, P = (edges.F_tail, edges.P_tail) if side else (edges.F_head, edges.P_head)
+        first, last = edges.first[e], edges.first[e + 1]
+        for end in range(2):  # of the sender
+            if n >= rounds.delay and memory.stamps[due, term, end, e] == n - rounds.delay + 1.0:
+                memory.arrived[term, end, e] = 1.0
+                for r in range(first, last):
+                    memory.last[term, end, r] = memory.line[due, term, end, r]
+            arrived, sent = memory.arrived[term, end, e] > 0.0, memory.last[term, end]
+            v = edges.tail[e] if end else edges.head[e]
+            F, P = (edges.F_tail, edges.P_tail) if end else (edges.F_head, edges.P_head)
             a, b = slope(edges.kinds, steepest, edges, y, e)
             along = 0.0
             if b != 0.0:
-                for i in range(m):
-                    along += (y[first + i] + edges.b[first + i]) * _sent(F[first + i], x[v], memory.held, last, i)
-            for i in range(m):
-                z = _sent(F[first + i], x[v], memory.held, last, i)
+                for r in range(first, last):
+                    along += (y[r] + edges.b[r]) * _sent(arrived, sent[r], F[r], x[v])
+            for r in range(first, last):
+                z = _sent(arrived, sent[r], F[r], x[v])
                 if len(edges.kinds) > 0:
-                    z = a * z + b * along * (y[first + i] + edges.b[first + i])
+                    z = a * z + b * along * (y[r] + edges.b[r])
                 for c in range(3):
-                    residue[v, c] += P[first + i, c] * z
+                    residue[v, c] += P[r, c] * z
 
 
 @inline_jit
-def _sent(row, own, held, last, i):
-    """Return number i that a neighbour sent last, or F x of the receiver if nothing ever came."""
-    if held[last] == 0.0:
-        return row[0] * own[0] + row[1] * own[1] + row[2] * own[2]
-    return held[last + 1 + i]
+def _sent(arrived, number, row, own):
+    """Return a number that a neighbour sent last, or F x of the receiver if nothing ever came."""
+    return number if arrived else row[0] * own[0] + row[1] * own[1] + row[2] * own[2]

@@ -120,19 +120,19 @@ def new_safety_memory(safety: Any, V: int) -> SafetyMemory:
 
 
 @jit
-def keep_apart(stage, law, t, x, memory):
-    """Replace commands that bring agents too close to something, unless `stage` is ().
+def keep_apart(safety, limit, t, x, memory):
+    """Replace commands that bring agents too close to something, unless `safety` is ().
 
     Args:
-        stage: (1,), or () without anything to keep.
-        law: Law of the vehicles.
+        safety: Parameters of the filter; () without anything to keep.
+        limit: Largest commanded speed of each vehicle, shape (V,), m/s.
         t: Time, s.
         x: Positions, shape (V, 3), m.
         memory: Memory of the law, with the commands before they are limited.
     """
-    if len(stage) == 0:
+    if len(safety) == 0:
         return
-    safety, work = law.safety, memory.safety
+    work = memory.safety
     for v in range(x.shape[0]):
         for i in range(3):
             work.cells.places[v, i] = x[v, i] + safety.lift[v, i]
@@ -142,13 +142,13 @@ def keep_apart(stage, law, t, x, memory):
         return
     for v in range(safety.agents):
         if safety.yields[v]:
-            _filter(safety, t, v, law.limit[v], memory.command[v], work)
+            _filter(safety, t, v, limit[v], memory.command[v], work)
 
 
 @inline_jit
-def is_restrained(stage, work, v):
-    """Return True if the command of vehicle v was replaced; False if `stage` is ()."""
-    if len(stage) == 0:
+def is_restrained(safety, work, v):
+    """Return True if the command of vehicle v was replaced; False if `safety` is ()."""
+    if len(safety) == 0:
         return False
     return work.found[v, CORRECTION] > 0.0
 

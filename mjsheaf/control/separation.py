@@ -1,7 +1,8 @@
 """The section `safety` of a scenario, and its arrays for compiled code: see `mjsheaf.control.safety`."""
 
 from abc import ABC, abstractmethod
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -189,111 +190,110 @@ class Safety(Section):
         return self
 
 
-class FilteredVehicles(NamedTuple):
-    """Data of V vehicles for the filter; see `SafetyArrays` for carried and unsteady.
+def pack_safety(
+    safety: Safety,
+    *,
+    ids: Sequence[str],
+    planar: BoolArray,
+    height: float,
+    limit: Array,
+    yields: BoolArray,
+    radius: Array,
+    margin: Array,
+    speed: Array,
+    carried: Array,
+    unsteady: Array,
+    period: float,
+    start: float,
+    end: float,
+) -> SafetyArrays:
+    """Return the section for compiled code, for V vehicles; see `SafetyArrays` for carried and unsteady.
 
-    Attributes:
+    Args:
+        safety: The section.
         ids: Ids of the agents.
         planar: True for vehicles that live in the plane, shape (V,).
         height: Height of planar vehicles, m.
         limit: Largest commanded speed of each vehicle, shape (V,), m/s.
         yields: True for present agents, shape (V,).
-        radius: Radius of each vehicle, shape (V,), m.
+        radius: Radius of each vehicle, which counts if the distance is their size, shape (V,), m.
         margin: Addition to the distance for each vehicle, shape (V,), m.
-        period: Time for which commands are held, s.
         speed: Bound on the speed relative to the medium of a vehicle that does not yield, shape (V,), m/s.
+        carried, unsteady: Bounds of the medium about each vehicle.
+        period: Time for which commands are held, s.
         start, end: Start and end time of the run, s.
-    """
-
-    ids: list[str]
-    planar: BoolArray
-    height: float
-    limit: Array
-    yields: BoolArray
-    radius: Array
-    margin: Array
-    speed: Array
-    carried: Array
-    unsteady: Array
-    period: float
-    start: float
-    end: float
-
-
-def pack_safety(safety: Safety, vehicles: FilteredVehicles) -> SafetyArrays:
-    """Return the section for compiled code.
 
     Raises:
         InputError: The range is missing, and an agent has no velocity limit from which it follows; or the motion of an
             obstacle does not fit. The message begins with the field.
     """
-    V, N = len(vehicles.planar), len(vehicles.ids)
-    by_size = safety.distance == "size"
-    own = vehicles.radius if by_size else np.full(V, 0.5 * float(safety.distance))
-    obstacles = pack_obstacles(safety, vehicles.height, vehicles.start, vehicles.end)
+    V = len(planar)
+    own = radius if safety.distance == "size" else np.full(V, 0.5 * float(safety.distance))
+    radius = own + margin
+    obstacles = pack_obstacles(safety, height, start, end)
     lift = np.zeros((V, 3))
-    lift[vehicles.planar, 2] = vehicles.height
-    shares, radius = _shares(safety, vehicles), own + vehicles.margin
-    stirred = np.linalg.norm(vehicles.carried - vehicles.carried[0], axis=1) + vehicles.unsteady
-    moving = np.where(vehicles.yields, 0.0, vehicles.speed)
-    arrays = SafetyArrays(
-        agents=N,
+    lift[planar, 2] = height
+    shares = np.ones(V)
+    for v, id in enumerate(ids if safety.authority == "by_speed" else []):
+        if not np.isfinite(limit[v]):
+            raise InputError(f"safety.authority: {id} has no velocity_limit; expected one, or authority equal")
+        shares[v] = limit[v] if yields[v] else 1.0
+    stirred = np.linalg.norm(carried - carried[0], axis=1) + unsteady
+    moving = np.where(yields, 0.0, speed)
+    clearance = (own if safety.distance == "size" else 2.0 * own) + margin
+    if safety.range is None:
+        limits = {id: limit[v] for v, id in enumerate(ids) if yields[v]}
+        others = max(speed.max(initial=0.0), obstacles.speed.max(initial=0.0))
+        flows = np.linalg.norm(carried, axis=1).max(initial=0.0) + unsteady.max(initial=0.0)
+        D = max(2.0 * float(radius.max()), float(clearance.max()))
+        reach = _farthest(limits, others, flows, D, safety.rate, period)
+    else:
+        reach = safety.range + 2.0 * float(margin.max())
+    return SafetyArrays(
+        agents=len(ids),
         radius=radius,
-        clearance=(own if by_size else 2.0 * own) + vehicles.margin,
-        reach=0.0,
+        clearance=clearance,
+        reach=reach,
         rate=safety.rate,
-        period=vehicles.period or 1.0 / safety.rate,
-        pairing=np.column_stack([radius, shares * vehicles.yields, vehicles.unsteady + moving]),
-        yields=vehicles.yields,
-        carried=vehicles.carried,
-        unsteady=vehicles.unsteady,
+        period=period or 1.0 / safety.rate,
+        pairing=np.column_stack([radius, shares * yields, unsteady + moving]),
+        yields=yields,
+        carried=carried,
+        unsteady=unsteady,
         lift=lift,
-        planar=vehicles.planar,
+        planar=planar,
         closing=stirred + stirred.max() + moving.max(),
         burden=1.0 + shares.max() / shares,
         widest=float(radius.max()),
-        uniform=bool((vehicles.carried == vehicles.carried[0]).all()),
+        uniform=bool((carried == carried[0]).all()),
         right=safety.tie_break == "right_hand",
         obstacles=obstacles,
     )
-    reach = _farthest(arrays, vehicles) if safety.range is None else safety.range + 2.0 * float(vehicles.margin.max())
-    return arrays._replace(reach=reach)
 
 
-def _shares(safety: Safety, vehicles: FilteredVehicles) -> Array:
-    """Return the weight of each vehicle in the division of what a pair must do.
-
-    Raises:
-        InputError: It is to follow from a velocity limit that an agent does not have.
-    """
-    share = np.ones(len(vehicles.planar))
-    if safety.authority == "by_speed":
-        for v, id in enumerate(vehicles.ids):
-            if not np.isfinite(vehicles.limit[v]):
-                raise InputError(f"safety.authority: {id} has no velocity_limit; expected one, or authority equal")
-            share[v] = vehicles.limit[v] if vehicles.yields[v] else 1.0
-    return share
-
-
-def _farthest(safety: SafetyArrays, vehicles: FilteredVehicles) -> float:
+def _farthest(limits: dict[str, float], others: float, flows: float, D: float, rate: float, period: float) -> float:
     """Return the distance beyond which the filter changes no command that is within the velocity limits, m.
 
     The bound of a constraint at distance r is at most q - gamma (r^2 - D^2) / (2 r), taken as a whole for a pair, with
     q the fastest at which two vehicles can close in.
 
+    Args:
+        limits: Velocity limit of each present agent, m/s.
+        others: Largest speed of what does not yield, m/s.
+        flows: Largest speed of the medium, m/s.
+        D: Largest distance that is kept, m.
+        rate: gamma, 1/s.
+        period: Time for which commands are held, s.
+
     Raises:
         InputError: An agent has no velocity limit.
     """
-    limit = vehicles.limit[: len(vehicles.ids)][vehicles.yields[: len(vehicles.ids)]]
-    if not np.isfinite(limit).all():
-        id = next(id for id, own in zip(vehicles.ids, vehicles.limit, strict=False) if not np.isfinite(own))
-        raise InputError(f"safety.range: {id} has no velocity_limit from which a range follows; expected either")
-    carried = np.linalg.norm(safety.carried, axis=1).max(initial=0.0)
-    others = max(vehicles.speed.max(initial=0.0), safety.obstacles.speed.max(initial=0.0))
-    closing = 2.0 * limit.max(initial=0.0) + others + 2.0 * (carried + safety.unsteady.max(initial=0.0))
-    D = max(2.0 * float(safety.radius.max()), float(safety.clearance.max()))
-    settled = closing / safety.rate
-    return float(max(settled + np.hypot(settled, D), D + closing * vehicles.period))
+    for id, limit in limits.items():
+        if not np.isfinite(limit):
+            raise InputError(f"safety.range: {id} has no velocity_limit from which a range follows; expected either")
+    closing = 2.0 * max(limits.values(), default=0.0) + others + 2.0 * flows
+    settled = closing / rate
+    return float(max(settled + np.hypot(settled, D), D + closing * period))
 
 
 def pack_obstacles(safety: Safety, height: float, start: float, end: float) -> ObstacleArrays:

@@ -29,12 +29,15 @@ from mjsheaf.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.media.gusts import Gusts
 from mjsheaf.media.varying import MovingVortices, Ramp, Tide
 from mjsheaf.media.waves import Waves
-from mjsheaf.vehicles.vectors import add, triple
+from mjsheaf.vehicles.vectors import add, cross, triple
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
-# axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
+# axis or direction (3), strength, and two parameters: core^2, or the falloffs of a channel across and along. Its first
+# row is the drift, in the place of a centre. One array is what compiled code passes on most cheaply.
+KIND, SPACE, CENTRE, AXIS, STRENGTH = 0, 1, 2, 5, 8
+CORE2 = 9
+ACROSS, ALONG = 9, 10
 SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
-_STRENGTH = 8
 _NARROWEST = 1e-100  # m, of a channel: the square of its inverse must be finite
 NOTHING_LEFT = 600.0  # exp(-600) = 3e-261, which stands for all that is less
 _LOG2_E = 1.4426950408889634
@@ -74,24 +77,25 @@ def decay(x):
 @inline_jit
 def channel_place(c, rx, ry, rz):
     """Return the place of an offset (rx, ry, rz) from a channel's centre: l along the channel, |n|^2 across."""
-    along = rx * c[5] + ry * c[6] + rz * c[7]
-    nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
+    d = triple(c[AXIS:])
+    along = rx * d[0] + ry * d[1] + rz * d[2]
+    nx, ny, nz = rx - along * d[0], ry - along * d[1], rz - along * d[2]
     return along, nx * nx + ny * ny + nz * nz
 
 
 @inline_jit
 def source_velocity(c, r):
     """Return the velocity of a source at an offset r from its centre, as three numbers."""
-    s = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[9]
-    a = c[8] / (s * np.sqrt(s)) if c[1] else c[8] / s
+    s = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[CORE2]
+    a = c[STRENGTH] / (s * np.sqrt(s)) if c[SPACE] else c[STRENGTH] / s
     return a * r[0], a * r[1], a * r[2]
 
 
 @inline_jit
 def vortex_velocity(c, r):
     """Return that of a vortex."""
-    a = c[8] / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[9])
-    x, y, z = c[6] * r[2] - c[7] * r[1], c[7] * r[0] - c[5] * r[2], c[5] * r[1] - c[6] * r[0]
+    a = c[STRENGTH] / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + c[CORE2])
+    x, y, z = cross(triple(c[AXIS:]), r)
     return a * x, a * y, a * z
 
 
@@ -99,27 +103,27 @@ def vortex_velocity(c, r):
 def channel_velocity(c, r):
     """Return that of a channel."""
     along, across2 = channel_place(c, r[0], r[1], r[2])
-    falloff = across2 * c[9] + along * along * c[10]
-    a = c[8] * decay(min(falloff, NOTHING_LEFT))
-    return a * c[5], a * c[6], a * c[7]
+    falloff = across2 * c[ACROSS] + along * along * c[ALONG]
+    a = c[STRENGTH] * decay(min(falloff, NOTHING_LEFT))
+    return a * c[AXIS], a * c[AXIS + 1], a * c[AXIS + 2]
 
 
 @inline_jit
 def offset_from(c, x):
     """Return the offset of a point x from the centre of a kernel."""
-    return x[0] - c[2], x[1] - c[3], (x[2] - c[4]) * c[1]
+    return x[0] - c[CENTRE], x[1] - c[CENTRE + 1], (x[2] - c[CENTRE + 2]) * c[SPACE]
 
 
 @jit
 def flow_velocity(table, x, y, z):
     """Velocity of the medium at a point, as three numbers; the first row of the table is the drift."""
-    w = triple(table[0, 2:])
+    w = triple(table[0, CENTRE:])
     for k in range(1, table.shape[0]):
         c = table[k]
         r = offset_from(c, (x, y, z))
-        if c[0] == SOURCE:
+        if c[KIND] == SOURCE:
             w = add(w, source_velocity(c, r))
-        elif c[0] == VORTEX:
+        elif c[KIND] == VORTEX:
             w = add(w, vortex_velocity(c, r))
         else:
             w = add(w, channel_velocity(c, r))
@@ -249,7 +253,7 @@ class FlowField(Section):
         kinds = ((SOURCE, self.sources), (VORTEX, resting), (CHANNEL, self.channels))
         rows = [[kind, space, *kernel.row(core2)] for kind, kernels in kinds for kernel in kernels]
         # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
-        return np.array([drift, *(row for row in rows if row[_STRENGTH] != 0.0)])
+        return np.array([drift, *(row for row in rows if row[STRENGTH] != 0.0)])
 
     @cached_property
     def kernel_speed(self) -> float:
@@ -260,16 +264,17 @@ class FlowField(Section):
         """
         total = 0.0
         for row in self.table[1:]:
-            core = math.sqrt(row[9])
-            if row[0] == CHANNEL:
-                total += abs(row[_STRENGTH])
+            core = math.sqrt(row[CORE2])
+            if row[KIND] == CHANNEL:
+                total += abs(row[STRENGTH])
             elif core == 0.0:
                 return math.inf
-            elif row[0] == SOURCE and row[1]:
-                total += abs(row[_STRENGTH]) * 2.0 / (3.0**1.5 * core * core)
+            elif row[KIND] == SOURCE and row[SPACE]:
+                total += abs(row[STRENGTH]) * 2.0 / (3.0**1.5 * core * core)
             else:
-                axis = 1.0 if row[0] == SOURCE else math.sqrt(row[5] ** 2 + row[6] ** 2 + row[7] ** 2)
-                total += abs(row[_STRENGTH]) * axis / (2.0 * core)
+                x, y, z = row[AXIS:STRENGTH]
+                axis = 1.0 if row[KIND] == SOURCE else math.sqrt(x**2 + y**2 + z**2)
+                total += abs(row[STRENGTH]) * axis / (2.0 * core)
         return total
 
     @property

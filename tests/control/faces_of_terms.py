@@ -41,12 +41,12 @@ def counts(session: Session) -> Iterator[float]:
     """Yield the evaluations that the first agent counts after three periods, when observed, and at the end."""
     for _ in range(3):
         session.step()
-    yield session.engine.memory.custom[0, 3]
+    yield session.engine.memory.custom[0][0, 3]
     for _ in range(3):
         session.observe()
-    yield session.engine.memory.custom[0, 3]
+    yield session.engine.memory.custom[0][0, 3]
     list(session.engine.record(2))
-    yield session.engine.memory.custom[0, 3]
+    yield session.engine.memory.custom[0][0, 3]
 
 
 def positions(session: Session) -> Places:

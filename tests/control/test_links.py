@@ -753,4 +753,4 @@ def test_memory_does_not_grow() -> None:
         sensing = [["boat", "ship"], ["front", "diver"]]
         law = tangled(links=links, communication=[["boat", "front"]], sensing=sensing).system.law
         m = [b - a for a, b in pairwise(law.edges.first.tolist())][:3]
-        assert law.links.size == sum((delay + 1) * (1 + k) + (2 + k) for k in m)
+        assert law.links.size == sum((delay + 1) * (1 + k) for k in m)

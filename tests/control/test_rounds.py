@@ -281,8 +281,7 @@ def test_nothing_from_before_arrives_over_a_restored_link() -> None:
         if now is not system:
             memory, system = carry(memory, system.law, now.law, n), now
         evaluate_law(system.control, n * H, x, None, memory)
-        held = [block for block, _ in memory.terms.rounds.of_edge()]
-        sent = [bool(block[1]) for block in held]  # of newton, whose tails have sent something that has arrived
+        sent = (memory.terms.rounds.arrived[0, 0] > 0.0).tolist()  # of newton, by tails
         stays = n >= 5
         assert sent == ([stays] if 10 <= n < 13 else [stays if n < 10 else n >= 18, stays])
 

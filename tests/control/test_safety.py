@@ -15,7 +15,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.law import new_memory
 from mjsheaf.control.obstacles import distances
 from mjsheaf.control.safety import keep_apart
-from mjsheaf.control.separation import FilteredVehicles, Safety, pack_safety
+from mjsheaf.control.separation import Safety, pack_safety
 from mjsheaf.dynamics.motion import add_reference, position_at
 from mjsheaf.errors import MjsheafError
 from mjsheaf.results.metrics import safety_of
@@ -205,11 +205,14 @@ def test_what_is_too_far_to_matter_changes_no_bit() -> None:
     scenario, V, N, skipped = load_scenario(swap(40)), 40, 36, 0
     rng = np.random.default_rng(4)
     for rate in np.geomspace(0.3, 10.0, 40):
-        vehicles = FilteredVehicles(
+        section = Safety(distance=1.0, range=9.0, rate=rate, authority="by_speed")
+        limit = rng.uniform(0.5, 3.0, V)
+        packed = pack_safety(
+            section,
             ids=[f"A{k}" for k in range(N)],
             planar=np.zeros(V, dtype=np.bool_),
             height=0.0,
-            limit=rng.uniform(0.5, 3.0, V),
+            limit=limit,
             yields=(np.arange(V) < N) & (rng.random(V) < 0.9),
             radius=np.zeros(V),
             margin=rng.uniform(0.0, 0.3, V),
@@ -220,15 +223,13 @@ def test_what_is_too_far_to_matter_changes_no_bit() -> None:
             start=0.0,
             end=1.0,
         )
-        section = Safety(distance=1.0, range=9.0, rate=rate, authority="by_speed")
-        packed = pack_safety(section, vehicles)
-        law = scenario.system.control.law._replace(limit=vehicles.limit)
+        law = scenario.system.control.law._replace(limit=limit)
         places, commands = rng.uniform(-6.0, 6.0, (V, 3)), rng.normal(size=(V, 3)) * rng.choice([0.1, 1.0, 9.0], (V, 1))
         found = []
         for closing in (packed.closing, np.full(V, np.inf)):
             memory = new_memory(law._replace(safety=packed._replace(closing=closing)), V)
             memory.command[:] = commands
-            keep_apart((1,), law._replace(safety=packed._replace(closing=closing)), 0.0, places, memory)
+            keep_apart(packed._replace(closing=closing), law.limit, 0.0, places, memory)
             found.append((memory.command.copy(), memory.safety.found.copy()))
         np.testing.assert_array_equal(found[0][0], found[1][0])
         np.testing.assert_array_equal(found[0][1], found[1][1])
@@ -524,7 +525,7 @@ def test_a_limited_command_that_satisfies_all_constraints_is_the_laws_to_the_bit
     for _ in range(100):
         memory = new_memory(law, 2)
         memory.command[:] = wanted = 9.0 * rng.normal(size=(2, 3))
-        keep_apart((1,), law, 0.0, places, memory)
+        keep_apart(law.safety, law.limit, 0.0, places, memory)
         limited = 2.0 * wanted / np.linalg.norm(wanted, axis=1)[:, None]
         satisfied = limited @ [1.0, 0.0, 0.0] * [1.0, -1.0] >= 0.75  # -gamma h / (4 |z|) = 3 / 4
         np.testing.assert_array_equal(memory.command[satisfied], wanted[satisfied])

@@ -39,7 +39,24 @@ from numpy.typing import ArrayLike
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, raise_first
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.flow import CHANNEL, NOTHING_LEFT, SOURCE, VORTEX, FlowField, channel_place, in_space
+from mjsheaf.media.flow import (
+    ACROSS,
+    ALONG,
+    AXIS,
+    CENTRE,
+    CHANNEL,
+    CORE2,
+    KIND,
+    NOTHING_LEFT,
+    SOURCE,
+    SPACE,
+    STRENGTH,
+    VORTEX,
+    FlowField,
+    channel_place,
+    in_space,
+)
+from mjsheaf.vehicles.vectors import triple
 
 _BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
 _NO_CORE = 1e-30  # m; a core smaller than this is none
@@ -233,18 +250,19 @@ class _Kernels:
 
     def __init__(self, table: Array, dimension: int, n: int, drift: bool) -> None:
         self.n, space = n, dimension == 3
-        self.drift = table[0, 2 : 2 + n] if drift else np.zeros(n)
+        self.drift = table[0, CENTRE : CENTRE + n] if drift else np.zeros(n)
         kernels = table[1:]
-        sources, vortices, channels = (kernels[kernels[:, 0] == kind] for kind in (SOURCE, VORTEX, CHANNEL))
-        vortices = vortices[np.any(vortices[:, 5:8] != 0.0, axis=1)]
-        poles, axis = np.concatenate([sources, vortices]), vortices[:, 5:8]
+        sources, vortices, channels = (kernels[kernels[:, KIND] == kind] for kind in (SOURCE, VORTEX, CHANNEL))
+        vortices = vortices[np.any(vortices[:, AXIS:STRENGTH] != 0.0, axis=1)]
+        poles, axis = np.concatenate([sources, vortices]), vortices[:, AXIS:STRENGTH]
         is_vortex = np.arange(len(poles)) >= len(sources)
-        self.centre = np.concatenate([poles, channels])[:, 2 : 2 + n]
+        self.centre = np.concatenate([poles, channels])[:, CENTRE : CENTRE + n]
         self.count, self._poles = len(self.centre), len(poles)
 
         # Poles: strength (M r + v) / (|r|^2 + C)^p.
-        height = -poles[:, 4] if space and n == 2 else np.zeros(len(poles))  # of the plane over the kernel's centre
-        self._strength, self._C = poles[:, 8], poles[:, 9] + height**2
+        # Height of the plane over the kernel's centre.
+        height = -poles[:, CENTRE + 2] if space and n == 2 else np.zeros(len(poles))
+        self._strength, self._C = poles[:, STRENGTH], poles[:, CORE2] + height**2
         self._p = np.where(is_vortex | (not space), 1.0, 1.5)
         self._M, self._v = np.tile(np.eye(n), (len(poles), 1, 1)), np.zeros((len(poles), n))
         self._M[is_vortex] = np.cross(np.eye(3), axis[:, None])[:, :n, :n]  # M r = axis x r
@@ -255,9 +273,9 @@ class _Kernels:
         self.singular = self.centre[: len(poles)][self._C <= _NO_CORE**2]
 
         # Channels: strength exp(-A |n|^2 - B l^2) d, projected onto the plane of a planar vehicle.
-        self._push = channels[:, 8, None] * channels[:, 5 : 5 + n]
-        self._d, self._A, self._B = channels[:, 5:8], channels[:, 9], channels[:, 10]
-        self._channel_centre = channels[:, 2:5]
+        self._push = channels[:, STRENGTH, None] * channels[:, AXIS : AXIS + n]
+        self._d, self._A, self._B = channels[:, AXIS:STRENGTH], channels[:, ACROSS], channels[:, ALONG]
+        self._channel_centre = channels[:, CENTRE:AXIS]
 
     def candidates(self) -> Array:
         """Points where the supremum may be, shape (k, n): kernels' centres, and their peaks around them."""
@@ -403,23 +421,24 @@ def flow_slope(table, x, y, z, radius):
     total = 0.0
     for k in range(1, table.shape[0]):
         c = table[k]
-        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
-        if c[0] == CHANNEL:
+        rx, ry, rz = x - c[CENTRE], y - c[CENTRE + 1], (z - c[CENTRE + 2]) * c[SPACE]
+        if c[KIND] == CHANNEL:
             along, across2 = channel_place(c, rx, ry, rz)
             across = np.sqrt(across2)
             near, low = max(across - radius, 0.0), max(abs(along) - radius, 0.0)
-            strongest = np.exp(-min(near * near * c[9] + low * low * c[10], NOTHING_LEFT))
-            slope_across = c[9] * (across + radius)
-            slope_along = c[10] * (abs(along) + radius)
+            strongest = np.exp(-min(near * near * c[ACROSS] + low * low * c[ALONG], NOTHING_LEFT))
+            slope_across = c[ACROSS] * (across + radius)
+            slope_along = c[ALONG] * (abs(along) + radius)
             steepest = 2.0 * np.sqrt(slope_across * slope_across + slope_along * slope_along)
-            total += abs(c[8]) * min(strongest * steepest, np.sqrt(max(c[9], c[10]) * _TWO_OVER_E))
+            total += abs(c[STRENGTH]) * min(strongest * steepest, np.sqrt(max(c[ACROSS], c[ALONG]) * _TWO_OVER_E))
         else:
             r = max(np.sqrt(rx * rx + ry * ry + rz * rz) - radius, 0.0)
-            s = r * r + c[9]
-            if c[0] == SOURCE:
-                total += 2.0 * abs(c[8]) / (s * np.sqrt(s)) if c[1] else abs(c[8]) / s
+            s = r * r + c[CORE2]
+            if c[KIND] == SOURCE:
+                total += 2.0 * abs(c[STRENGTH]) / (s * np.sqrt(s)) if c[SPACE] else abs(c[STRENGTH]) / s
             else:
-                total += abs(c[8]) * np.sqrt(c[5] * c[5] + c[6] * c[6] + c[7] * c[7]) / s
+                ax, ay, az = triple(c[AXIS:])
+                total += abs(c[STRENGTH]) * np.sqrt(ax * ax + ay * ay + az * az) / s
     return total
 
 
@@ -433,13 +452,13 @@ def flow_scale(table, x, y, z):
     smallest = np.inf
     for k in range(1, table.shape[0]):
         c = table[k]
-        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
-        if c[0] == CHANNEL:
+        rx, ry, rz = x - c[CENTRE], y - c[CENTRE + 1], (z - c[CENTRE + 2]) * c[SPACE]
+        if c[KIND] == CHANNEL:
             along, across2 = channel_place(c, rx, ry, rz)
-            widths = np.sqrt(2.0 * (c[9] * across2 + c[10] * along * along))
-            smallest = min(smallest, max(1.0, widths - 9.0) / np.sqrt(2.0 * max(c[9], c[10])))
+            widths = np.sqrt(2.0 * (c[ACROSS] * across2 + c[ALONG] * along * along))
+            smallest = min(smallest, max(1.0, widths - 9.0) / np.sqrt(2.0 * max(c[ACROSS], c[ALONG])))
         else:
-            smallest = min(smallest, np.sqrt(rx * rx + ry * ry + rz * rz + c[9]))
+            smallest = min(smallest, np.sqrt(rx * rx + ry * ry + rz * rz + c[CORE2]))
     return smallest
 
 
