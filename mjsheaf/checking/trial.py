@@ -175,7 +175,7 @@ def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, i
     done = 0
     initial: dict[tuple[str, ...], TooClose] = {}
     closest: dict[tuple[str, ...], TooClose] = {}
-    with engine_of(phases, "physics", seed=scenario.seed) as engine:
+    with engine_of(phases, "physics") as engine:
         fitting = MAX_VEHICLE_STEPS // (len(system.team.members) * engine.steps_per_sample)
         samples = min(end, max(fitting, 1) + 1)
         stride = -(-samples * len(system.team.agents) // _MAX_JUDGED)

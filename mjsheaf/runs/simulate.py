@@ -96,9 +96,12 @@ def stream(
         samples: Maximum number of samples in a piece; a few megabytes of them unless given.
         only: Names of the variables to collect; all unless given.
     """
+    from mjsheaf.control.controller import controller_of
     from mjsheaf.simulation.trajectory import samples_in_piece
+    from mjsheaf.system import phases_of
 
-    with engine_of(run, backend, controller=controller, seed=seed) as engine:
+    called = controller_of(controller, phases_of(run)[0].system, seed)
+    with engine_of(run, backend, controller=called) as engine:
         yield from datasets_by(engine, backend, seed, samples or samples_in_piece(engine.system), progress, only)
 
 

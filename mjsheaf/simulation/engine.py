@@ -7,7 +7,7 @@ compiled code. `mjsheaf.simulation.session` chooses one and offers it as a `Sess
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from typing import Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -20,8 +20,11 @@ from mjsheaf.control.sample import Sample, View
 from mjsheaf.control.terms import Traffic
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
-from mjsheaf.system import Phase, System, phases_of
+from mjsheaf.system import Phase, System, on_engine, phases_of
 from mjsheaf.tiers import Tiered
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
 
 Commanded = bool | Literal["thrust"]
 """True if velocities from outside take the place of the agents' law, 'thrust' if commands of actuators do."""
@@ -58,13 +61,10 @@ class Engine(ABC):
         system: The closed-loop system; of a run with phases, that of the present one.
         steps_per_sample: Steps between samples.
         controller: Law in Python that is in control, or None.
-        seed: Seed of the run; -1 if it is unknown.
-        run_under: Function that returns the run under another seed; None unless the run was made from a scenario.
+        scenario: Scenario of the run, with its seed; None if the run was not made from one.
     """
 
     system: System
-    seed: int = -1
-    run_under: Callable[[int], Sequence[Phase]] | None = None
     steps_per_sample: int
     _control: ControlArrays  # of the present phase
     _timestep: float  # s
@@ -78,6 +78,7 @@ class Engine(ABC):
         *,
         controller: Law | Controller | None = None,
         commanded: Commanded = False,
+        scenario: "Scenario | None" = None,
     ) -> None:
         """Put every vehicle at its initial position and heading.
 
@@ -86,14 +87,16 @@ class Engine(ABC):
             controller: Law in Python in place of the agents' own.
             commanded: True if velocities from outside take the place of the agents' own law, 'thrust' if commands of
                 actuators take the place of their law and autopilot; see `add_to_command`.
+            scenario: Scenario that the run was made from, for other seeds.
 
         Raises:
             InputError: A vehicle is unknown or does not fit the dimension of its agent or target, or the control period
                 is 0 with a law in Python.
         """
+        self.scenario = scenario
         self._take(run)
         self._coordinates = np.arange(3) < [[agent.dimension] for agent in self.system.team.agents]
-        self.controller = controller_of(controller, self.system)
+        self.controller = controller_of(controller, self.system, max(self.seed, 0))
         self._commanded: Commanded = commanded or self.controller is not None
         self._traffic = self.controller.traffic if self.controller else Traffic()
         self._prepare()
@@ -108,27 +111,34 @@ class Engine(ABC):
         self.system = self._phases[0].system
         self._views: dict[int, View] = {}
 
-    def restart(self, seed: int) -> None:
-        """Begin anew with the same team under another seed.
-
-        Raises:
-            InputError: The run was not made from a scenario, or the seed is not one.
-        """
-        self.take_seed(seed)
-        self.reset()
+    @property
+    def seed(self) -> int:
+        """Seed of the run; -1 if it is unknown."""
+        return self.scenario.seed if self.scenario else -1
 
     def take_seed(self, seed: int) -> None:
-        """Take over the run of another seed, which begins with the next `reset`; see `restart`."""
-        if self.run_under is None:
+        """Take over the run of another seed, which begins with the next `reset`; see there."""
+        if self.scenario is None:
             raise InputError(f"seed is {seed}; expected None for a run that was not made from a Scenario")
-        self._take(self.run_under(seed))
+        plan = self.system.bodies
+        self.scenario = self.scenario.with_seed(seed)
+        self._take(on_engine(self.scenario.phases, plan.engine, plan.threads))
         self._control = self._law_of_phase()
-        self.seed = int(seed)
         if self.controller:
             self.controller.seed = self.seed
 
-    def reset(self) -> None:
-        """Go back to the initial condition."""
+    def reset(self, seed: int | None = None) -> None:
+        """Return to the initial condition.
+
+        Args:
+            seed: New seed of initial conditions, disturbances, links and a law in Python. None keeps the seed and
+                repeats the same run, bit for bit.
+
+        Raises:
+            InputError: A seed is given but the run was not made from a Scenario, or the seed is not an integer >= 0.
+        """
+        if seed is not None:
+            self.take_seed(seed)
         self.system = self._phases[0].system
         self._control = self._law_of_phase()
         self._begin()
@@ -471,8 +481,8 @@ class Engine(ABC):
         if len(state) <= begin + self._now.size:
             return False
         seed = self.seed_of(state)
-        if self.run_under is not None and seed not in (-1, self.seed):
-            self.restart(seed)
+        if self.scenario is not None and seed not in (-1, self.seed):
+            self.reset(seed)
         self._set_motion(state[1:begin])
         self._enter_phase()
         memory = self.memory.flat

@@ -155,12 +155,11 @@ class Fused(ClosedLoop):
             self._pool = ThreadPoolExecutor(threads)
             self._ends = (np.arange(threads + 1) * (len(self._fleet.blocks) - 1) // threads).tolist()
 
-    def reset(self) -> None:
-        """Go back to the initial condition."""
+    def _begin(self) -> None:
         arrays = self._arrays
         for values in (self._count, arrays.qpos, arrays.qvel, arrays.ctrl, arrays.act):
             values[:] = 0
-        super().reset()
+        super()._begin()
 
     def _state_arrays(self) -> EngineArrays:
         return self._arrays

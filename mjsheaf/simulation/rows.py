@@ -1,9 +1,9 @@
 """Runs of one team, the worlds, side by side in memory.
 
 Worlds share their parameters. What a world has of its own (see `mjsheaf.arrays.Own`) is a row of one array. The Loop of
-all is that of a world, but its own arrays have a first axis more, which counts worlds. `world_taker` makes the Loop
-of one world from it, in Python and in compiled code alike, so that worlds go through the very functions of the fused
-engine: each ends bit for bit as it does alone.
+all is that of a world, but its own arrays have a first axis more, which counts worlds. `Rows.loop_of` takes the Loop of
+one world out of it, so that worlds go through the very functions of the fused engine: each ends bit for bit as it does
+alone.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,9 +16,6 @@ from mjsheaf.arrays import OWN, Array
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.loop import Loop, Params
-
-Taker = Callable[[Loop, int], Loop]
-"""Called with (the Loop of all worlds, number of a world); returns the Loop of the world."""
 
 
 class Leaf(NamedTuple):
@@ -68,45 +65,11 @@ def leaves_of(tree: Any) -> list[Leaf]:
     return leaves
 
 
-class _Source(str):
-    """Source text whose representation is the text itself."""
-
-    __slots__ = ()
-    __repr__ = str.__str__
-
-
-def world_taker(loop: Loop) -> Taker:
-    """Return the function that takes a world out of all, which have the types of a loop.
-
-    It is one expression, written from the types: the representation of a tree of named tuples is the call that makes
-    it.
-    """
-    tree = mapped(lambda leaf: _Source(f"{leaf.path}[w]" if leaf.own else leaf.path), loop)
-    return _compiled_taker(repr(tree), frozenset(_types_of(loop)))
-
-
-@cache
-def _compiled_taker(expression: str, types: frozenset[type]) -> Taker:
-    names: dict[str, Any] = {kind.__name__: kind for kind in types}
-    exec(f"def take_world(loop, w):\n    return {expression}\n", names)
-    taker: Taker = names["take_world"]
-    return taker
-
-
-def _types_of(tree: Any) -> Iterator[type]:
-    """Yield the types of all named tuples in a tree."""
-    if isinstance(tree, tuple):
-        yield type(tree)
-        for part in tree:
-            yield from _types_of(part)
-
-
 class Rows:
     """Runs of one team at their start, as rows of arrays.
 
     Attributes:
         loop: Loop of all worlds.
-        take: Function that extracts a world from it; see `world_taker`.
         motion: A MOTION for each kind of vehicle.
         values: Numbers that differ between worlds, shape (W, n); `loop` has views of them.
     """
@@ -121,17 +84,13 @@ class Rows:
             raise InputError("no run; expected one or more")
         leaves = [leaves_of(run.compiled[0]) for run in runs]
         _require_one_team(runs, leaves)
-        # One row lies in C's order and in Fortran's, and would be compiled otherwise than several: it is there twice.
-        several = leaves * (1 + (len(runs) == 1))
         whole, self.motion = runs[0].compiled
+        self._is_own = [leaf.own for leaf in leaves[0]]
         self._own = _own_arrays(leaves[0])
         own = [leaves[0][k].value for k in self._own]
         self._places = list(zip(own, np.cumsum([0, *(part.size for part in own)]).tolist(), strict=False))
-        self.values = np.empty((len(several), sum(part.size for part in own)))
-        self._seeds = np.empty((sum(map(is_seed, leaves[0])), len(several)), dtype=np.int64)
-        for w, found in enumerate(several):
-            self._write(w, found)
-        columns = iter(self._seeds)
+        self.values = np.array([self._row_of(each) for each in leaves])
+        columns = iter(np.array([[leaf.value for leaf in each if is_seed(leaf)] for each in leaves], np.int64).T)
 
         def laid_out(leaf: Leaf) -> Any:
             if not leaf.own:
@@ -139,16 +98,11 @@ class Rows:
             return self._view(leaf.value) if isinstance(leaf.value, np.ndarray) else next(columns)
 
         self.loop: Loop = mapped(laid_out, whole)
-        self.take = world_taker(whole)
         constants = [leaf for leaf in leaves[0] if leaf.path.startswith("loop.params.")]
         self._shared = {leaf.path: leaf.value for leaf in constants if not leaf.own}
         self._read_shared = _reader(self._shared)
         self._read_own = _reader([leaf.path for leaf in constants if leaf.own])
         self._constants = self._read_own(self.loop)
-
-    def _write(self, w: int, leaves: list[Leaf]) -> None:
-        self.values[w] = self._row_of(leaves)
-        self._seeds[:, w] = [leaf.value for leaf in leaves if is_seed(leaf)]
 
     def _row_of(self, leaves: list[Leaf]) -> Array:
         return np.concatenate([leaves[k].value.ravel() for k in self._own])
@@ -171,8 +125,10 @@ class Rows:
             ours[w] = other
 
     def loop_of(self, w: int) -> Loop:
-        """Return the Loop of world w, for threads of this machine."""
-        return self.take(self.loop, w)
+        """Return the Loop of world w."""
+        own = iter(self._is_own)
+        loop: Loop = mapped(lambda leaf: leaf.value[w] if next(own) else leaf.value, self.loop)
+        return loop
 
     def _view(self, part: Array) -> Array:
         """Return what an own array of the first run is in all rows, shape (W, ...)."""

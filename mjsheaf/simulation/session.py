@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,6 @@ class Session:
     several threads, close it or use it in a `with` block.
 
     Attributes:
-        scenario: The scenario, with the seed of the run.
         backend: 'physics' or 'ideal'.
         engine: Engine that moves the vehicles: a `World` for MuJoCo, else another `Engine`.
     """
@@ -67,28 +66,19 @@ class Session:
             NotUniqueError: The harmonic extension is not unique, and drift is not allowed.
         """
         require_scenario(scenario)
-        self.scenario = scenario
         self.backend = backend
-        self._engine = engine
-        self._threads = threads
         if commanded == "thrust" and backend == "ideal":
             raise InputError("commanded is 'thrust': ideal kinematics have no thrusters; expected backend 'physics'")
-        phases = self._phases_of(scenario)
+        phases = moved_by(scenario.phases, backend, engine, threads)
         require_simulable(phases, backend, allow_drift=allow_drift)
         self.engine = engine_of(
-            phases, backend, controller=controller, seed=scenario.seed, commanded=commanded, visible=visible
+            phases, backend, controller=controller, scenario=scenario, commanded=commanded, visible=visible
         )
-        self.engine.seed = scenario.seed
-        self.engine.run_under = self._take_seed
 
-    def _phases_of(self, scenario: "Scenario") -> "Sequence[Phase]":
-        """Return a scenario as phases, on the session's engine and threads."""
-        return moved_by(scenario.phases, self.backend, self._engine, self._threads)
-
-    def _take_seed(self, seed: int) -> "Sequence[Phase]":
-        """Give the scenario another seed, and return its phases."""
-        self.scenario = self.scenario.with_seed(seed)
-        return self._phases_of(self.scenario)
+    @property
+    def scenario(self) -> "Scenario":
+        """The scenario, with the seed of the run."""
+        return cast("Scenario", self.engine.scenario)
 
     def reset(self, seed: int | None = None) -> None:
         """Go back to the start.
@@ -100,10 +90,7 @@ class Session:
         Raises:
             InputError: The seed is no whole number of at least 0.
         """
-        if seed is None:
-            self.engine.reset()
-        else:
-            self.engine.restart(seed)
+        self.engine.reset(seed)
 
     def observe(self) -> "Sample":
         """Return what agents may know now, and apart from that the truth; this changes nothing of the run.
@@ -144,9 +131,12 @@ class Session:
             InputError: As for `simulate`; the session continues as before.
             NotUniqueError: The harmonic extension is not unique in some phase.
         """
-        phases = self._phases_of(scenario)
+        from mjsheaf.system import on_engine
+
+        plan = self.engine.system.bodies
+        phases = on_engine(scenario.phases, plan.engine, plan.threads)
         require_simulable(phases, self.backend)
-        self.scenario = scenario
+        self.engine.scenario = scenario
         self.engine.change_phases(phases)
 
     @property
@@ -187,30 +177,32 @@ def engine_of(
     backend: str = "physics",
     *,
     controller: "Law | Controller | None" = None,
-    seed: int = 0,
     commanded: "Commanded" = False,
     visible: bool = False,
+    scenario: "Scenario | None" = None,
 ) -> "Engine":
-    """Return the engine of a run at its start; arguments as for `Session`, and the seed of a law in Python.
+    """Return the engine of a run at its start.
 
     This function does not refuse runs that cannot be simulated; see `require_simulable`.
+
+    Args:
+        run: A system, or the phases of a run on their engine; see `moved_by`.
+        backend, controller, commanded, visible: See `Session`.
+        scenario: Scenario that the run was made from, for other seeds.
     """
-    from mjsheaf.control.controller import controller_of
     from mjsheaf.system import phases_of
 
-    system = phases_of(run)[0].system
-    called = controller_of(controller, system, seed)
     if backend == "ideal":
         from mjsheaf.simulation.ideal import Ideal
 
-        return Ideal(run, controller=called, commanded=commanded)
-    if system.bodies.engine == "fused":
+        return Ideal(run, controller=controller, commanded=commanded, scenario=scenario)
+    if phases_of(run)[0].system.bodies.engine == "fused":
         from mjsheaf.simulation.fused import Fused
 
-        return Fused(run, controller=called, commanded=commanded)
+        return Fused(run, controller=controller, commanded=commanded, scenario=scenario)
     from mjsheaf.simulation.world import World
 
-    return World(run, controller=called, commanded=commanded, visible=visible)
+    return World(scenario or run, controller=controller, commanded=commanded, visible=visible)
 
 
 def moved_by(
@@ -230,9 +222,7 @@ def moved_by(
         if threads is not None and threads > 1:
             raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
         return phases
-    plan = phases[0].system.bodies
-    threads = 1 if engine == "mujoco" else threads or usable_processors()
-    return phases if (plan.engine, plan.threads) == (engine, threads) else on_engine(phases, engine, threads)
+    return on_engine(phases, engine, 1 if engine == "mujoco" else threads or usable_processors())
 
 
 def require_backend(backend: str) -> None:

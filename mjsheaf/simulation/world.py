@@ -12,7 +12,7 @@ import numpy as np
 
 from mjsheaf.arguments import phases_given
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.controller import Controller, Law, controller_of
+from mjsheaf.control.controller import Controller, Law
 from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import external, inline_jit, jit, on_stack
@@ -23,7 +23,7 @@ from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Commanded, Recorder
 from mjsheaf.simulation.loop import HUGE, ClosedLoop, EngineArrays, begin_span, record
 from mjsheaf.simulation.motion import at, attitude
-from mjsheaf.system import System, phases_of
+from mjsheaf.system import System
 from mjsheaf.tiers import Tiered
 
 # Of the very library that the Python bindings use.
@@ -155,11 +155,8 @@ class World(ClosedLoop):
         """
         self._visible = visible
         run = phases_given(scenario)
-        if hasattr(scenario, "with_seed"):
-            self.seed = scenario.seed
-            self.run_under = lambda seed: scenario.with_seed(seed).phases
-        called = controller_of(controller, phases_of(run)[0].system, getattr(scenario, "seed", 0))
-        super().__init__(run, controller=called, commanded=commanded)
+        given = None if run is scenario else scenario
+        super().__init__(run, controller=controller, commanded=commanded, scenario=given)
 
     def _prepare(self) -> None:
         self.arena = arena_of(self.system, visible=self._visible)
@@ -179,24 +176,10 @@ class World(ClosedLoop):
     def _command(self) -> None:
         evaluate_forces(self._loop, self._arrays, self.time)
 
-    def reset(self, seed: int | None = None) -> None:
-        """Return to the initial condition.
-
-        If a command is already invalid there, `data` has positions but no forces, and `step` raises UnstableError.
-
-        Args:
-            seed: New seed of initial conditions, disturbances, links and a law in Python. None keeps the seed and
-                repeats the same run, bit for bit.
-
-        Raises:
-            InputError: A seed is given but the world was not made from a Scenario, or the seed is not an integer >= 0.
-        """
-        if seed is not None:
-            self.restart(seed)
-            return
+    def _begin(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
         self.data.time = self.system.grid.start
-        super().reset()
+        super()._begin()
         # Where a command is bad MuJoCo would warn and take others; `step` raises.
         (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
 

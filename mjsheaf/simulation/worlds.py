@@ -132,7 +132,8 @@ class Worlds:
             _require_world(run)
         self._runs = list(runs)
         self.rows = Rows(runs)
-        self._template = Rows(runs[:1])
+        template = Rows(runs[:1])
+        self._row, self._loop = template.values[0], template.loop_of(0)
         system, W = runs[0].system, len(runs)
         law = system.law
         self._is_random = _draws(runs[0].compiled[0])
@@ -148,16 +149,15 @@ class Worlds:
         self._bad = np.full((W, len(system.team.members)), NEVER)
         self.steps = np.zeros(W, dtype=np.int64)
         self.squares = np.zeros((W, len(system.team.agents)))
-        for w in range(W):
-            self._adopt(w)
+        self._loops = [self._adopt(w) for w in range(W)]
         self.step(np.zeros(W, dtype=np.bool_))  # compiles, as does the next line
-        begin_periods(
-            self._template.loop_of(0), self._template.values[0], self.rows.values, np.zeros(0, dtype=np.int64)
-        )
+        begin_periods(self._loop, self._row, self.rows.values, np.zeros(0, dtype=np.int64))
 
-    def _adopt(self, w: int) -> None:
-        """Let run w continue in its world."""
-        self._runs[w].adopt(self.rows.loop_of(w), self.steps[w : w + 1])
+    def _adopt(self, w: int) -> Loop:
+        """Let run w continue in its world, and return the Loop of that."""
+        loop = self.rows.loop_of(w)
+        self._runs[w].adopt(loop, self.steps[w : w + 1])
+        return loop
 
     def begin(self, seeds: Mapping[int, int]) -> None:
         """Begin runs anew, each with a seed, by the numbers of their worlds.
@@ -173,13 +173,13 @@ class Worlds:
             self.rows.values[w] = self._empty
             self.rows.put(w, run.params())
             if self._is_random:
-                self._adopt(w)
+                self._loops[w] = self._adopt(w)
             run.place()
         if self._is_random:
             for w in new.tolist():
-                begin_periods(self.rows.loop_of(w), self.rows.values[w], self.rows.values, np.array([w]))
+                begin_periods(self._loops[w], self.rows.values[w], self.rows.values, np.array([w]))
         elif len(new):
-            begin_periods(self._template.loop_of(0), self._template.values[0], self.rows.values, new)
+            begin_periods(self._loop, self._row, self.rows.values, new)
         self._starts[new] = self.rows.values[new]
         self.rows.values[which] = self._starts[which]
         self.steps[which] = 0
@@ -196,14 +196,14 @@ class Worlds:
         """
         if self._is_random:
             for w in np.flatnonzero(alive).tolist() or [0]:
-                self._take(self.rows.loop_of(w), self.rows.values[w], slice(w, w + 1), alive)
+                self._take(self._loops[w], self.rows.values[w], slice(w, w + 1), alive)
         else:
-            self._take(self._template.loop_of(0), self._template.values[0], slice(0, len(alive)), alive)
+            self._take(self._loop, self._row, slice(0, len(alive)), alive)
         found = {}
         for w in np.flatnonzero((self._bad != NEVER).any(axis=1) & alive).tolist():
             vehicle = int(np.argmin(self._bad[w]))
             step = int(self._bad[w, vehicle]) // 2
-            found[w] = blow_up_of(self._runs[w].system, self.rows.loop_of(w), vehicle, step)
+            found[w] = blow_up_of(self._runs[w].system, self._loops[w], vehicle, step)
         return found
 
     def _take(self, loop: Loop, row: Array, own: slice, alive: BoolArray) -> None:
