@@ -553,7 +553,8 @@ def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], 
     tail, head = _number_ends(members, edges)
     b = np.concatenate([np.zeros(0), *(e.b for e in edges)])
     first, listens = first.astype(np.int64), listens.reshape(-1, 2)
-    return EdgeArrays(tail, head, listens, first, *maps, b, pack_kinds(edges))
+    F_tail, F_head, P_tail, P_head = maps
+    return EdgeArrays(tail, head, listens, first, F_tail, F_head, P_tail, P_head, b, pack_kinds(edges))
 
 
 def _number_ends(members: Sequence[Member], edges: Sequence[Edge]) -> tuple[IntArray, IntArray]:

@@ -15,23 +15,18 @@ from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.custom import naming_terms
-from mjsheaf.control.law import ControlArrays, Memory, carry, look, new_control, unlook
+from mjsheaf.control.law import ControlArrays, Memory, carry, new_control
 from mjsheaf.control.sample import Sample, View
 from mjsheaf.control.terms import Traffic
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, phases_of
-from mjsheaf.tiers import Tiered
 
 Commanded = bool | Literal["thrust"]
 """True if velocities from outside take the place of the agents' law, 'thrust' if commands of actuators do."""
 
 Progress = Callable[[int, int], None]
 """Called with (samples done, samples in all)."""
-
-
-_look = Tiered(look)
-_unlook = Tiered(unlook)
 
 
 class Recorder(NamedTuple):
@@ -398,12 +393,19 @@ class Engine(ABC):
         return sample
 
     def _look(self) -> None:
-        """Keep what onboard computers hold, before the law is evaluated at a step that has yet to be taken."""
-        _look(float(self.steps_taken), self.memory.held, self.memory.kept)
+        """Keep what onboard computers hold, before the law is evaluated at a step that has yet to be taken.
+
+        In compiled code, that is `mjsheaf.control.law.look`.
+        """
+        self._unlook()
+        self.memory.kept[0] = self.steps_taken + 1
+        self.memory.kept[1:] = self.memory.held
 
     def _unlook(self) -> None:
         """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was."""
-        _unlook(float(self.steps_taken), self.memory.held, self.memory.kept)
+        memory = self.memory
+        if memory.kept[0] == self.steps_taken + 1:
+            memory.held[:] = memory.kept[1:]
 
     def _naming_terms(self) -> AbstractContextManager[None]:
         """Return a context that names the registered term whose exception ends it."""
