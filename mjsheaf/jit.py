@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from time import perf_counter
+from types import SimpleNamespace
 from typing import Any
 
 import llvmlite.binding
@@ -16,17 +17,16 @@ import numpy as np
 from llvmlite import ir
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 
 try:
     from numba import config, njit
     from numba import types as types
-    from numba.core import cgutils, event
+    from numba.core import event
     from numba.core.codegen import get_host_cpu_features
     from numba.core.dispatcher import Dispatcher as Dispatcher
     from numba.core.errors import NumbaError as NumbaError
-    from numba.extending import intrinsic
+    from numba.extending import intrinsic, lower_builtin, type_callable
     from numba.extending import overload as overload
 
     from mjsheaf.machine_code import StoredCode
@@ -209,62 +209,53 @@ def _two_to_by_bits(_: Any, exponent: Any) -> Any:
 two_to_by_bits: Any = _two_to_by_bits
 """Return 2 to the power of a whole number from -1022 to 1023, given as a float, by arithmetic on lanes."""
 
-LANES = 16
-"""Numbers in a row of `lane_array`: four registers of AVX2, so that a processor always has independent work."""
+
+def on_stack(dtype: np.dtype[np.void]) -> Any:
+    """Return a record on the stack of the compiled function that calls this; its values are undefined.
+
+    No other memory overlaps it, and LLVM can prove so: loops over its lanes become vector instructions. It must not
+    outlive the function. In lanes it must not be handed to a function that is not inlined.
+    """
+    assert dtype.fields is not None
+    return SimpleNamespace(**{name: np.empty(field.shape, object) for name, (field, *_) in dtype.fields.items()})
 
 
-@intrinsic(prefer_literal=True)
-def _lanes_on_stack(_: Any, rows: Any) -> Any:
-    array = types.Array(types.float64, 2, "C")
-    if not isinstance(rows, types.IntegerLiteral):
-        return None
-    count = rows.literal_value
+@type_callable(on_stack)
+def _type_on_stack(_: Any) -> Any:
+    return lambda dtype: dtype.dtype
 
-    def generate(context: Any, builder: Any, *_: Any) -> Any:
-        place = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), count * LANES))
+
+@lower_builtin(on_stack, types.DType)
+def _lower_on_stack(context: Any, builder: Any, signature: Any, _: Any) -> Any:
+    # Not a function that returns it: a record is returned by its value.
+    record = signature.return_type
+    with builder.goto_entry_block():
+        place = builder.alloca(ir.ArrayType(ir.IntType(8), record.size))
         place.align = 64
-        made = context.make_array(array)(context, builder)
-        shape, strides = ([ir.Constant(ir.IntType(64), n) for n in pair] for pair in ((count, LANES), (8 * LANES, 8)))
-        data, itemsize = builder.bitcast(place, made.data.type), strides[1]
-        context.populate_array(made, data=data, shape=shape, strides=strides, itemsize=itemsize, meminfo=None)
-        return made._getvalue()
-
-    return array(rows), generate
+    return builder.bitcast(place, context.get_value_type(record))
 
 
-def _lanes_on_heap(rows: int) -> Array:
-    return np.empty((rows, LANES))
+def lanes_for(count: int) -> int:
+    """Return the number of lanes that `count` vehicles need, a multiple of 4, of which LLVM knows nothing else.
 
-
-lane_array: Any = _lanes_on_heap if INTERPRETED else _lanes_on_stack
-"""Return an array (rows, LANES) on the stack of the compiled function that calls this; its values are undefined.
-
-No other array overlaps it, and LLVM can prove so: loops over its lanes become vector instructions. It must not outlive
-the function, nor be handed to one that is not inlined. The number of rows is a literal or a global.
-"""
-
-
-@intrinsic
-def _lanes_by_asm(_: Any, count: Any) -> Any:
-    def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
-        number = ir.IntType(64)
-        registers = builder.sdiv(builder.add(arguments[0], ir.Constant(number, 3)), ir.Constant(number, 4))
-        hidden = builder.asm(ir.FunctionType(number, [number]), "", "=r,0", [registers], False)
-        return builder.mul(hidden, ir.Constant(number, 4))
-
-    return types.int64(types.int64), generate
-
-
-def _lanes(count: int) -> int:
+    It makes vector instructions of a loop over so many lanes, with no remainder. It would unroll a short loop over a
+    number that it knows before it tries.
+    """
     return (count + 3) // 4 * 4
 
 
-lanes_for: Any = _lanes if INTERPRETED else _lanes_by_asm
-"""Return the number of lanes that `count` vehicles need, a multiple of 4, of which LLVM knows nothing else.
+@type_callable(lanes_for)
+def _type_lanes_for(_: Any) -> Any:
+    return lambda count: types.int64
 
-It makes vector instructions of a loop over so many lanes, with no remainder. It would unroll a short loop over a number
-that it knows before it tries.
-"""
+
+@lower_builtin(lanes_for, types.Integer)
+def _lower_lanes_for(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+    number = ir.IntType(64)
+    registers = builder.sdiv(builder.add(arguments[0], ir.Constant(number, 3)), ir.Constant(number, 4))
+    hidden = builder.asm(ir.FunctionType(number, [number]), "", "=r,0", [registers], False)
+    return builder.mul(hidden, ir.Constant(number, 4))
+
 
 _C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}
 

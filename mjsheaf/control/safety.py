@@ -35,7 +35,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.halfspaces import nearest_within
-from mjsheaf.control.neighbours import Cells, cell_of, new_cells, row_around, sort_into_cells, square_between
+from mjsheaf.control.neighbours import Cells, find_near, new_cells, sort_into_cells
 from mjsheaf.control.obstacles import ObstacleArrays, distance_from
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import square_of, subtract, triple
@@ -103,7 +103,7 @@ class SafetyMemory(NamedTuple):
             the law violated most, 0 if none; and the violation that had to be accepted, m/s.
         rows: Constraints of one agent: a, c in m/s, and the number of the cause from 0, shape (V + K, 5).
         close: Vehicles within range of one agent, shape (V,).
-        cells: List of cells.
+        cells: Grid of cells.
     """
 
     found: Array
@@ -140,9 +140,8 @@ def keep_apart(safety, limit, t, x, memory):
             work.found[v, i] = 0.0
     if not sort_into_cells(work.cells, safety.reach):
         return
-    alone = safety.obstacles.kind.shape[0] == 0
     for v in range(safety.agents):
-        if safety.yields[v] and not (alone and work.cells.listed[v] == 0.0):
+        if safety.yields[v]:
             _filter(safety, t, v, limit[v], memory.command[v], work)
 
 
@@ -181,30 +180,11 @@ def _find_close(safety, v, work):
     """Write the vehicles within range of agent v to work.rows, in their order; see `_write_near`.
 
     Returns:
-        Their number, and the squared distance of the nearest, m^2; larger than that of the range if there is none.
+        Their number, and the squared distance of the nearest, m^2; infinite if there is none.
     """
-    cells, close, count, least = work.cells, work.close, 0, np.inf
-    listed, farthest, own = int(cells.listed[v]), safety.reach * safety.reach, triple(cells.places[v])
-    if listed < 0:
-        cell = cell_of(cells, v)
-        for row in range(9):
-            first, end = row_around(cells, cell, row)
-            for k in range(first, end):
-                j = int(cells.order[k])
-                if j != v and square_between(cells, v, j) <= farthest:
-                    m = count
-                    while m > 0 and close[m - 1] > j:
-                        close[m] = close[m - 1]
-                        m -= 1
-                    close[m] = j
-                    count += 1
-        for k in range(count):
-            least = min(least, _write_near(work, own, close[k], k))
-        return count, least
-    for k in range(listed):
-        square = _write_near(work, own, cells.near[v, k], count)
-        count += square <= farthest
-        least = min(least, square)
+    count, least, own = find_near(work.cells, v, safety.reach, work.close), np.inf, triple(work.cells.places[v])
+    for k in range(count):
+        least = min(least, _write_near(work, own, work.close[k], k))
     return count, least
 
 

@@ -59,10 +59,7 @@ KINDS: dict[type, Kind] = {
 }
 
 
-GAUSSIAN = (GustArrays, FrozenArrays)
-"""Kinds without a bound."""
-
-WITHOUT_MEAN = (*GAUSSIAN, WaveArrays)
+WITHOUT_MEAN = (GustArrays, FrozenArrays, WaveArrays)
 """Kinds whose velocity at a fixed place has no mean."""
 
 
@@ -79,31 +76,6 @@ def bounds_of(parts: Parts, vehicles: int) -> Bounds:
         rate = max(total.rate, more.rate)
         total = Bounds(total.speed + more.speed, total.change + more.change, total.slope + more.slope, rate)
     return total
-
-
-def pieces_of(parts: Parts) -> tuple[Parts, Parts]:
-    """Split parts into pieces that add up to them.
-
-    Returns:
-        Pieces that are one continuous flow of time and place for all who meet them, and all others: gusts, files with
-        land, and waves as vehicles in space meet them, below the surface alone.
-    """
-    shared: list[Any] = []
-    others: list[Any] = []
-    for part in parts:
-        if isinstance(part, VaryingArrays):
-            shared.append(part._replace(vortices=part.vortices.select(slice(0))))
-            still = part._replace(tide=0.0 * part.tide, ramp=0.0 * part.ramp)
-            count = len(part.vortices.core2)
-            shared += [still._replace(vortices=part.vortices.select(slice(k, k + 1))) for k in range(count)]
-        elif isinstance(part, WaveArrays):
-            shared.append(part._replace(met=np.where(part.met == 1, 1, 0)))
-            others.append(part._replace(met=np.where(part.met == 1, 0, part.met)))
-        elif isinstance(part, GridArrays) and np.isfinite(part.velocity).all():
-            shared.append(part)
-        else:
-            others.append(part)
-    return tuple(shared), tuple(others)
 
 
 def unknown_flow(parts: Parts, states: Parts, v: int) -> str:

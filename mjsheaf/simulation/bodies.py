@@ -51,11 +51,11 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.jit import apart_jit, as_records, inline_jit, jit
 from mjsheaf.simulation.trajectory import quaternions_of
-from mjsheaf.vehicles.actuators import CHANNEL, FIXED, aim, at_most, room_of, unit_wrench
+from mjsheaf.vehicles.actuators import CHANNEL, FIXED, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest
 from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
-from mjsheaf.vehicles.steering import drag_force, steer
+from mjsheaf.vehicles.steering import drag_force
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -280,23 +280,6 @@ def _planar_wrenches(vehicle: Vehicle, norms: Array) -> Array:
 
 
 @inline_jit
-def medium_wrench(kind, height, normal, R, s, omega):
-    """Force and moment of the medium, but for what the joint takes of the moment, body axes, (3,) each.
-
-    s and omega are the velocity through the medium and the rates in body axes, (3,) each; height is that of the
-    origin above the surface, m, and normal the surface's, along the body's x and y axes.
-    """
-    force, moment = drag_wrench(kind, s, omega)
-    if kind.buoyancy > 0.0:
-        force, moment = add_buoyancy(kind, height, normal, R, force, moment)
-    if kind.ballast > 0.0:
-        force, moment = add_ballast(kind, R, force, moment)
-    if kind.added:
-        force, moment = share_with_medium(kind, R, s, omega, force, moment)
-    return force, moment
-
-
-@inline_jit
 def add_buoyancy(kind, height, normal, R, force, moment):
     """Add buoyancy and restoring moment of a hull; arguments as `medium_wrench`.
 
@@ -385,34 +368,24 @@ _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carry
 
 
 @inline_jit
-def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
-    """Write the commands of a vehicle's actuators.
+def desired_force(kind, R, s, wanted):
+    """Return the force for a desired velocity through the medium, body axes, (3,), N.
 
     Args:
         kind: Parameters of the vehicle's kind; see KIND.
-        thrusters: Channels of the vehicle, shape (s,); see CHANNEL.
-        heading: Cosine and sine of half the desired heading, (2,).
-        command: Desired velocity relative to the medium, world axes, (3,), m/s.
-        sensed: Measured state; see `Sensed`.
-        act: Activations, those of the vehicle first.
-        ctrl: Commands, shape (s,), written.
+        R: Attitude, (9,).
+        s: Measured velocity through the medium, body axes, (3,), m/s.
+        wanted: Desired one.
     """
-    R, s = sensed.R, sensed.velocity
-    wanted = to_body(R, command)
-    weight = upward(R, kind.supported_weight)
     K = kind.gain
     force = drag_force(kind, wanted)
     if kind.planar:
         force = carried_by_water(R, force)
-    force = (
+    return (
         force[0] + K[0] * (wanted[0] - s[0]),
         force[1] + K[1] * (wanted[1] - s[1]),
         force[2] + K[2] * (wanted[2] - s[2]),
     )
-    weight, turn, force, moment = steer(kind, heading, sensed, wanted, force, weight)
-    _allocate(kind, thrusters, R[8], weight, turn, force, moment, ctrl)
-    if kind.turning:
-        aim(thrusters, s, sensed.rates, act, ctrl)
 
 
 @inline_jit
@@ -441,23 +414,6 @@ def turn_gears(kind, thrusters, R, act, gear):
                 row, (direction, moment) = gear[k], unit_wrench(thrusters, k, act)
                 row[0], row[1], row[2] = to_world(R, direction)
                 row[3], row[4], row[5] = moment
-
-
-@inline_jit
-def _allocate(kind, thrusters, upright, weight, turn, force, moment, effort):
-    """Efforts for weight, attitude moment, and the force and moment of translation.
-
-    `upright` is the cosine of the tilt.
-    """
-    carry = cross(triple(kind.com), weight)
-    F, N = add(weight, force), add(carry, add(turn, moment))
-    within = True
-    for k in range(effort.shape[0]):
-        u = row_product(thrusters[k].row, F, N)
-        effort[k] = u
-        within = within and thrusters[k].low <= u <= thrusters[k].high
-    if kind.turning or not within:  # thrust and angle have no limits of each effort alone
-        allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort)
 
 
 @apart_jit

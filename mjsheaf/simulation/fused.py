@@ -27,26 +27,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.jit import INTERPRETED, inline_jit, jit
+from mjsheaf.jit import INTERPRETED, inline_jit, jit, on_stack
 from mjsheaf.media.medium import advance as advance_medium
+from mjsheaf.simulation.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes
 from mjsheaf.simulation.bodies import kinds_of
 from mjsheaf.simulation.engine import Recorder
-from mjsheaf.simulation.lanes import advance_lanes, end_of_kind, fits_lanes
-from mjsheaf.simulation.loop import (
-    HUGE,
-    NEVER,
-    ClosedLoop,
-    EngineArrays,
-    Loop,
-    begin_span,
-    first_bad,
-    record,
-    sense_and_command,
-)
-from mjsheaf.simulation.motion import move, pack_motion
+from mjsheaf.simulation.loop import NEVER, ClosedLoop, EngineArrays, Loop, begin_span, first_bad
+from mjsheaf.simulation.motion import pack_motion
 from mjsheaf.tiers import Tiered
-from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
-from mjsheaf.vehicles.vectors import add
 
 _MOST_NUMBERS = 50_000  # of a loop whose vehicles Python commands: some 150 vehicles
 _WORTH_A_THREAD = 5_000  # vehicles times steps between two evaluations of the law
@@ -62,62 +50,18 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     Returns:
         True if no vehicle became bad; see `Fused._bad` on `bad`.
     """
-    all_good, fleet, helm, qpos = True, loop.params.fleet, loop.params.helm, loop.state.qpos
+    all_good, fleet, helm = True, loop.params.fleet, loop.params.helm
     begin = first
     while begin < last:
         end = end_of_kind(fleet.bodies, begin, last)
-        if fits_lanes(fleet, helm, qpos, begin, end):
+        if fits_lanes(fleet, helm, begin, end):
             all_good &= advance_lanes(loop, motion, begin, end, step, count, log, row, bad)
         else:
-            while end < last and not fits_lanes(fleet, helm, qpos, end, end_of_kind(fleet.bodies, end, last)):
+            while end < last and not fits_lanes(fleet, helm, end, end_of_kind(fleet.bodies, end, last)):
                 end = end_of_kind(fleet.bodies, end, last)
-            all_good &= advance_each(loop, motion, begin, end, step, count, log, row, bad)
+            all_good &= advance_alone(loop, motion, begin, end, step, count, log, row, bad)
         begin = end
     return all_good
-
-
-@inline_jit
-def advance_each(loop, motion, first, last, step, count, log, row, bad):
-    """Move vehicles one after the other; as `advance_block`."""
-    params, state = loop
-    h, all_good = params.timestep, True
-    for k in range(step, step + count):
-        advance_medium(params.medium, params.start + k * h, first, last, state.medium)
-        for v in range(first, last):  # to the last, as all of them are recorded
-            body = params.fleet.bodies[v]
-            R, omega, force, moment = sense_and_command(loop, v)
-            if k == step and row >= 0:
-                record(loop, log, row, v, v + 1)
-            good, force, moment = apply_actuators(params.fleet, state.ctrl, state.act, body, force, moment)
-            if not good:
-                bad[v], all_good = 2 * k + 1, False
-            elif not move(motion[body.kind], body, R, omega, force, moment, h, state.qpos, state.qvel):
-                bad[v], all_good = 2 * (k + 1), False
-        if not all_good:
-            break
-    return all_good
-
-
-@inline_jit
-def apply_actuators(fleet, ctrl, act, body, force, moment):
-    """Add the force and moment of a vehicle's actuators, and advance their activations.
-
-    Returns:
-        True if all commands are good; force and moment, body axes, (3,) each.
-    """
-    kind, good = fleet.kinds[body.kind], True
-    channels = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-    ctrl, act = ctrl[body.actuator : body.actuator + kind.count], act[body.state :]
-    for j in range(kind.count):
-        channel = channels[j]
-        f, after = actuator_force(channel, ctrl[j], act[channel.state] if channel.late else 0.0)
-        along, about = unit_wrench(channels, j, act)  # before the angle that comes next
-        force = add(force, (f * along[0], f * along[1], f * along[2]))
-        moment = add(moment, (f * about[0], f * about[1], f * about[2]))
-        good &= abs(ctrl[j]) < HUGE
-        if channel.late:
-            act[channel.state] = after
-    return good, force, moment
 
 
 @inline_jit
@@ -163,8 +107,9 @@ def command_vehicles(loop, t):
     params, state = loop
     V = params.fleet.bodies.shape[0]
     advance_medium(params.medium, t, 0, V, state.medium)
+    b = on_stack(ALONE)
     for v in range(V):
-        sense_and_command(loop, v)
+        command_alone(loop, v, b)
 
 
 command_all = Tiered(command_vehicles, records=True, numbers=_MOST_NUMBERS)

@@ -15,23 +15,15 @@ from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state, surface_about
-from mjsheaf.media.moving import unknown_flow, upright_in
-from mjsheaf.simulation.bodies import (
-    Fleet,
-    Sensed,
-    medium_wrench,
-    pack_fleet,
-    rest_on_surface,
-    thruster_commands,
-)
+from mjsheaf.jit import inline_jit
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
+from mjsheaf.media.moving import unknown_flow
+from mjsheaf.simulation.bodies import Fleet, pack_fleet
 from mjsheaf.simulation.engine import Engine, Recorder
 from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.system import Phase, System
 from mjsheaf.tiers import Tiered
-from mjsheaf.vehicles.actuators import ANGLE, flow_wrench
-from mjsheaf.vehicles.vectors import add, rotation, subtract, to_body, triple
+from mjsheaf.vehicles.actuators import ANGLE
 
 HUGE = 1e10
 """Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
@@ -163,67 +155,6 @@ def medium_at(medium, present, fleet, qpos, v):
     a = body.qpos
     z = 0.0 if fleet.kinds[body.kind].planar else qpos[a + 2]
     return medium_velocity(medium, present, v, qpos[a], qpos[a + 1], z)
-
-
-@jit
-def _flow_wrench_of(loop, v, R):
-    """Compute the force and moment of the flow past the actuators of vehicle v; see `flow_wrench`.
-
-    Few vehicles have any. A separate function takes no registers from the loop of the others.
-    """
-    params, state = loop
-    body = params.fleet.bodies[v]
-    kind, d = params.fleet.kinds[body.kind], body.dof
-    thrusters = params.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-    ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
-    w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
-    s = to_body(R, subtract(triple(state.qvel[d:]), w))
-    return flow_wrench(thrusters, s, triple(state.qvel[d + 3 :]), state.act[body.state :], ctrl)
-
-
-@inline_jit
-def sense_and_command(loop, v):
-    """Let vehicle v measure and write its commands.
-
-    Returns:
-        Its attitude (9,) and rates, and force and moment of the medium (see `medium_wrench` and `flow_wrench`), and of
-        the surface on which it rests once it is lost; body axes, (3,) each.
-    """
-    params, state = loop
-    q, qvel = state.qpos, state.qvel
-    body = params.fleet.bodies[v]
-    kind, a, d = params.fleet.kinds[body.kind], body.qpos, body.dof
-    thrusters = params.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-    ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
-    quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
-    R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-    surface = surface_about(params.medium, state.medium, v, q[a], q[a + 1])
-    w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
-    rise = surface[3] if kind.planar else 0.0
-    s = to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), (w[0], w[1], w[2] + rise)))
-    omega = triple(qvel[d + 3 :])
-    height = q[a + 2] - surface[0]
-    force, moment = medium_wrench(kind, height, upright_in(params.medium.parts, surface, R), R, s, omega)
-    sensed = Sensed(R, quaternion, s, omega)
-    command = triple(state.memory.command[v])
-    act = state.act[body.state :]
-    if params.helm[v] != OUTSIDE:
-        thruster_commands(kind, thrusters, body.heading, command, sensed, act, ctrl)
-    if params.helm[v] == STOPPED:
-        for j in range(kind.count):
-            if thrusters[j].code != ANGLE:
-                ctrl[j] = 0.0
-            elif kind.in_flow:
-                ctrl[j] = act[thrusters[j].state]
-        if kind.rest > 0.0 and height < 0.0:
-            push, turn = rest_on_surface(kind, -height, R, triple(qvel[d:]), omega)
-            force = add(force, push)
-            moment = add(moment, turn)
-    if kind.in_flow:
-        push, turn = _flow_wrench_of(loop, v, R)
-        force = add(force, push)
-        moment = add(moment, turn)
-    return R, omega, force, moment
 
 
 @inline_jit

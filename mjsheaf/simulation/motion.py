@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.jit import as_records, inline_jit
 from mjsheaf.simulation.loop import HUGE
-from mjsheaf.vehicles.vectors import cross, product, row_product, subtract, to_world, triple, upward
+from mjsheaf.vehicles.vectors import cross, product, rotation, row_product, subtract, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
 
 # How a kind moves; body axes, about the origin of the body frame.
@@ -44,7 +44,7 @@ def pack_motion(vehicles: Sequence[Vehicle], timestep: float) -> NDArray[np.void
 
 @inline_jit
 def accelerations(one, R, omega, force, moment):
-    """Return the linear acceleration in world axes and the angular one in body axes, (3,) each; arguments as `move`."""
+    """Return the linear acceleration in world axes and the angular one in body axes, (3,) each."""
     up, lever = upward(R, 1.0), triple(one.mass_moment)
     force = subtract(force, upward(R, one.weight))
     force = subtract(force, cross(omega, cross(omega, lever)))
@@ -65,42 +65,84 @@ def accelerations(one, R, omega, force, moment):
 
 
 @inline_jit
-def move(one, body, R, omega, force, moment, h, qpos, qvel):
-    """Take MuJoCo's step under a force and a moment in addition to the weight; return True if the state is good.
-
-    Args:
-        one: Its MOTION.
-        body: Its BODY.
-        R, omega: Attitude (9,) and rates (3,).
-        force, moment: Force and moment in body axes about the origin, (3,) each, N and N m.
-        h: Timestep, s.
-        qpos, qvel: State of all vehicles; the body's own is written.
-    """
-    a, d = body.qpos, body.dof
-    along, about = accelerations(one, R, omega, force, moment)
-    good = True
-    for i in range(3):
-        qvel[d + i] += h * along[i]
-        qvel[d + 3 + i] += h * about[i]
-        qpos[a + i] += h * qvel[d + i]
-        good &= (abs(along[i]) < HUGE) & (abs(about[i]) < HUGE) & (abs(qpos[a + i]) < HUGE)
-        good &= (abs(qvel[d + i]) < HUGE) & (abs(qvel[d + 3 + i]) < HUGE)
-    turn(qpos[a + 3 : a + 7], 0.5 * h * qvel[d + 3], 0.5 * h * qvel[d + 4], 0.5 * h * qvel[d + 5])
-    return good
+def at(field, i):
+    """Return a vector in lane i of a field of a block."""
+    return field[0, i], field[1, i], field[2, i]
 
 
 @inline_jit
-def turn(q, x, y, z):
-    """Make a quaternion q (4,) one again and turn it by twice the body's rotation vector (x, y, z), rad."""
-    square = x * x + y * y + z * z
-    if square < SMALL:
-        c, s = series(square)
-    else:
-        half = np.sqrt(square)
-        c, s = np.cos(half), np.sin(half) / half
-    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    size = 1.5 - 0.5 * square if abs(square - 1.0) < NEARLY_UNIT else 1.0 / np.sqrt(square)
-    q[0], q[1], q[2], q[3] = turned((q[0], q[1], q[2], q[3]), size, c, (s * x, s * y, s * z))
+def put(field, i, a):
+    """Write a vector to lane i of a field of a block."""
+    field[0, i] = a[0]
+    field[1, i] = a[1]
+    field[2, i] = a[2]
+
+
+@inline_jit
+def attitude(b, i):
+    """Return the rotation of the vehicle in lane i of a block, body to world."""
+    q = b.quaternion
+    return rotation(q[0, i], q[1, i], q[2, i], q[3, i])
+
+
+@inline_jit
+def move(one, h, b, i):
+    """Take MuJoCo's step in a lane of a block, except for the turn, and write whether its state is good.
+
+    Args:
+        one: MOTION of the vehicle; the force and moment in the block are in addition to its weight.
+        h: Timestep, s.
+        b, i: Block and lane of the vehicle; see `block`.
+    """
+    along, about = accelerations(one, attitude(b, i), at(b.rates, i), at(b.force, i), at(b.moment, i))
+    sound = True
+    for j in range(3):
+        b.velocity[j, i] += h * along[j]
+        b.rates[j, i] += h * about[j]
+        b.position[j, i] += h * b.velocity[j, i]
+        sound &= (abs(along[j]) < HUGE) & (abs(about[j]) < HUGE) & (abs(b.position[j, i]) < HUGE)
+        sound &= (abs(b.velocity[j, i]) < HUGE) & (abs(b.rates[j, i]) < HUGE)
+    b.sound[i] = 1.0 if sound else 0.0
+
+
+@inline_jit
+def turn(h, lanes, b):
+    """Make the quaternions in the lanes of a block one again, and turn them by the rates over a step of h, s."""
+    large = 0.0
+    for i in range(lanes):
+        x, y, z = _half_turn(h, b, i)
+        square, norm = x * x + y * y + z * z, _square_norm(b, i)
+        b.parts[0, i], b.parts[1, i] = series(square)
+        b.size[i] = 1.5 - 0.5 * norm
+        b.large[i] = 0.0 if (square < SMALL) & (abs(norm - 1.0) < NEARLY_UNIT) else 1.0
+    for i in range(lanes):
+        large += b.large[i]
+    if large > 0.0:
+        for i in range(lanes):
+            x, y, z = _half_turn(h, b, i)
+            square, norm = x * x + y * y + z * z, _square_norm(b, i)
+            if not square < SMALL:
+                half = np.sqrt(square)
+                b.parts[0, i] = np.cos(half)
+                b.parts[1, i] = np.sin(half) / half
+            if not abs(norm - 1.0) < NEARLY_UNIT:
+                b.size[i] = 1.0 / np.sqrt(norm)
+    for i in range(lanes):
+        (x, y, z), s, q = _half_turn(h, b, i), b.parts[1, i], b.quaternion
+        after = turned((q[0, i], q[1, i], q[2, i], q[3, i]), b.size[i], b.parts[0, i], (s * x, s * y, s * z))
+        for j in range(4):
+            q[j, i] = after[j]
+
+
+@inline_jit
+def _half_turn(h, b, i):
+    return 0.5 * h * b.rates[0, i], 0.5 * h * b.rates[1, i], 0.5 * h * b.rates[2, i]
+
+
+@inline_jit
+def _square_norm(b, i):
+    q = b.quaternion
+    return q[0, i] * q[0, i] + q[1, i] * q[1, i] + q[2, i] * q[2, i] + q[3, i] * q[3, i]
 
 
 @inline_jit

@@ -15,12 +15,14 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
-from mjsheaf.jit import external, inline_jit, jit
+from mjsheaf.jit import external, inline_jit, jit, on_stack
 from mjsheaf.media.medium import advance
 from mjsheaf.simulation.arena import Arena, compose, movers_of, place_obstacles
+from mjsheaf.simulation.block import ALONE, command_alone
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Commanded, Recorder
-from mjsheaf.simulation.loop import HUGE, ClosedLoop, EngineArrays, begin_span, record, sense_and_command
+from mjsheaf.simulation.loop import HUGE, ClosedLoop, EngineArrays, begin_span, record
+from mjsheaf.simulation.motion import at, attitude
 from mjsheaf.system import System, phases_of
 from mjsheaf.tiers import Tiered
 
@@ -70,12 +72,14 @@ def apply_forces(loop, arrays, t):
     V = fleet.bodies.shape[0]
     advance(params.medium, t, 0, V, state.medium)
     place_obstacles(arrays.movers, t, arrays.mocap)
+    b = on_stack(ALONE)
     for v in range(V):
         body = fleet.bodies[v]
         kind = fleet.kinds[body.kind]
-        R, _, force, moment = sense_and_command(loop, v)
+        command_alone(loop, v, b)
+        R = attitude(b, 0)
         applied, gear = arrays.applied[body.dof : body.dof + 6], arrays.gear[body.actuator : body.actuator + kind.count]
-        apply_wrench(kind, state.qvel[body.dof : body.dof + 6], R, force, moment, applied)
+        apply_wrench(kind, state.qvel[body.dof : body.dof + 6], R, at(b.force, 0), at(b.moment, 0), applied)
         turn_gears(kind, fleet.thrusters[kind.thruster :], R, state.act[body.state :], gear)
 
 

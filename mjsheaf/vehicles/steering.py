@@ -7,8 +7,8 @@
 - `ThrustVector`: A multirotor with parallel rotors. Its thrust along its z axis is weight + F, and it turns the axis
   into that direction (Lee, Leok and McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010).
 
-A new kind subclasses `Steering` and has a code above the others with a branch in `steer`. Its vehicles are not moved in
-lanes until `simulation/lanes.py` has a branch too.
+A new kind subclasses `Steering` and has a code with a branch in `steer_attitude`, or a function of its own next to it
+and `steer_hand_point`.
 """
 
 from abc import ABC, abstractmethod
@@ -21,7 +21,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.body import Body
-from mjsheaf.vehicles.vectors import cross, product, subtract, to_world, triple
+from mjsheaf.vehicles.vectors import cross, product, subtract, triple
 
 FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2  # codes
 
@@ -35,7 +35,7 @@ class Steering(Section, ABC):
     """Conversion of a desired velocity into wrenches.
 
     Attributes:
-        code: Code of its branch in `steer`.
+        code: Code of its branch in compiled code.
         rows: Rows of the wrench that actuators must produce, by the number n of controlled coordinates.
         velocity_rows: Rows of mass and drag for the controlled velocity; the first n are used.
         underactuated: True if it compensates for axes without thrust.
@@ -209,47 +209,53 @@ def drag_force(kind, s):
 
 
 @inline_jit
-def steer(kind, heading, sensed, wanted, force, weight):
-    """Convert the force for a desired velocity into the wrench that the actuators should produce.
+def steer_hand_point(kind, s, omega, wanted, surge):
+    """Convert the force for a desired velocity into the wrench that the actuators should produce, at a hand point.
+
+    Args:
+        kind: Parameters of the vehicle's kind; see KIND.
+        s, omega: Velocity through the medium and rates; see `Sensed`.
+        wanted: Desired velocity relative to the medium, body axes, (3,), m/s.
+        surge: Force ahead for that velocity, N.
+
+    Returns:
+        Surge force, N, and yaw moment, N m.
+    """
+    aside = wanted[1]
+    if kind.forward_only and wanted[0] < 0.0:  # turn as for a command abeam
+        aside = np.copysign(np.sqrt(wanted[0] * wanted[0] + aside * aside), aside)
+    rate = (aside - s[1]) / kind.hand
+    yaw = (kind.drag[5] + kind.quadratic[5] * abs(rate)) * rate + kind.gain[5] * (rate - omega[2])
+    if kind.forward_only:
+        yaw = _turn_under_way(kind, s, wanted, surge, yaw)
+    return surge, yaw
+
+
+@inline_jit
+def steer_attitude(kind, heading, sensed, force, share, weight):
+    """Convert the force for a desired velocity into the wrenches that the actuators should produce.
 
     Args:
         kind: Parameters of the vehicle's kind; see KIND.
         heading: Cosine and sine of half the heading to hold, (2,).
         sensed: Measured state; see `Sensed`.
-        wanted: Desired velocity relative to the medium, body axes, (3,), m/s.
-        force: Force for that velocity, body axes, (3,), N.
+        force: Force for the desired velocity, body axes, (3,), N; in world axes where thrust is pointed.
+        share: Share of the force that is within the limits of thrust, where it is pointed.
         weight: Force that carries the vehicle, body axes, (3,), N.
 
     Returns:
         Weight, attitude moment, and force and moment of translation, body axes, (3,) each, N and N m.
     """
-    R, s, omega = sensed.R, sensed.velocity, sensed.rates
-    if kind.steering == HAND_POINT:
-        aside = wanted[1]
-        if kind.forward_only and wanted[0] < 0.0:  # turn as for a command abeam
-            aside = np.copysign(np.sqrt(wanted[0] * wanted[0] + aside * aside), aside)
-        yaw = hand_point_moment(kind, s, omega, aside)
-        if kind.forward_only:
-            yaw = _turn_under_way(kind, s, wanted, force[0], yaw)
-        force, moment, turn = (force[0], 0.0, 0.0), (0.0, 0.0, yaw), (0.0, 0.0, 0.0)
-    else:
-        attitude = (heading[0], 0.0, 0.0, heading[1])
-        if kind.steering == THRUST_VECTOR:
-            force, weight, attitude = point_thrust(kind, heading, R, force, weight)
-        turn = turn_to(kind, attitude, sensed.quaternion, omega)
-        # Thrust and drag act at the origin. Their sum accelerates the centre of mass c and the added mass at the
-        # origin. To avoid turning the vehicle, the part that acts on c needs a moment of c times it. (The attitude hold
-        # compensates for the Munk moment of added mass.)
-        net, share = subtract(force, drag_force(kind, s)), kind.rigid_mass_fraction
-        moment = cross(triple(kind.com), (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
+    attitude = (heading[0], 0.0, 0.0, heading[1])
+    if kind.steering == THRUST_VECTOR:
+        force, weight, attitude = point_thrust(kind, heading, sensed.R, force, share, weight)
+    turn = turn_to(kind, attitude, sensed.quaternion, sensed.rates)
+    # Thrust and drag act at the origin. Their sum accelerates the centre of mass c and the added mass at the origin. To
+    # avoid turning the vehicle, the part that acts on c needs a moment of c times it. (The attitude hold compensates
+    # for the Munk moment of added mass.)
+    net, own = subtract(force, drag_force(kind, sensed.velocity)), kind.rigid_mass_fraction
+    moment = cross(triple(kind.com), (own[0] * net[0], own[1] * net[1], own[2] * net[2]))
     return weight, turn, force, moment
-
-
-@inline_jit
-def hand_point_moment(kind, s, omega, aside):
-    """Return the yaw moment that moves a hand point to port at a speed `aside`, N m; s and omega as `Sensed`."""
-    rate = (aside - s[1]) / kind.hand
-    return (kind.drag[5] + kind.quadratic[5] * abs(rate)) * rate + kind.gain[5] * (rate - omega[2])
 
 
 @jit
@@ -274,21 +280,6 @@ def _turn_under_way(kind, s, wanted, surge, yaw):
     surge = max(surge, 0.0)
     largest = (surge + worth * max(free - surge, 0.0)) / kind.turning_price
     return min(max(yaw, -largest), largest)
-
-
-@inline_jit
-def point_thrust(kind, heading, R, force, weight):
-    """Convert a desired force and the weight, (3,) each, N, into thrust along z and the attitude that points it.
-
-    The force is scaled, never turned, until thrust, tilt and downward force are within the vehicle's limits.
-
-    Returns:
-        Force and weight along z, body axes, whose sum is the component of the desired thrust along the present z axis;
-        and the desired attitude as a quaternion: the turn to the heading, then the shortest turn of z to the thrust.
-    """
-    wanted = to_world(R, force)
-    share = 1.0 if is_within_thrust(kind, wanted) else share_within_thrust(kind, wanted)
-    return point_share(kind, heading, R, wanted, share, weight)
 
 
 @inline_jit
@@ -320,8 +311,16 @@ def share_within_thrust(kind, force):
 
 
 @inline_jit
-def point_share(kind, heading, R, force, share, weight):
-    """Point the thrust at a share of a force, world axes, (3,), N, in addition to the weight; see `point_thrust`."""
+def point_thrust(kind, heading, R, force, share, weight):
+    """Convert a share of a desired force, world axes, (3,), N, into thrust along z and the attitude that points it.
+
+    The force is scaled, never turned, until thrust, tilt and downward force are within the vehicle's limits: see
+    `share_within_thrust`.
+
+    Returns:
+        Force and weight along z, body axes, whose sum is the component of the desired thrust along the present z axis;
+        and the desired attitude as a quaternion: the turn to the heading, then the shortest turn of z to the thrust.
+    """
     x, y, z = share * force[0], share * force[1], kind.supported_weight + share * force[2]
     along = x * R[2] + y * R[5] + z * R[8]
     a, b, c = np.sqrt(x * x + y * y + z * z) + z, -y, x

@@ -158,7 +158,8 @@ LAST_WORDS = ("OpenBLAS error: Memory allocation still failed", "cannot allocate
 def test_little_memory(megabytes: int, tmp_path: Path) -> None:
     """With too little memory there is no result, and one line of error if Python still runs.
 
-    A library that gets no memory may end the process; what is left is hidden, and the next command removes it.
+    A library that gets no memory may end the process, and to remove files takes memory, too; what is left is hidden,
+    and the next command removes it.
     OpenBLAS may retry the allocation of its buffer forever; then the test ends the process.
     """
     try:
@@ -171,7 +172,7 @@ def test_little_memory(megabytes: int, tmp_path: Path) -> None:
     left = [path.name for path in tmp_path.iterdir()]
     assert all(is_part_of(name, ["out"]) for name in left)
     if code not in ABORTED and not any(words in error for words in LAST_WORDS):
-        assert (code, left) == (2, []), error[-2000:]
+        assert code == 2, error[-2000:]
         # An allocator has lines of its own, and so have finalizers of libraries that run without memory at the end.
         lines = error.split("Exception ignored in:")[0].splitlines()
         assert len([line for line in lines if not line.startswith("<jemalloc>")]) == 1, error[-2000:]

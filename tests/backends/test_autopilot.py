@@ -6,6 +6,7 @@ largest shares of these that the limits leave, by linear programming.
 
 import inspect
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,7 +16,9 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.simulation.bodies import Sensed, thruster_commands
+from mjsheaf.simulation.bodies import Sensed, desired_force
+from mjsheaf.vehicles.actuators import aim
+from mjsheaf.vehicles.steering import steer_attitude, steer_hand_point
 from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import (
     MULTIROTORS,
@@ -325,8 +328,13 @@ def test_a_multirotor_sinks_with_half_of_its_weight_at_most(name: str) -> None:
 
 
 def test_the_autopilot_is_not_handed_the_medium() -> None:
-    handed = set(inspect.signature(thruster_commands.py_func).parameters)
-    assert handed == {"kind", "thrusters", "heading", "command", "sensed", "act", "ctrl"}
+    def handed(function: Any) -> set[str]:
+        return set(inspect.signature(function.py_func).parameters)
+
+    assert handed(desired_force) == {"kind", "R", "s", "wanted"}
+    assert handed(steer_hand_point) == {"kind", "s", "omega", "wanted", "surge"}
+    assert handed(steer_attitude) == {"kind", "heading", "sensed", "force", "share", "weight"}
+    assert handed(aim) == {"channels", "velocity", "rates", "act", "ctrl"}
     assert set(Sensed._fields) == {"R", "quaternion", "velocity", "rates"}
 
 

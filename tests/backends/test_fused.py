@@ -17,15 +17,15 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.comparing.compare import compare
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.jit import LANES
+from mjsheaf.jit import on_stack
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
-from mjsheaf.simulation import lanes
+from mjsheaf.simulation import block
 from mjsheaf.simulation.fused import Fused, advance_block
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.simulation.world import apply_forces
 from mjsheaf.system import on_engine
-from mjsheaf.tiers import in_python
+from mjsheaf.tiers import _as_records, in_python
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import POWERED, RAFT, altered, find, make_scenario, mixed_scenario, refused
 
@@ -233,7 +233,7 @@ def test_a_vehicle_in_lanes_moves_as_it_does_alone(components: int, tmp_path: Pa
 
 
 @pytest.mark.long
-def test_lanes_beyond_the_last_boat_meet_the_same_waves_as_the_first() -> None:
+def test_lanes_beyond_the_last_boat_have_no_undefined_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Undefined numbers there would take the whole block through the efforts beyond limits."""
     waves = {"kind": "jonswap", "significant_height": 1.0, "peak_period": 4.0, "components": 5}
     scenario = make_scenario(
@@ -244,13 +244,21 @@ def test_lanes_beyond_the_last_boat_meet_the_same_waves_as_the_first() -> None:
             "controller": {"gain": 1.0, "control_period": 0.02},
         }
     )
-    params, state = Fused(scenario.phases)._loop
-    block = np.full((lanes._ROWS, LANES), np.nan)
-    block[:7] = [[0.0], [1.0], [0.1], [1.0], [0.0], [0.0], [0.0]]
-    in_python(lanes._read_medium)(params.medium, state.medium, 0, 3, 4, block)
-    met = block[[*range(lanes._MEDIUM, lanes._MEDIUM + 3), *range(lanes._HEIGHT, lanes._HEIGHT + 3)]]
-    assert np.isfinite(met[:, :4]).all()
-    np.testing.assert_array_equal(met[:, 3], met[:, 0])
+    blocks = []
+
+    def keep(dtype: np.dtype[np.void]) -> Any:
+        blocks.append(on_stack(dtype))
+        return blocks[-1]
+
+    monkeypatch.setattr(block, "on_stack", keep)
+    fused = Fused(scenario.phases)
+    nothing = Log(*(np.empty((0,) * values.ndim) for values in fused._unrecorded.log[:-1]))
+    arguments = _as_records((fused._loop, fused._motion, 0, 3, 0, 1, nothing, -1, fused._bad))
+    assert in_python(block.advance_lanes)(*arguments)
+    written = [rows for each in blocks for rows in vars(each).values() if rows[..., 0].all()]
+    assert len(written) > 20
+    for rows in written:
+        np.testing.assert_array_equal(rows[..., 3], rows[..., 0])
 
 
 # -- runs --------------------------------------------------------------------------------------------------------------

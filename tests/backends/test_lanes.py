@@ -10,8 +10,8 @@ import pytest
 
 from mjsheaf.jit import user_jit
 from mjsheaf.scenario import load_scenario
+from mjsheaf.simulation.block import advance_lanes
 from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.lanes import advance_lanes
 from mjsheaf.simulation.loop import NEVER
 from mjsheaf.simulation.trajectory import new_log
 from mjsheaf.system import on_engine

@@ -38,8 +38,12 @@ from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control.theorem import disturbance_bound
 from mjsheaf.media import disturbance
 from mjsheaf.media.disturbance import evaluate
+from mjsheaf.media.gridded import GridArrays
+from mjsheaf.media.gusts import FrozenArrays, GustArrays
 from mjsheaf.media.medium import moving_along, undisturbed
-from mjsheaf.media.moving import GAUSSIAN, bounds_of, pieces_of
+from mjsheaf.media.moving import Parts, bounds_of
+from mjsheaf.media.varying import VaryingArrays
+from mjsheaf.media.waves import WaveArrays
 from mjsheaf.system import System
 
 _MOST_CELLS = 50_000  # that are bounded
@@ -50,6 +54,7 @@ _BATCH = 256
 _ROUNDING = 1e-9
 _MOST_BOXES = 256
 _MOST_SPANS = 32  # of time
+_GAUSSIAN = (GustArrays, FrozenArrays)  # kinds of moving media without a bound
 FARTHEST = 1e12
 """m: a box of this size stands for the whole space."""
 
@@ -87,7 +92,7 @@ def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Diff
 def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tuple[Array, Array, Array]:
     """Return H^-1 B f_p, f_q(q*), and what disturbances add to their difference; see `Difference`."""
     carried = carrier.carry(np.nan_to_num(path.drift))
-    shaken = carrier.carry(_shaking(system, path)) - agent_motion(system, path.time, path.q_star, GAUSSIAN)
+    shaken = carrier.carry(_shaking(system, path)) - agent_motion(system, path.time, path.q_star, _GAUSSIAN)
     return carried, agent_flow(system, path.q_star), shaken
 
 
@@ -307,7 +312,7 @@ def bound_moving(system: System, path: TargetPath, carrier: Carrier, spectrum: S
     """
     N, V = len(system.team.agents), len(system.field)
     rate = system.gain * spectrum.lambda_min
-    pieces, others = pieces_of(system.moving)
+    pieces, others = _pieces_of(system.moving)
     if path.cells is None or not rate > 0.0:
         pieces, others = (), system.moving
     bounds = np.array([_bound_shared(system, path, carrier, piece) for piece in pieces]).reshape(-1, 2)
@@ -333,6 +338,31 @@ def bound_moving(system: System, path: TargetPath, carrier: Carrier, spectrum: S
                 shared.append(k)
         found.append(sharing(shared))
     return found
+
+
+def _pieces_of(parts: Parts) -> tuple[Parts, Parts]:
+    """Split parts into pieces that add up to them.
+
+    Returns:
+        Pieces that are one continuous flow of time and place for all who meet them, and all others: gusts, files with
+        land, and waves as vehicles in space meet them, below the surface alone.
+    """
+    shared: list[Any] = []
+    others: list[Any] = []
+    for part in parts:
+        if isinstance(part, VaryingArrays):
+            shared.append(part._replace(vortices=part.vortices.select(slice(0))))
+            still = part._replace(tide=0.0 * part.tide, ramp=0.0 * part.ramp)
+            count = len(part.vortices.core2)
+            shared += [still._replace(vortices=part.vortices.select(slice(k, k + 1))) for k in range(count)]
+        elif isinstance(part, WaveArrays):
+            shared.append(part._replace(met=np.where(part.met == 1, 1, 0)))
+            others.append(part._replace(met=np.where(part.met == 1, 0, part.met)))
+        elif isinstance(part, GridArrays) and np.isfinite(part.velocity).all():
+            shared.append(part)
+        else:
+            others.append(part)
+    return tuple(shared), tuple(others)
 
 
 def _bound_shared(system: System, path: TargetPath, carrier: Carrier, piece: Any) -> tuple[float, float]:
