@@ -15,13 +15,12 @@ from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.custom import naming_terms
-from mjsheaf.control.law import ControlArrays, Memory, carry, look, new_control, unlook
+from mjsheaf.control.law import ControlArrays, Memory, carry, new_control
 from mjsheaf.control.sample import Sample, View
 from mjsheaf.control.terms import Traffic
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, on_engine, phases_of
-from mjsheaf.tiers import Tiered
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -31,10 +30,6 @@ Commanded = bool | Literal["thrust"]
 
 Progress = Callable[[int, int], None]
 """Called with (samples done, samples in all)."""
-
-
-_look = Tiered(look)
-_unlook = Tiered(unlook)
 
 
 class Recorder(NamedTuple):
@@ -408,12 +403,19 @@ class Engine(ABC):
         return sample
 
     def _look(self) -> None:
-        """Keep what onboard computers hold, before the law is evaluated at a step that has yet to be taken."""
-        _look(float(self.steps_taken), self.memory.held, self.memory.kept)
+        """Keep what onboard computers hold, before the law is evaluated at a step that has yet to be taken.
+
+        In compiled code, that is `mjsheaf.control.law.look`.
+        """
+        self._unlook()
+        self.memory.kept[0] = self.steps_taken + 1
+        self.memory.kept[1:] = self.memory.held
 
     def _unlook(self) -> None:
         """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was."""
-        _unlook(float(self.steps_taken), self.memory.held, self.memory.kept)
+        memory = self.memory
+        if memory.kept[0] == self.steps_taken + 1:
+            memory.held[:] = memory.kept[1:]
 
     def _naming_terms(self) -> AbstractContextManager[None]:
         """Return a context that names the registered term whose exception ends it."""

@@ -92,7 +92,7 @@ def resting(seed: int, kind: str, period: float = 0.02, share: float = 0.3, cont
     return scenario_from_mapping(resting_raw(seed, kind, period, share, controller)).system
 
 
-def chebyshev(H: Array, interval: Array, rounds: int, x: Array, b: Array) -> Array:
+def chebyshev(H: Array, interval: tuple[float, float], rounds: int, x: Array, b: Array) -> Array:
     """Saad, Iterative Methods for Sparse Linear Systems, algorithm 12.1, for rows x of solutions."""
     low, high = interval
     theta, delta = 0.5 * (high + low), 0.5 * (high - low)

@@ -294,7 +294,7 @@ def test_phases_with_other_edges_keep_what_agents_know(backend: str) -> None:
     scenario = mixed_scenario(time={"end": 0.6}, controller={"gain": 5.0, "control_period": 0.01, **terms})
     other = with_other_edges(scenario)
     run = phases_of([Phase(0, scenario.system), Phase(25, other), Phase(40, scenario.system)])
-    each = [tuple(phase.system.law.terms.eigenvalues) for phase in run]
+    each = [phase.system.law.terms.eigenvalues for phase in run]
     assert each == [phase.system.team.dirichlet.eigenvalues for phase in run]
     assert run[0].system is run[2].system
     assert each[0] != each[1]
