@@ -52,7 +52,7 @@ from mjsheaf.comparing.measures import (
     whole_run,
 )
 from mjsheaf.comparing.recording import Recording, record_run
-from mjsheaf.control.links import no_links
+from mjsheaf.control.links import LinkArrays
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario.law_file import LawFile
@@ -264,7 +264,7 @@ def without_terms(system: System) -> System:
 
 def without_links(system: System) -> System:
     """Return the system over perfect links."""
-    return replace(system, law=system.law._replace(links=no_links()))
+    return replace(system, law=system.law._replace(links=LinkArrays()))
 
 
 def display_name(effect: str) -> str:

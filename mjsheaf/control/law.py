@@ -35,7 +35,6 @@ from mjsheaf.control.links import (
     carry_heading,
     carry_link,
     deliver,
-    no_links,
     size_of_link_memory,
     split_link_memory,
 )
@@ -48,7 +47,6 @@ from mjsheaf.control.terms import (
     integrate,
     limit_speed,
     navigate,
-    no_terms,
     remember,
     require_symmetric,
     size_of_memory,
@@ -132,7 +130,7 @@ class LawArrays(NamedTuple):
     @property
     def without_terms(self) -> "LawArrays":
         """The paper's law."""
-        return self._replace(terms=no_terms(), custom=())
+        return self._replace(terms=TermArrays(), custom=())
 
     @property
     def extended(self) -> bool:
@@ -526,10 +524,10 @@ def pack_law(
         custom: registered terms.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.broadcast_to(target_gain, len(team.targets))])
-    terms = terms or no_terms()
+    terms = terms or TermArrays()
     if team.directed:
         require_symmetric(terms)
-    return LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or no_links(), custom)
+    return LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or LinkArrays(), custom)
 
 
 def edges_of(team: Team) -> EdgeArrays:

@@ -53,7 +53,7 @@ LINK = np.dtype(
 
 
 class LinkArrays(NamedTuple):
-    """The links of a team of V vehicles: L edges of E have one that changes anything.
+    """The links of a team of V vehicles: L edges of E have one that changes anything; by default none has.
 
     Attributes:
         table: the links, of the type LINK, shape (L,).
@@ -67,16 +67,16 @@ class LinkArrays(NamedTuple):
         record: True if measurements are recorded.
     """
 
-    table: NDArray[np.void]
-    of: IntArray
-    lift: Array
-    facing: Array
-    size: int
-    odometry: bool
-    start: float
-    period: float
-    seed: Own[int]
-    record: bool
+    table: NDArray[np.void] = as_records(np.zeros(0, dtype=LINK))
+    of: IntArray = np.zeros(0, dtype=np.int64)
+    lift: Array = np.zeros(0)
+    facing: Array = np.zeros((0, 4))
+    size: int = 0
+    odometry: bool = False
+    start: float = 0.0
+    period: float = 1.0
+    seed: Own[int] = 0
+    record: bool = False
 
     def selected(self, rows: IntArray) -> "LinkArrays":
         """The links among some of the vehicles, by number."""
@@ -110,12 +110,6 @@ class LinkMemory(NamedTuple):
     attitude: Array
     before: Array
     line: Array
-
-
-def no_links(record: bool = False) -> LinkArrays:
-    """Return exact links: every measurement is received at once, unchanged."""
-    none, nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 4))
-    return LinkArrays(as_records(np.zeros(0, dtype=LINK)), none, np.zeros(0), nobody, 0, False, 0.0, 1.0, 0, record)
 
 
 def size_of_link_memory(links: LinkArrays, m: int) -> int:
@@ -278,7 +272,7 @@ def pack_links(
     present = linked_edges(team, links)
     ever = linked_edges(run or team, links)
     if all(one.link.exact for one in ever):
-        return no_links(bool(links.record))
+        return LinkArrays(record=bool(links.record))
     if period == 0.0:
         raise InputError(
             "links: controller.control_period is 0; expected a positive one with noise, delay, loss or range"

@@ -39,13 +39,23 @@ _WEIGHT = 0.9  # w
 _COUNT = 2**20  # random numbers of rounds are counted from here on within a sample: apart from those of measurements
 
 
+class Losses(NamedTuple):
+    """Chain of losses of messages; see `mjsheaf.team.links.GilbertElliott`."""
+
+    to_bad: float = 0.0
+    to_good: float = 0.0
+    bad: float = 0.0
+    loss_good: float = 0.0
+    loss_bad: float = 0.0
+
+
 class RoundArrays(NamedTuple):
-    """Links of the rounds of N agents with C communication edges, the first of a law; of size 0 where all is perfect.
+    """Links of the rounds of N agents with C communication edges, the first of a law; by default all is perfect.
 
     Attributes:
         imperfect: True if a message can be delayed or lost, on any edge.
         delay: Delay of a message, periods; if positive, there is one round a period.
-        loss: to_bad, to_good, bad, loss_good, loss_bad of the chain of each edge, shape (5,).
+        loss: Chain of losses of each edge.
         streams: Random streams, shape (C, 2).
         range: beyond which an edge carries no messages, shape (C,), m.
         lift: what is added to z for the distance between bodies, shape (V,), m.
@@ -53,28 +63,26 @@ class RoundArrays(NamedTuple):
         stiffest: largest eigenvalue of any D_i.
     """
 
-    imperfect: bool
-    delay: int
-    loss: Array
-    streams: IntArray
-    range: Array
-    lift: Array
-    own: Array
-    inverse: Array
-    stiffest: float
+    imperfect: bool = False
+    delay: int = 0
+    loss: Losses = Losses()
+    streams: IntArray = np.zeros((0, 2), dtype=np.int64)
+    range: Array = np.zeros(0)
+    lift: Array = np.zeros(0)
+    own: Array = np.zeros((0, 3, 3))
+    inverse: Array = np.zeros((0, 3, 3))
+    stiffest: float = 1.0
 
     @property
     def lossy(self) -> bool:
         """Return True if a message can be lost at random."""
-        bad, good_loss, bad_loss = self.loss[2:]
-        return bool(good_loss > 0.0 or bad * bad_loss > 0.0)
+        return self.loss.loss_good > 0.0 or self.loss.bad * self.loss.loss_bad > 0.0
 
     def settling(self, rounds: int, low: float) -> float:
         """Fraction of the slowest error that the rounds of one period remove, nearly; `low` bounds H from below."""
         if self.stiffest == 0.0:  # no edge is left
             return 1.0
-        bad, good_loss, bad_loss = self.loss[2:]
-        lost = bad * bad_loss + (1.0 - bad) * good_loss
+        lost = self.loss.bad * self.loss.loss_bad + (1.0 - self.loss.bad) * self.loss.loss_good
         late = self.delay + lost / max(1.0 - lost, 1e-3)
         return min(1.0, (1 if self.delay else rounds) * _WEIGHT * low / self.stiffest / (1.0 + _WEIGHT * late))
 
@@ -102,12 +110,6 @@ class RoundMemory(NamedTuple):
     line: Array
     streams: IntArray
     first: IntArray
-
-
-def no_rounds() -> RoundArrays:
-    """All messages arrive at once."""
-    one, none = np.zeros(0), np.zeros((0, 3, 3))
-    return RoundArrays(False, 0, np.zeros(5), np.zeros((0, 2), dtype=np.int64), one, one, none, none, 1.0)
 
 
 def size_of_round_memory(rounds: RoundArrays, first: IntArray) -> tuple[int, int]:
@@ -174,14 +176,14 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
     edges = linked_edges(team, links)[: len(team.communication)]
     far = np.array([one.link.range for one in edges])
     if not (delay or loss.lossy or np.isfinite(far).any()):
-        return no_rounds()
+        return RoundArrays()
     with in_field("links.rounds"):
         require_held(4 * (delay + 1) * sum(1 + len(edge.F_tail) for edge in team.communication))
     own = _diagonal_blocks(team)
     return RoundArrays(
         imperfect=True,
         delay=delay,
-        loss=np.array([loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad]),
+        loss=Losses(*(float(getattr(loss, name)) for name in Losses._fields)),
         streams=np.array([one.stream for one in edges], dtype=np.int64).reshape(-1, 2),
         range=far,
         lift=np.where([member.dimension == 2 for member in team.members], height, 0.0),
@@ -241,13 +243,12 @@ def relax(edges, rounds, steepest, seed, n, term, count, first, b, y, x, positio
 @inline_jit
 def send(edges, rounds, seed, n, term, k, x, positions, memory):
     """Let both ends of every edge send F x in round k of sample n, unless the message is lost."""
-    to_bad, to_good, begins_bad, loss_good, loss_bad = rounds.loss
-    slot = n % (rounds.delay + 1)
+    chain, slot = rounds.loss, n % (rounds.delay + 1)
     for e in range(rounds.streams.shape[0]):
         tail, head = edges.tail[e], edges.head[e]
         chance = uniforms(seed, rounds.streams[e], n, _COUNT + k)
-        memory.state[e] = next_state(memory.state[e], chance[2], to_bad, to_good, begins_bad)
-        loss = loss_bad if memory.state[e] == 2.0 else loss_good
+        memory.state[e] = next_state(memory.state[e], chance[2], chain.to_bad, chain.to_good, chain.bad)
+        loss = chain.loss_bad if memory.state[e] == 2.0 else chain.loss_good
         if rounds.range[e] < np.inf:
             far = distance(positions[tail], rounds.lift[tail], positions[head], rounds.lift[head])
             loss = 1.0 if far > rounds.range[e] else loss

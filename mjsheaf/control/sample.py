@@ -1,6 +1,6 @@
 """Local information at a sample: the record that laws in Python, environments and viewers read."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
@@ -21,40 +21,26 @@ class ReadOnlyTeam(Team):
     """Read-only view of the run's team, passed to a law."""
 
     def __init__(self, team: Team) -> None:
-        """Take over all that a team has, with read-only views of its arrays and mappings and copies of its lists."""
-        own = dict(vars(team))
-        own.pop("remaining", None)  # which may be the run's own team
-        for name, value in own.items():
-            if isinstance(value, np.ndarray):
-                own[name] = _read_only(value)
-        own["index"] = MappingProxyType(team.index)
-        own["displacement"] = MappingProxyType({id: _read_only(o) for id, o in team.displacement.items()})
-        for name in ("agent_ids", "target_ids"):
-            own[name] = list(own[name])
-        for name in ("communication", "sensing", "target_edges", "anchors"):
-            own[name] = tuple(_read_only_edge(edge) for edge in own[name])
-        vars(self).update(own)
+        """Take over all that a team has; `remaining` is computed anew, because it may be the run's own team."""
+        vars(self).update({name: _read_only(value) for name, value in vars(team).items() if name != "remaining"})
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"cannot set {name}: the team that a law is handed is read-only")
 
 
-def _read_only(values: Array) -> Array:
-    """Return a view that cannot be written."""
-    view = values.view()
-    view.flags.writeable = False
-    return view
-
-
-def _read_only_edge(edge: Edge) -> Edge:
-    """Return an edge whose arrays cannot be written."""
-    return replace(
-        edge,
-        F_tail=_read_only(edge.F_tail),
-        F_head=_read_only(edge.F_head),
-        weight=_read_only(edge.weight),
-        offset=None if edge.offset is None else _read_only(edge.offset),
-    )
+def _read_only(value: Any) -> Any:
+    """Return views of arrays and mappings that cannot be written, also those of edges, and copies of lists."""
+    if isinstance(value, np.ndarray):
+        view = value.view()
+        view.flags.writeable = False
+        return view
+    if isinstance(value, dict):
+        return MappingProxyType({key: _read_only(one) for key, one in value.items()})
+    if isinstance(value, Edge):
+        return replace(value, **{field.name: _read_only(getattr(value, field.name)) for field in fields(value)})
+    if type(value) in (list, tuple):
+        return type(value)(map(_read_only, value))
+    return value
 
 
 class Perceived(NamedTuple):

@@ -31,7 +31,6 @@ from mjsheaf.control.rounds import (
     RoundArrays,
     RoundMemory,
     carry_rounds,
-    no_rounds,
     relax,
     size_of_round_memory,
     split_round_memory,
@@ -109,14 +108,14 @@ class Terms(NamedTuple):
 
 
 class TermArrays(NamedTuple):
-    """The terms for compiled code.
+    """The terms for compiled code; by default the law is the paper's.
 
     Attributes:
         agents: N; 0 where the law is the paper's.
         dimension: Dimension of each agent, shape (N,).
         period: between samples, s.
-        sensing: first and last + 1 of the sensing edges, shape (2,).
-        eigenvalues: lower and upper bound of those of H, shape (2,).
+        sensing: First and last + 1 of the sensing edges.
+        eigenvalues: Lower and upper bound of those of H.
         steepest: Largest 1 / |z| with which rounds count bearing edges, shape (C + S,), 1/m; empty without such edges.
         fresh: True if rounds of newton begin with 0 at every sample.
         feedforward, newton: rounds; 0 without.
@@ -130,26 +129,26 @@ class TermArrays(NamedTuple):
         rounds: links over which rounds go.
     """
 
-    agents: int
-    dimension: IntArray
-    period: float
-    sensing: IntArray
-    eigenvalues: Array
-    steepest: Array
-    fresh: bool
-    feedforward: int
-    newton: int
-    measured: float
-    drift: float
-    lead: Array
-    settled: int
-    integral: float
-    largest: float
-    noise: float
-    bias: float
-    seed: Own[int]
-    streams: IntArray
-    rounds: RoundArrays
+    agents: int = 0
+    dimension: IntArray = np.zeros(0, dtype=np.int64)
+    period: float = 1.0
+    sensing: tuple[int, int] = (0, 0)
+    eigenvalues: tuple[float, float] = (1.0, 1.0)
+    steepest: Array = np.zeros(0)
+    fresh: bool = False
+    feedforward: int = 0
+    newton: int = 0
+    measured: float = 1.0
+    drift: float = 0.0
+    lead: Array = np.zeros(0)
+    settled: int = 0
+    integral: float = 0.0
+    largest: float = np.inf
+    noise: float = 0.0
+    bias: float = 0.0
+    seed: Own[int] = 0
+    streams: IntArray = np.zeros((0, 2), dtype=np.int64)
+    rounds: RoundArrays = RoundArrays()
 
     def selected(self, agents: IntArray) -> "TermArrays":
         """The terms of some of the agents, by number."""
@@ -249,32 +248,6 @@ def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolA
     carry_rounds(old.rounds, new.rounds, int(old.clock[0]))
 
 
-def no_terms() -> TermArrays:
-    """The paper's law."""
-    return TermArrays(
-        agents=0,
-        dimension=np.zeros(0, dtype=np.int64),
-        period=1.0,
-        sensing=np.zeros(2, dtype=np.int64),
-        eigenvalues=np.ones(2),
-        steepest=np.zeros(0),
-        fresh=False,
-        feedforward=0,
-        newton=0,
-        measured=1.0,
-        drift=0.0,
-        lead=np.zeros(0),
-        settled=0,
-        integral=0.0,
-        largest=np.inf,
-        noise=0.0,
-        bias=0.0,
-        seed=0,
-        streams=np.zeros((0, 2), dtype=np.int64),
-        rounds=no_rounds(),
-    )
-
-
 def require_symmetric(terms: TermArrays) -> None:
     """Refuse terms whose rounds solve with H in a team whose directed edges make it asymmetric.
 
@@ -320,7 +293,7 @@ def pack_terms(
         rounds: links over which they go; perfect ones unless given.
         slopes: Bounds on H, which rounds of a team with range or bearing edges need.
     """
-    without = no_terms()._replace(noise=terms.odometry.noise, bias=terms.odometry.bias)
+    without = TermArrays(noise=terms.odometry.noise, bias=terms.odometry.bias)
     if not terms.any:
         return without
     first = len(team.communication)
@@ -328,7 +301,7 @@ def pack_terms(
         agents=len(team.agents),
         dimension=np.array([a.dimension for a in team.agents], dtype=np.int64),
         period=period,
-        sensing=np.array([first, first + len(team.sensing)], dtype=np.int64),
+        sensing=(first, first + len(team.sensing)),
         lead=np.zeros(len(team.agents)),
         seed=seed,
         streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(-1, 2),
@@ -336,7 +309,7 @@ def pack_terms(
     packed = _with_amounts(packed, terms)
     if not (packed.feedforward or packed.newton):
         return packed
-    packed = packed._replace(rounds=rounds or no_rounds())
+    packed = packed._replace(rounds=rounds or RoundArrays())
     if slopes is not None:
         packed = packed._replace(steepest=slopes.steepest, fresh=slopes.free)
         require_prompt(packed)
@@ -367,7 +340,7 @@ def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:
     if terms.rounds.imperfect:
         left = 1.0 - terms.rounds.settling(terms.feedforward, low)
     settled = int(np.ceil(np.log(_SETTLED) / np.log(left))) if 0.0 < left < 1.0 else 1
-    return terms._replace(eigenvalues=np.array([low, high]), settled=settled)
+    return terms._replace(eigenvalues=(float(low), float(high)), settled=settled)
 
 
 def contraction(rounds: int, low: float, high: float) -> float:

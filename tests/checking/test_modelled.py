@@ -18,7 +18,7 @@ from mjsheaf.checking.loop.modelled import terms_without_bound, unmodelled_parts
 from mjsheaf.control.law import EdgeArrays, LawArrays
 from mjsheaf.control.links import LINK, LinkArrays
 from mjsheaf.control.rounds import RoundArrays
-from mjsheaf.control.terms import Feedforward, Newton, TermArrays, Terms, no_terms, pack_terms
+from mjsheaf.control.terms import Feedforward, Newton, TermArrays, Terms, pack_terms
 from mjsheaf.system import System
 from tests.commands import call
 
@@ -78,7 +78,7 @@ def test_a_new_field_that_is_off_changes_nothing(system: System, value: Any) -> 
 
 
 def test_a_limit_whose_neutral_value_is_not_zero_is_off_there(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjsheaf.checking.loop.modelled.no_terms", lambda: with_field(no_terms(), "width", np.inf))
+    monkeypatch.setattr("mjsheaf.checking.loop.modelled.TermArrays", lambda: with_field(TermArrays(), "width", np.inf))
     for width, parts in ((np.inf, []), (2.0, ["term width"])):
         terms = with_field(system.law.terms, "width", width)
         assert terms_without_bound(system.law._replace(terms=terms)) == parts

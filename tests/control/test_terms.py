@@ -19,7 +19,7 @@ from mjsheaf.control import ControlArrays
 from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.control.law import Memory, evaluate_law, new_memory
 from mjsheaf.control.links import size_of_link_memory
-from mjsheaf.control.terms import contraction, no_terms, size_of_memory, solve
+from mjsheaf.control.terms import TermArrays, contraction, size_of_memory, solve
 from mjsheaf.errors import InputError
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -423,7 +423,7 @@ def test_drift_and_integral_are_an_agents_own(terms: dict[str, Any]) -> None:
 
 
 def test_a_law_without_terms_holds_nothing_of_them() -> None:
-    assert size_of_memory(no_terms(), np.array([0, 40]), 17) == (0, 0)
+    assert size_of_memory(TermArrays(), np.array([0, 40]), 17) == (0, 0)
     for path in sorted((REPOSITORY / "scenarios").glob("*.yaml")):
         scenario = load_scenario(str(path))
         terms = scenario.system.law.terms

@@ -298,7 +298,7 @@ def _carried_odometry(system: System) -> float:
     edges, team, N = system.law.edges, system.team, len(system.team.agents)
     if team.free:
         return 0.0  # no sensing edges
-    first, last = edges.first[system.law.terms.sensing]
+    first, last = edges.first[list(system.law.terms.sensing)]
     S, owner = np.zeros((N, 3, 3)), np.repeat(edges.tail, np.diff(edges.first))[first:last]
     np.add.at(S, owner, edges.F_tail[first:last, :, None] * edges.P_tail[first:last, None, :])
     whole = np.zeros((3 * N, 3 * N))

@@ -28,8 +28,8 @@ from scipy.sparse.csgraph import breadth_first_order
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_control, new_memory
-from mjsheaf.control.links import no_links
-from mjsheaf.control.rounds import no_rounds
+from mjsheaf.control.links import LinkArrays
+from mjsheaf.control.rounds import RoundArrays
 from mjsheaf.dynamics.motion import MotionArrays
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.jit import jit
@@ -205,9 +205,7 @@ class LawModel:
             self._control.law.gain[0] = gain
             moved = self._columns(_MOVED_POINTS[0], half)
             both = self._led_astray_by(half)
-            self._control.law.terms.sensing[1] = 0
-            own = self._led_astray_by(half)
-            self._control.law.terms.sensing[1] = 1
+            own = self._led_astray_by(half, sensing=(0, 0))
         position, sensed, heard = moved[:, n], moved[:, n + 1], moved[:, n + 2]
         each = half[:, :1]
         inputs = np.stack([position, -heard / each, (sensed - heard) / each, (both - own) / each, own], axis=2)
@@ -284,9 +282,14 @@ class LawModel:
         ends, commands = self._answers(self._control, self._cells, points, weights)
         return np.dstack([(ends - self._end)[:, :, self._cells], commands[:, :, 0]]) / _MOTION
 
-    def _led_astray_by(self, weights: Array) -> Array:
-        """Return how the state and, last, the command answer to a unit error of odometry, shape (L, n + 1)."""
-        ends, commands = self._answers(self._led_astray, self._cells[:0], _STILL, weights)
+    def _led_astray_by(self, weights: Array, sensing: tuple[int, int] = (0, 1)) -> Array:
+        """Return how the state and, last, the command answer to a unit error of odometry, shape (L, n + 1).
+
+        The agent senses the velocity of targets on the edges from first to last.
+        """
+        law = self._led_astray.law
+        control = self._led_astray._replace(law=law._replace(terms=law.terms._replace(sensing=sensing)))
+        ends, commands = self._answers(control, self._cells[:0], _STILL, weights)
         return np.column_stack([(ends - self._end)[:, 0, self._cells], commands[:, 0, 0]]) / _MOTION
 
     def _cells_in_loop(self) -> IntArray:
@@ -410,12 +413,12 @@ def _one_agent(law: LawArrays) -> ControlArrays:
         knots=np.zeros(0),
         coefficients=np.zeros((0, 6, 3)),
     )
-    terms = law.terms._replace(sensing=np.zeros(2, dtype=np.int64))
+    terms = law.terms._replace(sensing=(0, 0))
     if terms.agents:
         terms = terms._replace(
             agents=1,
             dimension=np.full(1, 3 if solid else 2, dtype=np.int64),
-            sensing=np.array([0, 1]),
+            sensing=(0, 1),
             lead=terms.lead[:1].copy(),
             settled=0,
             largest=np.inf,
@@ -423,10 +426,10 @@ def _one_agent(law: LawArrays) -> ControlArrays:
             bias=0.0,
             seed=0,
             streams=np.zeros((1, 2), dtype=np.int64),
-            rounds=no_rounds(),
+            rounds=RoundArrays(),
         )
     custom = tuple(term._replace(agents=1) for term in law.custom)
-    alone = LawArrays(edges, np.array([1.0, 0.0, 0.0]), np.full(3, np.inf), 0, terms, no_links(), custom)
+    alone = LawArrays(edges, np.array([1.0, 0.0, 0.0]), np.full(3, np.inf), 0, terms, LinkArrays(), custom)
     return new_control(alone, motion)
 
 

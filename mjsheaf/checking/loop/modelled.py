@@ -13,9 +13,9 @@ import numpy as np
 from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.control.custom import names_of
 from mjsheaf.control.law import LawArrays
-from mjsheaf.control.links import no_links
-from mjsheaf.control.rounds import no_rounds
-from mjsheaf.control.terms import no_terms
+from mjsheaf.control.links import LinkArrays
+from mjsheaf.control.rounds import RoundArrays
+from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import UndecidedError, listed, select_true
 from mjsheaf.system import System
 
@@ -42,8 +42,8 @@ def unmodelled_parts(system: System) -> list[str]:
     """
     law = system.law
     structures: list[tuple[str, Any, frozenset[str], Any]] = [
-        ("field of the rounds", law.terms.rounds, _ROUNDS, no_rounds()),
-        ("field of the links", law.links, _LINKS, no_links()),
+        ("field of the rounds", law.terms.rounds, _ROUNDS, RoundArrays()),
+        ("field of the links", law.links, _LINKS, LinkArrays()),
         ("field of the edges", law.edges, _EDGES, None),
         ("field of the law", law, _LAW, None),
     ]
@@ -75,7 +75,7 @@ def _terms_without_model(system: System) -> list[str]:
 
 def terms_without_bound(law: LawArrays) -> list[str]:
     """Return the terms of a law of which no bound along the targets' path is derived."""
-    return [f"term {name}" for name in (*_unknown(law.terms, _TERMS, no_terms()), *names_of(law.custom))]
+    return [f"term {name}" for name in (*_unknown(law.terms, _TERMS, TermArrays()), *names_of(law.custom))]
 
 
 def because_of(parts: list[str]) -> str:

@@ -29,7 +29,7 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
 from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, evaluate_law, new_control, new_memory, pack_edges
-from mjsheaf.control.links import no_links
+from mjsheaf.control.links import LinkArrays
 from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media import disturbance
@@ -519,7 +519,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     N, law, motion, medium = len(system.team.agents), system.law, system.motion, system.medium
     edges = pack_edges(system.team.targets, [(system.team.target_edges, True)])
     alone = law.without_terms._replace(edges=edges, gain=law.gain[N:], limit=law.limit[N:])
-    alone = alone._replace(links=no_links())
+    alone = alone._replace(links=LinkArrays())
     own = {name: getattr(motion, name)[N:] for name in motion._fields if name not in ("knots", "coefficients")}
     around = medium._replace(
         agents=0,
