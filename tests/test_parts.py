@@ -49,10 +49,11 @@ def _add(a, b):
     return 2.0 * a[0] + b[0], a[1] + b[1]  # depends on the order
 
 
-VALUES = {Scaled: _scale, Shifted: _shift, Silent: None}
-values = for_each(VALUES.get, _add)
-hold = for_each({Scaled: _hold}.get)
-holds = has_any({Scaled: _hold}.get)
+VALUES: dict[type, Any] = {Scaled: _scale, Shifted: _shift, Silent: None}
+HOLDS: dict[type, Any] = {Scaled: _hold}
+values = for_each(lambda kind: VALUES[kind], _add)
+hold = for_each(lambda kind: HOLDS.get(kind))
+holds = has_any(lambda kind: HOLDS.get(kind))
 
 
 @jit
