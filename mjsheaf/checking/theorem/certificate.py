@@ -64,8 +64,7 @@ Finding = tuple[Verdict, float | None, str, str]
 """Verdict, value, unit and witness of an assumption."""
 
 _MOST_ROUNDS = 30  # of the search for a rho that holds over its own tube
-RHO_STEP = 1.02
-"""The next rho that is tried, over the slope in the last tube."""
+_RHO_STEP = 1.02  # the next rho that is tried, over the slope in the last tube
 _TUBE_OVER_BOUND = 1.0 + 1e-6
 _WORTH_NARROWING = 0.98  # of the weaker bound's radius: a smaller region is taken below it
 
@@ -286,7 +285,7 @@ class Search:
                 # The assumed slope may be a little more than the tube's.
                 rho = tube.slope if self.rho is not None else replace(tube.slope, upper=slope)
                 return Region(tube, "a tube about q* as wide as the bound", True, rho)
-            slope = RHO_STEP * tube.slope.upper
+            slope = _RHO_STEP * tube.slope.upper
         return None
 
     def _confines(self, bound: Theorem) -> bool:
@@ -304,11 +303,6 @@ class Search:
             return _TUBE_OVER_BOUND * within
 
         return tube_about(self.system, path, self._carrier, radius)
-
-    def tube_of(self, radius: float) -> Tube:
-        """Return the tube of a constant radius, m."""
-        path = self.constants.path
-        return tube_about(self.system, path, self._carrier, lambda time: np.full(time.shape, _TUBE_OVER_BOUND * radius))
 
     def _guess(self, why: str) -> Region:
         tube = tube_guessed(self.system, self.constants.path)
