@@ -48,7 +48,7 @@ from mjsheaf.checking.theorem.flow_bounds import singular_points
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.topology.connecting import label_parts, unsensed_targets
-from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, theorem_1
+from mjsheaf.control.theorem import Rho, Theorem, theorem_1
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
 from mjsheaf.errors import first_true, select_true
 from mjsheaf.io.section import Finite, Record
@@ -333,7 +333,7 @@ def _gain_condition(theorem: Theorem, initial_error: float, rate: float | None, 
     """Why the gain condition fails or the error begins outside S, or an empty string if neither is so."""
     rho = theorem.rho(initial_error)
     start = f"the initial error of {initial_error:.4g} m"
-    constant = isinstance(theorem.rho, ConstantRho)
+    constant = theorem.rho.constant
     if not np.isfinite(rho):
         return "a field is singular inside the region" if constant else f"rho is infinite at {start}"
     if theorem.contains(initial_error):
