@@ -25,6 +25,8 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,14 +44,39 @@ _OUTWARD = 1.0 + 1e-12
 
 
 class Rho:
-    """A non-decreasing bound of the slope of the drift; infinite where nothing is known.
+    """A bound of the slope of the drift, 1/s, at a radius >= 0, m; infinite where nothing is known.
 
-    Subclasses implement `__call__`, which may round up, and may override `reach`, which never rounds up.
+    It must be non-negative and not decrease. That is checked on a grid alone, 0 and 1e-9 to 1e9 m, eight radii a
+    decade; that it bounds the drift is the user's claim. NaN counts as infinite. Where the function rounds down, so
+    does the theorem.
+
+    Attributes:
+        constant: True if it is a Lipschitz constant over the whole region.
     """
 
+    def __init__(self, function: Callable[[float], float], *, constant: bool = False) -> None:
+        """Raise an InputError where the function is negative or decreases on the grid."""
+        self._function = function
+        self.constant = constant
+        before, at = 0.0, 0.0
+        for radius in (0.0,) if constant else (0.0, *np.logspace(-9, 9, 145).tolist()):
+            value = self(radius)
+            if value < before and not radius:
+                raise InputError(f"rho(0) = {value:.6g}; expected a bound >= 0")
+            if value < before:
+                raise InputError(
+                    f"rho({radius:.6g}) = {value:.6g} but rho({at:.6g}) = {before:.6g}; expected a bound >= 0 that "
+                    "does not decrease"
+                )
+            before, at = value, radius
+
     def __call__(self, radius: float) -> float:
-        """rho at a radius >= 0 in m, 1/s."""
-        raise NotImplementedError
+        """Evaluate the bound at a radius."""
+        try:
+            value = float(self._function(radius))
+        except (OverflowError, ZeroDivisionError):  # of plain floats at large or infinite radii
+            return math.inf
+        return math.inf if math.isnan(value) else value
 
     def reach(self, level: float) -> float | None:
         """The largest radius s with rho(s) <= level, from below to about 1e-15 of itself; None where there is none."""
@@ -79,129 +106,59 @@ def _bisect_down(holds: Callable[[float], bool], low: float, high: float) -> flo
     return low
 
 
-class ConstantRho(Rho):
-    """rho = L: a Lipschitz constant over the whole region, 1/s; infinite where there is none."""
-
-    def __init__(self, value: float) -> None:
-        if not value >= 0.0:
-            raise InputError(f"rho is {value}; expected a number >= 0")
-        self.value = float(value)
-
-    def __call__(self, radius: float) -> float:
-        """L, at every radius."""
-        return self.value
-
-
-class PolynomialRho(Rho):
-    """rho(s) = c_0 + c_1 s + c_2 s^2 + ... with coefficients c_k >= 0 in 1/s, 1/(m s), ..."""
-
-    def __init__(self, coefficients: Sequence[float]) -> None:
-        """Raise an InputError where there is none, or one is negative or not finite."""
-        self.coefficients = tuple(float(c) for c in coefficients)
-        if not self.coefficients or not all(0.0 <= c < math.inf for c in self.coefficients):
-            raise InputError(f"the coefficients of rho are {list(coefficients)}; expected finite numbers >= 0")
-        # Horner's scheme without cancellation: each of its 2 n roundings costs at most 2^-53 of the value.
-        self._up = 1.0 + 4.0 * len(self.coefficients) * 2.0**-53
-
-    def __call__(self, radius: float) -> float:
-        """The polynomial, rounded up."""
-        *lower, value = self.coefficients
-        for c in reversed(lower):
-            value = c + (value * radius if value > 0.0 else 0.0)
-        return value * self._up if any(self.coefficients[1:]) else value
-
-
-class StepRho(Rho):
-    """A table: rho(s) = L_k on (radius_{k-1}, radius_k], infinite beyond the last radius.
-
-    L_k may be a Lipschitz constant of the drift over the tube of radius_k about the path of q*: q lies in the tube of
-    radius |e|, with the whole segment from q* to q.
-    """
-
-    def __init__(self, steps: Sequence[tuple[float, float]]) -> None:
-        """Take pairs (radius_k in m, L_k in 1/s).
-
-        Raises:
-            InputError: there is none, radii do not increase from above 0, or values decrease or are negative.
-        """
-        self.radii = tuple(float(r) for r, _ in steps)
-        self.values = tuple(float(value) for _, value in steps)
-        rising = all(a < b for a, b in zip((0.0, *self.radii), self.radii, strict=False))
-        sorted_ = all(a <= b for a, b in zip((0.0, *self.values), self.values, strict=False))
-        if not (self.radii and rising and sorted_):
-            raise InputError(
-                f"the table of rho is {list(steps)}; expected pairs (radius, L), radii increasing from above 0, "
-                "L >= 0 and never smaller than before"
-            )
-
-    def __call__(self, radius: float) -> float:
-        """The L_k of the smallest tube that holds the radius."""
-        k = bisect_left(self.radii, radius)
-        return self.values[k] if k < len(self.values) else math.inf
-
-    def reach(self, level: float) -> float | None:
-        """The largest radius_k whose L_k does not exceed the level: exact."""
-        below = [radius for radius, value in zip(self.radii, self.values, strict=True) if value <= level]
-        return below[-1] if below else None
-
-
-class BoundRho(Rho):
-    """A user's function of a radius in m, in 1/s, which must be non-negative and not decrease.
-
-    That is checked on a grid alone, 0 and 1e-9 to 1e9 m, eight radii a decade; that it bounds the drift is the user's
-    claim. NaN counts as infinite. Where the function rounds down, so does the theorem.
-    """
-
-    def __init__(self, function: Callable[[float], float]) -> None:
-        """Raise an InputError where the function is negative or decreases on the grid."""
-        self._function = function
-        before, at = 0.0, 0.0
-        for radius in (0.0, *np.logspace(-9, 9, 145).tolist()):
-            value = self(radius)
-            if value < before:
-                raise InputError(
-                    f"rho({radius:.6g}) = {value:.6g} but rho({at:.6g}) = {before:.6g}; expected a bound >= 0 that "
-                    "does not decrease"
-                    if radius
-                    else f"rho(0) = {value:.6g}; expected a bound >= 0"
-                )
-            before, at = value, radius
-
-    def __call__(self, radius: float) -> float:
-        """Evaluate the function at a radius."""
-        try:
-            value = float(self._function(radius))
-        except (OverflowError, ZeroDivisionError):  # of plain floats at large or infinite radii
-            return math.inf
-        return math.inf if math.isnan(value) else value
-
-
 RhoLike = float | Sequence[float] | Sequence[tuple[float, float]] | Callable[[float], float] | Rho
 """See `as_rho`."""
 
 
 def as_rho(rho: RhoLike) -> Rho:
-    """A bound from a number L, coefficients of a polynomial, pairs (radius_k, L_k), a function, or a `Rho`.
+    """Return a bound from one of its forms.
+
+    Args:
+        rho: A number L, 1/s, is a Lipschitz constant over the whole region, infinite where there is none. Coefficients
+            c_k >= 0, in 1/s, 1/(m s), ..., give rho(s) = c_0 + c_1 s + c_2 s^2 + ... Pairs (radius_k in m, L_k in 1/s)
+            are a table: rho(s) = L_k on (radius_{k-1}, radius_k], infinite beyond the last radius. L_k may be a
+            Lipschitz constant of the drift over the tube of radius_k about the path of q*: q lies in the tube of
+            radius |e|, with the whole segment from q* to q. A function takes a radius in m. A `Rho` is returned as is.
 
     Raises:
-        InputError: it is none of these, or no bound.
+        InputError: It is none of these, or no bound.
     """
     if isinstance(rho, Rho):
         return rho
     if callable(rho):
-        return BoundRho(rho)
+        return Rho(rho)
     values = np.empty((0, 0))
     with suppress(TypeError, ValueError):
         values = np.asarray(rho, dtype=np.float64)
     if values.ndim == 0:
-        return ConstantRho(float(values))
+        if not values >= 0.0:
+            raise InputError(f"rho is {rho}; expected a number >= 0")
+        return Rho(lambda _: float(values), constant=True)
     if values.ndim == 1:
-        return PolynomialRho(rho)  # type: ignore[arg-type]
+        if not (values.size and np.all((values >= 0.0) & (values < np.inf))):
+            raise InputError(f"the coefficients of rho are {rho}; expected finite numbers >= 0")
+        return Rho(partial(_polynomial, np.trim_zeros(values, "b").tolist() or [0.0]))
     if values.ndim == 2 and values.shape[1] == 2:
-        return StepRho(rho)  # type: ignore[arg-type]
+        radii, levels = values.T.tolist()
+        rising = all(a < b for a, b in pairwise([0.0, *radii]))
+        if not (radii and rising and all(a <= b for a, b in pairwise([0.0, *levels]))):
+            raise InputError(
+                f"the table of rho is {rho}; expected pairs (radius, L), radii increasing from above 0, "
+                "L >= 0 and never smaller than before"
+            )
+        return Rho(lambda radius: [*levels, math.inf][bisect_left(radii, radius)])
     raise InputError(
         f"rho is {rho!r}; expected a number, coefficients c_0, c_1, ..., pairs (radius, L), or a function of the radius"
     )
+
+
+def _polynomial(coefficients: list[float], radius: float) -> float:
+    """Evaluate c_0 + c_1 s + ... with coefficients >= 0, rounded up."""
+    *lower, value = coefficients
+    for c in reversed(lower):
+        value = c + value * radius
+    # Horner's scheme without cancellation: each of its 2 n roundings costs at most 2^-53 of the value.
+    return value * (1.0 + 4.0 * len(lower) * 2.0**-53)
 
 
 @dataclass(frozen=True)
@@ -354,8 +311,8 @@ def gain_for_radius(
     def enough(slope: float, r: float) -> float:
         return (slope + math.hypot(slope, drive / r)) / lambda_min
 
-    if isinstance(rho, ConstantRho):
-        return enough(rho.value, radius) if math.isfinite(rho.value) else math.inf
+    if rho.constant:
+        return enough(rho(0.0), radius) if math.isfinite(rho(0.0)) else math.inf
 
     def achieves(gain: float) -> bool:
         t = theorem_1(gain, lambda_min, f_bar, omega_bar, rho, initial_error=initial_error)

@@ -48,7 +48,7 @@ from mjsheaf.checking.theorem.flow_bounds import singular_points
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.topology.connecting import label_parts, unsensed_targets
-from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, theorem_1
+from mjsheaf.control.theorem import Rho, Theorem, theorem_1
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
 from mjsheaf.errors import first_true, select_true
 from mjsheaf.io.section import Finite, Record
@@ -64,8 +64,7 @@ Finding = tuple[Verdict, float | None, str, str]
 """Verdict, value, unit and witness of an assumption."""
 
 _MOST_ROUNDS = 30  # of the search for a rho that holds over its own tube
-RHO_STEP = 1.02
-"""The next rho that is tried, over the slope in the last tube."""
+_RHO_STEP = 1.02  # the next rho that is tried, over the slope in the last tube
 _TUBE_OVER_BOUND = 1.0 + 1e-6
 _WORTH_NARROWING = 0.98  # of the weaker bound's radius: a smaller region is taken below it
 
@@ -286,7 +285,7 @@ class Search:
                 # The assumed slope may be a little more than the tube's.
                 rho = tube.slope if self.rho is not None else replace(tube.slope, upper=slope)
                 return Region(tube, "a tube about q* as wide as the bound", True, rho)
-            slope = RHO_STEP * tube.slope.upper
+            slope = _RHO_STEP * tube.slope.upper
         return None
 
     def _confines(self, bound: Theorem) -> bool:
@@ -304,11 +303,6 @@ class Search:
             return _TUBE_OVER_BOUND * within
 
         return tube_about(self.system, path, self._carrier, radius)
-
-    def tube_of(self, radius: float) -> Tube:
-        """Return the tube of a constant radius, m."""
-        path = self.constants.path
-        return tube_about(self.system, path, self._carrier, lambda time: np.full(time.shape, _TUBE_OVER_BOUND * radius))
 
     def _guess(self, why: str) -> Region:
         tube = tube_guessed(self.system, self.constants.path)
@@ -339,7 +333,7 @@ def _gain_condition(theorem: Theorem, initial_error: float, rate: float | None, 
     """Why the gain condition fails or the error begins outside S, or an empty string if neither is so."""
     rho = theorem.rho(initial_error)
     start = f"the initial error of {initial_error:.4g} m"
-    constant = isinstance(theorem.rho, ConstantRho)
+    constant = theorem.rho.constant
     if not np.isfinite(rho):
         return "a field is singular inside the region" if constant else f"rho is infinite at {start}"
     if theorem.contains(initial_error):

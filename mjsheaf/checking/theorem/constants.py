@@ -1,8 +1,9 @@
 """The constants of Theorem 1 over a run: f_bar along the targets' path, and rho over a tube that holds the agents.
 
-f_B = H^-1 B f_p(p, t) - f_q(q*) along the targets' path is the theorem's bounded difference. Its largest norm is found
-by branch and bound in time over the cells that cover the path (see `targets`). Over a cell in which p_k moves by at
-most r_k about a centre and f_p,k by at most s_k, with |K_ik| the norms of the blocks of K = H^-1 B,
+f_B = H^-1 B f_p(p, t) - f_q(q*) along the targets' path is the theorem's bounded difference. Its largest norm is
+bounded over each of the cells that cover the path (see `targets`), cut into parts where that helps. Over a cell in
+which p_k moves by at most r_k about a centre and f_p,k by at most s_k, with |K_ik| the norms of the blocks of
+K = H^-1 B,
 
     |q*_i - centre| <= R_i = sum_k |K_ik| r_k,
     |f_B,i - f_B,i at the centre| <= sum_k |K_ik| s_k + R_i sup |df_i/dq| over that ball.
@@ -46,11 +47,11 @@ from mjsheaf.media.varying import VaryingArrays
 from mjsheaf.media.waves import WaveArrays
 from mjsheaf.system import System
 
-_MOST_CELLS = 50_000  # that are bounded
-_MOST_NUMBERS = 8_000_000  # of f_B over them
-_FEWEST_CELLS = 32  # to begin with
-_GAP = 0.02  # largest relative gap between the bound on |f_B| and an attained value
-_BATCH = 256
+_PARTS = 4  # into which a cell is cut
+_MOST_NUMBERS = 8_000_000  # of f_B over cells that were cut
+_MOST_ROUNDS = 10  # of cuts
+_GAP = 1e-3  # relative, between the bound on |f_B| and an attained value, and that a round of cuts has to gain
+_BATCH = 1024  # cells that are bounded at once
 _ROUNDING = 1e-9
 _MOST_BOXES = 256
 _MOST_SPANS = 32  # of time
@@ -107,99 +108,75 @@ def _shaking(system: System, path: TargetPath) -> Array:
 
 
 def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, float]:
-    """A bound on |f_B| over cells, and a time near which it is attained."""
-    levels = [cells]
-    while len(levels[-1].begin) > _FEWEST_CELLS:
-        levels.append(_pairs(levels[-1]))
-    level = np.full(len(levels[-1].begin), len(levels) - 1)
-    index, now = np.arange(len(level)), levels[-1]
-    upper, seen = _bound(system, carrier, now)
-    most, time = float(seen.max()), float(now.begin[np.argmax(seen)])
-    closed, left = 0.0, min(_MOST_CELLS, _MOST_NUMBERS // system.team.dirichlet.H.shape[0])
-    while True:
-        # Cutting a one-step cell gains nothing if its segment is shorter than the path's largest distance from it.
-        whole = (level == 0) & np.all(np.linalg.norm(now.half, axis=2) <= now.bend, axis=1)
-        over = (upper > (1.0 + _GAP) * most) & ~whole
+    """Return a bound on |f_B| over cells, m/s, and a time near which it is attained, s.
+
+    Every round bounds |f_B| over each cell, and its value at the cell's centre from below. Cells whose bound is at most
+    slightly above the largest such value need no more; the others are cut into equal parts of their segments. Parts
+    cover what the whole covers, so the largest bound of any round, with those of the cells that were left out before,
+    holds over all the path. Rounds end where they no longer lower it: what remains is the cells' own spread.
+    """
+    bound, closed, attained, time = np.inf, 0.0, 0.0, float(cells.begin[0])
+    most = max(_MOST_NUMBERS // system.team.dirichlet.H.shape[0], len(cells.begin))
+    for _ in range(_MOST_ROUNDS):
+        batches = [_some(cells, slice(k, k + _BATCH)) for k in range(0, len(cells.begin), _BATCH)]
+        upper, lower = np.concatenate([_bound(system, carrier, batch) for batch in batches], axis=1)
+        if lower.max() > attained:
+            attained = float(lower.max())
+            time = float(cells.begin[lower.argmax()])
+        last = bound
+        bound = min(bound, max(closed, float(upper.max())))
+        over = upper > (1.0 + _GAP) * attained
+        if bound > (1.0 - _GAP) * last or not over.any() or _PARTS * over.sum() > most:
+            break
         closed = max(closed, float(upper[~over].max(initial=0.0)))
-        now, level, index, upper = _some(now, over), level[over], index[over], upper[over]
-        if not len(upper) or left <= 0:
-            return max(closed, float(upper.max(initial=0.0))), time
-        order = np.argsort(-upper, kind="stable")
-        first, rest = order[:_BATCH], order[_BATCH:]
-        parent, levels_below, below, fresh = _children(levels, level[first], index[first], _some(now, first))
-        bounds, values = _bound(system, carrier, fresh)
-        left -= len(bounds)
-        if values.max() > most:
-            most, time = float(values.max()), float(fresh.begin[np.argmax(values)])
-        now = Cells(*(np.concatenate([old[rest], new]) for old, new in zip(now, fresh, strict=True)))
-        level, index = np.concatenate([level[rest], levels_below]), np.concatenate([index[rest], below])
-        upper = np.concatenate([upper[rest], np.minimum(bounds, upper[first][parent])])
+        cells = _cut(_some(cells, over))
+    return bound, time
 
 
-def _some(cells: Cells, which: BoolArray | IntArray) -> Cells:
+def _some(cells: Cells, which: BoolArray | slice) -> Cells:
     return Cells(*(x[which] for x in cells))
 
 
-def _bound(system: System, carrier: Carrier, cells: Cells) -> tuple[Array, Array]:
-    """Bounds on |f_B| over cells, and values that it reaches in each at least, shapes (n,), m/s."""
+def _bound(system: System, carrier: Carrier, cells: Cells) -> Array:
+    """Bound |f_B| over cells from above, and its largest value in each from below, shape (2, n), m/s."""
     moves = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
     q_star = carrier.extend(cells.centre)
     centre = np.linalg.norm(carrier.carry(cells.drift) - agent_flow(system, q_star), axis=1)
     spread = carrier.spread(cells.spread, agent_slopes(system, q_star, moves), moves)
     upper = centre + spread
-    return np.where(np.isnan(upper), np.inf, upper), np.nan_to_num(np.maximum(centre - spread, 0.0))
+    return np.stack([np.where(np.isnan(upper), np.inf, upper), np.nan_to_num(np.maximum(centre - spread, 0.0))])
 
 
-def _children(
-    levels: list[Cells], level: IntArray, index: IntArray, cells: Cells
-) -> tuple[IntArray, IntArray, IntArray, Cells]:
-    """The cells of which cells are made, pairs below them or halves of their segments: parent, level, index, cell."""
-    found = []
-    for k in np.unique(level):
-        parent = np.repeat(np.flatnonzero(level == k), 2)
-        side = np.arange(len(parent)) % 2
-        if k == 0:
-            cut, below = _some(cells, parent), index[parent]
-            half, middle = 0.5 * cut.half, 0.5 * (cut.begin + cut.end)
-            centre = cut.centre + np.where(side, 1.0, -1.0)[:, None, None] * half
-            ends = np.where(side, middle, cut.begin), np.where(side, cut.end, middle)
-            fresh = cut._replace(begin=ends[0], end=ends[1], centre=centre, half=half)
-        else:
-            below = 2 * index[parent] + side
-            there = below < len(levels[k - 1].begin)
-            parent, below = parent[there], below[there]
-            fresh = _some(levels[k - 1], below)
-        found.append((parent, np.full_like(parent, max(k - 1, 0)), below, fresh))
-    parents, above, places, parts = zip(*found, strict=True)
-    joined = Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-    return np.concatenate(parents), np.concatenate(above), np.concatenate(places), joined
+def _cut(cells: Cells) -> Cells:
+    """Cut the segment of each cell into equal parts; bounds of its drift hold in each of them."""
+    place = np.tile((np.arange(_PARTS) + 0.5) / _PARTS, len(cells.begin))
+    parts = Cells(*(np.repeat(x, _PARTS, axis=0) for x in cells))
+    middle = parts.begin + place * (parts.end - parts.begin)
+    span = 0.5 / _PARTS * (parts.end - parts.begin)
+    return parts._replace(
+        begin=middle - span,
+        end=middle + span,
+        centre=parts.centre + (2.0 * place - 1.0)[:, None, None] * parts.half,
+        half=parts.half / _PARTS,
+    )
 
 
-def _pairs(cells: Cells) -> Cells:
-    """Each two neighbours as one cell, a ball; the last alone where their number is odd."""
-    n = len(cells.begin) // 2 * 2
-    centre, bend = _joined(cells.centre, np.linalg.norm(cells.half, axis=2) + cells.bend, n)
-    drift, spread = _joined(cells.drift, cells.spread, n)
-    ends = np.concatenate([cells.end[1:n:2], cells.end[n:]])
-    slope = np.concatenate([np.maximum(cells.slope[0:n:2], cells.slope[1:n:2]), cells.slope[n:]])
-    return Cells(cells.begin[::2], ends, centre, np.zeros_like(centre), bend, drift, spread, slope)
+def coarser(cells: Cells, most: int) -> tuple[Array, Array, Array, Array]:
+    """Enclose consecutive cells in balls, at most `most` for each target.
 
-
-def _joined(centre: Array, radius: Array, n: int) -> tuple[Array, Array]:
-    """Enclose pairs of the first n balls in smallest balls, shapes (n / 2, M, 3) and (n / 2, M); append the rest."""
-    a, b, r, s = centre[0:n:2], centre[1:n:2], radius[0:n:2], radius[1:n:2]
-    apart = np.linalg.norm(b - a, axis=2)
-    around = np.maximum(0.5 * (apart + r + s), np.maximum(r, s))
-    share = np.clip(np.divide(around - r, apart, out=np.zeros_like(r), where=apart > 0.0), 0.0, 1.0)
-    middle = a + share[..., None] * (b - a)
-    return np.concatenate([middle, centre[n:]]), np.concatenate([around * (1.0 + _ROUNDING), radius[n:]])
-
-
-def coarser(cells: Cells, most: int) -> Cells:
-    """Merge cells until at most `most` remain; together they cover what the given ones cover."""
-    while len(cells.begin) > most:
-        cells = _pairs(cells)
-    return cells
+    Returns:
+        Times from and to which each ball holds its target, shape (S,), s, centres, shape (S, M, 3), m, and radii, shape
+        (S, M), m.
+    """
+    first = np.unique(np.linspace(0, len(cells.begin), min(most, len(cells.begin)), endpoint=False).astype(np.int64))
+    wide = np.abs(cells.half) + cells.bend[..., None]
+    low = np.minimum.reduceat(cells.centre - wide, first)
+    high = np.maximum.reduceat(cells.centre + wide, first)
+    centre = 0.5 * (low + high)
+    last = np.append(first[1:], len(cells.begin))
+    away = np.linalg.norm(cells.centre - np.repeat(centre, last - first, axis=0), axis=2)
+    radius = np.maximum.reduceat(away + np.linalg.norm(cells.half, axis=2) + cells.bend, first)
+    return cells.begin[first], cells.end[last - 1], centre, radius * (1.0 + _ROUNDING)
 
 
 def agent_flow(system: System, q: Array) -> Array:
@@ -386,9 +363,8 @@ def _bound_shared(system: System, path: TargetPath, carrier: Carrier, piece: Any
     if slope == 0.0:
         return sigma * speed + _ROUNDING * speed, 0.0
     assert path.cells is not None
-    cells = coarser(path.cells, _MOST_SPANS)
-    reach = np.linalg.norm(cells.half, axis=2) + cells.bend
-    places = np.concatenate([system.team.unpack(carrier.extend(cells.centre)), cells.centre], axis=1)
+    _, _, centre, reach = coarser(path.cells, _MOST_SPANS)
+    places = np.concatenate([system.team.unpack(carrier.extend(centre)), centre], axis=1)
     middle = (places * met[:, None]).sum(axis=1) / max(met.sum(), 1.0)
     away = np.linalg.norm(places - middle[:, None], axis=2) + np.concatenate([carrier.reach(reach), reach], axis=1)
     away *= met
@@ -446,10 +422,9 @@ def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Calla
     """
     assert path.cells is not None
     N = len(system.team.agents)
-    cells = coarser(path.cells, max(1, min(_MOST_SPANS, _MOST_BOXES // N)))
-    centre = system.team.unpack(carrier.extend(cells.centre))
-    wide = np.maximum(radius(cells.begin), radius(cells.end))[:, None]
-    wide = wide + carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
+    begin, end, targets, reach = coarser(path.cells, max(1, min(_MOST_SPANS, _MOST_BOXES // N)))
+    centre = system.team.unpack(carrier.extend(targets))
+    wide = np.maximum(radius(begin), radius(end))[:, None] + carrier.reach(reach)
     low, high = centre - wide[..., None], centre + wide[..., None]
     planar = np.array([agent.dimension == 2 for agent in system.team.agents])
     low[:, planar, 2] = high[:, planar, 2] = 0.0
