@@ -49,7 +49,7 @@ WANTED = {
     "swarm growth": 1.2,
     "fused": 200.0,
     "fused run": 0.2,
-    "fused threads": 0.75,
+    "fused threads": 0.65,
     "speed-up": 0.9,
     "assembly": 6.0,
     "sheaf": 2.0,
