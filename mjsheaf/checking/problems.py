@@ -218,10 +218,10 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
             gain = _round(_RESERVE * late)
             fix = f"set controller.gain to {gain:g} 1/s"
             yield Problem(kind="bodies", what=bodies.verdict(), fix=fix, changes={"controller.gain": gain})
-    if bodies.stable_over_exact_links is False:
+    if bodies.stable is None and bodies.stable_over_exact_links is False:
         what = "the vehicles' loop is unstable, even if links were exact"
         yield Problem(kind="bodies", what=what, fix="lower controller.gain")
-    elif not part.law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
+    elif bodies.stable is None and not part.law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
         what = "the vehicles' loop is unstable over its links"
         why = "measurements are too old for vehicles that are as slow"
         yield Problem(kind="bodies", what=what, why=why, fix="lower controller.gain, or use links with less delay")

@@ -11,7 +11,6 @@ import numpy as np
 import xarray as xr
 
 from mjsheaf.checking.loop.body_loop import body_loop, medium_on_path
-from mjsheaf.checking.loop.directed import directed_loop
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.checking.topology.cohomology import spectrum_of
@@ -114,7 +113,7 @@ def stable_gain(system: System, backend: str) -> float | None:
         if backend == "physics":
             medium = medium_on_path(system, follow_targets(system))
             return body_loop(system, spectrum_of(system.team), medium).largest_gain
-        loop = loop_of(system) if system.team.symmetric else directed_loop(system)
+        loop = loop_of(system)
         return loop.stable_gains[1] if loop.stable_gains and loop.stable_gains[0] == 0.0 else None
     return None
 

@@ -151,6 +151,37 @@ def test_terms_swing_up_where_check_says(vehicles: list[str], terms: dict[str, A
     hold_against_simulation(scenario, growth=growth_rate_with_terms)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("vehicles", "delay", "terms"),
+    [
+        (["quadrotor"] * 2, 0.1, {}),
+        pytest.param(["quadrotor"] * 2, 0.1, {"feedforward": {}, "drift": {}}, marks=pytest.mark.long),
+        pytest.param(["otter", "quadrotor"], 0.3, {"integral": {"gain": 0.05}}, marks=pytest.mark.long),
+    ],
+)
+def test_over_links_with_one_delay_they_swing_up_where_check_says(
+    vehicles: list[str], delay: float, terms: dict[str, Any]
+) -> None:
+    scenario = chain(vehicles)
+    exact = loop_of(scenario).largest_gain
+    scenario["links"] = {"all": {"delay": delay}}
+    scenario["controller"] |= terms
+    late = loop_of(scenario)
+    assert late.stable_over_exact_links is True
+    assert exact is not None
+    assert late.largest_gain is not None
+    assert late.largest_gain < exact
+    hold_against_simulation(scenario, growth=growth_rate_with_terms)
+
+
+def test_over_links_with_unlike_delays_nothing_is_said() -> None:
+    loop = loop_of({**chain(["quadrotor"] * 2), "links": {"sensing": {"delay": 0.1}}})
+    assert loop.stable is None
+    assert loop.stable_over_exact_links is True
+    assert "delayed" in loop.reason
+
+
 VEHICLES = ["hexarotor", "quadrotor", "x500", "wamv", "otter", "hull", "aerial", "submersible", RAFT]
 PERIODS = [0.02, 0.1, 0.0]
 

@@ -13,11 +13,10 @@ import pytest
 import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop import linear_law
-from mjsheaf.checking.loop.body_loop import _joined
 from mjsheaf.checking.loop.delay import _limit
 from mjsheaf.checking.loop.held_law import _noise, law_loop, loop_of
-from mjsheaf.checking.loop.linear_law import model_of
-from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
+from mjsheaf.checking.loop.linear_law import LinearController, model_of
+from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop, closed, delayed, ideal_vehicle
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.control.law import new_memory
 from mjsheaf.errors import UndecidedError
@@ -81,7 +80,7 @@ def test_many_rounds_leave_rounding_and_no_other_loop(rounds: int, gain: float) 
     both = {"controller.newton": {"rounds": rounds}, "controller.feedforward": {"rounds": rounds}}
     system = mjsheaf.load_scenario("swarm", {"swarm.size": 9, "controller.gain": gain, **both}).system
     loop = loop_of(system)
-    whole = loop.law.feedback(np.eye(loop.law.A.shape[1])).closed(loop.period)
+    whole = closed(ideal_vehicle(loop.period), loop.law.feedback(np.eye(loop.law.A.shape[1])).alike(1))
     assert loop.radius == pytest.approx(float(np.abs(np.linalg.eigvals(whole)).max()), abs=1e-11)
     by_hand = derived(system, loop).own
     assert loop.radius == pytest.approx(float(np.abs(np.linalg.eigvals(by_hand)).max()), abs=1e-10)
@@ -170,10 +169,32 @@ def test_the_loop_of_a_vehicle(names: tuple[str, ...]) -> None:
     plant = LinearVehicle(A, rng.normal(size=(4, 2)), 0.01 * rng.normal(size=(2, 4)), 0.01 * np.eye(2))
     for gain in (0.0, 0.3, 2.0):
         by_hand = DerivedLaw(system.law.terms, loop.values, gain, loop.period).joined(plant)
-        read = _joined(plant, loop.model.feedback(gain, loop.values))
+        read = closed(plant, loop.model.feedback(gain, loop.values).alike(2))
         for one, other in zip(np.linalg.eigvals(read), np.linalg.eigvals(by_hand), strict=True):
             away = np.abs(one[:, None] - other[None])  # a state more or less decays at once, or is not excited
             assert away.min(axis=1).max() < 1e-6
+
+
+@pytest.mark.parametrize("periods", [0, 1, 4])
+def test_the_loop_of_a_delayed_vehicle_is_the_recursion_over_what_was_measured(periods: int) -> None:
+    """Positions that a law meets some periods late, in the loop and in a recursion with a list of all positions."""
+    rng = np.random.default_rng(periods)
+    s, n, r, steps = 3, 2, 4, 12
+    shapes = [(s, s), (s, n), (n, s), (n, n), (r, r), (r, n), (n, r), (n, n)]
+    A, B, C, D, *law = (0.4 * rng.normal(size=shape) for shape in shapes)
+    kept, learnt, recalled, direct = law
+    M = closed(delayed(LinearVehicle(A, B, C, D), periods), LinearController(*law))
+    start = rng.normal(size=n)
+    state = np.zeros(len(M))
+    state[:n] = start
+    p, x, z = [start], np.zeros(s), np.zeros(r)
+    for k in range(steps):
+        seen = p[max(k - periods, 0)]
+        np.testing.assert_allclose(state[:n], seen, rtol=1e-10, atol=1e-12)
+        u = direct @ seen + recalled @ z
+        p.append(p[k] + C @ x + D @ u)
+        x, z = A @ x + B @ u, kept @ z + learnt @ seen
+        state = M @ state
 
 
 def with_term(monkeypatch: pytest.MonkeyPatch, term: Callable[[Array], Array]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from mjsheaf import simulate
 from mjsheaf.arrays import Array
 from mjsheaf.checking import check
-from mjsheaf.checking.loop.directed import directed_loop, largest_delay
+from mjsheaf.checking.loop.directed import largest_delay
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
@@ -98,7 +98,7 @@ def random_team(seed: int, misfit: float = 1.0, directed: float = 0.0, targets: 
 def radius_of(system: System) -> float:
     """The spectral radius that `check` states for the held law."""
     local = system.local
-    return loop_of(local).radius if local.team.symmetric else directed_loop(local).radius
+    return loop_of(local).radius
 
 
 def is_settled(scenario: Scenario) -> bool:
@@ -134,7 +134,7 @@ def test_the_largest_gain_of_edges_that_do_not_fit_is_that_of_the_law(seeds: ran
         if not is_settled(scenario):
             continue
         local = scenario.system.local
-        loop = loop_of(local) if local.team.symmetric else directed_loop(local)
+        loop = loop_of(local)
         if loop.stable_gains is None:
             assert factors(scenario).max() > 1.0, seed
             continue

@@ -6,11 +6,14 @@ team falls apart into one small matrix for each eigenvalue of H, whatever its si
 team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose responses to a command differ by
 2 % at most count as the same, and of others nothing is claimed.
 
+Measurements that are all some periods old are positions that vehicles show late (see `sampled_loop.delayed`). With
+delays of some edges alone, or losses, nothing is claimed.
+
 In large motions thrusters meet their limits. The loop leaves out how the flow changes along the way, and the targets;
 so feedforward and the drift's observer, which see no error, do not show in it.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -22,9 +25,10 @@ from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.loop.directed import matrix_of
-from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS
-from mjsheaf.checking.loop.linear_law import Feedback, LawModel, model_of
+from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay
+from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, without_memory
 from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.loop.sampled_loop import closed, delayed
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
@@ -60,7 +64,6 @@ _WAY = 1.5  # times the speed from which a boat that cannot go astern turns roun
 _TURNS = 3.0  # time constants l / |w| of turning into the current that a run must last for a boat to be turned by it
 _RESPONSE_TIME = 10.0  # s, over which responses are compared
 _GAIN_ACCURACY = 1e-3  # relative, of the largest gain
-_LEAST_RATE, _LARGEST_RATE = 1e-3, 1e5  # 1/s, of k1 lambda: where the first instability is looked for
 _MOST_DOUBLINGS = 40
 
 
@@ -117,7 +120,7 @@ def held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
 _OF_LOOP = ("stable", "spectral_radius", "largest_gain", "least_damped")  # null where the loop is undecided
 
 
-class _Modes(NamedTuple):
+class Modes(NamedTuple):
     """Modes of the closed loop.
 
     Attributes:
@@ -130,6 +133,111 @@ class _Modes(NamedTuple):
     agent: IntArray
     moves: BoolArray
 
+    def taking_part(self, neutral: float) -> "Modes":
+        """Return those that move a position or grow, by more than `neutral` in the logarithm of their factor."""
+        size = np.hypot(self.factor.real, self.factor.imag)
+        return Modes(*(x[self.moves | (size > np.exp(neutral))] for x in self))
+
+    @property
+    def radius(self) -> float:
+        """Largest growth over a period."""
+        return float(np.hypot(self.factor.real, self.factor.imag).max())
+
+
+class Block(NamedTuple):
+    """Part of a team's loop on which nothing else acts: alike vehicles at L eigenvalues of H, or unlike ones together.
+
+    Attributes:
+        plant: The vehicles, over a period.
+        law: The law that closes the loop at a gain, 1/s; it has a matrix for each of the L eigenvalues, or one.
+        agent: Number of the agent that moves most at each eigenvalue, -1 where the value need not be one, shape (L,).
+        places: Coordinates of all agents from positions of the plant, shape (n, k), of unlike vehicles.
+        owner: Agent of each of these coordinates, shape (n,).
+        sets: States that act on one another, of unlike vehicles. The matrix is block triangular over them, so that
+            their own blocks have all its eigenvalues.
+    """
+
+    plant: LinearVehicle
+    law: Callable[[float], LinearController]
+    agent: IntArray
+    places: Array
+    owner: IntArray
+    sets: Sequence[IntArray | slice] = (slice(None),)
+
+    def matrices(self, gain: float) -> Iterator[tuple[IntArray, Array]]:
+        """Return numbers of states that act on one another and their matrices, shape (..., k, k), at a gain."""
+        M = closed(self.plant, self.law(gain))
+        for chosen in self.sets:
+            yield np.arange(M.shape[-1])[chosen], M[..., chosen, :][..., chosen]
+
+    def modes(self, gain: float) -> Iterator[Modes]:
+        """Find all modes, or those at the sampled eigenvalues."""
+        for chosen, M in self.matrices(gain):
+            factors, vectors = np.linalg.eig(M)
+            held = chosen[chosen < len(self.plant.C)]
+            z = vectors[..., : len(held), :]
+            moves = np.linalg.norm(z, axis=-2) > MODE_AT_REST * np.linalg.norm(vectors, axis=-2)
+            agent = self.agent[:, None]
+            if len(self.owner):
+                agent = np.where(moves, self.owner[np.abs(self.places[:, held] @ z).argmax(axis=-2)], -1)
+            yield Modes(factors.ravel(), np.broadcast_to(agent, factors.shape).ravel(), moves.ravel())
+
+    def growth(self, gain: float, *, known: bool = False) -> float:
+        """Return the growth over a period of the fastest growing mode; if `known`, at eigenvalues that H surely has."""
+        each = np.array([np.abs(np.linalg.eigvals(M)).max(axis=-1) for _, M in self.matrices(gain)])
+        if known and not len(self.owner):
+            each = each[:, self.agent >= 0]
+        return float(np.log(each.max()))
+
+
+class TeamLoop(NamedTuple):
+    """The closed loop of a team.
+
+    Attributes:
+        blocks: Blocks into which it falls apart.
+        own: Factors of the vehicles' own modes, under a command that does not change.
+        period: Time between evaluations of the law, s.
+    """
+
+    blocks: list[Block]
+    own: NDArray[Any]
+    period: float
+
+    @property
+    def neutral(self) -> float:
+        """Growth over a period that counts as none."""
+        return NEUTRAL_RATE * self.period
+
+    def modes(self, gain: float) -> Modes:
+        """Return all modes that take part at a gain, 1/s."""
+        found = [modes for block in self.blocks for modes in block.modes(gain)]
+        return Modes(*(np.concatenate(x) for x in zip(*found, strict=True))).taking_part(self.neutral)
+
+    def is_stable(self, gain: float, modes: Modes) -> bool | None:
+        """Return True if modes decay; None where only eigenvalues do not that H need not have."""
+        if np.log(modes.radius) < self.neutral:
+            return True
+        return None if max(block.growth(gain, known=True) for block in self.blocks) < self.neutral else False
+
+    def largest_gain(self, gain: float) -> float | None:
+        """Find the gain from which on a mode grows: the next above a stable gain, or below an unstable one, 1/s."""
+
+        def grows(k: float) -> bool:
+            return max(block.growth(k) for block in self.blocks) > self.neutral
+
+        low = high = gain
+        up = not grows(gain)
+        for _ in range(_MOST_DOUBLINGS):
+            low, high = (high, 2.0 * high) if up else (0.5 * low, low)
+            if grows(high if up else low) == up:
+                break
+        else:
+            return None
+        while high > (1.0 + _GAIN_ACCURACY) * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (low, middle) if grows(middle) else (middle, high)
+        return float(np.sqrt(low * high))
+
 
 @one_thread
 def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool = True) -> BodyLoop:
@@ -138,7 +246,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
     Unless `gain`, it does not look for the largest.
     """
     period = system.grid.period
-    late = _late_or_lost(system)
+    lost = _unlike_or_lost(system)
     try:
         period, timestep, steps = sampling_of(system)
         require_model(system)
@@ -150,9 +258,16 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
             raise UndecidedError("the gain is 0")
         if not spectrum.smallest.size:
             raise UndecidedError("nothing is held")
-        if late and not gain:
-            raise UndecidedError(late)
-        loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
+        if lost and not gain:
+            raise UndecidedError(lost)
+        models = _models(system, medium, timestep, steps)
+        loop = exact = _close(system, spectrum, models, period)
+        age = 0 if lost else (common_delay(system) or 0) * whole_ratio(system.grid.period, period)
+        if age:
+            try:
+                loop = _with_delay(system, spectrum, models, exact, age)
+            except UndecidedError as error:
+                lost = str(error)
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
         reason = f"the vehicles cannot be linearised: {error}" if stiff else str(error)
@@ -163,27 +278,20 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
             if isinstance(error, NoModelError)
             else ""
         )
-        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=late or reason, obstacle=obstacle)
-    none = NEUTRAL_RATE * period
-    modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
-    size = np.hypot(modes.factor.real, modes.factor.imag)
-    taking_part = modes.moves | (size > np.exp(none))
-    modes = _Modes(*(x[taking_part] for x in modes))
-    radius = float(size[taking_part].max())
-    stable = bool(np.log(radius) < none)
-    perhaps = isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none
-    if late:
-        exact = None if perhaps else stable
-        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=late, stable_over_exact_links=exact)
+        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost or reason, obstacle=obstacle)
+    modes = loop.modes(system.gain)
+    stable = loop.is_stable(system.gain, modes)
+    if lost:
+        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost, stable_over_exact_links=stable)
+    perhaps = "only eigenvalues between the smallest and the largest would be unstable, if H has them"
     return BodyLoop(
-        stable=None if perhaps else stable,
-        spectral_radius=radius,
+        stable=stable,
+        spectral_radius=modes.radius,
         period=period,
-        largest_gain=loop.largest_gain(system.gain, none) if gain else None,
+        largest_gain=loop.largest_gain(system.gain) if gain else None,
         least_damped=_least_damped(modes, loop.own, period, system),
-        reason="only eigenvalues between the smallest and the largest would be unstable, if H has them"
-        if perhaps
-        else "",
+        reason=perhaps if stable is None else "",
+        stable_over_exact_links=exact.is_stable(system.gain, exact.modes(system.gain)) if age else None,
     )
 
 
@@ -198,10 +306,10 @@ def sampling_of(system: System) -> tuple[float, float, int]:
     return (timestep, timestep, 1) if system.grid.continuous else (system.grid.period, timestep, ratio)
 
 
-def _late_or_lost(system: System) -> str:
+def _unlike_or_lost(system: System) -> str:
     """Return how links keep the loop from being closed: it would have to remember what is under way; or empty."""
     links = system.law.links.table
-    if links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
+    if common_delay(system) is None or links["lossy"].any() or np.isfinite(links["range"]).any():
         return "measurements are delayed or lost"
     return UNKNOWN_ROUNDS if system.law.terms.rounds.imperfect else ""
 
@@ -269,8 +377,8 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
     Raises:
         UndecidedError: It is too large.
     """
-    whole = _Whole(system, spectrum, models, model_of(system.law, system.grid.period))
-    return whole.matrix(system.gain), whole.Q
+    block = _whole(system, spectrum, models)
+    return closed(block.plant, block.law(system.gain)), block.places
 
 
 def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
@@ -391,23 +499,36 @@ def _alike(models: list[LinearVehicle], period: float) -> bool:
     return all(r.shape == first.shape and _difference(r, first) <= _RESPONSE_DIFFERENCE for r in responses)
 
 
-def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> "_Split | _Whole":
+def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> TeamLoop:
     """The loop of the team, apart by modes of H where that is exact.
 
     Raises:
         UndecidedError: it is too large.
     """
-    law = model_of(system.law, system.grid.period)
     kinds = _distinct(models)
+    own = np.concatenate([np.linalg.eigvals(model.A) for model in kinds])
     if len(kinds) > 1:
         try:
-            return _Whole(system, spectrum, models, law)
+            return TeamLoop([_whole(system, spectrum, models)], own, period)
         except UndecidedError:
             if not _alike(kinds, period):
                 raise
     plain = system.team.symmetric and not system.team.stressed
     parts = _parts(system, spectrum, kinds[0], period) if plain else []
-    return _Split(law, parts) if parts else _Whole(system, spectrum, models, law)
+    return TeamLoop(parts or [_whole(system, spectrum, models)], own, period)
+
+
+def _with_delay(system: System, spectrum: Spectrum, models: list[LinearVehicle], exact: TeamLoop, age: int) -> TeamLoop:
+    """Return the loop with measurements that are `age` evaluations of the law old.
+
+    Raises:
+        UndecidedError: It is too large.
+    """
+    late = {id(model): delayed(model, age) for model in models}
+    loop = _close(system, spectrum, [late[id(model)] for model in models], exact.period)
+    if sum(len(b.agent) * len(b.plant.A) ** 3 for b in loop.blocks) > LARGEST_WHOLE**3:
+        raise UndecidedError("measurements are delayed by too many periods")
+    return loop._replace(own=exact.own)
 
 
 def _distinct(models: list[LinearVehicle]) -> list[LinearVehicle]:
@@ -415,27 +536,14 @@ def _distinct(models: list[LinearVehicle]) -> list[LinearVehicle]:
     return list({id(model): model for model in models}.values())
 
 
-class _Part(NamedTuple):
-    """Alike vehicles whose loop falls apart into one small matrix for each eigenvalue.
-
-    Attributes:
-        plant: Dynamics of each vehicle along the axes of this part.
-        values: eigenvalues above zero, ascending, or a sampling of the interval that holds them, the largest exact.
-        agent: number of the agent that moves most in each one's mode; -1 where the value need not be an eigenvalue.
-    """
-
-    plant: LinearVehicle
-    values: Array
-    agent: IntArray
-
-
-def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: float) -> list[_Part]:
-    """The parts of a team of alike vehicles; none where they do not fall apart.
+def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: float) -> list[Block]:
+    """The blocks of a team of alike vehicles; none where they do not fall apart.
 
     Axes that neither the vehicle nor H couples are apart. Within one part, H is the same along all axes and does not
     couple them; or the vehicle is and does not.
     """
     H = sparse.csr_array(system.team.dirichlet.H)
+    law = model_of(system.law, system.grid.period)
     n = model.D.shape[0]
     response = _response(model, period)
     by_vehicle = np.abs(response).max(axis=0) > _CROSS_RESPONSE * np.abs(response).max()
@@ -463,8 +571,13 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
         values, agent = _eigenvalues(part, agents, float(spectrum.smallest[0]))
         if len(values):
             plant = LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
-            parts.append(_Part(plant, values, agent))
+            parts.append(_alike_block(plant, law, values, agent))
     return parts
+
+
+def _alike_block(plant: LinearVehicle, law: LawModel, values: Array, agent: IntArray) -> Block:
+    """Return the loop of alike vehicles at eigenvalues of H; see `Block`."""
+    return Block(plant, lambda gain: law.feedback(gain, values).alike(len(plant.C)), agent, np.zeros((0, 0)), agent[:0])
 
 
 def _couples(coupling: BoolArray, axes: IntArray) -> bool:
@@ -473,9 +586,10 @@ def _couples(coupling: BoolArray, axes: IntArray) -> bool:
 
 
 def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[Array, IntArray]:
-    """Values and agents as in `_Part`, of a part of H whose rows belong to `agents`.
+    """Return eigenvalues above zero, ascending, and agents as in `Block`, of a part of H whose rows belong to `agents`.
 
-    `least` is the smallest eigenvalue of all H above zero.
+    Of a large part, values sample the interval that holds them; the largest is exact. `least` is the smallest
+    eigenvalue of all H above zero.
     """
     if H.shape[0] <= DENSE_STATES:
         values, vectors = np.linalg.eigh(H.toarray())
@@ -486,176 +600,64 @@ def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[A
     return values, np.append(np.full(len(values) - 1, -1), agents[np.abs(vector[:, 0]).argmax()])
 
 
-class _Split:
-    """Alike vehicles: one small matrix for each eigenvalue of H.
+def _whole(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> Block:
+    """The loop of a whole team of unlike vehicles, on what H holds.
 
-    Attributes:
-        own: factors of the vehicles' own modes, under a command that does not change.
+    Raises:
+        UndecidedError: It is too large.
     """
-
-    def __init__(self, law: LawModel, parts: list[_Part]) -> None:
-        self._law = law
-        self._parts = parts
-        self.own = np.concatenate([np.linalg.eigvals(part.plant.A) for part in parts])
-
-    def modes(self, gain: float) -> Iterator[_Modes]:
-        """All modes, or those at the sampled eigenvalues."""
-        for part in self._parts:
-            n = part.plant.D.shape[0]
-            factors, vectors = np.linalg.eig(_joined(part.plant, self._law.feedback(gain, part.values)))
-            moved = np.linalg.norm(vectors[:, :n], axis=1) > MODE_AT_REST * np.linalg.norm(vectors, axis=1)
-            yield _Modes(factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel())
-
-    def growth_at_ends(self, gain: float) -> float:
-        """Growth of the modes at eigenvalues that H surely has."""
-        return max(float(self._growths(part, gain, part.values[part.agent >= 0]).max()) for part in self._parts)
-
-    def _growth(self, gain: float) -> float:
-        return max(float(self._growths(part, gain, part.values).max()) for part in self._parts)
-
-    def _growths(self, part: _Part, gain: float, values: Array) -> Array:
-        """Growth over a period of the fastest growing mode at each eigenvalue of H, shape (k,)."""
-        factors = np.linalg.eigvals(_joined(part.plant, self._law.feedback(gain, values)))
-        return np.asarray(np.log(np.abs(factors).max(axis=1)))
-
-    def largest_gain(self, gain: float, most: float) -> float | None:
-        """See BodyLoop; `most` is the growth over a period that counts as none."""
-        if not self._law.plain:  # there is more in the loop than k1 lambda
-            return _first_beyond(self._growth, gain, most)
-        found = [self._first_unstable(part, most) for part in self._parts]
-        gains = [rate / float(p.values[-1]) for rate, p in zip(found, self._parts, strict=True) if rate is not None]
-        return min(gains) if gains and min(gains) > 0.0 else None
-
-    def _first_unstable(self, part: _Part, most: float) -> float | None:
-        """Find the smallest rate k1 lambda at which a mode grows, 1/s; None if none does, 0 if the smallest tried."""
-        grid = np.geomspace(_LEAST_RATE, _LARGEST_RATE, 200)
-        unstable = np.flatnonzero(self._growths(part, 1.0, grid) > most)
-        if not unstable.size:
-            return None
-        if unstable[0] == 0:
-            return 0.0
-        low, high = grid[unstable[0] - 1], grid[unstable[0]]
-        return _bisect(lambda rate: bool(self._growths(part, 1.0, np.array([rate]))[0] > most), float(low), float(high))
+    team = system.team
+    owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
+    if not team.symmetric:
+        H = matrix_of(team)
+        Q = np.eye(len(H)) if team.law_problem.unique else linalg.null_space(team.law_problem.null_basis.T)
+        return joined(models, lambda gain: without_memory(-gain * H @ Q), Q, owner, commands=np.eye(len(H)))
+    Q, held = np.eye(team.dirichlet.H.shape[0]), team.dirichlet.H.toarray()
+    if spectrum.nullity:
+        values, Q = held_modes(system, spectrum)
+        held = np.diag(values)
+    law = model_of(system.law, system.grid.period)
+    if law.plain:
+        return joined(models, lambda gain: without_memory(-gain * held), Q, owner)
+    values, vectors = np.linalg.eigh(held)
+    return joined(models, lambda gain: law.feedback(gain, values).of_team(vectors), Q, owner)
 
 
-def _joined(plant: LinearVehicle, law: Feedback) -> Array:
-    """Close the loop of one vehicle for each eigenvalue of H, on its position, its state and what the law remembers.
+def joined(
+    models: Sequence[LinearVehicle],
+    law: Callable[[float], LinearController],
+    Q: Array,
+    owner: IntArray,
+    commands: Array | None = None,
+) -> Block:
+    """Return the loop of unlike vehicles together.
 
-    The law acts along each of the n axes alike, so that of every number it remembers there are n.
+    Args:
+        models: Linear vehicle of each.
+        law: Law at a gain, from coordinates of their positions in the basis Q to commands.
+        Q: Basis of the positions, shape (n, k).
+        owner: Vehicle of each of n coordinates, shape (n,).
+        commands: Basis of the commands; None if it is Q.
+
+    Raises:
+        UndecidedError: More than LARGEST_WHOLE states act on one another.
     """
-    n = plant.D.shape[0]
-    L, r = law.b.shape
-    at = n + len(plant.A)
-    push = np.vstack([plant.D, plant.B])
-    M = np.zeros((L, at + r * n, at + r * n))
-    M[:, :n, :n] = np.eye(n)
-    M[:, :n, n:at] = plant.C
-    M[:, n:at, n:at] = plant.A
-    M[:, :at, :n] += law.d[:, None, None] * push
-    M[:, :at, at:] = np.kron(law.c[:, None, :], push)
-    M[:, at:, :n] = np.kron(law.b[:, :, None], np.eye(n))
-    M[:, at:, at:] = np.kron(law.A, np.eye(n))
-    return M
+    P = Q if commands is None else commands
+    states = len(Q) + sum(len(model.A) for model in models)
+    if states > 10 * LARGEST_WHOLE:
+        raise UndecidedError(f"too many unlike vehicles: {states} states")
+    A, B, C, D = (linalg.block_diag(*matrices) for matrices in zip(*models, strict=True))
+    plant = LinearVehicle(A, B @ P, Q.T @ C, Q.T @ D @ P)
+    acts = closed(plant, law(1.0)) != 0.0
+    count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
+    sets = [np.flatnonzero(which == k) for k in range(count)]
+    largest = max(map(len, sets))
+    if largest > LARGEST_WHOLE:
+        raise UndecidedError(f"too many unlike vehicles: {largest} states act on one another")
+    return Block(plant, law, np.zeros(1, dtype=np.int64), Q, owner, sets)
 
 
-def _first_beyond(growth: Callable[[float], float], gain: float, most: float) -> float | None:
-    """The gain from which on a mode grows: the next above a gain that is stable, or below one that is not."""
-    low = high = gain
-    up = growth(gain) < most
-    for _ in range(_MOST_DOUBLINGS):
-        low, high = (high, 2.0 * high) if up else (0.5 * low, low)
-        if (growth(high if up else low) < most) != up:
-            return _bisect(lambda k: growth(k) > most, low, high)
-    return None
-
-
-def _bisect(unstable: Callable[[float], bool], low: float, high: float) -> float:
-    """Find where a stable rate or gain becomes an unstable one."""
-    while high > (1.0 + _GAIN_ACCURACY) * low:
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if unstable(middle) else (middle, high)
-    return float(np.sqrt(low * high))
-
-
-class _Whole:
-    """Unlike vehicles: the matrix of the team on (p, x_1, ..., what the law remembers), p what H holds.
-
-    It is block triangular over the sets of states that act on one another, whose own blocks have all its eigenvalues.
-    """
-
-    def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle], law: LawModel) -> None:
-        team = system.team
-        H = team.dirichlet.H if team.symmetric else matrix_of(team)
-        states = H.shape[0] + sum(len(model.A) for model in models)
-        if states > 10 * LARGEST_WHOLE:
-            raise UndecidedError(f"too many unlike vehicles: {states} states")
-        self._law = law
-        self._held = H if isinstance(H, np.ndarray) else H.toarray()
-        self.Q = np.eye(len(self._held))
-        if not team.symmetric and not team.law_problem.unique:
-            self.Q = linalg.null_space(team.law_problem.null_basis.T)
-        elif team.symmetric and spectrum.nullity:
-            values, self.Q = held_modes(system, spectrum)
-            self._held = np.diag(values)
-        Q = self.Q
-        A, B, C, D = (linalg.block_diag(*matrices) for matrices in zip(*models, strict=True))
-        self.m = Q.shape[1]
-        self._free = np.block([[np.eye(self.m), Q.T @ C], [np.zeros((len(A), self.m)), A]])
-        self._push = np.vstack([Q.T @ D @ Q, B @ Q])  # what a command, in these coordinates, does to (p, x)
-        if not team.symmetric:  # a command of the agents, which need not be in these coordinates
-            self._push = np.vstack([Q.T @ D, B])
-            self._held = self._held @ Q
-        self.own = np.concatenate([np.linalg.eigvals(model.A) for model in _distinct(models)])
-        self.owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
-        acts = self.matrix(1.0) != 0.0
-        count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
-        self.sets = [np.flatnonzero(which == k) for k in range(count)]
-        largest = max(map(len, self.sets))
-        if largest > LARGEST_WHOLE:
-            raise UndecidedError(f"too many unlike vehicles: {largest} states act on one another")
-
-    def matrix(self, gain: float) -> Array:
-        """Return the matrix at a gain."""
-        m = self.m
-        if self._law.plain:
-            M = self._free.copy()
-            M[:, :m] -= gain * self._push @ self._held
-            return M
-        values, T = np.linalg.eigh(self._held)
-        law = self._law.feedback(gain, values)
-        at, r = len(self._free), law.b.shape[1]
-        M = np.zeros((at + r * m, at + r * m))
-        M[:at, :at] = self._free
-        M[:at, :m] += self._push @ (T * law.d) @ T.T
-        for i in range(r):
-            rows = slice(at + i * m, at + (i + 1) * m)
-            M[:at, rows] = self._push @ (T * law.c[:, i])
-            M[rows, :m] = law.b[:, i, None] * T.T
-            for k in range(r):
-                M[rows, at + k * m : at + (k + 1) * m] = np.diag(law.A[:, i, k])
-        return M
-
-    def modes(self, gain: float) -> Iterator[_Modes]:
-        """All modes."""
-        M = self.matrix(gain)
-        for chosen in self.sets:
-            factors, vectors = linalg.eig(M[np.ix_(chosen, chosen)])
-            held = chosen < self.m
-            z = vectors[held]
-            moved = np.linalg.norm(z, axis=0) > MODE_AT_REST * np.linalg.norm(vectors, axis=0)
-            far = np.abs(self.Q[:, chosen[held]] @ z)
-            yield _Modes(factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved)
-
-    def _growth(self, gain: float) -> float:
-        M = self.matrix(gain)
-        return max(float(np.log(np.abs(linalg.eigvals(M[np.ix_(s, s)])).max())) for s in self.sets)
-
-    def largest_gain(self, gain: float, most: float) -> float | None:
-        """As in `_Split`."""
-        return _first_beyond(self._growth, gain, most)
-
-
-def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> Swing:
+def _least_damped(modes: Modes, own: Array, period: float, system: System) -> Swing:
     """Find the mode with the smallest damping among those that the loop moves, where none grows.
 
     A hull's own rolling or pitching shows in the position a little, is hardly damped, and does not depend on the law.

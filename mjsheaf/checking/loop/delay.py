@@ -16,8 +16,9 @@ from numpy.polynomial.chebyshev import chebroots
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.loop import directed
 from mjsheaf.checking.loop.linked_law import LinkedLaw
-from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
+from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.errors import UndecidedError
 from mjsheaf.io.section import Finite, Record
 
@@ -97,7 +98,7 @@ def spectral_radius(law: LinkedLaw, delay: IntArray) -> float:
     if (delay == d).all():
         if len(law.vectors) * (d + 3.0) ** 3 > MOST_WORK / 25.0 or d + 3 > MOST_STATES:
             raise UndecidedError(f"with {d} periods of delay each of {len(law.vectors)} modes has too many states")
-        return DelayedLoop(law.loop, d).radius
+        return law.loop.radius_at(d)
     M, L, C = team_loop(law, delay)
     return float(np.abs(np.linalg.eigvals(M + L @ C)).max())
 
@@ -149,6 +150,26 @@ def largest_delay(law: LinkedLaw) -> int | None:
             return d - 1
         known = d
     raise UndecidedError(f"the loop is stable with any delay up to {known} periods; more are not looked at")
+
+
+def largest_delay_of_all(loop: Loop) -> int | None:
+    """Return the largest delay of all measurements, in periods, up to which a loop with complex eigenvalues is stable.
+
+    None if it is unstable without delay.
+
+    Raises:
+        UndecidedError: It is longer than is looked at.
+    """
+    if not is_stable(loop.radius):
+        return None
+    if loop.model.plain:
+        return directed.largest_delay(loop.values, loop.gain * loop.period)
+    for delay in range(1, _MOST_SCANNED + 1):
+        if not is_stable(loop.radius_at(delay)):
+            return delay - 1
+    raise UndecidedError(
+        f"the loop is stable with a delay of {_MOST_SCANNED} periods or more; longer ones are not looked at"
+    )
 
 
 def _limit(loop: Loop, one: int) -> float | None:

@@ -1,32 +1,21 @@
-"""The loop of a team whose H is not symmetric: some edges are directed, or bearings do not fit together.
+"""Eigenvalues of an H that is not symmetric, as some edges are directed, or bearings do not fit together.
 
-The law is that of the undirected team in each eigenvector of H, with its complex eigenvalue lambda. What the compiled
-law makes of lambda is read off at real ones (see `linear_law`). Without rounds, which directed teams do not have, the
-loop is affine in lambda: H enters through eta alone. That is tested, and the affine function taken at lambda.
+The law is that of the undirected team in each eigenvector of H, with its complex eigenvalue (see `linear_law`). For the
+paper's law the limits of gain and delay are known from the eigenvalues alone.
 """
-
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.linear_law import model_of
-from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.errors import UndecidedError
 from mjsheaf.sheaf.nonlinear import FREE_MOTION
-from mjsheaf.system import System
 from mjsheaf.team import Team
 
 MAX_STATES = 600
 """Largest number of rows of H whose eigenvalues are found."""
 
 _ZERO = 1e-9  # of the largest: an eigenvalue of H that is no more is zero
-_AFFINE = 1e-9
-_MAX_DELAY = 200  # periods
-_PROBED = np.array([1.0, 2.0, 3.0])
-_STABLE = 1.0 - 1e-9
 
 Complex = NDArray[np.complex128]
 
@@ -67,81 +56,6 @@ def held_eigenvalues(team: Team) -> Complex:
     values = eigenvalues_of(team)
     zero = np.abs(values) <= zero_of(team) * float(np.abs(values).max(initial=0.0))
     return values[~zero] if team.free else np.where(zero, 0.0, values)
-
-
-@dataclass(frozen=True)
-class DirectedLoop:
-    """The held loop of a team with an asymmetric H around ideal agents.
-
-    Attributes:
-        system: The system.
-        values: Eigenvalues of H, shape (L,).
-    """
-
-    system: System
-    values: Complex
-
-    def matrices(self, delay: int = 0) -> Complex:
-        """Return the matrix of a period for each eigenvalue, with measurements `delay` periods old.
-
-        Raises:
-            UndecidedError: The law is not affine in lambda, or has no model.
-        """
-        model = model_of(self.system.law, self.system.grid.period)
-        probes = model.feedback(self.system.gain, _PROBED).closed(self.system.grid.period, delay)
-        slope = probes[1] - probes[0]
-        if not np.allclose(probes[2] - probes[1], slope, rtol=_AFFINE, atol=_AFFINE * np.abs(probes).max()):
-            raise UndecidedError("the law is not affine in the eigenvalues of H")
-        return np.asarray(probes[0] + (self.values[:, None, None] - _PROBED[0]) * slope)
-
-    @cached_property
-    def radius(self) -> float:
-        """Largest spectral radius."""
-        return self.radius_at(0)
-
-    def radius_at(self, delay: int) -> float:
-        """Return the largest spectral radius with a delay of all measurements, in periods."""
-        return float(np.abs(np.linalg.eigvals(self.matrices(delay))).max())
-
-    @cached_property
-    def largest_gain(self) -> float | None:
-        """The gain up to which the paper's law is stable, 2 min Re(lambda) / (h |lambda|^2), 1/s; None with terms."""
-        return None if self.system.law.extended else largest_gain(self.values, self.system.grid.period)
-
-    @property
-    def stable_gains(self) -> tuple[float, float] | None:
-        """The gains between which the paper's law is stable, 1/s; None if there are none, and with terms."""
-        return None if self.largest_gain is None else (0.0, self.largest_gain)
-
-    @cached_property
-    def largest_delay(self) -> int | None:
-        """Largest delay of all measurements up to which the loop is stable, periods; None if it is not without.
-
-        Raises:
-            UndecidedError: It is longer than is looked at.
-        """
-        if not self.radius < _STABLE:
-            return None
-        if not self.system.law.extended:
-            return largest_delay(self.values, self.system.gain * self.system.grid.period)
-        for delay in range(1, _MAX_DELAY + 1):
-            if not self.radius_at(delay) < _STABLE:
-                return delay - 1
-        raise UndecidedError(
-            f"the loop is stable with a delay of {_MAX_DELAY} periods or more; longer ones are not looked at"
-        )
-
-
-def directed_loop(system: System) -> DirectedLoop:
-    """Return the held loop of a system whose team has an asymmetric H.
-
-    Raises:
-        UndecidedError: A part of the law has no model, the law is continuous, or H is too large.
-    """
-    require_model(system)
-    if system.grid.continuous:
-        raise UndecidedError("the law is continuous: see rigidity.rate")
-    return DirectedLoop(system, held_eigenvalues(system.team))
 
 
 def largest_gain(values: Complex | Array, period: float, delay: int = 0) -> float | None:

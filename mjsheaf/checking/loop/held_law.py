@@ -25,11 +25,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from scipy.fft import irfft, next_fast_len, rfft
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.directed import directed_loop
+from mjsheaf.checking.loop.directed import held_eigenvalues
 from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.checking.loop.modelled import require_model, terms_without_bound, unmodelled_parts
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
@@ -166,13 +167,22 @@ def loop_of(system: System) -> Loop:
             is too large for its eigenvalues, or rounds can be delayed or lost.
     """
     require_model(system)
-    values = eigen_of(system)[0]
+    if not system.team.symmetric and system.grid.continuous:
+        raise UndecidedError("the law is continuous: see rigidity.rate")
+    values: NDArray[Any] = eigen_of(system)[0] if system.team.symmetric else held_eigenvalues(system.team)
     if system.law.terms.rounds.imperfect:
         raise UndecidedError(UNKNOWN_ROUNDS)
     if system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward):
         raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
     period = system.grid.period
     return Loop(model_of(system.law, period), values, system.gain, period)
+
+
+def common_delay(system: System) -> int | None:
+    """Return the delay of all measurements, in periods; None if it is not the same for all."""
+    delays = system.law.links.table["delay"]
+    alike = len(delays) == len(system.team.measuring_edges) and len(set(delays.tolist())) == 1
+    return int(delays.max(initial=0)) if alike or not delays.any() else None
 
 
 @dataclass(frozen=True)
@@ -469,10 +479,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     }
     try:
         loop = loop_of(system)
-        found["stable"], found["spectral_radius"] = loop.radius < 1.0, loop.radius
-        found["rate"] = -np.log(max(loop.radius, _NOTHING)) / h
-        found["stable_gains"] = loop.stable_gains
-        found["largest_gain"] = loop.stable_gains[1] if loop.stable_gains else None
+        found |= _stability(loop)
         found["error_per_disturbance"] = loop.error_per_disturbance
         found["noise"] = _noise(system, loop) if loop.radius < 1.0 else None
         if carried and system.law.extended:
@@ -506,15 +513,21 @@ def directed_law_loop(system: System) -> LawLoop:
         "reason": "H is not symmetric: no bound along the targets' path is known",
     }
     try:
-        loop = directed_loop(system)
-        found["stable"] = loop.radius < 1.0
-        found["spectral_radius"] = loop.radius
-        found["rate"] = -np.log(max(loop.radius, _NOTHING)) / system.grid.period
-        found["largest_gain"] = loop.largest_gain
-        found["stable_gains"] = loop.stable_gains
+        found |= _stability(loop_of(system))
     except UndecidedError as error:
         found["reason"] = str(error)
     return LawLoop(**found)
+
+
+def _stability(loop: Loop) -> dict[str, Any]:
+    """Return the fields of `LawLoop` that say whether the loop is stable, and how far."""
+    return {
+        "stable": loop.radius < 1.0,
+        "spectral_radius": loop.radius,
+        "rate": -np.log(max(loop.radius, _NOTHING)) / loop.period,
+        "stable_gains": loop.stable_gains,
+        "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
+    }
 
 
 def largest_integral(system: System) -> float:

@@ -21,8 +21,10 @@ import pickle
 from dataclasses import dataclass
 from functools import cached_property
 from threading import Lock
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order
 
@@ -48,11 +50,33 @@ _MOST_SETTLING = 1000  # samples, for what registered terms remember
 _TESTED = 40  # samples over which the model of registered terms is held against the law
 _TESTED_SHIPPED = 8  # and that of the shipped terms alone, which have no counters that end later
 _GENERIC_GAIN = 0.7390851332  # 1/s; terms do not cancel -k1 eta by chance at this gain
+_PROBED = np.array([1.0, 2.0, 3.0])  # eigenvalues from which the law at complex ones is extrapolated
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
 _MOST_MODELS = 200
 _models: "dict[bytes, LawModel]" = {}
 _MOVED_POINTS = _MOTION * np.eye(9).reshape(3, 3, 3, 3).swapaxes(0, 1)  # along an axis: agent, first point, second
+
+
+class LinearController(NamedTuple):
+    """A law from k positions to commands, u = C x + D q with x+ = A x + B q, in one matrix each or in L of them.
+
+    Attributes:
+        A: Shape (..., r, r).
+        B: Shape (..., r, k).
+        C: Shape (..., n, r).
+        D: Shape (..., n, k), 1/s.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+
+def without_memory(D: Array) -> LinearController:
+    """Return the law u = D q, with D of shape (n, k), 1/s."""
+    return LinearController(np.zeros((0, 0)), np.zeros((0, D.shape[1])), np.zeros((len(D), 0)), D)
 
 
 @dataclass(frozen=True)
@@ -73,20 +97,30 @@ class Feedback:
     d: Array
     integral: Array
 
-    def closed(self, period: float, delay: int = 0) -> Array:
-        """Return the loop around an ideal agent, q_{k+1} = q_k + h u_k, shape (L, 1 + delay + r, 1 + delay + r).
+    def alike(self, axes: int) -> LinearController:
+        """Return the law of one vehicle that acts along some axes alike, for each eigenvalue; shapes begin with L."""
+        parts = (self.A, self.b[:, :, None], self.c[:, None], self.d[:, None, None])
+        return LinearController(*(_repeat(part, axes) for part in parts))
 
-        It acts on the positions q_k, ..., q_{k-delay}, the last of them as measured by the law, and on x.
-        """
+    def of_team(self, vectors: Array) -> LinearController:
+        """Return the law of a whole team from the eigenvectors of H, shape (n, L); it remembers r times L numbers."""
         L, r = self.b.shape
-        M = np.zeros((L, 1 + delay + r, 1 + delay + r))
-        M[:, 0, 0] = 1.0
-        M[:, 0, delay] += period * self.d
-        M[:, 0, 1 + delay :] = period * self.c
-        M[:, range(1, 1 + delay), range(delay)] = 1.0
-        M[:, 1 + delay :, delay] = self.b
-        M[:, 1 + delay :, 1 + delay :] = self.A
-        return M
+        A = np.zeros((r, L, r, L))
+        A[:, range(L), :, range(L)] = self.A
+        B = self.b.T[:, :, None] * vectors.T
+        C = vectors[:, None] * self.c.T
+        return LinearController(
+            A.reshape(r * L, r * L),
+            B.reshape(r * L, len(vectors)),
+            C.reshape(len(vectors), r * L),
+            (vectors * self.d) @ vectors.T,
+        )
+
+
+def _repeat(part: Array, axes: int) -> Array:
+    """Return Kronecker products of matrices, shape (L, m, n), with the identity, shape (L, m axes, n axes)."""
+    L, m, n = part.shape
+    return (part[:, :, None, :, None] * np.eye(axes)[:, None]).reshape(L, m * axes, n * axes)
 
 
 @dataclass(frozen=True)
@@ -219,10 +253,18 @@ class LawModel:
             integral=self._number_of_integral(),
         )
 
-    def feedback(self, gain: float, values: Array) -> Feedback:
-        """Return the path from position to command at a gain, 1/s, for eigenvalues of H above zero, shape (L,)."""
+    def feedback(self, gain: float, values: NDArray[Any]) -> Feedback:
+        """Return the path from position to command at a gain, 1/s, for eigenvalues of H, shape (L,).
+
+        They are above zero, or complex, of an H that is not symmetric.
+
+        Raises:
+            UndecidedError: They are complex, and the law is not affine in them.
+        """
         if self.plain:
             return _papers_law(gain, values).feedback(np.zeros((0, 0)))
+        if np.iscomplexobj(values):
+            return self._extrapolated(gain, values)
         key = values.tobytes()
         basis = self._bases.get(key)
         if basis is None:
@@ -232,6 +274,19 @@ class LawModel:
             basis = LinearLaw(A, B, C, D, -1).basis
             self._bases = {key: basis}
         return self.at(gain, values).feedback(basis)
+
+    def _extrapolated(self, gain: float, values: NDArray[np.complex128]) -> Feedback:
+        """See `feedback`: without rounds, which directed teams do not have, H enters the law through eta alone."""
+        probes = self.feedback(gain, _PROBED)
+        largest = max(float(np.abs(getattr(probes, name)).max(initial=0.0)) for name in "Abcd")
+        parts = {}
+        for name in "Abcd":
+            probe = getattr(probes, name)
+            slopes = np.diff(probe, axis=0)
+            if not np.allclose(slopes[0], slopes[1], rtol=_LINEAR, atol=_LINEAR * largest):
+                raise UndecidedError("the law is not affine in the eigenvalues of H")
+            parts[name] = probe[0] + np.multiply.outer(values - _PROBED[0], slopes[0])
+        return Feedback(**parts, integral=probes.integral)
 
     def _settle(self) -> None:
         """Find what the law remembers at rest, and then a sample later.
@@ -375,10 +430,10 @@ def _alike(found: Array, expected: Array) -> bool:
     return np.allclose(found, expected, rtol=_LINEAR, atol=_LINEAR * np.abs(expected).max(initial=0.0))
 
 
-def _papers_law(gain: float, values: Array) -> LinearLaw:
+def _papers_law(gain: float, values: NDArray[Any]) -> LinearLaw:
     """Return the model of u = -k1 eta, which remembers nothing."""
     L = len(values)
-    D = np.zeros((L, len(INPUTS)))
+    D = np.zeros((L, len(INPUTS)), dtype=values.dtype)
     D[:, 0] = -gain * values
     D[:, 1] = -gain
     return LinearLaw(np.zeros((L, 0, 0)), np.zeros((L, 0, len(INPUTS))), np.zeros((L, 0)), D, -1)

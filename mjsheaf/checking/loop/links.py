@@ -9,8 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.checking.loop.delay import DelayAnswer, delay_answer, papers_answer
-from mjsheaf.checking.loop.directed import continuous_delay_margin, directed_loop, held_eigenvalues, largest_gain
+from mjsheaf.checking.loop.delay import DelayAnswer, delay_answer, largest_delay_of_all, papers_answer
+from mjsheaf.checking.loop.directed import continuous_delay_margin, held_eigenvalues, largest_gain
+from mjsheaf.checking.loop.held_law import common_delay, loop_of
 from mjsheaf.checking.loop.link_noise import NoiseAnswer, noise_answer
 from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
@@ -77,13 +78,12 @@ def _largest_gain(system: System) -> float | None:
 
     It is None if it is not known: where a term changes it, and where measurements are not equally old.
     """
-    law, team, delays = system.law, system.local.team, system.law.links.table["delay"]
-    alike = not delays.any() or (len(delays) == len(system.team.measuring_edges) and len(set(delays.tolist())) == 1)
+    law, team, delay = system.law, system.local.team, common_delay(system)
     changed = law.terms.newton or law.terms.integral or law.custom or (law.extended and not team.symmetric)
-    if system.grid.continuous or changed or not alike:
+    if system.grid.continuous or changed or delay is None:
         return None
     values = np.array([system.largest_eigenvalue]) if team.symmetric else held_eigenvalues(team)
-    return largest_gain(values, system.grid.period, int(delays.max(initial=0)))
+    return largest_gain(values, system.grid.period, delay)
 
 
 def _answers(system: System, path: TargetPath) -> LinkRecord | None:
@@ -127,19 +127,16 @@ def _of_directed_team(system: System) -> LinkRecord:
 
 def _delay_of_directed_team(system: System, why: str) -> DelayAnswer:
     """Answer for the delay that all measurements share; `why` is the reason where they do not."""
-    table = system.law.links.table
     if system.grid.continuous:
         margin = continuous_delay_margin(held_eigenvalues(system.team), system.gain)
         return DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
     period = system.grid.period
-    loop = directed_loop(system)
-    limit = loop.largest_delay
+    loop = loop_of(system)
+    limit = largest_delay_of_all(loop)
     margin = None if limit is None else limit * period
-    age = int(table["delay"].max(initial=0))
-    linked = len(table) == len(system.team.communication) + len(system.team.sensing)
-    alike = age == 0 or (linked and not system.team.anchors and bool((table["delay"] == age).all()))
-    if not alike:
-        return DelayAnswer(delay=age * period, margin=margin, reason=why)
+    age = common_delay(system)
+    if age is None:
+        return DelayAnswer(delay=int(system.law.links.table["delay"].max()) * period, margin=margin, reason=why)
     return DelayAnswer(
         delay=age * period,
         stable=limit is not None and age <= limit,

@@ -1,4 +1,8 @@
-"""The sampled loop of a law around ideal agents, one small matrix for each eigenvalue of H, with and without delay.
+"""The closed loop, and that of ideal agents: one small matrix for each eigenvalue of H, with and without delay.
+
+A loop is closed in one place, `closed`: vehicles, linearised over a period, around a law, which is linear too. Ideal
+agents are vehicles whose position moves as commanded (`ideal_vehicle`). Vehicles whose position is measured some
+periods late are vehicles with more states (`delayed`).
 
 In each eigenvector of H the law is the linear filter that `linear_law` reads off it, so that with e = q* - q, the
 errors of one mode, and x, what the law remembers of them,
@@ -11,13 +15,17 @@ feedforward and the drift's observer make of motion cancels: they carry noise in
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebroots
+from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearLaw
+from mjsheaf.checking.loop.directed import largest_gain
+from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearController, LinearLaw
 from mjsheaf.jit import jit
+from mjsheaf.simulation.linear import LinearVehicle
 from mjsheaf.tiers import Tiered
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
@@ -28,19 +36,59 @@ _BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are fou
 _SMALLEST = 1e-12  # of a power of a matrix, beyond which nothing is added
 
 
+def closed(plant: LinearVehicle, law: LinearController) -> NDArray[Any]:
+    """Close a law's loop around vehicles: on their positions, their states, and what the law remembers.
+
+    p' = p + C x + D u and x' = A x + B u are the vehicles, u = D_l p + C_l z and z' = A_l z + B_l p is the law. Where
+    the law has a matrix for each of L eigenvalues, so has the loop.
+    """
+    k, s, r = len(plant.C), len(plant.A), law.A.shape[-1]
+    push = np.vstack([plant.D, plant.B])
+    M = np.zeros((*law.D.shape[:-2], k + s + r, k + s + r), dtype=law.D.dtype)
+    M[..., :k, :k] = np.eye(k)
+    M[..., :k, k : k + s] = plant.C
+    M[..., k : k + s, k : k + s] = plant.A
+    M[..., : k + s, :k] += push @ law.D
+    M[..., : k + s, k + s :] = push @ law.C
+    M[..., k + s :, :k] = law.B
+    M[..., k + s :, k + s :] = law.A
+    return M
+
+
+def delayed(plant: LinearVehicle, periods: int) -> LinearVehicle:
+    """Return a vehicle whose position is measured some periods late: its state ends with the motions not yet seen."""
+    n, s = plant.C.shape
+    d = n * periods
+    if not d:
+        return plant
+    A, B, C = np.zeros((s + d, s + d)), np.zeros((s + d, n)), np.zeros((n, s + d))
+    A[:s, :s] = plant.A
+    A[s : s + n, :s] = plant.C
+    A[s + n :, s : s + d - n] = np.eye(d - n)
+    B[:s] = plant.B
+    B[s : s + n] = plant.D
+    C[:, s + d - n :] = np.eye(n)
+    return LinearVehicle(A, B, C, np.zeros_like(plant.D))
+
+
+def ideal_vehicle(period: float, axes: int = 1) -> LinearVehicle:
+    """Return an agent on ideal kinematics, whose position moves as commanded over a period, s."""
+    return LinearVehicle(np.zeros((0, 0)), np.zeros((0, axes)), np.zeros((axes, 0)), period * np.eye(axes))
+
+
 @dataclass(frozen=True)
 class Loop:
     """The loop of an ideal agent per eigenvalue of H, on the error and what the law remembers of it.
 
     Attributes:
         model: Linear model of the law.
-        values: Eigenvalues of H above zero, shape (L,).
+        values: Eigenvalues of H above zero, shape (L,); complex where H is not symmetric.
         gain: k1, 1/s.
         period: h, s.
     """
 
     model: LawModel
-    values: Array
+    values: NDArray[Any]
     gain: float
     period: float
 
@@ -54,22 +102,34 @@ class Loop:
         """Return the law's response to the error."""
         return self.model.feedback(self.gain, self.values)
 
-    def matrices(self, gain: float | None = None) -> Array:
-        """Return M at a gain, shape (L, 1 + r, 1 + r), on (e, x)."""
+    def matrices(self, gain: float | None = None, delay: int = 0) -> NDArray[Any]:
+        """Return M at a gain, shape (L, 1 + delay + r, 1 + delay + r), with measurements some periods old.
+
+        It acts on e as it is measured, what is not measured yet of its last motions, and x.
+        """
         feedback = self.feedback if gain is None else self.model.feedback(gain, self.values)
-        return feedback.closed(self.period)
+        return closed(delayed(ideal_vehicle(self.period), delay), feedback.alike(1))
+
+    def radius_at(self, delay: int) -> float:
+        """Return the largest spectral radius of what errors excite, with measurements some periods old."""
+        return float(np.abs(np.linalg.eigvals(self.matrices(delay=delay))).max())
 
     @cached_property
     def radius(self) -> float:
         """Largest spectral radius."""
-        return float(np.abs(np.linalg.eigvals(self.matrices())).max())
+        return self.radius_at(0)
 
     @cached_property
     def stable_gains(self) -> tuple[float, float] | None:
         """Gains that hold every mode stable, about the present one or else the nearest, 1/s.
 
-        None if there are none, and if the command is not affine in the gain.
+        None if there are none, if the command is not affine in the gain, and with terms where H is not symmetric.
         """
+        if self.model.plain:
+            largest = largest_gain(self.values, self.period)
+            return None if largest is None else (0.0, largest)
+        if np.iscomplexobj(self.values):
+            return None
         none, one, two = (self.matrices(k) for k in (0.0, 1.0, 2.0))
         change = one - none
         rounding = _ROUNDING * np.abs(two).max()
@@ -218,10 +278,10 @@ class DelayedLoop:
             rows[:, range(first + 1, size), range(first, size - 1)] = 1.0
         return rows[..., :size], rows[..., size:], command
 
-    @cached_property
+    @property
     def radius(self) -> float:
         """Largest spectral radius of what errors excite."""
-        return float(np.abs(np.linalg.eigvals(self.loop.feedback.closed(self.loop.period, self.delay))).max())
+        return self.loop.radius_at(self.delay)
 
     def command_variances(self) -> Array:
         """Return the variance of the command by white noise of unit variance in each input, shape (L, 4), 1/s^2."""

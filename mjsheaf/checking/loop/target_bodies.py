@@ -5,10 +5,9 @@ closed through u = -S p: see `targets_loop` for S, and `body_loop` for the same 
 """
 
 import numpy as np
-from scipy import linalg
 
-from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import LARGEST_WHOLE, MODE_AT_REST, NEUTRAL_RATE, key_of, sampling_of, station_in
+from mjsheaf.checking.loop.body_loop import LARGEST_WHOLE, TeamLoop, joined, key_of, sampling_of, station_in
+from mjsheaf.checking.loop.linear_law import without_memory
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import InputError, UndecidedError
@@ -26,17 +25,17 @@ def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsL
 @one_thread
 def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
     """Close the targets' law through their vehicles, in the mean flow along their path."""
+    S = stiffness(system).toarray()
+    owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
     try:
         period, timestep, steps = sampling_of(system)
-        matrix, n = _matrix(system, _models(system, path, timestep, steps))
+        models = _models(system, path, timestep, steps)
+        block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
+        loop = TeamLoop([block], np.zeros(0), period)
+        modes = loop.modes(1.0)
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
-    factors, vectors = linalg.eig(matrix)
-    moves = np.linalg.norm(vectors[:n], axis=0) > MODE_AT_REST * np.linalg.norm(vectors, axis=0)
-    growth = np.exp(NEUTRAL_RATE * period)
-    size = np.abs(factors)
-    radius = float(size[moves | (size > growth)].max())
-    return TargetsOnBodies(stable=radius < growth, spectral_radius=radius, reason="")
+    return TargetsOnBodies(stable=loop.is_stable(1.0, modes), spectral_radius=modes.radius, reason="")
 
 
 def _models(system: System, path: TargetPath, timestep: float, steps: int) -> list[LinearVehicle]:
@@ -67,18 +66,3 @@ def _models(system: System, path: TargetPath, timestep: float, steps: int) -> li
             raise UndecidedError(f"the vehicle of {id_} cannot hold station on its path: {model}")
         models.append(model)
     return models
-
-
-def _matrix(system: System, models: list[LinearVehicle]) -> tuple[Array, int]:
-    """The closed loop on (p, x_1, x_2, ...) over a period, under u = -S p, and the number of coordinates of p.
-
-    Raises:
-        UndecidedError: it is too large.
-    """
-    S = stiffness(system)
-    n, states = S.shape[0], sum(len(model.A) for model in models)
-    if n + states > LARGEST_WHOLE:
-        raise UndecidedError(f"the targets have {n + states} states; up to {LARGEST_WHOLE} are looked at")
-    A, B, C, D = (linalg.block_diag(*(model[k] for model in models)) for k in range(4))
-    dense = S.toarray()
-    return np.block([[np.eye(n) - D @ dense, C], [-B @ dense, A]]), n
