@@ -28,7 +28,7 @@ from mjsheaf.checking.loop.directed import matrix_of
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay
 from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, without_memory
 from mjsheaf.checking.loop.modelled import require_model
-from mjsheaf.checking.loop.sampled_loop import closed, delayed
+from mjsheaf.checking.loop.sampled_loop import closed, delayed, ideal_vehicle
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
@@ -369,6 +369,11 @@ def linear_team(system: System, medium: Array) -> tuple[list[LinearVehicle], flo
     """
     _, timestep, steps = sampling_of(system)
     return _models(system, medium, timestep, steps), timestep * steps
+
+
+def ideal_team(system: System) -> list[LinearVehicle]:
+    """Return every agent on ideal kinematics."""
+    return [ideal_vehicle(system.grid.period, agent.dimension) for agent in system.team.agents]
 
 
 def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> tuple[Array, Array]:

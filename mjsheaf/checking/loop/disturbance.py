@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.loop.body_loop import linear_team, whole_loop
+from mjsheaf.checking.loop.body_loop import ideal_team, linear_team, whole_loop
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
@@ -248,8 +248,7 @@ def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
         into = (vectors * (-np.expm1(-rates * h) / rates)) @ vectors.T
         M = (vectors * np.exp(-rates * h)) @ vectors.T
         return _Loop(M, into, -into, np.eye(n_q), 0.0 * into, h, (rates, vectors))
-    shapes = ((np.zeros((0, 0)), np.zeros((0, n)), np.zeros((n, 0)), h * np.eye(n)) for n in _sizes(system))
-    return _closed(system, spectrum, [LinearVehicle(*parts) for parts in shapes], h)
+    return _closed(system, spectrum, ideal_team(system), h)
 
 
 def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
@@ -278,10 +277,6 @@ def _turned(system: System) -> System:
     return replace(system, bodies=replace(system.bodies, heading=heading))
 
 
-def _sizes(system: System) -> list[int]:
-    return [agent.dimension for agent in system.team.agents]
-
-
 def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: float) -> _Loop:
     """Close the law's loop around linear vehicles."""
     M, Q = whole_loop(system, spectrum, agents)
@@ -291,8 +286,8 @@ def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: 
     met, carried, tilted = np.zeros((3, len(M), n_q))
     carried[:m] = -h * Q.T
     row, column = m, 0
-    for one, n in zip(agents, _sizes(system), strict=True):
-        s = len(one.A)
+    for one in agents:
+        s, n = one.B.shape
         velocity, tilt = np.zeros((2, s, n))
         if s:
             first = 3 + (3 - n)  # after the attitude and, of a floating vehicle, the height

@@ -18,11 +18,12 @@ from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes, linear_vehicles
+from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes, ideal_team, linear_vehicles
 from mjsheaf.checking.loop.directed import matrix_of
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
-from mjsheaf.checking.loop.linear_law import LinearLaw, model_of
+from mjsheaf.checking.loop.linear_law import LinearController, LinearLaw, model_of
 from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.loop.sampled_loop import closed
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier
@@ -98,7 +99,7 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
     try:
         require_model(system)
         path = _path_of(system, certificate, rate)
-        ideal, speed, places = _follow(system, certificate, system.law, _ideal_vehicles(system), limit, path)
+        ideal, speed, places = _follow(system, certificate, system.law, ideal_team(system), limit, path)
         sheared = _shear(system, places, path) > _LEFT_OUT * ideal * (rate or 0.0)
         unsettled = _initial_part(system, path, rate) > _LEFT_OUT * ideal
         limited = np.any((speed > limit)[-path.counted :], axis=0)
@@ -199,12 +200,6 @@ def _shear(system: System, places: Array, path: _Path) -> float:
     return float(np.sqrt((difference**2).sum(axis=1).mean() / len(system.team.agents)))
 
 
-def _ideal_vehicles(system: System) -> list[LinearVehicle]:
-    h = system.grid.period
-    sizes = [agent.dimension for agent in system.team.agents]
-    return [LinearVehicle(np.zeros((0, 0)), np.zeros((0, n)), np.zeros((n, 0)), h * np.eye(n)) for n in sizes]
-
-
 def _law_on_bodies(system: System) -> LawArrays:
     """Return the law on the vehicles, whose feedforward leads by their time constants.
 
@@ -295,13 +290,8 @@ def _follow(
     if size > MAX_STATES:
         raise UndecidedError(f"the loop has {size} states, more than {MAX_STATES}")
     physical = _in_coordinates(law, vectors) if symmetric else _of_asymmetric(law, H)
-    M = np.block(
-        [
-            [np.eye(n) + D @ physical.position, C, D @ physical.memory],
-            [B @ physical.position, A, B @ physical.memory],
-            [physical.learnt[0], np.zeros((memory * L, states)), physical.kept],
-        ]
-    )
+    controller = LinearController(physical.kept, physical.learnt[0], physical.memory, physical.position)
+    M = closed(LinearVehicle(A, B, C, D), controller)
     if not np.abs(np.linalg.eigvals(M)).max() <= 1.0 + NEUTRAL_RATE * system.grid.period:
         raise UndecidedError("the loop is unstable")
     q_star = path.q_star - path.q_star[0]
