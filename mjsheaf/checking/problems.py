@@ -218,7 +218,7 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
             gain = _round(_RESERVE * late)
             fix = f"set controller.gain to {gain:g} 1/s"
             yield Problem(kind="bodies", what=bodies.verdict(), fix=fix, changes={"controller.gain": gain})
-    if bodies.stable_over_exact_links is False:
+    if bodies.stable is None and bodies.stable_over_exact_links is False:
         what = "the vehicles' loop is unstable, even if links were exact"
         yield Problem(kind="bodies", what=what, fix="lower controller.gain")
     elif bodies.stable is None and not part.law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
