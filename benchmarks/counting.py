@@ -102,9 +102,9 @@ _number = np.frompyfunc(Number, 1, 1)
 
 
 def counting(value: Any) -> Any:
-    """The same of numbers that count: of floats, arrays, records and named tuples of them."""
+    """The same of numbers that count: of floats, arrays, records and tuples of them."""
     if isinstance(value, tuple):
-        return type(value)(*map(counting, value))
+        return getattr(value, "_make", type(value))(map(counting, value))
     if isinstance(value, float):
         return Number(value)
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fV":
