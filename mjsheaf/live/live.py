@@ -168,6 +168,9 @@ class LiveRun:
             self._pace(time.perf_counter() - began)
             if self._ended or self.recorder.phase != self._phase:
                 self._tell()
+
+    def close(self) -> None:
+        """Begin no further search."""
         self._searches.shutdown(wait=False, cancel_futures=True)
 
     @property
@@ -292,7 +295,7 @@ def view(
         session = stack.enter_context(Session(scenario, backend, engine=engine))
         for sink in sinks:
             stack.callback(sink.close)
-        run = LiveRun(session, server, sinks, speed)
+        run = stack.enter_context(closing(LiveRun(session, server, sinks, speed)))
         opened(server.url)
         try:
             run.run()

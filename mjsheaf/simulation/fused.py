@@ -220,5 +220,6 @@ class Fused(ClosedLoop):
 
     def close(self) -> None:
         """End the threads."""
-        if self._pool is not None:
-            self._pool.shutdown()
+        pool, self._pool = self._pool, None  # what follows moves on one thread
+        if pool is not None:
+            pool.shutdown()

@@ -124,3 +124,12 @@ def test_a_bound_of_ones_own_is_certified_too() -> None:
 def test_the_terminal_says_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("check", "certified", "--no-trial", "--full", "--radius", "0.4") == 0
     assert "in its own region" in " ".join(capsys.readouterr().out.split())
+
+
+def test_where_nothing_moves_the_gain_of_the_scenario_does_it() -> None:
+    raw = mjsheaf.load_scenario("midpoint").model_dump(mode="json", exclude_none=True)
+    for target in raw["targets"]:
+        target["motion"] = {"kind": "fixed"}
+    theorem = mjsheaf.check(mjsheaf.load_scenario(raw), trial=False)["theorem"]
+    assert theorem["radius_U"] == 0.0
+    assert theorem["gain_for_wanted_radius"] == pytest.approx(raw["controller"]["gain"], rel=1e-6)

@@ -61,6 +61,7 @@ def gain_for_wanted_radius(search: Search, certificate: Certificate, radius: flo
 
     rho = search.rho or c.moving.slope  # at least that of any region
     low = gain_for_radius(radius, spectrum.lambda_min, c.f_bar, c.moving.omega_bar, rho, c.initial_error)
+    low = low or search.system.gain  # any gain does where nothing moves
     high = low * _ABOVE
     for _ in range(_MAX_DOUBLINGS):
         if not np.isfinite(high) or gives(high):
