@@ -105,7 +105,7 @@ def _fused_swarm(size: int, repetitions: int) -> Row:
 
 
 def threads(
-    short: bool = False, sizes: tuple[int, ...] = (1000, 10_000), ends: tuple[float, float] = (49.99, 20.0)
+    short: bool = False, sizes: tuple[int, ...] = (5000, 10_000), ends: tuple[float, float] = (49.99, 20.0)
 ) -> list[Row]:
     """Measure one team on threads with the fused engine, and `simulate_many` on threads, against one thread.
 

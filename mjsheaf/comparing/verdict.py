@@ -368,7 +368,7 @@ def _lever_of_bodies(budget: BudgetRecord, changes: dict[str, str], cost: float,
 
 
 def _left(budget: BudgetRecord, given_back: float) -> str:
-    """Return the error that is left when a part of it is given back, so that nobody adds up parts that overlap."""
+    """Return the error that is left without a part of it: such parts overlap and do not add up."""
     return f"{max((budget.all_m or 0.0) - given_back, 0.0):.3g} m"
 
 

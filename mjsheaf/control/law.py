@@ -228,15 +228,15 @@ def new_memory(law: LawArrays, V: int) -> Memory:
     held = 3 * V + shipped + V * own + links
     sizes = [m, apart, 3 * V, 3 * V, held, under_way, law.links.size]
     flat = np.zeros(sum(sizes))
-    y, compared, residual, supplied, kept, rounds, line, _ = np.split(flat, np.cumsum(sizes))
-    command, terms, custom, received = np.split(kept, np.cumsum([3 * V, shipped, V * own]))
+    y, compared, residual, supplied, numbers, rounds, line, _ = np.split(flat, np.cumsum(sizes))
+    command, terms, custom, received = np.split(numbers, np.cumsum([3 * V, shipped, V * own]))
     return Memory(
         flat=flat,
         y=y,
         residual=residual.reshape(V, 3),
         command=command.reshape(V, 3),
         supplied=supplied.reshape(V, 3),
-        held=kept,
+        held=numbers,
         kept=np.zeros(1 + held),
         terms=split_memory(terms, rounds, law.terms, law.edges.first, V),
         links=split_link_memory(received, line, law.links, m),

@@ -229,7 +229,7 @@ def pack_safety(
     """
     V = len(planar)
     own = radius if safety.distance == "size" else np.full(V, 0.5 * float(safety.distance))
-    radius = own + margin
+    padded = own + margin
     obstacles = pack_obstacles(safety, height, start, end)
     lift = np.zeros((V, 3))
     lift[planar, 2] = height
@@ -245,18 +245,18 @@ def pack_safety(
         limits = {id: limit[v] for v, id in enumerate(ids) if yields[v]}
         others = max(speed.max(initial=0.0), obstacles.speed.max(initial=0.0))
         flows = np.linalg.norm(carried, axis=1).max(initial=0.0) + unsteady.max(initial=0.0)
-        D = max(2.0 * float(radius.max()), float(clearance.max()))
+        D = max(2.0 * float(padded.max()), float(clearance.max()))
         reach = _farthest(limits, others, flows, D, safety.rate, period)
     else:
         reach = safety.range + 2.0 * float(margin.max())
     return SafetyArrays(
         agents=len(ids),
-        radius=radius,
+        radius=padded,
         clearance=clearance,
         reach=reach,
         rate=safety.rate,
         period=period or 1.0 / safety.rate,
-        pairing=np.column_stack([radius, shares * yields, unsteady + moving]),
+        pairing=np.column_stack([padded, shares * yields, unsteady + moving]),
         yields=yields,
         carried=carried,
         unsteady=unsteady,
@@ -264,7 +264,7 @@ def pack_safety(
         planar=planar,
         closing=stirred + stirred.max() + moving.max(),
         burden=1.0 + shares.max() / shares,
-        widest=float(radius.max()),
+        widest=float(padded.max()),
         uniform=bool((carried == carried[0]).all()),
         right=safety.tie_break == "right_hand",
         obstacles=obstacles,

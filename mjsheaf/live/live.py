@@ -23,6 +23,7 @@ from mjsheaf.results.sinks import Memory, Sink
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.session import Session
 from mjsheaf.system import System
+from mjsheaf.threads import one_thread
 
 FRAME = 0.05
 """Least time between frames, s."""
@@ -108,11 +109,11 @@ def links_of(scenario: Scenario) -> list[list[str]]:
 def stable_gain(system: System, backend: str) -> float | None:
     """Return the gain from which on the law is unstable, 1/s, as `mjsheaf check` has it; None if it is not known."""
     with suppress(UndecidedError, InputError, np.linalg.LinAlgError):
-        if len(system.law.links.table):
-            return None  # delayed or lost measurements lower it
         if backend == "physics":
             medium = medium_on_path(system, follow_targets(system))
             return body_loop(system, spectrum_of(system.team), medium).largest_gain
+        if len(system.law.links.table):
+            return None  # delayed or lost measurements lower it
         loop = loop_of(system)
         return loop.stable_gains[1] if loop.stable_gains and loop.stable_gains[0] == 0.0 else None
     return None
@@ -262,6 +263,7 @@ class LiveRun:
         )
 
 
+@one_thread  # for good: the search for the stable gain runs beside the loop, and the number is the process's
 def view(
     scenario: Scenario,
     backend: str,

@@ -211,7 +211,7 @@ class WaveArrays(NamedTuple):
 
     Attributes:
         met: 0 for vehicles that meet no water, 1 for those at its surface, 2 for those in space, shape (V,).
-        waves: `Rows` of numbers by wave, shape (9, N).
+        waves: `WaveTable` of numbers by wave, shape (9, N).
         level: Height of the undisturbed surface, and of the bottom above it, shape (2,), m; -inf at infinite depth.
     """
 
@@ -220,7 +220,7 @@ class WaveArrays(NamedTuple):
     level: Array
 
 
-class Rows(NamedTuple):
+class WaveTable(NamedTuple):
     """N waves at the undisturbed surface, each shape (N,).
 
     Attributes:
@@ -245,9 +245,9 @@ class Rows(NamedTuple):
 
 
 @inline_jit
-def rows_of(waves):
-    """Return the rows of `WaveArrays.waves` by name."""
-    return Rows(waves[0], waves[1], waves[2], waves[3], waves[4], waves[5], waves[6], waves[7], waves[8])
+def table_of(waves):
+    """Return `WaveArrays.waves` by name."""
+    return WaveTable(waves[0], waves[1], waves[2], waves[3], waves[4], waves[5], waves[6], waves[7], waves[8])
 
 
 class WaveState(NamedTuple):
@@ -271,7 +271,7 @@ def pack_waves(components: Components, met: IntArray, level: float) -> WaveArray
     decay = np.zeros_like(c.number) if c.depth is None else np.exp(-2.0 * c.number * c.depth)
     speed = c.amplitude * c.rate
     number, velocity = c.number * unit.T, c.speed * unit.T
-    rows = Rows(number[0], number[1], c.rate, c.phase, c.amplitude, speed, velocity[0], velocity[1], decay)
+    rows = WaveTable(number[0], number[1], c.rate, c.phase, c.amplitude, speed, velocity[0], velocity[1], decay)
     return WaveArrays(met, np.ascontiguousarray(rows), np.array([level, bottom]))
 
 
@@ -281,7 +281,7 @@ def bound_waves(waves: WaveArrays) -> Bounds:
     Below the surface no amplitude is larger than at it. There the velocity along the wave and upwards are a quarter of
     a period apart, so that neither it nor its derivatives exceed their amplitudes along the wave.
     """
-    w = Rows(*waves.waves)
+    w = WaveTable(*waves.waves)
     along, rate, number = np.hypot(w.east, w.north), w.rate, np.hypot(w.number_x, w.number_y)
     met = waves.met > 0
     return Bounds(
@@ -304,7 +304,7 @@ def _find_phases(waves, x, y, t, found):
 
     Each is a loop of its own: only that becomes vector instructions.
     """
-    w = rows_of(waves)
+    w = table_of(waves)
     cosine, sin, angle = found[0], found[1], found[2]
     for j in range(angle.shape[0]):
         angle[j] = _TURNS * (w.number_x[j] * x + w.number_y[j] * y - w.rate[j] * t + w.phase[j])
@@ -320,7 +320,7 @@ def _meet(waves, state, t, v, x, y):
     place = state.place[v]
     if place[0] == t and place[1] == x and place[2] == y and place[3] == 0.0:
         return
-    w, met, cosine, sin = rows_of(waves.waves), state.met[v], state.waves[v, 0], state.waves[v, 1]
+    w, met, cosine, sin = table_of(waves.waves), state.met[v], state.waves[v, 0], state.waves[v, 1]
     _find_phases(waves.waves, x, y, t, state.waves[v])
     east, north, height, slope_x, slope_y, rise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(cosine.shape[0]):
@@ -339,7 +339,7 @@ def _meet(waves, state, t, v, x, y):
 @jit
 def _meet_below(waves, t, x, y, z):
     """Return the velocity below the undisturbed surface, z < 0, as three numbers, m/s."""
-    w, east, north, up = rows_of(waves.waves), 0.0, 0.0, 0.0
+    w, east, north, up = table_of(waves.waves), 0.0, 0.0, 0.0
     for j in range(w.rate.shape[0]):
         angle = _TURNS * (w.number_x[j] * x + w.number_y[j] * y - w.rate[j] * t + w.phase[j])
         k = np.sqrt(w.number_x[j] * w.number_x[j] + w.number_y[j] * w.number_y[j])

@@ -1,5 +1,8 @@
 """The step of vehicles, written once for neighbours of one kind side by side and for a vehicle alone.
 
+Only a steady medium is read in two ways: `_read_steady` takes one kernel for all lanes, `media.flow` all kernels for a
+point.
+
 A block is a record of the numbers of its vehicles, with one lane a vehicle. Functions here are of one lane, or loop
 over the lanes in use; they are compiled for blocks of LANES lanes and for blocks of one. The fused engine moves
 neighbours of one kind in the former, and all other vehicles one after the other in the latter, as MuJoCo's loop does.
@@ -457,7 +460,7 @@ def _read_steady(medium, first, t, lanes, waves, b):
             put(b.shake, i, add(at(b.shake, i), (a[0] * s, a[1] * s, a[2] * s)))
     for i in range(lanes):
         put(b.medium, i, add(at(b.medium, i), at(b.shake, i)))
-    if planar:
+    if planar:  # what floats is planar: nothing else has a height
         for i in range(lanes):
             R = attitude(b, i)
             b.medium[2, i] = 0.0

@@ -289,7 +289,14 @@ def _planar_wrenches(vehicle: Vehicle, norms: Array) -> Array:
 
 @inline_jit
 def add_buoyancy(kind, height, normal, R, force, moment):
-    """Add buoyancy and restoring moment of a hull; arguments as `medium_wrench`.
+    """Add buoyancy and restoring moment of a hull.
+
+    Args:
+        kind: Parameters of the vehicle's kind; see KIND.
+        height: Height of the origin above the surface, m.
+        normal: The surface's, along the body's x and y axes.
+        R: Attitude, (9,).
+        force, moment: Wrench so far, body axes, (3,) each, N and N m.
 
     A moment K (b_z x n) rights the hull; its height and its tilt to the surface's normal n are small.
     """
@@ -301,14 +308,14 @@ def add_buoyancy(kind, height, normal, R, force, moment):
 
 @inline_jit
 def add_ballast(kind, R, force, moment):
-    """Add the weight of ballast; arguments as `medium_wrench`."""
+    """Add the weight of ballast; arguments as `add_buoyancy`."""
     weight = upward(R, -kind.ballast)
     return add(force, weight), add(moment, cross(triple(kind.ballast_point), weight))
 
 
 @inline_jit
 def drag_wrench(kind, s, omega):
-    """Return force and moment of drag, as `medium_wrench`."""
+    """Return force and moment of drag at a velocity through the medium and rates, all in body axes, (3,) each."""
     D, Q, k = kind.drag, kind.quadratic, kind.explicit
     force = drag_force(kind, s)
     moment = (

@@ -69,7 +69,10 @@ def test_small_teams_and_laws_in_python_take_no_threads(monkeypatch: pytest.Monk
     def threads(**options: Any) -> int:
         with Session(scenario, **{"engine": "fused", "threads": 3, **options}) as session:
             session.step()
-            return threading.active_count() - before
+            pool = getattr(session.engine, "_pool", None)
+            begun = threading.active_count() - before  # an executor begins one only if none is idle
+            assert begun <= (pool._max_workers if pool else 0)
+            return pool._max_workers if pool else 0
 
     assert threads() == 3
     assert threads(controller=lambda t, sample: -sample.disagreement) == threads(engine="mujoco") == 0
@@ -180,3 +183,18 @@ def test_threads_that_cannot_be_are_refused() -> None:
 def test_contacts_are_simulated_whatever_threads_are_allowed() -> None:
     touching = mixed_scenario(physics={"contacts": True}, time={"end": 0.05})
     assert bits(simulate(touching, threads=2)) == bits(simulate(touching, threads=1))
+
+
+def test_a_run_goes_on_after_its_threads_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On one thread, to the same bits."""
+    monkeypatch.setattr("mjsheaf.simulation.fused._WORTH_A_THREAD", 1)
+    scenario = load_scenario("swarm", SWARM)
+    found = []
+    for close in (False, True):
+        with Session(scenario, engine="fused", threads=3) as session:
+            session.step()
+            if close:
+                session.engine.close()
+            session.step()
+            found.append(session.engine.positions())
+    np.testing.assert_array_equal(found[0], found[1])

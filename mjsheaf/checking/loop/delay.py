@@ -112,7 +112,7 @@ def papers_limit(product: float) -> int | None:
     """The largest delay in periods with which the paper's law is stable, from k1 h lambda_max; None without any."""
     if not 0.0 < product < 2.0 - _ROUNDING:
         return None
-    return int(np.ceil(0.25 * np.pi / np.arcsin(0.5 * product) - 0.5 - _ROUNDING)) - 1
+    return directed.largest_delay(np.ones(1, dtype=np.complex128), product)
 
 
 def alike_limit(law: LinkedLaw) -> int | None:

@@ -9,7 +9,6 @@ for every input, with that one moved from rest and nothing else. The differences
 with u the command, x what the agent remembers, and w its inputs (see `INPUTS`). No formula of a term is written here:
 whatever the stages do is in the model. It is read off along one axis. Nothing is claimed of a law whose answers to
 motions of many sizes, along all axes at once over many samples, are not those of the model along each axis; nor of one
-with registered terms that keep changing at rest, whose memory is not in proportion to the motion, or stores its input
 with registered terms that keep changing at rest, whose memory is not in proportion to the motion, or stores only its
 initial state, which no later input reaches.
 
