@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.simulation.fused import advance_block
-from mjsheaf.simulation.loop import Loop, run_law
-from mjsheaf.simulation.trajectory import Log
+from mjsheaf.loop.fused import advance_block
+from mjsheaf.loop.loop import Loop, run_law
+from mjsheaf.loop.trajectory import Log
 
 _STEPS = 20  # physics steps while operations are counted
 

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks import counting
 from mjsheaf.bench import Row, best, informs, swarm
 from mjsheaf.errors import MjsheafError
-from mjsheaf.simulation.fused import Fused
+from mjsheaf.loop.fused import Fused
 from mjsheaf.system import on_engine
 from mjsheaf.threads import one_thread
 

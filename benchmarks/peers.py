@@ -10,10 +10,10 @@ from pathlib import Path
 from benchmarks import peer_rates
 from mjsheaf.bench import Row, at_least, best, informs, swarm
 from mjsheaf.errors import InputError
+from mjsheaf.loop.fused import Fused
+from mjsheaf.loop.session import ENGINES
+from mjsheaf.loop.world import World
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.session import ENGINES
-from mjsheaf.simulation.world import World
 from mjsheaf.system import on_engine
 from mjsheaf.threads import usable_processors
 

@@ -11,16 +11,16 @@ from mjsheaf._version import __version__
 if TYPE_CHECKING:
     from mjsheaf import envs
     from mjsheaf.checking import check
-    from mjsheaf.control.controller import Controller, PerAgent
-    from mjsheaf.control.custom import register
+    from mjsheaf.law.controller import Controller, PerAgent
+    from mjsheaf.law.custom import register
+    from mjsheaf.loop.session import Session
+    from mjsheaf.loop.world import World
     from mjsheaf.runs.many import simulate_many
     from mjsheaf.runs.publish import save
     from mjsheaf.runs.showing import plot, replay
     from mjsheaf.runs.simulate import simulate
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import NonlinearSheaf, Sheaf
-    from mjsheaf.simulation.session import Session
-    from mjsheaf.simulation.world import World
     from mjsheaf.vehicles.loading import load_vehicle
 
 _HOME = {
@@ -32,15 +32,15 @@ _HOME = {
     "simulate_many": "mjsheaf.runs.many",
     "check": "mjsheaf.checking",
     "medium": "mjsheaf.media.probe",
-    "Session": "mjsheaf.simulation.session",
-    "World": "mjsheaf.simulation.world",
+    "Session": "mjsheaf.loop.session",
+    "World": "mjsheaf.loop.world",
     "load_vehicle": "mjsheaf.vehicles.loading",
     "save": "mjsheaf.runs.publish",
     "plot": "mjsheaf.runs.showing",
     "replay": "mjsheaf.runs.showing",
-    "register": "mjsheaf.control.custom",
-    "Controller": "mjsheaf.control.controller",
-    "PerAgent": "mjsheaf.control.controller",
+    "register": "mjsheaf.law.custom",
+    "Controller": "mjsheaf.law.controller",
+    "PerAgent": "mjsheaf.law.controller",
 }
 
 __all__ = [

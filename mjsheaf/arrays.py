@@ -15,7 +15,7 @@ OWN = "of each world"
 Own = Annotated[T, OWN]
 """Field of a compiled struct that every world has for itself, of those that step together; they share the others.
 
-There its arrays have a first axis more, which counts worlds: see `mjsheaf.simulation.rows`.
+There its arrays have a first axis more, which counts worlds: see `mjsheaf.loop.rows`.
 """
 
 

@@ -38,9 +38,9 @@ SOURCES = (
     "sheaf/*.py",
     "dynamics/*.py",
     "media/*.py",
-    "control/*.py",
+    "law/*.py",
     "vehicles/*.py",
-    "simulation/*.py",
+    "loop/*.py",
     "checking/theorem/*.py",
 )
 """Files of the package whose text decides on machine code."""

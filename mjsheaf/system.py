@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.control import ControlArrays, LawArrays, edges_of
-from mjsheaf.control.law import new_control
-from mjsheaf.control.obstacles import ObstacleArrays
-from mjsheaf.control.safety import SafetyArrays
-from mjsheaf.control.separation import Safety, pack_safety
-from mjsheaf.control.station import Station, no_station
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field, raise_first
+from mjsheaf.law import ControlArrays, LawArrays, edges_of
+from mjsheaf.law.law import new_control
+from mjsheaf.law.obstacles import ObstacleArrays
+from mjsheaf.law.safety import SafetyArrays
+from mjsheaf.law.separation import Safety, pack_safety
+from mjsheaf.law.station import Station, no_station
 from mjsheaf.media import FlowField, disturbance
 from mjsheaf.media.disturbance import Bounds
 from mjsheaf.media.flow import AXIS, CENTRE
@@ -79,7 +79,7 @@ class PhysicsOptions:
         contacts: True if vehicles collide.
         surface: 'water', 'ground' or 'none'; drawn, and the level at which floating vehicles float.
         surface_height: Height of the surface, m.
-        engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.simulation.fused`.
+        engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.loop.fused`.
         threads: Maximum number of threads of the fused engine.
         compiled: Vehicles as their files describe them by (name,), and as they are simulated by (name, time constant,
             effects); made on first use and shared by all copies and seeds.
@@ -274,7 +274,7 @@ class System:
         """Return what keeps vehicles apart for compiled code, with margins (V,) in m in addition to the distance.
 
         Raises:
-            InputError: See `mjsheaf.control.separation.pack_safety`.
+            InputError: See `mjsheaf.law.separation.pack_safety`.
         """
         assert self.safety is not None
         N, planar, grid = len(self.team.agents), self.planar, self.grid
@@ -379,10 +379,10 @@ class System:
         """Distance to a stop of each body over its speed, shape (V,), s.
 
         That is the time constant tau of a first-order vehicle. One that overshoots travels farther, and is farther
-        from where its commands alone would have moved it, by `mjsheaf.simulation.linear.stopping_time`. A vehicle
+        from where its commands alone would have moved it, by `mjsheaf.loop.linear.stopping_time`. A vehicle
         without thrusters or without a linear model counts with tau.
         """
-        from mjsheaf.simulation import linear  # imports MuJoCo
+        from mjsheaf.loop import linear  # imports MuJoCo
 
         steps = max(1, round(_STOP / self.timestep)) if self.grid.continuous else self.steps_per_sample
         kinds = {id(vehicle): vehicle for vehicle in self.vehicles}

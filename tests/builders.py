@@ -24,11 +24,11 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
 from mjsheaf.dynamics.motion import add_reference
+from mjsheaf.loop.fused import Fused
+from mjsheaf.loop.loop import AUTOPILOT, STOPPED
 from mjsheaf.media import disturbance
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.loop import AUTOPILOT, STOPPED
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
 from mjsheaf.system import System

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from mjsheaf.arrays import Array
-from mjsheaf.control.controller import Controller, Law
-from mjsheaf.simulation.session import engine_of
-from mjsheaf.simulation.trajectory import Trajectory
+from mjsheaf.law.controller import Controller, Law
+from mjsheaf.loop.session import engine_of
+from mjsheaf.loop.trajectory import Trajectory
 from mjsheaf.system import Phase, System
 
 Run = System | Sequence[Phase]

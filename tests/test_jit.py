@@ -25,9 +25,9 @@ FILES = (
     "noise.py",
     "sheaf/edges.py",
     "media/flow.py",
-    "control/terms.py",
-    "simulation/ideal.py",
-    "simulation/loop.py",
+    "law/terms.py",
+    "loop/ideal.py",
+    "loop/loop.py",
 )
 
 
@@ -46,7 +46,7 @@ def test_an_edit_makes_stale_the_code_of_its_callers_alone(tmp_path: Path) -> No
     source.write_text(source.read_text() + "\n# an edit\n")
     after = hashes(package)
     changed = {name for name in FILES if after[name] != before[name]}
-    assert changed == {"control/terms.py", "simulation/ideal.py", "simulation/loop.py"}
+    assert changed == {"law/terms.py", "loop/ideal.py", "loop/loop.py"}
 
 
 def test_an_edit_of_the_decorator_makes_all_code_stale(tmp_path: Path) -> None:

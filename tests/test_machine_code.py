@@ -118,10 +118,10 @@ def test_files_of_other_versions_stay_a_month(directory: Path) -> None:
 
 
 CALLEE = "from mjsheaf.jit import inline_jit\n\n\n@inline_jit\ndef f(x):\n    return 1.0 * x\n"
-CALLER = "from mjsheaf.control.zz_f import f\nfrom mjsheaf.jit import jit\n\n\n@jit\ndef g(x):\n    return f(x) + 0.0\n"
+CALLER = "from mjsheaf.law.zz_f import f\nfrom mjsheaf.jit import jit\n\n\n@jit\ndef g(x):\n    return f(x) + 0.0\n"
 WAIT = "import sys\nprint('imported', flush=True)\nsys.stdin.readline()\n"
-BOTH = f"from mjsheaf.control.zz_g import g\n{WAIT}print(g(2.0))\n"
-LATE = f"import mjsheaf.control.zz_f\n{WAIT}from mjsheaf.control.zz_g import g\nprint(g(2.0))\n"
+BOTH = f"from mjsheaf.law.zz_g import g\n{WAIT}print(g(2.0))\n"
+LATE = f"import mjsheaf.law.zz_f\n{WAIT}from mjsheaf.law.zz_g import g\nprint(g(2.0))\n"
 
 
 @pytest.mark.long

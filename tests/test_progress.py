@@ -24,7 +24,7 @@ SLOW = """
 import sys, time
 import numpy as np, numba
 import mjsheaf
-from mjsheaf.simulation import ideal
+from mjsheaf.loop import ideal
 def law(t, sample):
     time.sleep(0.05)
     return np.zeros((1, 3))

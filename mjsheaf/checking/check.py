@@ -41,10 +41,10 @@ from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
 from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
 from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
 from mjsheaf.checking.trial import MAX_VEHICLE_STEPS, TrialRecord, try_mission
-from mjsheaf.control.theorem import Rho, RhoLike, as_rho
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.law.theorem import Rho, RhoLike, as_rho
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.system import Phase, System, during, phases_of

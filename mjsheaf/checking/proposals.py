@@ -9,10 +9,10 @@ from pydantic import Field
 from mjsheaf.checking.loop.body_loop import loop_on_path
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop, loop_of
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.control.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
 from mjsheaf.errors import UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.law.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
 from mjsheaf.system import System
 
 _ROUNDS = (1, 2, 3, 5, 8, 13)

@@ -1,4 +1,4 @@
-"""Check of the safety filter; see `mjsheaf.control.safety`.
+"""Check of the safety filter; see `mjsheaf.law.safety`.
 
 The harmonic extension is compared with the distances that the scenario requires, and with those that the filter keeps
 at the scenario's rate (`mjsheaf.checking.standoff`). If vehicles at q* are too close, filter and law contradict each
@@ -20,10 +20,10 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.standoff import Standoff, standoffs
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.targets import Carrier
-from mjsheaf.control.obstacles import distances
-from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.errors import select_true
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.law.obstacles import distances
+from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.system import System
 
 if TYPE_CHECKING:

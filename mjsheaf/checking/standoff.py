@@ -1,7 +1,7 @@
 """Distances that the safety filter keeps around the places in q*, which may be larger than the formation.
 
 To stay at q*, agent i commands u = q*' - w_i, relative to a medium at w_i. With n = z / |z|, its constraint against a
-vehicle at distance d is n . u >= w (p - gamma (d^2 - D^2) / (2 d)), see `mjsheaf.control.safety`. It holds from
+vehicle at distance d is n . u >= w (p - gamma (d^2 - D^2) / (2 d)), see `mjsheaf.law.safety`. It holds from
 
     d = (s + sqrt(s^2 + gamma^2 D^2)) / gamma,    s = p - n . u / w,
 
@@ -20,9 +20,9 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.obstacles import distances, nearest_points
-from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.law.obstacles import distances, nearest_points
+from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.system import System
 
 MOSTLY = 0.5

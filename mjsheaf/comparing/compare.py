@@ -14,12 +14,12 @@ from mjsheaf.comparing.measures import Series, budgets_of, errors_by_scope, form
 from mjsheaf.comparing.ringing import predicted_damping, ringing_of
 from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, PhaseRecord, levers_of, verdict_of
 from mjsheaf.jit import working_time
+from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results.dataset import law_of
 from mjsheaf.runs.diagnostics import examine_terms
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.law_file import LawFile
-from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.system import Phase, phases_of
 
 

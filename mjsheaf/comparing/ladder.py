@@ -52,11 +52,11 @@ from mjsheaf.comparing.measures import (
     whole_run,
 )
 from mjsheaf.comparing.recording import Recording, record_run
-from mjsheaf.control.links import LinkArrays
 from mjsheaf.io.section import FiniteRecord
+from mjsheaf.law.links import LinkArrays
+from mjsheaf.loop.trajectory import Trajectory
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario.law_file import LawFile
-from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle

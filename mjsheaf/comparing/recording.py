@@ -9,10 +9,10 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.comparing.measures import Series, error_series, positions_at_q_star
-from mjsheaf.control.controller import Controller
+from mjsheaf.law.controller import Controller
+from mjsheaf.loop.session import engine_of
+from mjsheaf.loop.trajectory import Log, Trajectory
 from mjsheaf.runs.simulate import dataset_of
-from mjsheaf.simulation.session import engine_of
-from mjsheaf.simulation.trajectory import Log, Trajectory
 from mjsheaf.system import Phase
 
 if TYPE_CHECKING:

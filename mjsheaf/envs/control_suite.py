@@ -10,8 +10,8 @@ from mjsheaf.arrays import Array
 from mjsheaf.engine import mujoco
 from mjsheaf.envs.episode import Episode
 from mjsheaf.envs.suite import Physics, control, specs, wrapper
+from mjsheaf.loop.world import World
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.world import World
 
 
 class BodyPhysics(Physics):  # type: ignore[misc] # dm_control has no types

@@ -1,7 +1,7 @@
 """The core of all environments: a scenario on bodies as a sequence of control periods, each with an action.
 
 An action is a velocity for each agent, relative to the medium, or the commands of its actuators. A velocity is added to
-the law's command before the speed limit; see `add_supplied` in `mjsheaf.control.law`. An observation holds what the
+the law's command before the speed limit; see `add_supplied` in `mjsheaf.law.law`. An observation holds what the
 agent itself measures and nothing else. The reward of an agent is -|q* - q|^2, so that its distance from 0 is the regret
 against a known optimum.
 """
@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike
 from mjsheaf.arguments import real_numbers, require_choice, require_scenario, require_seed
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
+from mjsheaf.loop.engine import Commanded
+from mjsheaf.loop.loop import ClosedLoop
+from mjsheaf.loop.scores import SquareErrors
+from mjsheaf.loop.session import Session
 from mjsheaf.noise import next_seed
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.engine import Commanded
-from mjsheaf.simulation.loop import ClosedLoop
-from mjsheaf.simulation.scores import SquareErrors
-from mjsheaf.simulation.session import Session
 from mjsheaf.team import Edge
 from mjsheaf.vehicles.effects import capability_of, of_each
 

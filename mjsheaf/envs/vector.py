@@ -1,6 +1,6 @@
 """Many runs of a scenario as a vector environment of Gymnasium.
 
-Runs of one team are stepped together: see `mjsheaf.simulation.worlds`. Runs with events, with range, bearing or
+Runs of one team are stepped together: see `mjsheaf.loop.worlds`. Runs with events, with range, bearing or
 directed edges, or whose seeds draw headings, which worlds share, are stepped one after the other, which is slower.
 """
 
@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 
 from mjsheaf.arguments import real_numbers, require_scenario, require_seed, require_whole
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.control.sample import View
 from mjsheaf.envs.episode import named_edges, scaled
 from mjsheaf.envs.flat import FlatEpisode
 from mjsheaf.envs.gym import TeamEnv
 from mjsheaf.errors import InputError
+from mjsheaf.law.sample import View
+from mjsheaf.loop.fused import Fused
+from mjsheaf.loop.loop import Loop
+from mjsheaf.loop.rows import Rows
+from mjsheaf.loop.worlds import Worlds
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.loop import Loop
-from mjsheaf.simulation.rows import Rows
-from mjsheaf.simulation.worlds import Worlds
 
 _OF_RUNS = ("envs", "_worlds", "_gathering")  # what a copy of an environment makes anew
 

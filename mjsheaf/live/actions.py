@@ -6,11 +6,11 @@ from typing import Any
 import xarray as xr
 
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.loop.session import Session
 from mjsheaf.media.flow import FlowField
 from mjsheaf.results.dataset import make_datasets
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
-from mjsheaf.simulation.session import Session
 from mjsheaf.team.null_modes import free_axes
 from mjsheaf.team.shapes import Path
 

@@ -18,10 +18,10 @@ from mjsheaf.errors import InputError, MjsheafError, UndecidedError
 from mjsheaf.live.actions import MAX_FACTOR, Recorder, flow_values
 from mjsheaf.live.frames import Frames, outlook
 from mjsheaf.live.server import Server
+from mjsheaf.loop.session import Session
 from mjsheaf.page.page import Live, law_in_words, page_of
 from mjsheaf.results.sinks import Memory, Sink
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.session import Session
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 

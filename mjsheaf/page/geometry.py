@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.engine import mujoco
-from mjsheaf.simulation.arena import compose
+from mjsheaf.loop.arena import compose
 from mjsheaf.vehicles.loading import SEEN_GROUPS
 from mjsheaf.vehicles.vehicle import Vehicle
 

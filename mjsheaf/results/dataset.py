@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.links import NEW
-from mjsheaf.control.terms import traffic_of
+from mjsheaf.law.links import NEW
+from mjsheaf.law.terms import traffic_of
+from mjsheaf.loop.trajectory import Trajectory
 from mjsheaf.results import variables as declared
 from mjsheaf.results.variables import Samples, labelled_edges
-from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import Phase, System
 from mjsheaf.team.shapes import Path
 

@@ -11,10 +11,10 @@ import xarray as xr
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.obstacles import distances
-from mjsheaf.control.safety import SafetyArrays
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
+from mjsheaf.law.obstacles import distances
+from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.team import Edge, Formation, Team
 from mjsheaf.team.links import KINDS
 from mjsheaf.team.shapes import Path

@@ -17,16 +17,16 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.control.law import disagreement
-from mjsheaf.control.links import NEW, SILENT
-from mjsheaf.control.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.errors import first_true
+from mjsheaf.law.law import disagreement
+from mjsheaf.law.links import NEW, SILENT
+from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
 from mjsheaf.team import Edge
 from mjsheaf.team.shapes import Path
 
 if TYPE_CHECKING:
-    from mjsheaf.simulation.trajectory import Log, Trajectory
+    from mjsheaf.loop.trajectory import Log, Trajectory
     from mjsheaf.system import System
 
 Key = tuple[str, str]

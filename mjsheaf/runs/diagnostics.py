@@ -31,8 +31,8 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.finished import HeldBound, RunBound
 from mjsheaf.checking.loop.held_law import largest_integral
 from mjsheaf.checking.stuck import Stuck, find_stuck
-from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import joined, select_true
+from mjsheaf.law.terms import TermArrays
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.reflections import describe_reflections
@@ -487,7 +487,7 @@ def _close_pairs(x: Array, apart: Array, sizes: Array) -> "list[tuple[int, int, 
 def _overlap(vehicles: "list[Any]", positions: Array, quaternions: Array) -> bool:
     """Return True if two vehicles at positions (2, 3), m, and attitudes (2, 4) overlap; geoms count as convex."""
     from mjsheaf.engine import mujoco
-    from mjsheaf.simulation.arena import compose
+    from mjsheaf.loop.arena import compose
 
     arena = compose(vehicles, ["a", "b"])
     model, data = arena.model, mujoco.MjData(arena.model)

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.io.figures import AS_USUAL, VIEW, FigureOptions
+from mjsheaf.law.obstacles import ObstacleArrays
 from mjsheaf.plotting import (
     DASHES,
     HEADING,

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 from mjsheaf.arguments import require_whole
 from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.loop.session import require_backend, require_engine
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.session import require_backend, require_engine
 from mjsheaf.threads import usable_processors
 
 if TYPE_CHECKING:

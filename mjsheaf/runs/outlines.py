@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.patches import Polygon
 
 from mjsheaf.arrays import Array
-from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
+from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
 
 COLOUR = "#C78C61"
 _CORNERS = 72  # of an outline

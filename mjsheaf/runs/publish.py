@@ -23,6 +23,7 @@ from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.jit import working_time
+from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.netcdf import split, write_and_open
@@ -31,7 +32,6 @@ from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.law_file import same_law
-from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.video import VideoOptions, available_backend
 
 _TERMS = "terms"  # folder of the files of registered terms, next to those of vehicles
@@ -39,7 +39,7 @@ _FLOWS = "flows"  # folder of the files of gridded flow
 
 if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
-    from mjsheaf.control.controller import Controller
+    from mjsheaf.law.controller import Controller
     from mjsheaf.system import Phase, System
 
 
@@ -270,7 +270,7 @@ def _write_data(
     timings: Timings,
 ) -> tuple[xr.Dataset, float | None]:
     """Write result.nc and the exports; return the data and the duration of the simulation, s, None if unknown."""
-    from mjsheaf.simulation.trajectory import samples_in_piece
+    from mjsheaf.loop.trajectory import samples_in_piece
 
     pieces = split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
     sinks = sinks_of(exports, directory, scenario, phases)

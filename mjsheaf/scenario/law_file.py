@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjsheaf.control.controller import Controller
 from mjsheaf.errors import InputError, expected, visible
 from mjsheaf.io.files import confined
 from mjsheaf.io.user_code import describe, execute_file, in_this_directory
+from mjsheaf.law.controller import Controller
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,19 @@ from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.arguments import require_seed
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.control.curved import bound_slopes
-from mjsheaf.control.custom import CustomTerm, pack_custom
-from mjsheaf.control.law import LawArrays, pack_law, with_seed
-from mjsheaf.control.links import pack_links
-from mjsheaf.control.rounds import pack_rounds
-from mjsheaf.control.separation import Safety
-from mjsheaf.control.station import Station
-from mjsheaf.control.terms import (
+from mjsheaf.dynamics import ControlEffectiveness, Motion
+from mjsheaf.dynamics import effectiveness as effectivenesses
+from mjsheaf.dynamics import motion as motions
+from mjsheaf.errors import InputError, in_field, shortened, visible
+from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
+from mjsheaf.law.curved import bound_slopes
+from mjsheaf.law.custom import CustomTerm, pack_custom
+from mjsheaf.law.law import LawArrays, pack_law, with_seed
+from mjsheaf.law.links import pack_links
+from mjsheaf.law.rounds import pack_rounds
+from mjsheaf.law.separation import Safety
+from mjsheaf.law.station import Station
+from mjsheaf.law.terms import (
     Drift,
     Feedforward,
     Integral,
@@ -30,11 +35,6 @@ from mjsheaf.control.terms import (
     Terms,
     pack_terms,
 )
-from mjsheaf.dynamics import ControlEffectiveness, Motion
-from mjsheaf.dynamics import effectiveness as effectivenesses
-from mjsheaf.dynamics import motion as motions
-from mjsheaf.errors import InputError, in_field, shortened, visible
-from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.noise import generator_of
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.scenario.medium import Disturbances, Flow

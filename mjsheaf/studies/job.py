@@ -18,6 +18,7 @@ from mjsheaf.checking.finished import Ending, bound_ahead, bound_of_run, ending_
 from mjsheaf.errors import InputError, NotUniqueError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
+from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.media import disturbance
 from mjsheaf.remember import remember_last
 from mjsheaf.results import dataset_bytes, summarize
@@ -29,7 +30,6 @@ from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.law_file import LawFile
 from mjsheaf.scenario.load import map_vehicles
-from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.studies.schema import Point
 from mjsheaf.system import System
 

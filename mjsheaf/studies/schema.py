@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, JsonValue, model_validator
 
 from mjsheaf.errors import raise_first
 from mjsheaf.io.section import Number, Positive, Section, split_path
-from mjsheaf.simulation.session import BACKENDS, ENGINES, require_engine
+from mjsheaf.loop.session import BACKENDS, ENGINES, require_engine
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 

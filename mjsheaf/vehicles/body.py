@@ -192,7 +192,7 @@ class Body:
 
         MuJoCo integrates damping of joints implicitly, so stiff drag needs no small steps. This costs another
         factorization of the mass matrix, so drag that is not stiff is an applied force, which is stable up to steps of
-        0.2 s. Bodies with added mass require an applied force: see `simulation.bodies`. The choice does not depend on
+        0.2 s. Bodies with added mass require an applied force: see `mjsheaf.loop.bodies`. The choice does not depend on
         the timestep. The errors of both are of first order in it, but that of the force is several times larger, so a
         run that switched would be less accurate with a smaller step.
         """

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from mjsheaf.control.obstacles import ObstacleArrays
 from mjsheaf.errors import InputError, raise_first
+from mjsheaf.law.obstacles import ObstacleArrays
 from mjsheaf.scenario.scenario import Scale, Video, scales_of
 
 if TYPE_CHECKING:

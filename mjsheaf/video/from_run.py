@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from mjsheaf.control.obstacles import points_kept_from
-from mjsheaf.control.safety import SafetyArrays
+from mjsheaf.law.obstacles import points_kept_from
+from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.media.probe import mean_flow
 from mjsheaf.plotting import groups_of
@@ -115,7 +115,7 @@ def film_of(
         dataset: Data of the run, in memory or an open file. They are read frame by frame.
         phases: Phases of the scenario, if they were built already.
     """
-    from mjsheaf.simulation.world import arena_of
+    from mjsheaf.loop.world import arena_of
 
     phases = scenario.phases if phases is None else phases
     system = phases[0].system

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from mjsheaf.control.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
 from mjsheaf.errors import MjsheafError
+from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
 from mjsheaf.video import camera
 from mjsheaf.video.camera import CameraPath, View
 from mjsheaf.video.film import Edge, EdgeKind, Film, FloatArray, IntArray, Moment, VideoOptions

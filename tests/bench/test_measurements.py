@@ -20,7 +20,7 @@ from mjsheaf.bench import (
     swarm,
 )
 from mjsheaf.errors import InputError
-from mjsheaf.simulation.session import ENGINES
+from mjsheaf.loop.session import ENGINES
 from mjsheaf.vehicles.vectors import rotation
 from tests.builders import refused
 

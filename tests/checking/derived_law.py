@@ -18,8 +18,8 @@ from scipy.signal import lfilter, ss2tf
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import residual_polynomial
-from mjsheaf.control.terms import TermArrays
-from mjsheaf.simulation.linear import LinearVehicle
+from mjsheaf.law.terms import TermArrays
+from mjsheaf.loop.linear import LinearVehicle
 
 
 @dataclass(frozen=True)

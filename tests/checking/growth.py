@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjsheaf
-from mjsheaf.control import disagreement
-from mjsheaf.control.sample import Sample
+from mjsheaf.law import disagreement
+from mjsheaf.law.sample import Sample
 from mjsheaf.scenario import scenario_from_mapping
 
 _KICK = 1e-6  # m

@@ -18,10 +18,10 @@ from mjsheaf.checking.loop.held_law import _noise, law_loop, loop_of
 from mjsheaf.checking.loop.linear_law import LinearController, model_of
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop, closed, delayed, ideal_vehicle
 from mjsheaf.checking.theorem.certificate import certify
-from mjsheaf.control.law import new_memory
 from mjsheaf.errors import UndecidedError
+from mjsheaf.law.law import new_memory
+from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.simulation.linear import LinearVehicle
 from mjsheaf.system import System
 from tests.builders import random_scenario
 from tests.checking.derived_law import DerivedLaw

@@ -1,7 +1,7 @@
 """Parts without a model in `check` are undecided, by name.
 
 Terms are in the linear model, which is read off the stages that run (see `test_linear_law`); the bound of a run along
-the targets' path is derived term by term, so that it is undecided with registered terms (`tests/control/test_custom`).
+the targets' path is derived term by term, so that it is undecided with registered terms (`tests/law/test_custom`).
 """
 
 from collections import namedtuple
@@ -12,10 +12,10 @@ import pytest
 import mjsheaf
 from mjsheaf.checking.check import examine
 from mjsheaf.checking.loop.modelled import unmodelled_parts
-from mjsheaf.control.law import EdgeArrays, LawArrays
-from mjsheaf.control.links import LINK, LinkArrays
-from mjsheaf.control.rounds import RoundArrays
-from mjsheaf.control.terms import Newton, TermArrays, Terms
+from mjsheaf.law.law import EdgeArrays, LawArrays
+from mjsheaf.law.links import LINK, LinkArrays
+from mjsheaf.law.rounds import RoundArrays
+from mjsheaf.law.terms import Newton, TermArrays, Terms
 from mjsheaf.system import System
 
 SCENARIO = "steady_current"

@@ -27,7 +27,7 @@ from mjsheaf.comparing.measures import (
 from mjsheaf.comparing.report import report_text
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
-from mjsheaf.control import disagreement
+from mjsheaf.law import disagreement
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import load_vehicle

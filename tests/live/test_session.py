@@ -14,9 +14,9 @@ from mjsheaf import check, load_scenario, simulate
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
 from mjsheaf.live.actions import Recorder
 from mjsheaf.live.live import stable_gain
+from mjsheaf.loop.session import Session
 from mjsheaf.runs.publish import write_scenario
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.simulation.session import Session
 
 ACTIONS: dict[int, list[dict[str, Any]]] = {
     0: [{"gain": 4.0}, {"gain": 6.0}],

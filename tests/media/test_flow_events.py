@@ -9,10 +9,10 @@ import pytest
 from mjsheaf import check, simulate
 from mjsheaf.checking.finished import bounds_of_phases
 from mjsheaf.errors import InputError
+from mjsheaf.loop.trajectory import Log
 from mjsheaf.media import FlowField
 from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import Phase, System, on_engine
 from mjsheaf.video.flow import velocities
 from mjsheaf.video.from_run import media_of

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.control.obstacles import centres, distances
+from mjsheaf.law.obstacles import centres, distances
 from tests.page.browser import missing, open_browser, open_page
 from tests.page.pages import Made, make_page, said_in, series_in
 

@@ -12,10 +12,10 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
+from mjsheaf.loop import trajectory
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario
-from mjsheaf.simulation import trajectory
 from tests.builders import REPOSITORY
 
 BACKENDS = ("ideal", "physics")

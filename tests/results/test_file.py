@@ -13,11 +13,11 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
+from mjsheaf.loop import trajectory
 from mjsheaf.results import join, make_dataset, netcdf, open_dataset, thinned, write_dataset
 from mjsheaf.results.netcdf import length_of_piece, pieces_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.simulation import trajectory
 from tests.running import run_physics
 
 BACKENDS = ("ideal", "physics")

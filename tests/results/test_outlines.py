@@ -5,7 +5,7 @@ import pytest
 from matplotlib.patches import Polygon
 
 from mjsheaf import load_scenario, plot, simulate
-from mjsheaf.control.obstacles import centres, distances
+from mjsheaf.law.obstacles import centres, distances
 from mjsheaf.runs.outlines import outline
 from mjsheaf.system import System
 

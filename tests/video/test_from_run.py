@@ -11,10 +11,10 @@ from PIL import Image, ImageDraw
 import mjsheaf.video
 from mjsheaf import medium, simulate
 from mjsheaf.errors import InputError
+from mjsheaf.loop import trajectory
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
-from mjsheaf.simulation import trajectory
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter

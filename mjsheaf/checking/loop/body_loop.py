@@ -1,7 +1,7 @@
 """The loop of the real vehicles, closed through the law, for small motions.
 
 Each vehicle is linearised about the equilibrium in which it holds station in the mean flow that it would meet (see
-`simulation.linear`), and all are closed through the law. Where every agent is the same vehicle in the same flow, the
+`mjsheaf.loop.linear`), and all are closed through the law. Where every agent is the same vehicle in the same flow, the
 team falls apart into one small matrix for each eigenvalue of H, whatever its size; else the matrix is that of the whole
 team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose responses to a command differ by
 2 % at most count as the same, and of others nothing is claimed.
@@ -36,8 +36,8 @@ from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.io.section import Record
+from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.media.moving import WITHOUT_MEAN
-from mjsheaf.simulation.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import is_one_sided, turning_of

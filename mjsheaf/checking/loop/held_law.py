@@ -39,10 +39,10 @@ from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle
 from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.topology.cohomology import DENSE_STATES
-from mjsheaf.control.terms import traffic_of
 from mjsheaf.errors import UndecidedError, listed, raise_first
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.law.terms import traffic_of
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.system import System
@@ -120,7 +120,7 @@ ROUNDS_OF_FITTING_EDGES = "edges do not fit together, and rounds of newton or fe
 
 
 def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> Array:
-    """Evaluate the factor of an error after some rounds of `control.terms.solve`, by eigenvalue, shape (L,).
+    """Evaluate the factor of an error after some rounds of `mjsheaf.law.terms.solve`, by eigenvalue, shape (L,).
 
     By its own recurrence, so that the eigenvalues may also lie outside [low, high], or low be high.
     """

@@ -25,8 +25,8 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.loop.held_law import eigen_of, loop_of
 from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.checking.theorem.targets import TargetPath
-from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import UndecidedError
+from mjsheaf.law.terms import TermArrays
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 

@@ -25,10 +25,10 @@ from mjsheaf.checking.loop.loss import LossAnswer, loss_answer
 from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.checking.topology.cohomology import DENSE_STATES
-from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.law.terms import TermArrays
 from mjsheaf.system import System
 from mjsheaf.team import Team
 from mjsheaf.team.links import KINDS

@@ -13,9 +13,9 @@ from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import Difference, velocities_along
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.control import disagreement
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.law import disagreement
 from mjsheaf.media.probe import mean_flow
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of, of_each

@@ -9,9 +9,9 @@ names the fields of these structures, one by one: whoever adds a field decides w
 import numpy as np
 
 from mjsheaf.checking.loop.linear_law import model_of
-from mjsheaf.control.custom import names_of
-from mjsheaf.control.law import LawArrays
 from mjsheaf.errors import UndecidedError, listed, select_true
+from mjsheaf.law.custom import names_of
+from mjsheaf.law.law import LawArrays
 from mjsheaf.system import System
 
 _SENSORS = (0, 1)  # values of `bearing`: the exact sensor, and range and bearing

@@ -25,7 +25,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.directed import largest_gain
 from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearController, LinearLaw
 from mjsheaf.jit import jit
-from mjsheaf.simulation.linear import LinearVehicle
+from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.tiers import Tiered
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues

@@ -11,7 +11,7 @@ from mjsheaf.checking.loop.linear_law import without_memory
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import InputError, UndecidedError
-from mjsheaf.simulation.linear import LinearVehicle, linearise
+from mjsheaf.loop.linear import LinearVehicle, linearise
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 

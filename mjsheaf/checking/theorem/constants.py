@@ -36,7 +36,7 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.control.theorem import disturbance_bound
+from mjsheaf.law.theorem import disturbance_bound
 from mjsheaf.media import disturbance
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.media.gridded import GridArrays

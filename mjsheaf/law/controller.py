@@ -1,0 +1,280 @@
+"""The door for laws in Python: one call a control period, in place of the agents' own law, on both backends.
+
+A law is a callable `law(t, sample)` that returns the agents' velocities relative to the medium, shape (N, 3), m/s; it
+may have a method `reset(team, rng)`, called before the first sample. `sample` holds what agents may know, and apart
+from that, named so, the truth. Targets, references, speed limits and recording are as for the compiled law.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mjsheaf.arrays import Array
+from mjsheaf.errors import InputError, visible
+from mjsheaf.io.user_code import describe, in_this_directory
+from mjsheaf.law.sample import Sample, real_numbers
+from mjsheaf.law.terms import Traffic
+from mjsheaf.team import Edge, Team
+
+MAX_SPEED = 1e9
+"""Largest velocity that a law may return, m/s."""
+
+_STREAM = 0x6C6177  # keeps a law's random numbers apart from others of the same seed
+Law = Callable[[float, Sample], ArrayLike]
+
+
+class Controller:
+    """A law in Python, called once a control period.
+
+    Attributes:
+        law: The law.
+        name: Name in messages and results.
+        seed: Seed of the random numbers that the law's `reset` is handed.
+        traffic: Communication of the run up to now.
+    """
+
+    def __init__(self, law: Law, name: str = "", seed: int = 0) -> None:
+        """Wrap a law; the seed is that of the random numbers which its `reset` is handed.
+
+        Raises:
+            InputError: it cannot be called.
+        """
+        if inspect.isclass(law):
+            raise InputError(f"controller: {law.__name__} is a class; expected an object, such as {law.__name__}()")
+        if not callable(law):
+            hint = "; load_controller reads one from FILE.py:NAME" if isinstance(law, str) else ""
+            raise InputError(f"controller: expected a callable law(t, sample), not {type(law).__name__}{hint}")
+        self.law = law
+        called = name or str(getattr(law, "__name__", type(law).__name__))
+        self.name = called if called.isprintable() else visible(called)
+        self.seed = seed
+        self.traffic = Traffic()
+
+    def reset(self, team: Team) -> None:
+        """Begin a run with a team."""
+        self.traffic.rounds = self.traffic.messages = self.traffic.numbers = 0
+        reset = getattr(self.law, "reset", None)
+        if reset is not None:
+            rng = np.random.default_rng([self.seed, _STREAM])
+            self._guarded("reset", lambda: reset(team, rng))
+
+    def call(self, team: Team, sample: Sample) -> Array:
+        """Call the law of a team and return the velocities that it commands, padded, shape (N, 3), m/s.
+
+        Raises:
+            InputError: the law raised an exception, or did not return finite velocities of shape (N, 3).
+        """
+        ids = team.agent_ids
+        t = sample.time
+        when = f"t = {t:.6g} s"
+        wanted = self._guarded(when, lambda: real_numbers(self.law(t, sample)))
+        if wanted.shape != (len(ids), 3):
+            raise InputError(
+                f"controller {self.name} at {when}: returned shape {wanted.shape}; "
+                f"expected ({len(ids)}, 3), a velocity in m/s for each agent"
+            )
+        good = np.abs(wanted) <= MAX_SPEED  # False where it is not finite
+        if not good.all():
+            i = int(np.flatnonzero(~good.all(axis=1))[0])
+            raise InputError(
+                f"controller {self.name} at {when}: returned {wanted[i]} for {ids[i]}; "
+                f"expected finite velocities of at most {MAX_SPEED:g} m/s"
+            )
+        return cast(Array, wanted)
+
+    def cause_of_blow_up(self, team: Team, vehicle: int, command: Array) -> str:
+        """Say that the law may be why a vehicle's state blew up under commands (V, 3), m/s; empty for a target."""
+        if vehicle >= len(team.agents):
+            return ""
+        speed = float(np.linalg.norm(command[vehicle]))
+        return (
+            f"likely cause: controller {self.name}, which commands {speed:.3g} m/s for {team.agent_ids[vehicle]}, "
+            "or a flow too strong to integrate"
+        )
+
+    def _guarded(self, when: str, call: Callable[[], Any]) -> Any:
+        try:
+            with in_this_directory():
+                return call()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            who = f"{error}, " if isinstance(error, _AgentError) else ""
+            cause = error.__cause__ if isinstance(error, _AgentError) and error.__cause__ else error
+            raise InputError(f"controller {self.name}: {who}{when}: {describe(cause)}") from error
+
+
+def controller_of(law: Law | Controller | None, system: Any, seed: int = 0) -> Controller | None:
+    """The controller of a run, where it has one.
+
+    Raises:
+        InputError: the control period is 0, so that there is no sample at which to call it.
+    """
+    if law is not None and system.grid.continuous:
+        raise InputError("controller.control_period is 0; expected a positive one with a law in Python, in s")
+    return law if law is None or isinstance(law, Controller) else Controller(law, seed=seed)
+
+
+class _AgentError(Exception):
+    """The law of an agent, its one argument, raised an exception, its cause."""
+
+
+@dataclass(frozen=True)
+class LocalSample:
+    """Local information of one agent at a sample.
+
+    Attributes:
+        edges: Present edges of the agent; a subset of its `Agent.edges` in a phase with other edges.
+        measurements: y_e of each of them, m; -b_e where nothing is received. See `Sample` for these and the next two.
+        jacobians: dh/dz of each of them.
+        residuals: What each measurement lacks of the desired one.
+        disagreement: eta_i, padded, shape (3,), m.
+        velocity: over ground, shape (3,), m/s.
+        displacement: Change of its controlled position since the previous sample, zero at the first, shape (3,), m.
+        attitude: quaternion (w, x, y, z), body to world, shape (4,).
+    """
+
+    edges: tuple[Edge, ...]
+    measurements: list[Array]
+    jacobians: list[Array]
+    residuals: list[Array]
+    disagreement: Array
+    velocity: Array
+    displacement: Array
+    attitude: Array
+
+
+@dataclass(frozen=True)
+class Agent:
+    """Description of an agent for its law.
+
+    Attributes:
+        id: Id of the agent.
+        dimension: Dimension of its state, 2 or 3.
+        edges: Edges of the agent: communication, sensing, anchors.
+        rng: Random number generator of the agent.
+    """
+
+    id: str
+    dimension: int
+    edges: tuple[Edge, ...]
+    rng: np.random.Generator
+
+
+class PerAgent:
+    """A law made of one object per agent, each handed its own edges only.
+
+    `make(agent)` returns agent i's law, called as `law(t, local)`; it returns the agent's velocity, shape (n_i,) or
+    (3,), m/s. A law that is a generator exchanges numbers with its neighbours: `received = yield values` sends `values`
+    and gets a dict of theirs, by id. Generators advance in rounds together: in a round all agents yield, or all return.
+    """
+
+    def __init__(self, make: Callable[[Agent], Callable[[float, LocalSample], Any]]) -> None:
+        """Keep what makes the agents' laws.
+
+        Raises:
+            InputError: it cannot be called.
+        """
+        if not callable(make):
+            raise InputError(f"PerAgent: expected a callable make(agent) that returns a law, not {type(make).__name__}")
+        self._make = make
+        self.__name__ = getattr(make, "__name__", type(make).__name__)
+
+    def reset(self, team: Team, rng: np.random.Generator) -> None:
+        """Make the agents' laws."""
+        self._enter(team)
+        self._laws = []
+        for agent, edges, child in zip(team.agents, self._edges, rng.spawn(len(team.agents)), strict=True):
+            with _naming(agent.id):
+                law = self._make(Agent(agent.id, agent.dimension, edges, child))
+                if not callable(law):
+                    raise TypeError(f"make(agent) returned {type(law).__name__}; expected a callable law(t, local)")
+                self._laws.append(law)
+
+    def _enter(self, team: Team) -> None:
+        edges, self._team = team.measuring_edges, team
+        self._own = [[k for k, e in enumerate(edges) if a.id in (e.tail, e.head)] for a in team.agents]
+        self._edges = [tuple(edges[k] for k in own) for own in self._own]
+
+    def __call__(self, t: float, sample: Sample) -> Array:
+        """Return the velocities of all agents, shape (N, 3), m/s."""
+        if sample.team is not self._team:
+            self._enter(sample.team)
+        ids = sample.team.agent_ids
+        velocity = np.zeros((len(self._laws), 3))
+        running: dict[int, Any] = {}
+        for i, law in enumerate(self._laws):
+            with _naming(ids[i]):
+                found = law(t, self._local(i, sample))
+                if inspect.isgenerator(found):
+                    running[i] = found
+                else:
+                    _put(velocity[i], found)
+        received: list[Mapping[str, Array]] | list[None] = [None] * len(ids)
+        while running:
+            sent = self._take_round(running, received, velocity)
+            if sent:
+                received = _exchange(sample, sent)
+        return velocity
+
+    def _local(self, i: int, sample: Sample) -> LocalSample:
+        """Return what agent i may know."""
+        return LocalSample(
+            self._edges[i],
+            [sample.measurements[k].copy() for k in self._own[i]],
+            [sample.jacobians[k].copy() for k in self._own[i]],
+            [sample.residuals[k].copy() for k in self._own[i]],
+            sample.disagreement[i],
+            sample.velocity[i],
+            sample.displacement[i],
+            sample.attitude[i],
+        )
+
+    def _take_round(self, running: dict[int, Any], received: Sequence[Any], velocity: Array) -> dict[int, Array]:
+        """Resume running generators with the messages received; drop those that end, and return the messages sent."""
+        sent: dict[int, Array] = {}
+        for i, law in list(running.items()):
+            with _naming(self._team.agent_ids[i]):
+                try:
+                    sent[i] = np.atleast_1d(real_numbers(law.send(received[i])))
+                except StopIteration as done:
+                    del running[i]
+                    _put(velocity[i], done.value)
+        return sent
+
+
+def _exchange(sample: Sample, sent: dict[int, Array]) -> list[Mapping[str, Array]]:
+    """Send the numbers of each agent to its neighbours.
+
+    Raises:
+        InputError: An agent has none, or their shapes differ.
+    """
+    ids = sample.team.agent_ids
+    if len(sent) != len(ids):
+        silent = next(ids[i] for i in range(len(ids)) if i not in sent)
+        raise InputError(f"{silent} has no numbers for a round in which others exchange; all agents must yield")
+    sizes = {values.shape for values in sent.values()}
+    if len(sizes) > 1:
+        raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}; expected one shape")
+    return list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
+
+
+def _put(row: Array, value: Any) -> None:
+    found = real_numbers(value)
+    if found.ndim != 1 or len(found) not in (2, 3):
+        raise InputError(f"returned shape {found.shape}; expected (2,) or (3,), a velocity in m/s")
+    row[: len(found)] = found
+
+
+@contextmanager
+def _naming(agent: str) -> Iterator[None]:
+    """Name the agent whose law raises."""
+    try:
+        yield
+    except Exception as error:
+        raise _AgentError(agent) from error

@@ -1,0 +1,566 @@
+"""The law of a team as stages over its edges: measure, pull back, terms, reference, limit.
+
+`evaluate_law` is the list of stages. Both backends run it once a control period (or inside the integrator, where the
+control period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K
+and desired value b,
+
+    measure     y_e = F_j x_j - F_i x_i
+    deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.law.links`)
+    compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.curved`)
+    pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
+    terms       -k1 eta (eq. controller-1), or the velocities that a law in Python commands
+    custom      terms that users registered (see `mjsheaf.law.custom`)
+    residual    velocities from outside, such as the action of an environment
+    reference   targets' own motion
+    safety      what keeps vehicles apart (see `mjsheaf.law.safety`)
+    limit       largest commanded speed
+
+An edge moves those of its ends that listen: both of a communication edge, the agent of a sensing edge or an anchor,
+both targets of an edge among targets. A vehicle's sums touch its own edges alone, so that what it does depends on its
+neighbours alone, to the bit.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.dynamics.motion import MotionArrays, add_reference
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.law.curved import compare, pack_kinds
+from mjsheaf.law.custom import add_custom, carry_custom, names_of, size_of_custom, split_custom
+from mjsheaf.law.links import (
+    LinkArrays,
+    LinkedRows,
+    LinkMemory,
+    carry_heading,
+    carry_link,
+    deliver,
+    size_of_link_memory,
+    split_link_memory,
+)
+from mjsheaf.law.safety import SafetyMemory, is_restrained, keep_apart, new_safety_memory
+from mjsheaf.law.terms import (
+    TermArrays,
+    TermMemory,
+    add_terms,
+    carry_terms,
+    integrate,
+    limit_speed,
+    navigate,
+    remember,
+    require_symmetric,
+    size_of_memory,
+    split_memory,
+)
+from mjsheaf.team import Edge, Member, Team
+
+
+class EdgeArrays(NamedTuple):
+    """The edges of a team of V vehicles: E of them, with m numbers y_e in all.
+
+    Attributes:
+        tail, head: vehicles at the ends, shape (E,); an anchor's head is its tail.
+        listens: True where the edge moves its tail and head, shape (E, 2).
+        first: where each edge's numbers begin in y, and m at the end, shape (E + 1,).
+        F_tail, F_head: restriction maps, padded, shape (m, 3).
+        P_tail, P_head: K F, whose transpose pulls back, shape (m, 3).
+        b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
+        kinds: What edges compare; () where all compare positions.
+    """
+
+    tail: IntArray
+    head: IntArray
+    listens: BoolArray
+    first: IntArray
+    F_tail: Array
+    F_head: Array
+    P_tail: Array
+    P_head: Array
+    b: Array
+    kinds: Any = ()
+
+    def renumbered(self, number: IntArray) -> "EdgeArrays":
+        """Return the same edges between other vehicles, where vehicle v of these is number[v]."""
+        return self._replace(tail=number[self.tail], head=number[self.head])
+
+
+class LawArrays(NamedTuple):
+    """The law of V vehicles, the first N of them agents.
+
+    Attributes:
+        edges: what they compare.
+        gain: Proportional gain k1 of each vehicle, shape (V,), 1/s.
+        limit: largest commanded speed, shape (V,), m/s; infinite where there is none.
+        supplied: how many vehicles, from the first on, take their velocity from `Memory.supplied` instead of -gain eta.
+        terms: what is added to -gain eta.
+        links: what happens to measurements.
+        custom: terms that users registered, of the types that `mjsheaf.law.custom` makes.
+        safety: SafetyArrays of what keeps vehicles apart; () where nothing does.
+    """
+
+    edges: EdgeArrays
+    gain: Own[Array]
+    limit: Own[Array]
+    supplied: int
+    terms: TermArrays
+    links: LinkArrays
+    custom: tuple[Any, ...] = ()
+    safety: Any = ()
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Names of the terms beyond -k1 eta."""
+        return self.terms.names + names_of(self.custom)
+
+    def selected(self, rows: IntArray, agents: int) -> "LawArrays":
+        """The law of some vehicles, of which the first `agents` are agents; all edges are between them."""
+        number = np.zeros(len(self.gain), dtype=np.int64)
+        number[rows] = np.arange(len(rows))
+        return self._replace(
+            edges=self.edges.renumbered(number),
+            gain=self.gain[rows],
+            limit=self.limit[rows],
+            terms=self.terms.selected(rows[:agents]),
+            links=self.links.selected(rows),
+            custom=tuple(term._replace(agents=agents) for term in self.custom),
+        )
+
+    @property
+    def without_terms(self) -> "LawArrays":
+        """The paper's law."""
+        return self._replace(terms=TermArrays(), custom=())
+
+    @property
+    def extended(self) -> bool:
+        """Return True if the law has terms in addition to -k1 eta."""
+        return bool(self.terms.agents or self.custom)
+
+    @property
+    def random(self) -> bool:
+        """Return True if the law uses random numbers."""
+        return bool(self.links.table["random"].any()) or self.terms.noisy or self.terms.rounds.lossy
+
+
+class Stages(NamedTuple):
+    """Optional stages of a law: (1,) where a team has them, and () where it has not.
+
+    The types differ, so that compiled code leaves out the stages that a team does not have.
+
+    Attributes:
+        terms: Shipped terms beyond -k1 eta.
+        links: Links over which measurements are made.
+        rounds: Links over which agents exchange numbers.
+    """
+
+    terms: tuple[int, ...]
+    links: tuple[int, ...]
+    rounds: tuple[int, ...]
+
+
+class ControlArrays(NamedTuple):
+    """Parameters of the onboard computers; see `new_control`.
+
+    Attributes:
+        law: Law of the vehicles.
+        motion: References of the targets.
+        stages: Optional stages that the law has.
+    """
+
+    law: LawArrays
+    motion: MotionArrays
+    stages: Stages
+
+
+def with_seed(law: LawArrays, seed: int) -> LawArrays:
+    """Return a law whose links and terms draw from another seed."""
+    return law._replace(links=law.links._replace(seed=seed), terms=law.terms._replace(seed=seed))
+
+
+def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
+    """Make the parameters of the onboard computers."""
+    present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect]
+    return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
+
+
+class Memory(NamedTuple):
+    """State of the onboard computers between samples: views of one array, which is saved with the state.
+
+    Attributes:
+        flat: all of it.
+        y: Delivered measurements, -b where nothing is received, shape (m,), m.
+        residual: eta of the agents by these, L_T p - c_T of the targets, padded, shape (V, 3), m.
+        command: commanded velocities, limited, shape (V, 3), m/s.
+        supplied: Velocities commanded by a law in Python, shape (V, 3), m/s; without one, velocities added to the
+            compiled law's.
+        held: What the next sample depends on, command included, shape (k,).
+        kept: 1 + the number of a step, and `held` before the law was evaluated there, shape (1 + k,); see `look`.
+        terms: what the terms hold.
+        links: what the links hold.
+        custom: What each registered term holds of each vehicle, shape (V, k).
+        compared: What range and bearing edges make of y, shape (m,); y itself where all edges compare positions.
+        safety: What keeps vehicles apart found at the last sample; no part of the state.
+        evaluated: Registered term that was called last, its vehicle, and the time, s, shape (3,); no part of the state.
+    """
+
+    flat: Array
+    y: Array
+    residual: Array
+    command: Array
+    supplied: Array
+    held: Array
+    kept: Array
+    terms: TermMemory
+    links: LinkMemory
+    custom: tuple[Array, ...]
+    compared: Array
+    safety: SafetyMemory
+    evaluated: Array
+
+
+def new_memory(law: LawArrays, V: int) -> Memory:
+    """The memory of a law of V vehicles before its first sample: zeros."""
+    m, own = len(law.edges.b), size_of_custom(law.custom)
+    shipped, under_way = size_of_memory(law.terms, law.edges.first, V)
+    links = size_of_link_memory(law.links, m)
+    apart = m if law.edges.kinds else 0
+    held = 3 * V + shipped + V * own + links
+    sizes = [m, apart, 3 * V, 3 * V, held, under_way, law.links.size]
+    flat = np.zeros(sum(sizes))
+    y, compared, residual, supplied, numbers, rounds, line, _ = np.split(flat, np.cumsum(sizes))
+    command, terms, custom, received = np.split(numbers, np.cumsum([3 * V, shipped, V * own]))
+    return Memory(
+        flat=flat,
+        y=y,
+        residual=residual.reshape(V, 3),
+        command=command.reshape(V, 3),
+        supplied=supplied.reshape(V, 3),
+        held=numbers,
+        kept=np.zeros(1 + held),
+        terms=split_memory(terms, rounds, law.terms, law.edges.first, V),
+        links=split_link_memory(received, line, law.links, m),
+        custom=split_custom(custom, law.custom, V),
+        compared=compared if law.edges.kinds else y,
+        safety=new_safety_memory(law.safety, V),
+        evaluated=np.zeros(3),
+    )
+
+
+def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory:
+    """The memory of the same vehicles under the law of a phase that begins at a sample.
+
+    Vehicles keep what they hold of themselves. An edge that remains keeps what was measured on it, received over it and
+    is under way on it. An agent without edges, which is lost or has yet to join, forgets v and delta.
+    """
+    V = len(memory.command)
+    new = new_memory(law, V)
+    for name in ("residual", "command", "supplied"):
+        getattr(new, name)[:] = getattr(memory, name)
+    carry_custom(old.custom, memory.custom, law.custom, new.custom)
+    kept, rows = edges_kept(old.edges, law.edges)
+    carry_terms(memory.terms, new.terms, rows, _with_changed_edges(old.edges, law.edges, kept, V))
+    if len(old.links.of) or len(law.links.of):
+        _carry_links(memory, old, new, law, kept, sample)
+    if law.terms.agents:
+        if not old.terms.feedforward:  # filters of velocities begin, and rounds from v = 0
+            np.minimum(new.terms.age, 1.0, out=new.terms.age)
+            new.terms.since[:] = 0.0
+            new.terms.v[:] = 0.0
+        edges, alone = law.edges, np.ones(V, dtype=np.bool_)
+        alone[edges.tail[edges.listens[:, 0]]] = alone[edges.head[edges.listens[:, 1]]] = False
+        for values in (new.terms.v, new.terms.delta):
+            values[alone] = 0.0
+    return new
+
+
+def edges_kept(old: EdgeArrays, new: EdgeArrays) -> tuple[IntArray, IntArray]:
+    """Find the edges that two laws share: edges of the same kind and ends, with the same maps.
+
+    Returns:
+        The number of each new edge among the old ones, shape (E,), and where its numbers y_e were, shape (m,); -1 for
+        an edge that is not among them.
+    """
+    known = {name: e for e, name in enumerate(_names(old))}
+    kept = np.array([known.get(name, -1) for name in _names(new)], dtype=np.int64)
+    size, size_before = np.diff(new.first), np.diff(old.first)
+    kept[kept >= 0] = np.where(size_before[kept[kept >= 0]] == size[kept >= 0], kept[kept >= 0], -1)
+    edge = np.repeat(np.arange(len(size)), size)
+    rows = np.where(kept[edge] >= 0, old.first[kept[edge]] + np.arange(len(edge)) - new.first[edge], -1)
+    there = rows >= 0
+    other = np.zeros(len(rows), dtype=np.bool_)
+    for name in ("F_tail", "F_head"):
+        other[there] |= (getattr(new, name)[there] != getattr(old, name)[rows[there]]).any(axis=1)
+    kept[edge[other]] = -1
+    return kept, np.where(kept[edge] >= 0, rows, -1)
+
+
+def _names(edges: EdgeArrays) -> Iterator[tuple[int, int, bool, int]]:
+    """Tail, head, whether both listen, and the number among edges of which all of that is the same, of each edge."""
+    met = dict[tuple[int, int, bool], int]()
+    for tail, head, both in zip(edges.tail.tolist(), edges.head.tolist(), edges.listens[:, 1].tolist(), strict=True):
+        nth = met.get((tail, head, both), 0)
+        met[tail, head, both] = nth + 1
+        yield tail, head, both, nth
+
+
+def _with_changed_edges(old: EdgeArrays, new: EdgeArrays, kept: IntArray, V: int) -> BoolArray:
+    """Mark the vehicles that listen on an edge which was not there before, or is there no more, shape (V,)."""
+    gone = np.ones(len(old.tail), dtype=np.bool_)
+    gone[kept[kept >= 0]] = False
+    changed = np.zeros(V, dtype=np.bool_)
+    for edges, which in ((old, gone), (new, kept < 0)):
+        changed[edges.tail[which & edges.listens[:, 0]]] = True
+        changed[edges.head[which & edges.listens[:, 1]]] = True
+    return changed
+
+
+def _carry_links(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, kept: IntArray, sample: int) -> None:
+    """Carry what links hold, also of edges that have one in one of two phases only: see `carry`."""
+    carry_heading(memory.links, new.links)
+    for e in np.flatnonzero(kept >= 0).tolist():
+        before, now = int(kept[e]), e
+        linked_before, linked_now = link_of(old, before), link_of(law, now)
+        if linked_before >= 0 and linked_now >= 0:
+            carry_link(_linked_rows(old, memory, before), _linked_rows(law, new, now), sample)
+        elif linked_now >= 0:
+            _begin_link(memory, old, new, law, before, now, sample)
+        elif linked_before >= 0:
+            _end_link(memory, old, new, law, before, now, sample)
+
+
+def _rows_of(law: LawArrays, edge: int) -> slice:
+    return slice(*law.edges.first[edge : edge + 2])
+
+
+def _linked_rows(law: LawArrays, memory: Memory, edge: int) -> LinkedRows:
+    """Return the link of an edge in a memory."""
+    number = link_of(law, edge)
+    return LinkedRows(memory.links, number, law.links.table[number], _rows_of(law, edge))
+
+
+def rows_of_measuring_edges(team: Team, law: LawArrays) -> list[int]:
+    """Return the numbers of a team's measuring edges among the edges of its law, in their order."""
+    every = range(len(law.edges.tail))
+    linked = len(team.communication) + len(team.sensing)
+    return [*every[:linked], *every[len(every) - len(team.anchors) :]]
+
+
+def link_of(law: LawArrays, edge: int) -> int:
+    """Return the number of an edge's link, or -1."""
+    return int(law.links.of[edge]) if len(law.links.of) else -1
+
+
+def _begin_link(
+    memory: Memory, old: LawArrays, new: Memory, law: LawArrays, before: int, edge: int, sample: int
+) -> None:
+    """Put what was measured on an edge without a link into the memory of the link that it has now."""
+    number = link_of(law, edge)
+    link, was, rows = law.links.table[number], _rows_of(old, before), _rows_of(law, edge)
+    if sample == 0 or link["delay"]:
+        return
+    new.links.last[number] = sample
+    new.links.y[rows] = memory.y[was]
+    if link["moves"] and old.terms.agents:
+        new.links.walked[rows] = old.edges.F_tail[was] @ memory.terms.walked[old.edges.tail[before]]
+        new.links.velocity[rows] = memory.terms.rate[was]
+
+
+def _end_link(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, before: int, edge: int, sample: int) -> None:
+    """Put what was received over a link into the memory of the terms, for an edge that has none any more."""
+    if not (law.terms.agents and old.terms.agents):
+        return
+    number = link_of(old, before)
+    link, was, rows = old.links.table[number], _rows_of(old, before), _rows_of(law, edge)
+    fresh = link["delay"] == 0 and memory.links.last[number] == sample
+    new.terms.age[rows] = 2.0 * fresh  # else the difference to the next measurement means nothing
+    if link["moves"]:
+        new.terms.rate[rows] = memory.links.velocity[was]
+
+
+@inline_jit
+def evaluate_law(control, t, x, drift, memory):
+    """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m.
+
+    `drift` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
+    """
+    law, stages, edges = control.law, control.stages, control.law.edges
+    V = x.shape[0]
+    navigate(stages.terms, law.terms, x, drift, memory.command, memory.terms)
+    measure(edges, x, memory.y)
+    deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
+    compare(edges.kinds, edges, memory.y, memory.compared)
+    pull_back(edges, memory.compared, memory.residual)
+    for v in range(V):
+        respond(law, v, memory)
+    add_terms(stages.terms, stages, law, x, memory)
+    add_custom(law.custom, memory.custom, None, t, memory.residual, memory.command, memory.evaluated)
+    for v in range(V):
+        add_given(control, v, t, x, memory)
+    keep_apart(law.safety, law.limit, t, x, memory)
+    for v in range(V):
+        clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(law.safety, memory.safety, v)
+        if not clipped:
+            integrate(stages.terms, law.terms, v, memory.residual[v], memory.terms)
+    remember(stages.terms, law.terms, x, memory.y, memory.terms)
+
+
+@inline_jit
+def look(step, held, kept):
+    """Keep what onboard computers hold at a step at which the law is evaluated, possibly again; see `unlook`."""
+    unlook(step, held, kept)
+    kept[0] = step + 1.0
+    for k in range(held.shape[0]):
+        kept[1 + k] = held[k]
+
+
+@inline_jit
+def unlook(step, held, kept):
+    """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was.
+
+    A sample counts once, however often the law is evaluated there before the run goes on.
+    """
+    if kept[0] == step + 1.0:
+        for k in range(held.shape[0]):
+            held[k] = kept[1 + k]
+
+
+@inline_jit
+def respond(law, v, memory):
+    """Write the velocity of vehicle v by the proportional law, or by a law in Python."""
+    for i in range(3):
+        memory.command[v, i] = memory.supplied[v, i] if v < law.supplied else -law.gain[v] * memory.residual[v, i]
+
+
+@inline_jit
+def add_given(control, v, t, x, memory):
+    """Add to the velocity of vehicle v what is supplied from outside, and its reference at time t, s.
+
+    Zeros from outside leave it as it is, to the bit: adding them would turn -0.0 into 0.0.
+    """
+    if v >= control.law.supplied:
+        for i in range(3):
+            if memory.supplied[v, i] != 0.0:
+                memory.command[v, i] += memory.supplied[v, i]
+    add_reference(control.motion, v, t, x[v], memory.command[v])
+
+
+@inline_jit
+def measure(edges, x, y):
+    """Write y_e = F_head x_head - F_tail x_tail into y (m,), for positions x (V, 3)."""
+    for e in range(edges.tail.shape[0]):
+        tail, head = x[edges.tail[e]], x[edges.head[e]]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            F, G = edges.F_head[r], edges.F_tail[r]
+            y[r] = (F[0] * head[0] + F[1] * head[1] + F[2] * head[2]) - (
+                G[0] * tail[0] + G[1] * tail[1] + G[2] * tail[2]
+            )
+
+
+@inline_jit
+def pull_back(edges, y, residual):
+    """Write delta^T K (delta x - b) into residual (V, 3), from y (m,)."""
+    residual[:] = 0.0
+    for e in range(edges.tail.shape[0]):
+        tail, head = residual[edges.tail[e]], residual[edges.head[e]]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            z = y[r] + edges.b[r]
+            for i in range(3):
+                if edges.listens[e, 0]:
+                    tail[i] -= edges.P_tail[r, i] * z
+                if edges.listens[e, 1]:
+                    head[i] += edges.P_head[r, i] * z
+
+
+@inline_jit
+def disagree(edges, x, y, residual):
+    """Write eta (V, 3) of all vehicles at positions x (V, 3) over exact links; y (m,) is overwritten."""
+    measure(edges, x, y)
+    compare(edges.kinds, edges, y, y)
+    pull_back(edges, y, residual)
+
+
+@jit
+def _disagreement(law, x, y, residual):
+    for k in range(x.shape[0]):
+        disagree(law.edges, x[k], y, residual[k])
+
+
+def disagreement(law: LawArrays, positions: Array) -> Array:
+    """eta = delta^T K (delta x - b) of every vehicle, as the loops compute it where links are exact.
+
+    Args:
+        law: the law.
+        positions: padded, shape (..., V, 3), m.
+
+    Returns:
+        Of the same shape, m; of targets L_T p - c_T, zero in what a vehicle has no coordinate for.
+    """
+    x = np.ascontiguousarray(positions, dtype=np.float64)
+    flat = x.reshape(-1, *x.shape[-2:])
+    residual = np.empty_like(flat)
+    _disagreement(law, flat, np.empty(len(law.edges.b)), residual)
+    return residual.reshape(x.shape)
+
+
+def pack_law(
+    team: Team,
+    gain: float,
+    target_gain: float | Array,
+    limits: Array,
+    terms: TermArrays | None = None,
+    links: LinkArrays | None = None,
+    custom: tuple[Any, ...] = (),
+) -> LawArrays:
+    """Assemble the law of a team.
+
+    Args:
+        team: the team.
+        gain: k1 of the agents, 1/s.
+        target_gain: Gain of the targets' own consensus, 1/s, or that of each, shape (M,); 0 where they have none.
+        limits: largest commanded speed of each vehicle, m/s, shape (V,).
+        terms: beyond the paper's law.
+        links: Links of its edges; exact unless given.
+        custom: registered terms.
+    """
+    gains = np.concatenate([np.full(len(team.agents), gain), np.broadcast_to(target_gain, len(team.targets))])
+    terms = terms or TermArrays()
+    if team.directed:
+        require_symmetric(terms)
+    return LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or LinkArrays(), custom)
+
+
+def edges_of(team: Team) -> EdgeArrays:
+    """Return all edges of a team as arrays."""
+    kinds = [(team.communication, True), (team.sensing, False), (team.target_edges, True), (team.anchors, False)]
+    return pack_edges(team.members, kinds)
+
+
+def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], bool]]) -> EdgeArrays:
+    """Edges as arrays.
+
+    Args:
+        members: the vehicles.
+        kinds: edges, and whether their heads listen too.
+    """
+    edges = [e for kind, _ in kinds for e in kind]
+    listens = np.array([(True, both and not e.directed) for kind, both in kinds for e in kind], dtype=np.bool_)
+    first = np.cumsum([0, *(len(e.b) for e in edges)])
+    maps = np.zeros((4, first[-1], 3))
+    for e, begin, end in zip(edges, first, first[1:], strict=False):
+        for padded, F in zip(maps, (e.F_tail, e.F_head, e.weight @ e.F_tail, e.weight @ e.F_head), strict=True):
+            padded[begin:end, : F.shape[1]] = F
+    tail, head = _number_ends(members, edges)
+    b = np.concatenate([np.zeros(0), *(e.b for e in edges)])
+    first, listens = first.astype(np.int64), listens.reshape(-1, 2)
+    F_tail, F_head, P_tail, P_head = maps
+    return EdgeArrays(tail, head, listens, first, F_tail, F_head, P_tail, P_head, b, pack_kinds(edges))
+
+
+def _number_ends(members: Sequence[Member], edges: Sequence[Edge]) -> tuple[IntArray, IntArray]:
+    """Return the numbers of tails and of heads, shape (E,); an anchor's head is its tail."""
+    number = {member.id: v for v, member in enumerate(members)}
+    return (
+        np.array([number[e.tail] for e in edges], dtype=np.int64),
+        np.array([number.get(e.head, number[e.tail]) for e in edges], dtype=np.int64),
+    )

@@ -1,0 +1,604 @@
+"""Links and sensors in the loop: the stage after `measure`, which replaces the truth by what agents receive.
+
+Of every edge with a link, at sample n, in this order:
+
+    loss       the link's chain changes state, and the measurement is lost with the probability of that state
+    range      beyond its range the link receives nothing
+    sensor     the tail's errors are added to y_e: white noise and bias, or those of range and bearing in its body frame
+    delay      what was measured d periods ago arrives, if it was sent
+    hold       without an arrival the last measurement is held for a limited time; then y_e = -b_e, which has no effect
+
+Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks.
+
+Numbers that agents send each other in rounds have links of their own: see `mjsheaf.law.rounds`.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.arrays import Array, IntArray, Own
+from mjsheaf.errors import InputError, in_field
+from mjsheaf.jit import as_records, inline_jit, jit
+from mjsheaf.law.curved import disturb
+from mjsheaf.noise import normal_of, stream_of, uniforms
+from mjsheaf.team import Edge, Team
+from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods
+
+SILENT, HELD, NEW = 0.0, 1.0, 2.0
+"""Reception of an edge at a sample: nothing, the last measurement held, or a new one."""
+
+_MOST_NUMBERS = 100_000_000  # in delay lines
+_STILL = 1e-9  # m in a period: no direction of motion
+
+_WHOLE = ("bearing", "delay", "hold")  # fields of a LinkModel that are whole numbers for compiled code
+
+LINK = np.dtype(
+    [
+        ("edge", "i8"),  # number of the edge
+        ("place", "i8"),  # index in LinkMemory.line where the delay line begins
+        ("width", "i8"),  # numbers of a sample in the delay line
+        ("moves", "i8"),  # 1 if the displacement of the agent goes with a sample: feedforward's, of sensing
+        ("random", "i8"),  # 1 if the link takes random numbers
+        ("lossy", "i8"),  # 1 if anything is lost at random
+        ("bursts", "i8"),  # 1 if losses depend on the state of a chain
+        ("stream", "i8", 2),  # stream of random numbers, the same wherever the edge stands
+        *((name, "i8" if name in _WHOLE else "f8") for name in LinkModel._fields),
+    ],
+    align=True,
+)
+"""A link for compiled code: the fields of a `LinkModel`, with `delay` and `hold` in periods, and those of its place."""
+
+
+class LinkArrays(NamedTuple):
+    """The links of a team of V vehicles: L edges of E have one that changes anything; by default none has.
+
+    Attributes:
+        table: the links, of the type LINK, shape (L,).
+        of: the link of each edge, or -1, shape (E,); empty without links.
+        lift: what is added to z for the distance between bodies, shape (V,), m.
+        facing: initial attitudes where a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
+        size: Length of LinkMemory.line.
+        odometry: True if agents store how they moved since they sensed a target, for feedforward.
+        start, period: time of sample 0 and between samples, s.
+        seed: Seed of the run.
+        record: True if measurements are recorded.
+    """
+
+    table: NDArray[np.void] = as_records(np.zeros(0, dtype=LINK))
+    of: IntArray = np.zeros(0, dtype=np.int64)
+    lift: Array = np.zeros(0)
+    facing: Array = np.zeros((0, 4))
+    size: int = 0
+    odometry: bool = False
+    start: float = 0.0
+    period: float = 1.0
+    seed: Own[int] = 0
+    record: bool = False
+
+    def selected(self, rows: IntArray) -> "LinkArrays":
+        """The links among some of the vehicles, by number."""
+        facing = self.facing[rows] if len(self.facing) else self.facing
+        return self._replace(lift=self.lift[rows], facing=facing) if len(self.table) else self
+
+
+class LinkMemory(NamedTuple):
+    """State of the links between samples: views of the law's memory, of size 0 without links.
+
+    Attributes:
+        heard: Reception on each link at the present sample, SILENT, HELD or NEW, shape (L,).
+        state: State of the chain of losses of each link: 0 before it begins, 1 good, 2 bad, shape (L,).
+        last: 1 + the number of the sample at which something last arrived on each link, 0 before that, shape (L,).
+        y: Last received measurement on each edge that has a link, shape (m,), m.
+        walked: F times the displacement of the agent up to when it took that measurement, of sensing edges, shape (m,),
+            m; empty without feedforward.
+        velocity: F p' of targets, filtered, by sensing edges that have links, shape (m,), m/s; empty likewise.
+        attitude: Attitudes of the vehicles, shape (V, 4), if a sensor needs them.
+        before: Positions at the last sample, shape (V, 3), m, if a sensor needs attitudes.
+        line: Delay line of each link, with a slot for each sample in transit: 1 + its number (0 if lost), y, and F
+            times the agent's displacement up to it. A slot is written once.
+    """
+
+    heard: Array
+    state: Array
+    last: Array
+    y: Array
+    walked: Array
+    velocity: Array
+    attitude: Array
+    before: Array
+    line: Array
+
+
+def size_of_link_memory(links: LinkArrays, m: int) -> int:
+    """Count the numbers that the links of edges with m numbers hold, without their delay lines."""
+    if not len(links.of):
+        return 0
+    return 3 * len(links.table) + m * (1 + 2 * links.odometry) + 7 * len(links.facing)
+
+
+def split_link_memory(held: Array, line: Array, links: LinkArrays, m: int) -> LinkMemory:
+    """Return views of the numbers that links hold, which `size_of_link_memory` counts, and of their delay lines."""
+    L, V, m = len(links.table), len(links.facing), m if len(links.of) else 0
+    sizes = [L, L, L, m, m * links.odometry, m * links.odometry, 4 * V]
+    heard, state, last, y, walked, velocity, attitude, before = np.split(held, np.cumsum(sizes))
+    attitude, before = attitude.reshape(V, 4), before.reshape(V, 3)
+    return LinkMemory(heard, state, last, y, walked, velocity, attitude, before, line)
+
+
+class LinkedRows(NamedTuple):
+    """A link in the memory of a phase.
+
+    Attributes:
+        memory: Memory of the links.
+        number: Number of the link.
+        link: The link, of the type LINK.
+        rows: Rows of the edge's numbers y_e.
+    """
+
+    memory: LinkMemory
+    number: int
+    link: Any
+    rows: slice
+
+    @property
+    def line(self) -> Array:
+        """The delay line, shape (delay + 1, width)."""
+        size = (self.link["delay"] + 1) * self.link["width"]
+        return self.memory.line[self.link["place"] :][:size].reshape(-1, self.link["width"])
+
+
+def carry_link(old: LinkedRows, new: LinkedRows, sample: int) -> None:
+    """Copy what is under way and what was received last to the same edge's link in the phase that begins at a sample.
+
+    Feedforward needs the displacement of every sample: nothing is copied from a line without it to one with it.
+    """
+    if new.link["moves"] > old.link["moves"]:
+        return
+    delays = [int(one.link["delay"]) for one in (old, new)]
+    under_way = old.line[old.line[:, 0] > sample - min(delays)]
+    new.line[(under_way[:, 0].astype(np.int64) - 1) % len(new.line)] = under_way[:, : new.link["width"]]
+    before, now = old.memory, new.memory
+    now.state[new.number] = before.state[old.number]
+    if before.last[old.number] > 0.0:
+        now.last[new.number] = before.last[old.number] + delays[1] - delays[0]  # the age counts from the arrival
+    now.y[new.rows] = before.y[old.rows]
+    if new.link["moves"]:
+        now.walked[new.rows] = before.walked[old.rows]
+        now.velocity[new.rows] = before.velocity[old.rows]
+
+
+def carry_heading(old: LinkMemory, new: LinkMemory) -> None:
+    """Copy where vehicles face, if sensors need it in both phases."""
+    if len(old.attitude) == len(new.attitude):
+        new.attitude[:] = old.attitude
+        new.before[:] = old.before
+
+
+class LinkedEdge(NamedTuple):
+    """An edge of communication or sensing: the `number`th of its kind, the `nth` of it between the same ends."""
+
+    kind: str
+    number: int
+    nth: int
+    edge: Edge
+    link: LinkModel
+
+    @property
+    def stream(self) -> tuple[int, int]:
+        """Stream of its random numbers, by its ends: the same wherever the edge stands."""
+        return stream_of(self.kind, self.edge.tail, self.edge.head, self.nth)
+
+    @property
+    def turns(self) -> bool:
+        """True if measurements depend on the attitude of the tail."""
+        return self.link.bearing and not self.link.exact and len(self.edge.F_tail) == 3
+
+
+def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
+    """The edges of communication and sensing with their links, in the order of the law.
+
+    Raises:
+        InputError: sections do not fit together; the message begins with the field.
+    """
+    found, plain, met = list[LinkedEdge](), dict[str, LinkModel](), dict[tuple[str, ...], int]()
+    for kind in KINDS:
+        with in_field(f"links.{kind}"):
+            plain[kind] = links.resolve(kind)
+    for kind, edges in zip(KINDS, (team.communication, team.sensing), strict=True):
+        for k, edge in enumerate(edges):
+            ends, link = (kind, *edge.between), plain[kind]
+            met[ends] = met.get(ends, -1) + 1
+            if edge.link is not None:
+                with in_field(f"{kind}.{k}"):
+                    link = links.resolve(kind, edge.link)
+            if edge.measures != "position":
+                with in_field(f"{kind}.{k}, {edge}"):
+                    link = _of_curved(edge, link)
+            found.append(LinkedEdge(kind, k, met[ends], edge, link))
+    return found
+
+
+def _of_curved(edge: Edge, link: LinkModel) -> LinkModel:
+    """Return the link of a range or bearing edge, with noise in its unit: rad for a bearing, given in degrees.
+
+    Raises:
+        InputError: a sensor of positions, or a bias of a bearing.
+    """
+    if link.bearing:
+        raise InputError(
+            f"sensor range_bearing measures positions, and the edge a {edge.measures}; expected noise, or "
+            "sensor: {kind: exact}"
+        )
+    if edge.measures == "range":
+        return link
+    if link.bias:
+        raise InputError("bias: expected none on an edge that measures a bearing, which has no number to add it to")
+    return link._replace(noise=float(np.deg2rad(link.noise)))
+
+
+def pack_links(
+    team: Team,
+    links: Links,
+    *,
+    period: float,
+    start: float = 0.0,
+    seed: int = 0,
+    height: float = 0.0,
+    heading: Array | None = None,
+    feedforward: bool = False,
+    run: Team | None = None,
+) -> LinkArrays:
+    """The links of a team for compiled code.
+
+    Args:
+        team: the team; its edges have their own link fields.
+        links: those of all and of each kind.
+        period: the control period, s; 0 where the law is continuous.
+        start: Start of the run, s.
+        seed: Seed of the run.
+        height: Height of the surface on which planar vehicles move, m.
+        heading: initial, of all vehicles, shape (V,), rad.
+        feedforward: True if the law has feedforward, in any phase of the run.
+        run: the team with all edges that it has in any phase; it has no others unless given.
+
+    Raises:
+        InputError: a delay is no whole number of periods, the period is 0, or a sensor does not fit an edge's maps; the
+            message begins with the field.
+    """
+    _require_delays(team, links, period)
+    present = linked_edges(team, links)
+    ever = linked_edges(run or team, links)
+    if all(one.link.exact for one in ever):
+        return LinkArrays(record=bool(links.record))
+    if period == 0.0:
+        raise InputError(
+            "links: controller.control_period is 0; expected a positive one with noise, delay, loss or range"
+        )
+    table, size = _pack_table(present, period, feedforward)
+    of = np.full(len(present) + len(team.target_edges) + len(team.anchors), -1)
+    of[table["edge"]] = np.arange(len(table))
+    half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
+    facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
+    return LinkArrays(
+        table=as_records(table),
+        of=of,
+        lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
+        facing=facing if any(one.turns for one in ever) else np.zeros((0, 4)),
+        size=size,
+        odometry=feedforward,
+        start=start,
+        period=period,
+        seed=seed,
+        record=bool(links.record),
+    )
+
+
+def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -> tuple[NDArray[np.void], int]:
+    """Return the links that change anything, of the type LINK, and the size of their delay lines; see `pack_links`."""
+    rows: list[tuple[Any, ...]] = []
+    size = 0
+    for e, one in enumerate(edges):
+        link, edge = one.link, one.edge
+        if link.exact:
+            continue
+        if link.bearing:
+            with in_field(f"{one.kind}.{one.number}, {edge}"):
+                require_bearing(edge.F_tail, edge.F_head)
+        moves = int(feedforward and one.kind == "sensing")
+        width = 1 + len(edge.F_tail) * (1 + moves)
+        delay = whole_periods(link.delay, period)
+        fields = link._asdict() | {
+            "edge": e,
+            "place": size,
+            "width": width,
+            "moves": moves,
+            "random": link.random,
+            "lossy": link.lossy,
+            "bursts": link.bursts,
+            "stream": one.stream,
+            "delay": delay,
+            "hold": int(min(link.hold / period + 1e-6, 1e9)),
+        }
+        rows.append(tuple(fields[name] for name in LINK.names or ()))
+        size += (delay + 1) * width
+        with in_field("links"):
+            require_held(size)
+    return np.array(rows, dtype=LINK), size
+
+
+def require_held(numbers: int) -> None:
+    """Raise an InputError if delay lines cannot store this many numbers."""
+    if numbers > _MOST_NUMBERS:
+        raise InputError(f"delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
+
+
+def _require_delays(team: Team, links: Links, period: float) -> None:
+    """Raise an InputError that names the section whose delay is no whole number of periods."""
+    sections = [(f"links.{name}", getattr(links, name)) for name in ("all", *KINDS)]
+    for kind in KINDS:
+        edges: Sequence[Edge] = getattr(team, kind)
+        sections += [(f"{kind}.{k}", edge.link) for k, edge in enumerate(edges)]
+    for field, section in sections:
+        if section is not None and section.delay and period > 0.0:
+            with in_field(f"{field}.delay"):
+                whole_periods(section.delay, period)
+
+
+@jit
+def deliver(stage, law, t, x, bodies, y, terms, memory):
+    """Turn true measurements y (m,) of time t, s, into those that arrive now; y = -b where nothing does.
+
+    Args:
+        stage: () where the team has no links.
+        law: Law of the team.
+        t: Time, s.
+        x: Positions, shape (V, 3), m.
+        bodies: True if memory.attitude has the true attitudes; otherwise vehicles face where they move.
+        y: Measurements, in place.
+        terms: Memory of the terms.
+        memory: Memory of the links.
+    """
+    if len(stage) == 0:
+        return
+    links = law.links
+    n = int(np.rint((t - links.start) / links.period))
+    if memory.attitude.shape[0] > 0 and not bodies:
+        face_along(links, x, n, memory)
+    delay, ring, oldest = -1, 0, 0
+    for k in range(links.table.shape[0]):
+        link = links.table[k]
+        if link.delay != delay:
+            delay = link.delay
+            ring, oldest = n % (delay + 1), (n + 1) % (delay + 1)
+        send(law, link, k, n, memory.line[link.place + ring * link.width :], x, y, terms, memory)
+        memory.heard[k] = take_in(law, link, k, n, memory.line[link.place + oldest * link.width :], y, terms, memory)
+
+
+@inline_jit
+def send(law, link, k, n, slot, x, y, terms, memory):
+    """Measure the numbers of an edge with link k at sample n and put them, unless lost, into a slot of the delay line.
+
+    The chain of losses takes a step.
+    """
+    links, first, end = law.links, law.edges.first[link.edge], law.edges.first[link.edge + 1]
+    tail, head = law.edges.tail[link.edge], law.edges.head[link.edge]
+    lost, draw = False, (0.5, 0.5, 0.5, 0.5)
+    if link.random:
+        draw = uniforms(links.seed, link.stream, n, 0)
+    if link.bursts:
+        chance = uniforms(links.seed, link.stream, n, 1)[0]
+        memory.state[k] = next_state(memory.state[k], chance, link.to_bad, link.to_good, link.bad)
+    if link.lossy:
+        lost = draw[0] < (link.loss_bad if memory.state[k] == 2.0 else link.loss_good)
+    lost |= is_beyond_range(links, link, x, tail, head)
+    slot[0] = 0.0 if lost else n + 1.0
+    if not lost:
+        sense(links, link, law.edges, first, end, n, draw, memory.attitude, tail, y)
+        for r in range(first, end):
+            slot[1 + r - first] = y[r]
+        if link.moves > 0 and law.terms.agents > 0:
+            multiply(law.edges.F_tail[first:end], terms.walked[tail], slot[1 + end - first :])
+
+
+@inline_jit
+def is_beyond_range(links, link, x, tail, head):
+    """Return True if the ends of an edge are too far apart for its link."""
+    if link.range == np.inf:
+        return False
+    return distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
+
+
+@inline_jit
+def multiply(F, v, out):
+    """Write F v into out, F of shape (m, 3)."""
+    for i in range(F.shape[0]):
+        out[i] = F[i, 0] * v[0] + F[i, 1] * v[1] + F[i, 2] * v[2]
+
+
+@inline_jit
+def take_in(law, link, k, n, slot, y, terms, memory):
+    """Write the measurement of an edge at sample n to y and, with its velocity, to the memory.
+
+    Args:
+        law: Law of the team.
+        link: Link of the edge.
+        k: Number of the link.
+        n: Number of the sample.
+        slot: Sample of the delay line that is due.
+        y: Measurements, in place.
+        terms: Memory of the terms.
+        memory: Memory of the links.
+
+    Returns:
+        Reception: NEW, HELD or SILENT.
+    """
+    edges, first, end = law.edges, law.edges.first[link.edge], law.edges.first[link.edge + 1]
+    heard = arrival(link, n, slot[0], memory.last[k])
+    if heard == NEW:
+        if link.moves > 0:
+            periods = age_of_velocity(law.terms, link, n, memory.last[k], terms)
+            receive_velocity(law, first, end, slot, periods, memory)
+        for r in range(first, end):
+            memory.y[r] = slot[1 + r - first]
+        memory.last[k] = n + 1.0
+    for r in range(first, end):
+        y[r] = -edges.b[r] if heard == SILENT else memory.y[r]
+    return heard
+
+
+@inline_jit
+def arrival(link, n, stamp, last):
+    """Return NEW, HELD or SILENT, from the stamp of the sample due at sample n and that of the last arrival."""
+    if n >= link.delay and stamp == n - link.delay + 1.0:
+        return NEW
+    if 0.0 < last <= n and n + 1.0 - last <= link.hold:  # above n: the delay has grown
+        return HELD
+    return SILENT
+
+
+@inline_jit
+def age_of_velocity(params, link, n, last, terms):
+    """Return the periods over which a sample that arrives gives a velocity, by the stamp of the last arrival, or 0.
+
+    It gives one if odometry has gone on since the last was measured.
+    """
+    if params.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
+        return n + 1.0 - last
+    return 0.0
+
+
+@inline_jit
+def next_state(state, chance, to_bad, to_good, begins_bad):
+    """The state of a chain of losses at a sample, 1 good or 2 bad, from that before, 0 at the first, and a number."""
+    if state == 0.0:
+        return 2.0 if chance < begins_bad else 1.0
+    if state == 2.0:
+        return 1.0 if chance < to_good else 2.0
+    return 2.0 if chance < to_bad else 1.0
+
+
+@inline_jit
+def receive_velocity(law, first, end, slot, periods, memory):
+    """Mix the velocity that a sample implies over the given periods into the old one; 0 periods begin the filter anew.
+
+    It has that many periods' share in the filter, which begins at rest: else noise, which cancels in the sum of
+    differences, would add up. The sample also has the displacement up to it, which the next one needs.
+    """
+    share = 1.0 - (1.0 - law.terms.measured) ** periods
+    for r in range(first, end):
+        y, walked = slot[1 + r - first], slot[1 + end - first + r - first]
+        if periods > 0.0:
+            moved = (y + walked) - (memory.y[r] + memory.walked[r])
+            memory.velocity[r] += share * (moved / (periods * law.links.period) - memory.velocity[r])
+        else:
+            memory.velocity[r] = 0.0
+        memory.walked[r] = walked
+
+
+@inline_jit
+def distance(x, x_lift, y, y_lift):
+    """Between bodies at x and y (3,), m, whose z is taken so much higher."""
+    dx, dy, dz = y[0] - x[0], y[1] - x[1], y[2] + y_lift - x[2] - x_lift
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@inline_jit
+def sense(links, link, edges, first, end, n, draw, attitude, tail, y):
+    """Add the errors of sample n to the measurement y[first:end] of an edge; of `draw` (4,) the last three are used."""
+    if disturb(edges.kinds, link, edges, first, end, draw, y):
+        return
+    if link.bearing:
+        far, angle = link.range_noise * normal_of(draw[1]), link.bearing_noise * normal_of(draw[2])
+        if end - first == 2:
+            y[first], y[first + 1] = perceive_plane(y[first], y[first + 1], far, angle)
+        else:
+            tilt = link.bearing_noise * normal_of(draw[3])
+            perceive_space(edges.F_tail[first:end], attitude[tail], far, angle, tilt, y[first:end])
+    elif link.noise > 0.0:
+        add_noise(links, link, n, draw, y[first:end])
+    if link.bias != 0.0:
+        for r in range(first, end):
+            y[r] += link.bias
+
+
+@inline_jit
+def add_noise(links, link, n, draw, y):
+    """Add white noise to the measurement y of an edge: three numbers of `draw` (4,), then four of each further draw."""
+    for r in range(y.shape[0]):
+        word = (r + 1) % 4
+        if r > 0 and word == 0:
+            draw = uniforms(links.seed, link.stream, n, 2 + (r - 3) // 4)
+        y[r] += link.noise * normal_of(draw[word])
+
+
+@inline_jit
+def perceive_plane(y0, y1, far, angle):
+    """Range times bearing in the plane, the range `far` m too long and the bearing `angle` rad too large.
+
+    A range of 0 has no direction, and is measured as 0.
+    """
+    r, c, s = np.sqrt(y0 * y0 + y1 * y1), np.cos(angle), np.sin(angle)
+    longer = (r + far) / r if r > 0.0 else 0.0
+    return longer * (c * y0 - s * y1), longer * (s * y0 + c * y1)
+
+
+@inline_jit
+def perceive_space(F, attitude, far, azimuth, elevation, y):
+    """The same in space, in place: azimuth and elevation in the frame of a body, y (3,) = F times a relative state."""
+    dx = F[0, 0] * y[0] + F[1, 0] * y[1] + F[2, 0] * y[2]
+    dy = F[0, 1] * y[0] + F[1, 1] * y[1] + F[2, 1] * y[2]
+    dz = F[0, 2] * y[0] + F[1, 2] * y[1] + F[2, 2] * y[2]
+    w, i, j, k = attitude[0], attitude[1], attitude[2], attitude[3]
+    bx, by, bz = turn(w, -i, -j, -k, dx, dy, dz)
+    across = np.sqrt(bx * bx + by * by)
+    r = np.sqrt(across * across + bz * bz)
+    a, e = np.arctan2(by, bx) + azimuth, np.arctan2(bz, across) + elevation
+    r = r + far if r > 0.0 else 0.0
+    dx, dy, dz = turn(w, i, j, k, r * np.cos(e) * np.cos(a), r * np.cos(e) * np.sin(a), r * np.sin(e))
+    for row in range(3):
+        y[row] = F[row, 0] * dx + F[row, 1] * dy + F[row, 2] * dz
+
+
+@inline_jit
+def turn(w, i, j, k, x, y, z):
+    """The vector (x, y, z) turned by the unit quaternion (w, i, j, k)."""
+    a, b, c = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
+    return x + w * a + (j * c - k * b), y + w * b + (k * a - i * c), z + w * c + (i * b - j * a)
+
+
+@jit
+def face_along(links, x, n, memory):
+    """Let every vehicle face where it moved since the sample before, its first axis ahead and its second level.
+
+    One that does not move stays as it was; at the first sample, and where sensors need attitudes only from some phase
+    on, the initial headings hold.
+    """
+    for v in range(memory.attitude.shape[0]):
+        attitude, last = memory.attitude[v], memory.before[v]
+        if n == 0 or is_unknown(attitude):
+            for i in range(4):
+                attitude[i] = links.facing[v, i]
+        else:
+            point_along(x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2], attitude)
+        for i in range(3):
+            memory.before[v, i] = x[v, i]
+
+
+@inline_jit
+def is_unknown(attitude):
+    """Return True for an attitude (4,) that was never set."""
+    return attitude[0] == 0.0 and attitude[1] == 0.0 and attitude[2] == 0.0 and attitude[3] == 0.0
+
+
+@inline_jit
+def point_along(dx, dy, dz, attitude):
+    """Write the attitude (4,) of a body that faces along a displacement, m, unless that is too small."""
+    if dx * dx + dy * dy + dz * dz > _STILL * _STILL:
+        level = np.sqrt(dx * dx + dy * dy)
+        yaw = 0.5 * np.arctan2(dy, dx) if level > 0.0 else 0.0
+        pitch = -0.5 * np.arctan2(dz, level)
+        attitude[0], attitude[1] = np.cos(yaw) * np.cos(pitch), -np.sin(yaw) * np.sin(pitch)
+        attitude[2], attitude[3] = np.cos(yaw) * np.sin(pitch), np.sin(yaw) * np.cos(pitch)

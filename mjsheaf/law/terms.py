@@ -1,0 +1,638 @@
+"""Terms of the law in addition to -k1 eta, from the same data: neighbours' messages, own odometry and memory.
+
+With H and B of the harmonic extension H q* = B p + c, an agent at a sample
+
+    feedforward   adds v + lead (v - v_before), where H v = B p' is the velocity of q*
+    newton        commands k1 delta, where H delta = -eta, instead of -k1 eta
+    drift         subtracts the agent's own estimate of the medium velocity
+    integral      subtracts k_I z, where z' = eta
+
+Both linear systems are solved by rounds of Chebyshev's iteration, starting from the result of the previous sample. A
+round is one exchange: agent i receives F_j x_j from its neighbours j. Agents know bounds on the eigenvalues of H, which
+change with events. Rounds over links on which messages can be delayed or lost are those of `mjsheaf.law.rounds`. An
+agent that senses a target computes the target's velocity from the change of its measurement and from its own motion.
+
+Differences need earlier samples. At the first sample of a run feedforward and drift add nothing. On an edge that is new
+in a phase, the target is assumed to move with v for one sample. v is extrapolated once rounds have reduced the initial
+residual to a thousandth. After a change of its edges an agent waits for that again; the others do not.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.errors import InputError
+from mjsheaf.io.section import NonNegative, Positive, Section
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.law.curved import Slopes, slope
+from mjsheaf.law.rounds import (
+    FEEDFORWARD,
+    NEWTON,
+    RoundArrays,
+    RoundMemory,
+    carry_rounds,
+    relax,
+    size_of_round_memory,
+    split_round_memory,
+)
+from mjsheaf.noise import normals, stream_of
+from mjsheaf.team import Team
+
+_SETTLED = 1e-3  # of an error: what rounds leave of it once v may be extrapolated
+
+_ROUNDS = "exchanges a control period; in each, the ends of every communication edge send each other F x [-]"
+Rounds = Annotated[int, Field(ge=1, le=1000)]
+
+
+class Feedforward(Section):
+    """The velocity of q*, from what agents sense of their targets' velocities."""
+
+    rounds: Rounds = Field(3, description=_ROUNDS)
+    filter: NonNegative = Field(
+        0.0, description="time constant of a filter on the measured velocity of targets; 0 leaves it out [s]"
+    )
+    extrapolate: bool = Field(
+        False, description="whether to extrapolate by one control period and the vehicle's time constant"
+    )
+
+
+class Newton(Section):
+    """Straight to q* instead of down the slope of the disagreement."""
+
+    rounds: Rounds = Field(3, description=_ROUNDS)
+
+
+class Drift(Section):
+    """Observer of the velocity that adds to the agent's command."""
+
+    filter: NonNegative = Field(0.1, description="time constant of the observer [s]")
+
+
+class Integral(Section):
+    """The sum of the disagreement over time, without odometry."""
+
+    gain: Positive = Field(description="k_I [1/s^2]")
+    limit: Positive = Field(1e9, description="largest correction [m/s]")
+
+
+class Odometry(Section):
+    """Errors of an agent's own displacement, on which feedforward and drift rest."""
+
+    noise: NonNegative = Field(
+        0.0, description="standard deviation of each coordinate of the displacement, at each sample [m]"
+    )
+    bias: float = Field(0.0, ge=-1e9, le=1e9, description="drift of each coordinate [m/s]")
+
+
+class Terms(NamedTuple):
+    """The terms of a law; None leaves one out."""
+
+    feedforward: Feedforward | None = None
+    newton: Newton | None = None
+    drift: Drift | None = None
+    integral: Integral | None = None
+    odometry: Odometry = Odometry()
+
+    @property
+    def any(self) -> bool:
+        """Return True if the law has terms in addition to the paper's."""
+        return any(self[k] is not None for k, name in enumerate(self._fields) if name != "odometry")
+
+    @property
+    def solve_nothing(self) -> bool:
+        """Return True if no term has rounds."""
+        return self.feedforward is None and self.newton is None
+
+
+class TermArrays(NamedTuple):
+    """The terms for compiled code; by default the law is the paper's.
+
+    Attributes:
+        agents: N; 0 where the law is the paper's.
+        dimension: Dimension of each agent, shape (N,).
+        period: between samples, s.
+        sensing: First and last + 1 of the sensing edges.
+        eigenvalues: Lower and upper bound of those of H.
+        steepest: Largest 1 / |z| with which rounds count bearing edges, shape (C + S,), 1/m; empty without such edges.
+        fresh: True if rounds of newton begin with 0 at every sample.
+        feedforward, newton: rounds; 0 without.
+        measured, drift: share of a new measurement that the filters of target velocity and drift take; drift 0 without.
+        lead: Lead of feedforward, in samples, shape (N,).
+        settled: samples on the same edges after which an agent's feedforward leads.
+        integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
+        noise, bias: Noise and bias of odometry, m and m/s.
+        seed: Seed of its random numbers.
+        streams: Random streams, by the id of each agent, shape (N, 2).
+        rounds: links over which rounds go.
+    """
+
+    agents: int = 0
+    dimension: IntArray = np.zeros(0, dtype=np.int64)
+    period: float = 1.0
+    sensing: tuple[int, int] = (0, 0)
+    eigenvalues: tuple[float, float] = (1.0, 1.0)
+    steepest: Array = np.zeros(0)
+    fresh: bool = False
+    feedforward: int = 0
+    newton: int = 0
+    measured: float = 1.0
+    drift: float = 0.0
+    lead: Array = np.zeros(0)
+    settled: int = 0
+    integral: float = 0.0
+    largest: float = np.inf
+    noise: float = 0.0
+    bias: float = 0.0
+    seed: Own[int] = 0
+    streams: IntArray = np.zeros((0, 2), dtype=np.int64)
+    rounds: RoundArrays = RoundArrays()
+
+    def selected(self, agents: IntArray) -> "TermArrays":
+        """The terms of some of the agents, by number."""
+        if not self.agents:
+            return self
+        by_agent = {name: getattr(self, name)[agents] for name in ("dimension", "lead", "streams")}
+        return self._replace(agents=len(agents), **by_agent)
+
+    @property
+    def noisy(self) -> bool:
+        """Return True if odometry has noise."""
+        return self.noise > 0.0 and (self.feedforward > 0 or self.drift > 0.0)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those that are on."""
+        amounts = {name: getattr(self, name) for name in ("feedforward", "newton", "drift", "integral")}
+        return tuple(name for name, amount in amounts.items() if amount > 0.0)
+
+
+class TermMemory(NamedTuple):
+    """State of the terms of V vehicles between samples; V is 0 without terms.
+
+    Attributes:
+        clock: Number of past samples, shape (1,).
+        y: measurements of the sample before, shape (m,), m.
+        rate: F p' of targets, filtered, of sensing edges without a link, shape (m,), m/s.
+        age: Number of past samples with the edge that measures each number, shape (m,).
+        since: samples since the edges of each vehicle last changed, shape (V,).
+        x: Positions at that sample, shape (V, 3), m; an agent knows only their difference to its present position.
+        moved: displacement since then by odometry, shape (V, 3), m.
+        walked: the sum of that since the start, shape (V, 3), m.
+        seen: drift since then, as measured, shape (V, 3), m/s.
+        v: the solution of H v = B p', shape (V, 3), m/s.
+        delta: the solution of H delta = -eta, shape (V, 3), m.
+        drift: the observer's, shape (V, 3), m/s.
+        z: integral of eta, shape (V, 3), m s.
+        right: a right side, shape (V, 3).
+        direction, residue: Vectors of Chebyshev's iteration, shape (V, 3).
+        rounds: what was sent in rounds.
+    """
+
+    clock: Array
+    y: Array
+    rate: Array
+    age: Array
+    since: Array
+    x: Array
+    moved: Array
+    walked: Array
+    seen: Array
+    v: Array
+    delta: Array
+    drift: Array
+    z: Array
+    right: Array
+    direction: Array
+    residue: Array
+    rounds: RoundMemory
+
+
+def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> tuple[int, int]:
+    """Count the numbers that the terms of V vehicles store, whose edges' numbers begin at `first` (E + 1,).
+
+    Returns:
+        Numbers that change from sample to sample, and numbers of messages under way, each of which is written once.
+    """
+    held, line = size_of_round_memory(terms.rounds, first)
+    return (1 + 3 * int(first[-1]) + 34 * V + held, line) if terms.agents else (0, 0)
+
+
+def split_memory(flat: Array, under_way: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
+    """Return views of the numbers that terms store; `size_of_memory` counts them."""
+    m, V = (int(first[-1]), V) if terms.agents else (0, 0)
+    ends = np.cumsum([1, m, m, m, V, 33 * V])
+    clock, y, rate, age, since, vehicles, held = np.split(flat, np.minimum(ends, len(flat)))
+    sent = split_round_memory(held, under_way, terms.rounds, first)
+    return TermMemory._make((clock, y, rate, age, since, *vehicles.reshape(11, V, 3), sent))
+
+
+def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolArray) -> None:
+    """Take over, under the law of another phase, all that the terms hold of vehicles and of edges that remain.
+
+    Args:
+        old, new: Memory of either phase.
+        rows: where the numbers of the new edges were among those of the old ones, -1 for edges that were not there,
+            shape (m,).
+        changed: True where the edges of a vehicle differ from the phase before, shape (V,).
+    """
+    if not (len(old.clock) and len(new.clock)):
+        return
+    for name in ("clock", "since", "x", "walked", "v", "delta", "drift", "z"):
+        getattr(new, name)[:] = getattr(old, name)
+    for name in ("y", "rate", "age"):
+        getattr(new, name)[rows >= 0] = getattr(old, name)[rows[rows >= 0]]
+    new.since[changed] = 0.0
+    carry_rounds(old.rounds, new.rounds, int(old.clock[0]))
+
+
+def require_symmetric(terms: TermArrays) -> None:
+    """Refuse terms whose rounds solve with H in a team whose directed edges make it asymmetric.
+
+    Raises:
+        InputError: There is one; the message begins with the field.
+    """
+    for name in ("feedforward", "newton"):
+        if getattr(terms, name):
+            raise InputError(
+                f"controller.{name}: its rounds assume a symmetric H, which a team with directed communication edges "
+                f"does not have; expected no {name}, or undirected edges"
+            )
+
+
+def require_prompt(terms: TermArrays) -> None:
+    """Refuse rounds of newton that begin anew at every sample if their messages can be delayed or lost.
+
+    Raises:
+        InputError: They can; the message begins with the field.
+    """
+    if terms.newton and terms.fresh and terms.rounds.imperfect:
+        raise InputError(
+            "controller.newton: range and bearing edges leave motions free, so its rounds begin anew at every sample; "
+            "expected no links.rounds and no range of communication links, or targets that hold every agent's place"
+        )
+
+
+def pack_terms(
+    terms: Terms,
+    team: Team,
+    period: float,
+    seed: int,
+    rounds: RoundArrays | None = None,
+    slopes: Slopes | None = None,
+) -> TermArrays:
+    """The terms of a law for compiled code, on ideal kinematics.
+
+    Args:
+        terms: the terms.
+        team: the team.
+        period: between samples, s; with terms it is positive.
+        seed: Seed of the run.
+        rounds: links over which they go; perfect ones unless given.
+        slopes: Bounds on H, which rounds of a team with range or bearing edges need.
+    """
+    without = TermArrays(noise=terms.odometry.noise, bias=terms.odometry.bias)
+    if not terms.any:
+        return without
+    first = len(team.communication)
+    packed = without._replace(
+        agents=len(team.agents),
+        dimension=np.array([a.dimension for a in team.agents], dtype=np.int64),
+        period=period,
+        sensing=(first, first + len(team.sensing)),
+        lead=np.zeros(len(team.agents)),
+        seed=seed,
+        streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(-1, 2),
+    )
+    packed = _with_amounts(packed, terms)
+    if not (packed.feedforward or packed.newton):
+        return packed
+    packed = packed._replace(rounds=rounds or RoundArrays())
+    if slopes is not None:
+        packed = packed._replace(steepest=slopes.steepest, fresh=slopes.free)
+        require_prompt(packed)
+        return with_eigenvalues(packed, slopes.low, slopes.bound.dirichlet.eigenvalues[1])
+    return packed if team.directed else with_eigenvalues(packed, *team.dirichlet.eigenvalues)
+
+
+def _with_amounts(packed: TermArrays, terms: Terms) -> TermArrays:
+    """The terms with those that are on; without is how `packed` has them."""
+    if terms.feedforward:
+        packed = packed._replace(
+            feedforward=terms.feedforward.rounds,
+            measured=_share(packed.period, terms.feedforward.filter),
+            lead=np.full(packed.agents, float(terms.feedforward.extrapolate)),
+        )
+    if terms.newton:
+        packed = packed._replace(newton=terms.newton.rounds)
+    if terms.drift:
+        packed = packed._replace(drift=_share(packed.period, terms.drift.filter))
+    if terms.integral:
+        packed = packed._replace(integral=terms.integral.gain, largest=terms.integral.limit)
+    return packed
+
+
+def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:
+    """The terms, with bounds on the eigenvalues of H."""
+    left = contraction(terms.feedforward, low, high)
+    if terms.rounds.imperfect:
+        left = 1.0 - terms.rounds.settling(terms.feedforward, low)
+    settled = int(np.ceil(np.log(_SETTLED) / np.log(left))) if 0.0 < left < 1.0 else 1
+    return terms._replace(eigenvalues=(float(low), float(high)), settled=settled)
+
+
+def contraction(rounds: int, low: float, high: float) -> float:
+    """Bound what rounds leave of an error in the 2-norm: 1 / T_r((kappa + 1) / (kappa - 1)), kappa = high / low."""
+    if rounds == 0 or high <= low:
+        return float(rounds == 0)
+    return float(1.0 / np.cosh(min(rounds * np.arccosh((high + low) / (high - low)), 700.0)))
+
+
+@dataclass
+class Traffic:
+    """Messages between agents.
+
+    Attributes:
+        rounds: Exchanges, in each of which every agent sends to all its neighbours; measuring is none. A law in Python
+            calls `Sample.exchange`.
+        messages: Number of messages from one agent to another.
+        numbers: Number of scalars in the messages.
+    """
+
+    rounds: int = 0
+    messages: int = 0
+    numbers: int = 0
+
+
+def traffic_of(terms: TermArrays, team: Team) -> Traffic:
+    """Count the messages of the whole team in a sample.
+
+    A round of feedforward or of Newton is a separate exchange: on each communication edge with m numbers, tail and head
+    send each other F x, m numbers, which may be lost. Under a delay a term has one round per sample.
+    """
+    most = 1 if terms.rounds.delay else terms.feedforward + terms.newton
+    rounds, edges = min(terms.feedforward, most) + min(terms.newton, most), team.communication
+    pairs = {frozenset(e.between) for e in edges}
+    return Traffic(rounds, 2 * rounds * len(pairs), 2 * rounds * sum(len(e.F_tail) for e in edges))
+
+
+def _share(period: float, time_constant: float) -> float:
+    """Return the weight of a new measurement in a first-order filter."""
+    return float(-np.expm1(-period / time_constant)) if time_constant > 0.0 else 1.0
+
+
+@inline_jit
+def limit_speed(limit, velocity):
+    """Shorten velocity (3,) to the limit, keeping its direction; return whether it was longer."""
+    speed = np.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2])
+    if speed > limit:
+        share = limit / speed
+        for i in range(3):
+            velocity[i] *= share
+        return True
+    return False
+
+
+@inline_jit
+def difference(edges, agents, i, j, r, x):
+    """Return row r of F_head x_head - F_tail x_tail for x (V, 3), whose first `agents` rows count."""
+    z = 0.0
+    if j < agents:
+        z = edges.F_head[r, 0] * x[j, 0] + edges.F_head[r, 1] * x[j, 1] + edges.F_head[r, 2] * x[j, 2]
+    if i < agents:
+        z -= edges.F_tail[r, 0] * x[i, 0] + edges.F_tail[r, 1] * x[i, 1] + edges.F_tail[r, 2] * x[i, 2]
+    return z
+
+
+@inline_jit
+def apply_laplacian(edges, terms, y, x, out):
+    """Write H x into out (V, 3) for x (V, 3) of the agents: one exchange between them.
+
+    H of range and bearing edges is that of the measurements y (m,).
+    """
+    agents = terms.agents
+    for v in range(agents):
+        out[v, 0], out[v, 1], out[v, 2] = 0.0, 0.0, 0.0
+    for e in range(edges.tail.shape[0]):
+        i, j = edges.tail[e], edges.head[e]
+        pulls_tail, pulls_head = edges.listens[e, 0] and i < agents, edges.listens[e, 1] and j < agents
+        a, b = slope(edges.kinds, terms.steepest, edges, y, e)
+        along = 0.0
+        if b != 0.0:
+            for r in range(edges.first[e], edges.first[e + 1]):
+                along += (y[r] + edges.b[r]) * difference(edges, agents, i, j, r, x)
+        for r in range(edges.first[e], edges.first[e + 1]):
+            z = difference(edges, agents, i, j, r, x)
+            if len(edges.kinds) > 0:
+                z = a * z + b * along * (y[r] + edges.b[r])
+            for c in range(3):
+                if pulls_tail:
+                    out[i, c] -= edges.P_tail[r, c] * z
+                if pulls_head:
+                    out[j, c] += edges.P_head[r, c] * z
+
+
+@inline_jit
+def solve(edges, terms, rounds, b, y, x, memory):
+    """Improve the solution x (V, 3) of H x = b (V, 3) by rounds of Chebyshev's iteration, H at measurements y (m,).
+
+    The error falls by T_r((b + a) / (b - a)) in r rounds where the eigenvalues lie in [a, b], in every eigenvector
+    alike but for the sign (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1; written so that
+    nothing is divided by b - a).
+    """
+    low, high = terms.eigenvalues
+    middle = 0.5 * (low + high)
+    square = 0.25 * ((high - low) * (high - low))
+    before, scale = 0.0, 1.0 / middle
+    for r in range(rounds):
+        apply_laplacian(edges, terms, y, x, memory.residue)
+        kept, taken = square * before * scale, (2.0 if r else 1.0) * scale
+        for v in range(terms.agents):
+            for i in range(3):
+                memory.direction[v, i] = taken * (b[v, i] - memory.residue[v, i]) + (
+                    kept * memory.direction[v, i] if r else 0.0
+                )
+                x[v, i] += memory.direction[v, i]
+        before, scale = scale, 1.0 / (2.0 * middle - square * scale)
+
+
+@jit
+def navigate(stage, terms, x, drift, command, memory):
+    """Write what agents see of their own motion since the sample before.
+
+    Args:
+        stage: () where the law has no terms.
+        terms: the terms.
+        x: positions, shape (V, 3), m.
+        drift: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
+            the part of the displacement that the command does not explain.
+        command: since the sample before, as limited, shape (V, 3), m/s.
+        memory: see TermMemory.
+    """
+    if len(stage) == 0 or memory.clock[0] == 0.0:
+        return
+    h = terms.period
+    for v in range(terms.agents):
+        error = (0.0, 0.0, 0.0, 0.0)
+        if terms.noise > 0.0:
+            error = normals(terms.seed, terms.streams[v], int(memory.clock[0]), 0)
+        for i in range(terms.dimension[v]):
+            wrong = terms.noise * error[i] + terms.bias * h
+            memory.moved[v, i] = x[v, i] - memory.x[v, i] + wrong
+            memory.walked[v, i] += memory.moved[v, i]
+            if drift is None:
+                memory.seen[v, i] = memory.moved[v, i] / h - command[v, i]
+            else:
+                memory.seen[v, i] = drift[v, i] + wrong / h
+
+
+@jit
+def add_terms(stage, stages, law, x, everything):
+    """Add the terms, unless `stage` is (), to the agents' commands, which hold -k1 eta.
+
+    They are computed from the memory of the law, `everything`. The positions x (V, 3) decide only whether rounds reach
+    a neighbour.
+    """
+    if len(stage) == 0:
+        return
+    terms, memory, command = law.terms, everything.terms, everything.command
+    if terms.newton > 0:
+        _ascend(stages, law, x, everything, command, memory)
+    if terms.feedforward > 0:
+        _feed_forward(stages, law, x, everything.y, command, memory, everything.links)
+    if terms.drift > 0.0 and memory.clock[0] > 0.0:
+        share = terms.drift if memory.clock[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
+        for v in range(terms.agents):
+            for i in range(3):
+                memory.drift[v, i] += share * (memory.seen[v, i] - memory.drift[v, i])
+                command[v, i] -= memory.drift[v, i]
+    if terms.integral > 0.0:
+        for v in range(terms.agents):
+            for i in range(3):
+                command[v, i] -= terms.integral * memory.z[v, i]
+
+
+@inline_jit
+def _exchange(stage, law, term, x, b, y, found, memory):
+    """Improve the solution (V, 3) of H found = b (V, 3) by a term's rounds, over links unless `stage` is ()."""
+    terms = law.terms
+    rounds = terms.newton if term == NEWTON else terms.feedforward
+    if len(stage) == 0:
+        solve(law.edges, terms, rounds, b, y, found, memory)
+    else:
+        first, n = 0 if term == NEWTON else terms.newton, int(memory.clock[0])
+        sent = memory.rounds
+        steep = terms.steepest
+        relax(law.edges, terms.rounds, steep, terms.seed, n, term, rounds, first, b, y, found, x, sent, memory.residue)
+
+
+@inline_jit
+def _ascend(stages, law, x, everything, command, memory):
+    """Put k1 delta in place of -k1 eta, where H delta = -eta."""
+    terms = law.terms
+    for v in range(terms.agents):
+        for i in range(3):
+            memory.right[v, i] = -everything.residual[v, i]
+            if terms.fresh:
+                memory.delta[v, i] = 0.0
+    _exchange(stages.rounds, law, NEWTON, x, memory.right, everything.y, memory.delta, memory)
+    for v in range(terms.agents):
+        for i in range(3):
+            command[v, i] = law.gain[v] * memory.delta[v, i]
+
+
+@inline_jit
+def _feed_forward(stages, law, x, y, command, memory, links):
+    """Add the velocity of q*: v, and ahead of that by how it changed."""
+    terms = law.terms
+    if memory.clock[0] > 0.0:
+        _sense_targets(law, y, memory, links)
+        for v in range(terms.agents):
+            if memory.since[v] > terms.settled:
+                for i in range(3):
+                    command[v, i] -= terms.lead[v] * memory.v[v, i]
+        _exchange(stages.rounds, law, FEEDFORWARD, x, memory.right, y, memory.v, memory)
+        for v in range(terms.agents):
+            if memory.since[v] > terms.settled:
+                for i in range(3):
+                    command[v, i] += terms.lead[v] * memory.v[v, i]
+    for v in range(terms.agents):
+        for i in range(3):
+            command[v, i] += memory.v[v, i]
+
+
+@inline_jit
+def _sense_targets(law, y, memory, links):
+    """Write B p', filtered, into memory.right, from how measurements of targets changed and how agents moved.
+
+    Links filter their measurements themselves, as these may arrive at unlike times (see `mjsheaf.law.links`).
+    """
+    edges, terms, measured, linked = law.edges, law.terms, memory.right, law.links.of.shape[0] > 0
+    for v in range(terms.agents):
+        measured[v, 0], measured[v, 1], measured[v, 2] = 0.0, 0.0, 0.0
+    for e in range(terms.sensing[0], terms.sensing[1]):
+        i = edges.tail[e]  # the agent is the tail: y_e = F_T p - F_i q_i
+        has_link = linked and law.links.of[e] >= 0
+        a, b = slope(edges.kinds, terms.steepest, edges, y, e)
+        along = 0.0
+        for r in range(edges.first[e], edges.first[e + 1]):
+            _filter_rate(edges, terms, y, memory, has_link, i, r)
+            if b != 0.0:
+                along += (y[r] + edges.b[r]) * _velocity_of(edges, memory, links, has_link, i, r)
+        for r in range(edges.first[e], edges.first[e + 1]):
+            velocity = _velocity_of(edges, memory, links, has_link, i, r)
+            if len(edges.kinds) > 0:
+                velocity = a * velocity + b * along * (y[r] + edges.b[r])
+            for c in range(3):
+                measured[i, c] += edges.P_tail[r, c] * velocity
+
+
+@inline_jit
+def _filter_rate(edges, terms, y, memory, has_link, i, r):
+    """Update row r of F p' of a target from how its measurement changed and agent i moved, without a link."""
+    if has_link or memory.age[r] == 0.0:
+        return
+    F = edges.F_tail[r]
+    own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
+    share = terms.measured if memory.age[r] > 1.0 else 1.0  # the first has nothing to be mixed with
+    memory.rate[r] += share * ((y[r] - memory.y[r] + own) / terms.period - memory.rate[r])
+
+
+@inline_jit
+def _velocity_of(edges, memory, links, has_link, i, r):
+    """Return row r of F p' as agent i measures it, m/s."""
+    if has_link:
+        return links.velocity[r]
+    if memory.age[r] == 0.0:  # nothing is measured yet: the target is taken to move as v says
+        F = edges.F_tail[r]
+        return F[0] * memory.v[i, 0] + F[1] * memory.v[i, 1] + F[2] * memory.v[i, 2]
+    return memory.rate[r]
+
+
+@inline_jit
+def integrate(stage, terms, v, residual, memory):
+    """Integrate eta_i (3,) of an agent over a period into z_i, up to the largest correction, unless `stage` is ()."""
+    if len(stage) == 0:
+        return
+    if v < terms.agents and terms.integral > 0.0:
+        z = memory.z[v]
+        for i in range(3):
+            z[i] += terms.period * residual[i]
+        limit_speed(terms.largest / terms.integral, z)
+
+
+@inline_jit
+def remember(stage, terms, x, y, memory):
+    """Keep what the next sample compares with, unless `stage` is ()."""
+    if len(stage) == 0:
+        return
+    memory.clock[0] += 1.0
+    for r in range(y.shape[0]):
+        memory.y[r] = y[r]
+        memory.age[r] += 1.0
+    for v in range(terms.agents):
+        memory.since[v] += 1.0
+        for i in range(3):
+            memory.x[v, i] = x[v, i]

@@ -1,0 +1,529 @@
+"""The step of vehicles, written once for neighbours of one kind side by side and for a vehicle alone.
+
+Only a steady medium is read in two ways: `_read_steady` takes one kernel for all lanes, `media.flow` all kernels for a
+point.
+
+A block is a record of the numbers of its vehicles, with one lane a vehicle. Functions here are of one lane, or loop
+over the lanes in use; they are compiled for blocks of LANES lanes and for blocks of one. The fused engine moves
+neighbours of one kind in the former, and all other vehicles one after the other in the latter, as MuJoCo's loop does.
+Lanes do not mix, so that a vehicle's bits are the same in both.
+
+Most loops over lanes are straight arithmetic, without calls and branches, and LLVM makes vector instructions of them.
+What happens rarely is done afterwards, lane by lane: efforts beyond their limits, large turns in a step. Vehicles that
+turn their thrusters, have rudders, are lost, or are commanded from outside are always alone.
+"""
+
+import numpy as np
+
+from mjsheaf.jit import inline_jit, lanes_for, on_stack
+from mjsheaf.loop.bodies import (
+    BLOCK,
+    MIN_ALIKE,
+    Sensed,
+    add_ballast,
+    add_buoyancy,
+    allocate_within_limits,
+    desired_force,
+    drag_wrench,
+    rest_on_surface,
+    share_with_medium,
+)
+from mjsheaf.loop.loop import AUTOPILOT, HUGE, OUTSIDE, STOPPED, record
+from mjsheaf.loop.motion import at, attitude, move, put, turn
+from mjsheaf.media.disturbance import sine
+from mjsheaf.media.flow import SOURCE, VORTEX, channel_velocity, offset_from, source_velocity, vortex_velocity
+from mjsheaf.media.medium import advance as advance_medium
+from mjsheaf.media.medium import medium_velocity, surface_about
+from mjsheaf.media.moving import upright_in
+from mjsheaf.vehicles.actuators import ANGLE, actuator_force, aim, flow_wrench, unit_wrench
+from mjsheaf.vehicles.steering import (
+    HAND_POINT,
+    THRUST_VECTOR,
+    is_within_thrust,
+    share_within_thrust,
+    steer_attitude,
+    steer_hand_point,
+)
+from mjsheaf.vehicles.vectors import add, cross, row_product, subtract, to_body, to_world, triple, upward
+
+LANES = BLOCK
+"""Lanes of a block of neighbours: four registers of AVX2, so that a processor always has independent work."""
+
+_CHANNELS = 8  # largest number of actuators of a vehicle in lanes
+_HARMONICS = 8  # largest number of harmonics of a disturbance in lanes
+
+# Vectors are in body axes unless they say otherwise.
+_VECTORS = {
+    "position": 3,  # of the origin, world axes, m
+    "quaternion": 4,
+    "velocity": 3,  # of the origin, world axes, m/s
+    "rates": 3,  # rad/s
+    "command": 3,  # desired velocity through the medium, world axes, m/s
+    "heading": 2,  # cosine and sine of half the desired heading
+    "medium": 3,  # its velocity, world axes, m/s
+    "normal": 2,  # of the surface, along x and y
+    "through": 3,  # velocity through the medium, m/s
+    "force": 3,  # on the body, N
+    "moment": 3,  # N m
+    "push": 3,  # force for the desired velocity, in world axes where thrust is pointed
+    "couple": 3,  # moment that goes with it
+    "weight": 3,  # force that carries the vehicle
+    "turn": 3,  # moment that turns it to its attitude
+    "total_force": 3,  # that actuators are to make
+    "total_moment": 3,
+    "shake": 3,  # velocity of the disturbance, world axes, m/s
+    "parts": 2,  # of the unit quaternion of a turn: cosine, sine over the angle
+}
+_SCALARS = (
+    "height",  # of the origin above the surface, m
+    "share",  # of the push that is within the limits of thrust
+    "within",  # 1 if all efforts are within their limits
+    "good",  # 1 if the commands are good
+    "sound",  # 1 if the state is
+    "size",  # what makes the quaternion one
+    "large",  # 1 if the turn is large, or the quaternion far from one
+)
+
+
+def _block(lanes: int) -> np.dtype[np.void]:
+    shapes = {name: (size, lanes) for name, size in _VECTORS.items()} | dict.fromkeys(_SCALARS, (lanes,))
+    return np.dtype([(name, "f8", shape) for name, shape in shapes.items()], align=True)
+
+
+ALONE = _block(1)
+"""Type of a block for one vehicle, for `on_stack`."""
+
+_WIDE = _block(LANES)
+
+# Rows of which the number is a variable lie apart: LLVM could not prove that they do not overlap fields of the block.
+_ROWS = np.dtype([("row", "f8", (_CHANNELS, LANES))])
+_WAVES = np.dtype(
+    [
+        ("rate", "f8", (_HARMONICS, LANES)),  # of the disturbance's harmonics, turns/s
+        ("phase", "f8", (_HARMONICS, LANES)),  # turns
+        ("amplitude", "f8", (_HARMONICS, 3, LANES)),  # world axes, m/s
+    ]
+)
+
+
+@inline_jit
+def end_of_kind(bodies, first, last):
+    """Return the number after the last of the vehicles from `first` on, and before `last`, that are of one kind."""
+    end = first + 1
+    while end < last and bodies[end].kind == bodies[first].kind:
+        end += 1
+    return end
+
+
+@inline_jit
+def fits_lanes(fleet, helm, first, last):
+    """Return True if the vehicles from first up to last, of one kind, can be moved in lanes; see `loop.Params`."""
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    fits = (last - first >= MIN_ALIKE) & (last - first <= LANES)
+    fits &= (kind.turning == 0) & (kind.in_flow == 0) & (kind.count <= _CHANNELS)
+    for v in range(first, last):
+        fits &= helm[v] == AUTOPILOT
+    return fits
+
+
+@inline_jit
+def _gather(body, qpos, qvel, command, b, i):
+    """Read the state of a vehicle and its command (3,)."""
+    a, d = body.qpos, body.dof
+    for j in range(3):
+        b.position[j, i] = qpos[a + j]
+        b.velocity[j, i] = qvel[d + j]
+        b.rates[j, i] = qvel[d + 3 + j]
+        b.command[j, i] = command[j]
+    for j in range(4):
+        b.quaternion[j, i] = qpos[a + 3 + j]
+    b.heading[0, i] = body.heading[0]
+    b.heading[1, i] = body.heading[1]
+
+
+@inline_jit
+def _scatter(body, b, i, qpos, qvel):
+    """Write the state of a vehicle."""
+    for j in range(3):
+        qpos[body.qpos + j] = b.position[j, i]
+        qvel[body.dof + j] = b.velocity[j, i]
+        qvel[body.dof + 3 + j] = b.rates[j, i]
+    for j in range(4):
+        qpos[body.qpos + 3 + j] = b.quaternion[j, i]
+
+
+@inline_jit
+def _place(b, i, planar):
+    """Return the point of the medium that a vehicle meets: in the plane, a boat's is at a height of 0."""
+    return b.position[0, i], b.position[1, i], 0.0 if planar else b.position[2, i]
+
+
+@inline_jit
+def _read_medium(medium, state, v, b, i):
+    """Write the velocity of the medium at vehicle v, and height and normal of the surface."""
+    x, y, z = _place(b, i, medium.planar[v])
+    surface = surface_about(medium, state, v, x, y)
+    w = medium_velocity(medium, state, v, x, y, z)
+    rise = surface[3] if medium.planar[v] else 0.0
+    put(b.medium, i, (w[0], w[1], w[2] + rise))
+    b.height[i] = b.position[2, i] - surface[0]
+    b.normal[0, i], b.normal[1, i] = upright_in(medium.parts, surface, attitude(b, i))
+
+
+@inline_jit
+def _sense(kind, b, i):
+    """Write the velocity through the medium, the wrench of drag, and the force for the desired velocity."""
+    R = attitude(b, i)
+    s = to_body(R, subtract(at(b.velocity, i), at(b.medium, i)))
+    force, moment = drag_wrench(kind, s, at(b.rates, i))
+    push = desired_force(kind, R, s, to_body(R, at(b.command, i)))
+    if kind.steering == THRUST_VECTOR:
+        push = to_world(R, push)
+    put(b.through, i, s)
+    put(b.force, i, force)
+    put(b.moment, i, moment)
+    put(b.push, i, push)
+
+
+@inline_jit
+def _limit_thrust(kind, lanes, b):
+    """Write the share of the force that is within the limits of thrust: 1 but for few vehicles."""
+    beyond = 0
+    for i in range(lanes):
+        b.share[i] = 1.0
+        beyond += 0 if is_within_thrust(kind, at(b.push, i)) else 1
+    if beyond > 0:
+        for i in range(lanes):
+            b.share[i] = share_within_thrust(kind, at(b.push, i))
+
+
+@inline_jit
+def _steer_hand_point(kind, b, i):
+    """Write the wrenches that actuators are to make for a hand point."""
+    R, s = attitude(b, i), at(b.through, i)
+    surge, yaw = steer_hand_point(kind, s, at(b.rates, i), to_body(R, at(b.command, i)), b.push[0, i])
+    _want(kind, b, i, upward(R, kind.supported_weight), (0.0, 0.0, 0.0), (surge, 0.0, 0.0), (0.0, 0.0, yaw))
+
+
+@inline_jit
+def _steer_attitude(kind, b, i):
+    """Write the wrenches that actuators are to make, of which one holds an attitude."""
+    q, R, heading = b.quaternion, attitude(b, i), (b.heading[0, i], b.heading[1, i])
+    sensed = Sensed(R, (q[0, i], q[1, i], q[2, i], q[3, i]), at(b.through, i), at(b.rates, i))
+    weight = upward(R, kind.supported_weight)
+    weight, turning, push, couple = steer_attitude(kind, heading, sensed, at(b.push, i), b.share[i], weight)
+    _want(kind, b, i, weight, turning, push, couple)
+
+
+@inline_jit
+def _want(kind, b, i, weight, turning, push, couple):
+    """Write wrenches for the actuators, and their sum."""
+    force, moment = add(weight, push), add(cross(triple(kind.com), weight), add(turning, couple))
+    put(b.weight, i, weight)
+    put(b.turn, i, turning)
+    put(b.push, i, push)
+    put(b.couple, i, couple)
+    put(b.total_force, i, force)
+    put(b.total_moment, i, moment)
+
+
+@inline_jit
+def _command(fleet, ctrl, first, last, lanes, b, effort):
+    """Write the efforts for the desired velocities, within limits, of the vehicles from first up to last.
+
+    Args:
+        fleet: The vehicles.
+        ctrl: Commands of all actuators, which serve as working memory.
+        first, last: Range of vehicles.
+        lanes: Number of lanes in use.
+        b: Block of the vehicles, after `_sense`.
+        effort: Efforts, shape (s, lanes), written.
+    """
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    if kind.steering == THRUST_VECTOR:
+        _limit_thrust(kind, lanes, b)
+    if kind.steering == HAND_POINT:
+        for i in range(lanes):
+            _steer_hand_point(kind, b, i)
+    else:
+        for i in range(lanes):
+            _steer_attitude(kind, b, i)
+    for i in range(lanes):
+        b.within[i] = 0.0 if kind.turning else 1.0  # thrust and angle have no limits of each effort alone
+    beyond = kind.turning
+    for j in range(kind.count):
+        channel = thrusters[j]
+        for i in range(lanes):
+            u = row_product(channel.row, at(b.total_force, i), at(b.total_moment, i))
+            effort[j, i] = u
+            within = (channel.low <= u) & (u <= channel.high)
+            b.within[i] = b.within[i] if within else 0.0
+            beyond += 0 if within else 1
+    if beyond > 0:
+        for v in range(first, last):
+            i, own = v - first, ctrl[fleet.bodies[v].actuator :][: kind.count]
+            if not b.within[i] > 0.0:
+                weight, turning, push, couple = at(b.weight, i), at(b.turn, i), at(b.push, i), at(b.couple, i)
+                allocate_within_limits(kind, thrusters, attitude(b, i)[8], weight, turning, push, couple, own)
+                for j in range(kind.count):
+                    effort[j, i] = own[j]
+
+
+@inline_jit
+def _add_medium(kind, lanes, b):
+    """Add what the medium does besides drag."""
+    if kind.buoyancy > 0.0:
+        for i in range(lanes):
+            normal = b.normal[0, i], b.normal[1, i]
+            R, force, moment = attitude(b, i), at(b.force, i), at(b.moment, i)
+            _put_wrench(b, i, add_buoyancy(kind, b.height[i], normal, R, force, moment))
+    if kind.ballast > 0.0:
+        for i in range(lanes):
+            _put_wrench(b, i, add_ballast(kind, attitude(b, i), at(b.force, i), at(b.moment, i)))
+    if kind.added:
+        for i in range(lanes):
+            R, s, omega = attitude(b, i), at(b.through, i), at(b.rates, i)
+            _put_wrench(b, i, share_with_medium(kind, R, s, omega, at(b.force, i), at(b.moment, i)))
+
+
+@inline_jit
+def _put_wrench(b, i, wrench):
+    put(b.force, i, wrench[0])
+    put(b.moment, i, wrench[1])
+
+
+@inline_jit
+def _add_wrench(b, i, force, moment):
+    put(b.force, i, add(at(b.force, i), force))
+    put(b.moment, i, add(at(b.moment, i), moment))
+
+
+@inline_jit
+def command_alone(loop, v, b):
+    """Let vehicle v measure and write its commands, with the medium at the present time.
+
+    The block then has its state, and the force and moment on it of the medium (also past its actuators), and of the
+    surface on which it rests once it is lost.
+    """
+    params, state = loop
+    body = params.fleet.bodies[v]
+    kind = params.fleet.kinds[body.kind]
+    thrusters = params.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    ctrl, act = state.ctrl[body.actuator : body.actuator + kind.count], state.act[body.state :]
+    _gather(body, state.qpos, state.qvel, state.memory.command[v], b, 0)
+    _read_medium(params.medium, state.medium, v, b, 0)
+    _sense(kind, b, 0)
+    through, rates = at(b.through, 0), at(b.rates, 0)
+    if params.helm[v] != OUTSIDE:
+        _command(params.fleet, state.ctrl, v, v + 1, 1, b, ctrl[:, None])
+        if kind.turning:
+            aim(thrusters, through, rates, act, ctrl)
+    _add_medium(kind, 1, b)
+    if params.helm[v] == STOPPED:
+        for j in range(kind.count):
+            if thrusters[j].code != ANGLE:
+                ctrl[j] = 0.0
+            elif kind.in_flow:
+                ctrl[j] = act[thrusters[j].state]
+        if kind.rest > 0.0 and b.height[0] < 0.0:
+            force, moment = rest_on_surface(kind, -b.height[0], attitude(b, 0), at(b.velocity, 0), rates)
+            _add_wrench(b, 0, force, moment)
+    if kind.in_flow:
+        force, moment = flow_wrench(thrusters, through, rates, act, ctrl)
+        _add_wrench(b, 0, force, moment)
+
+
+@inline_jit
+def _act(kind, thrusters, lanes, b, effort, activation, own):
+    """Add the wrenches of the actuators, update their activations, and mark bad commands.
+
+    Args:
+        kind, thrusters: KIND and CHANNELs of the vehicles.
+        lanes: Number of lanes in use.
+        b: Block of the vehicles.
+        effort, activation: Commands and activations, shape (.., lanes).
+        own: Activations of a vehicle alone, which may turn its thrusters; None in lanes.
+    """
+    for i in range(lanes):
+        b.good[i] = 1.0
+    for j in range(kind.count):
+        channel = thrusters[j]
+        along, about = triple(channel.direction), triple(channel.moment)
+        if own is not None:
+            along, about = unit_wrench(thrusters, j, own)  # before the angle that comes next
+        late, state = channel.late, channel.state
+        for i in range(lanes):
+            u = effort[j, i]
+            f, after = actuator_force(channel, u, activation[state, i] if late else 0.0)
+            if late:
+                activation[state, i] = after
+            _add_wrench(b, i, (f * along[0], f * along[1], f * along[2]), (f * about[0], f * about[1], f * about[2]))
+            b.good[i] = b.good[i] if abs(u) < HUGE else 0.0
+
+
+@inline_jit
+def _take_step(fleet, motion, h, first, last, lanes, k, b, effort, activation, own, qpos, qvel, bad):
+    """Take step k, of h, with commands that were just made; return False, and write to `bad`, if a vehicle is bad."""
+    number = fleet.bodies[first].kind
+    kind, one = fleet.kinds[number], motion[number]
+    _act(kind, fleet.thrusters[kind.thruster :], lanes, b, effort, activation, own)
+    all_good = True
+    for v in range(first, last):
+        if not b.good[v - first] > 0.0:
+            _scatter(fleet.bodies[v], b, v - first, qpos, qvel)  # as it is kept
+            bad[v], all_good = 2 * k + 1, False
+    for i in range(lanes):
+        move(one, h, b, i)
+    turn(h, lanes, b)
+    for v in range(first, last):
+        if b.good[v - first] > 0.0 and not b.sound[v - first] > 0.0:
+            bad[v], all_good = 2 * (k + 1), False
+    return all_good
+
+
+@inline_jit
+def advance_alone(loop, motion, first, last, step, count, log, row, bad):
+    """Move vehicles one after the other; see `fused.advance_block`."""
+    params, state = loop
+    fleet, h = params.fleet, params.timestep
+    b, all_good = on_stack(ALONE), True
+    for k in range(step, step + count):
+        advance_medium(params.medium, params.start + k * h, first, last, state.medium)
+        for v in range(first, last):  # to the last, as all of them are recorded
+            body = fleet.bodies[v]
+            command_alone(loop, v, b)
+            if k == step and row >= 0:
+                record(loop, log, row, v, v + 1)
+            ctrl, act = state.ctrl[body.actuator :], state.act[body.state :]
+            effort, activation = ctrl[:, None], act[:, None]
+            all_good &= _take_step(
+                fleet, motion, h, v, v + 1, 1, k, b, effort, activation, act, state.qpos, state.qvel, bad
+            )
+            if b.good[0] > 0.0:
+                _scatter(body, b, 0, state.qpos, state.qvel)
+        if not all_good:
+            break
+    return all_good
+
+
+@inline_jit
+def _is_steady(medium, first, last):
+    """Return True if one steady flow and harmonics of few frequencies are all that moves the vehicles."""
+    steady = (len(medium.parts) == 0) & (medium.harmonics.amplitude.shape[1] <= _HARMONICS)
+    for v in range(first, last):
+        steady &= medium.rows[v, 0] == medium.rows[first, 0]
+    return steady
+
+
+@inline_jit
+def _gather_waves(harmonics, v, waves, i):
+    """Read the harmonics of a vehicle's disturbance."""
+    D, K = harmonics.amplitude.shape[0], harmonics.amplitude.shape[1]
+    for k in range(K):
+        waves.rate[k, i] = harmonics.rate[v * K + k] if v < D else 0.0
+        waves.phase[k, i] = harmonics.phase[v * K + k] if v < D else 0.0
+        put(waves.amplitude[k], i, triple(harmonics.amplitude[v, k]) if v < D else (0.0, 0.0, 0.0))
+
+
+@inline_jit
+def _read_steady(medium, first, t, lanes, waves, b):
+    """Write the velocity of a steady medium with disturbances at each vehicle; see `medium.medium_velocity`.
+
+    Args:
+        medium: Medium for which `_is_steady` holds.
+        first: Number of the first vehicle.
+        t: Time, s.
+        lanes: Number of lanes in use.
+        waves: Harmonics of the disturbances, from `_gather_waves`.
+        b: Block of the vehicles.
+    """
+    table = medium.kernels[medium.rows[first, 0] : medium.rows[first, 1]]
+    planar, amplitude = medium.planar[first], medium.harmonics.amplitude
+    for i in range(lanes):
+        put(b.medium, i, triple(table[0, 2:]))
+        put(b.shake, i, (0.0, 0.0, 0.0))
+    for k in range(1, table.shape[0]):
+        c = table[k]
+        if c[0] == SOURCE:
+            for i in range(lanes):
+                put(b.medium, i, add(at(b.medium, i), source_velocity(c, offset_from(c, _place(b, i, planar)))))
+        elif c[0] == VORTEX:
+            for i in range(lanes):
+                put(b.medium, i, add(at(b.medium, i), vortex_velocity(c, offset_from(c, _place(b, i, planar)))))
+        else:
+            for i in range(lanes):
+                put(b.medium, i, add(at(b.medium, i), channel_velocity(c, offset_from(c, _place(b, i, planar)))))
+    for k in range(amplitude.shape[1] if first < amplitude.shape[0] else 0):
+        for i in range(lanes):
+            s, a = sine(waves.rate[k, i] * t + waves.phase[k, i]), at(waves.amplitude[k], i)
+            put(b.shake, i, add(at(b.shake, i), (a[0] * s, a[1] * s, a[2] * s)))
+    for i in range(lanes):
+        put(b.medium, i, add(at(b.medium, i), at(b.shake, i)))
+    if planar:  # what floats is planar: nothing else has a height
+        for i in range(lanes):
+            R = attitude(b, i)
+            b.medium[2, i] = 0.0
+            b.height[i] = b.position[2, i] - medium.level
+            b.normal[0, i] = R[6]
+            b.normal[1, i] = R[7]
+
+
+@inline_jit
+def _write_commands(fleet, ctrl, first, last, effort):
+    """Write the efforts to the commands of the vehicles."""
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    for v in range(first, last):
+        for j in range(kind.count):
+            ctrl[fleet.bodies[v].actuator + j] = effort[j, v - first]
+
+
+@inline_jit
+def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
+    """Move vehicles for which `fits_lanes` holds; see `fused.advance_block`."""
+    params, state = loop
+    fleet, medium, h = params.fleet, params.medium, params.timestep
+    kind = fleet.kinds[fleet.bodies[first].kind]
+    thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    b, waves = on_stack(_WIDE), on_stack(_WAVES)
+    effort, activation = on_stack(_ROWS).row, on_stack(_ROWS).row
+    lanes, steady, all_good = lanes_for(last - first), _is_steady(medium, first, last), True
+    for i in range(lanes):
+        v = first + i if first + i < last else first  # lanes beyond the last repeat the first
+        _gather(fleet.bodies[v], state.qpos, state.qvel, state.memory.command[v], b, i)
+        for j in range(kind.count):
+            channel = thrusters[j]
+            if channel.late:
+                activation[channel.state, i] = state.act[fleet.bodies[v].state + channel.state]
+        if steady:
+            _gather_waves(medium.harmonics, v, waves, i)
+    for k in range(step, step + count):
+        t, recorded = params.start + k * h, k == step and row >= 0
+        if recorded or not steady:
+            advance_medium(medium, t, first, last, state.medium)
+        if steady:
+            _read_steady(medium, first, t, lanes, waves, b)
+        else:
+            for i in range(lanes):
+                _read_medium(medium, state.medium, first + i if first + i < last else first, b, i)
+        for i in range(lanes):
+            _sense(kind, b, i)
+        _command(fleet, state.ctrl, first, last, lanes, b, effort)
+        _add_medium(kind, lanes, b)
+        if recorded:
+            _write_commands(fleet, state.ctrl, first, last, effort)
+            record(loop, log, row, first, last)
+        all_good = _take_step(
+            fleet, motion, h, first, last, lanes, k, b, effort, activation, None, state.qpos, state.qvel, bad
+        )
+        if not all_good:
+            break
+    _write_commands(fleet, state.ctrl, first, last, effort)
+    for v in range(first, last):
+        if b.good[v - first] > 0.0:
+            _scatter(fleet.bodies[v], b, v - first, state.qpos, state.qvel)
+        for j in range(kind.count):
+            channel = thrusters[j]
+            if channel.late:
+                state.act[fleet.bodies[v].state + channel.state] = activation[channel.state, v - first]
+    return all_good

@@ -1,0 +1,528 @@
+"""A run with the loop closed, whatever moves the vehicles: what all engines have in common.
+
+An engine takes steps: control periods on ideal kinematics, physics steps on bodies. Between two samples it runs
+compiled code. `mjsheaf.loop.session` chooses one and offers it as a `Session`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+
+import numpy as np
+
+from mjsheaf.arguments import require_whole
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.errors import InputError, UnstableError
+from mjsheaf.law.controller import Controller, Law, controller_of
+from mjsheaf.law.custom import naming_terms
+from mjsheaf.law.law import ControlArrays, Memory, carry, new_control
+from mjsheaf.law.sample import Sample, View
+from mjsheaf.law.terms import Traffic
+from mjsheaf.loop.trajectory import Log, Trajectory, pieces_of
+from mjsheaf.system import Phase, System, on_engine, phases_of
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
+
+Commanded = bool | Literal["thrust"]
+"""True if velocities from outside take the place of the agents' law, 'thrust' if commands of actuators do."""
+
+Progress = Callable[[int, int], None]
+"""Called with (samples done, samples in all)."""
+
+
+class Recorder(NamedTuple):
+    """Destination of samples.
+
+    Attributes:
+        log: T samples.
+        placed: Positions that targets are put at, one for each sample, shape (T, V - N, 3), m; (0, 0, 3) leaves targets
+            to their own motion.
+        written: Number of samples in the log, shape (1,).
+    """
+
+    log: Log
+    placed: Array
+    written: IntArray
+
+
+class Engine(ABC):
+    """A run with the loop closed: its phases, its law and its samples.
+
+    Subclasses must implement the abstract methods.
+
+    Attributes:
+        system: The closed-loop system; of a run with phases, that of the present one.
+        steps_per_sample: Steps between samples.
+        controller: Law in Python that is in control, or None.
+        scenario: Scenario of the run, with its seed; None if the run was not made from one.
+    """
+
+    system: System
+    steps_per_sample: int
+    _control: ControlArrays  # of the present phase
+    _timestep: float  # s
+    _chunk: int  # steps in one compiled call; Ctrl-C takes effect between calls
+    _stride: int  # the same where nothing is recorded
+    _unrecorded: Recorder
+
+    def __init__(
+        self,
+        run: System | Sequence[Phase],
+        *,
+        controller: Law | Controller | None = None,
+        commanded: Commanded = False,
+        scenario: "Scenario | None" = None,
+    ) -> None:
+        """Put every vehicle at its initial position and heading.
+
+        Args:
+            run: The System of a scenario, or the phases of a run.
+            controller: Law in Python in place of the agents' own.
+            commanded: True if velocities from outside take the place of the agents' own law, 'thrust' if commands of
+                actuators take the place of their law and autopilot; see `add_to_command`.
+            scenario: Scenario that the run was made from, for other seeds.
+
+        Raises:
+            InputError: A vehicle is unknown or does not fit the dimension of its agent or target, or the control period
+                is 0 with a law in Python.
+        """
+        self.scenario = scenario
+        self._take(run)
+        self._coordinates = np.arange(3) < [[agent.dimension] for agent in self.system.team.agents]
+        self.controller = controller_of(controller, self.system, max(self.seed, 0))
+        self._commanded: Commanded = commanded or self.controller is not None
+        self._traffic = self.controller.traffic if self.controller else Traffic()
+        self._prepare()
+        self.reset()
+
+    def _prepare(self) -> None:  # noqa: B027
+        """Make what no seed changes."""
+
+    def _take(self, run: System | Sequence[Phase]) -> None:
+        """Store the phases of a run, and the data common to all of them."""
+        self._phases = phases_of(run)
+        self.system = self._phases[0].system
+        self._views: dict[int, View] = {}
+
+    @property
+    def seed(self) -> int:
+        """Seed of the run; -1 if it is unknown."""
+        return self.scenario.seed if self.scenario else -1
+
+    def take_seed(self, seed: int) -> None:
+        """Take over the run of another seed, which begins with the next `reset`; see there."""
+        if self.scenario is None:
+            raise InputError(f"seed is {seed}; expected None for a run that was not made from a Scenario")
+        plan = self.system.bodies
+        self.scenario = self.scenario.with_seed(seed)
+        self._take(on_engine(self.scenario.phases, plan.engine, plan.threads))
+        self._control = self._law_of_phase()
+        if self.controller:
+            self.controller.seed = self.seed
+
+    def reset(self, seed: int | None = None) -> None:
+        """Return to the initial condition.
+
+        Args:
+            seed: New seed of initial conditions, disturbances, links and a law in Python. None keeps the seed and
+                repeats the same run, bit for bit.
+
+        Raises:
+            InputError: A seed is given but the run was not made from a Scenario, or the seed is not an integer >= 0.
+        """
+        if seed is not None:
+            self.take_seed(seed)
+        self.system = self._phases[0].system
+        self._control = self._law_of_phase()
+        self._begin()
+        self._observed = -1
+        self._now = self._before = self.positions()[: len(self.system.team.agents)]
+        if self.controller:
+            self.controller.reset(self._view.shown)
+
+    # -- for subclasses ------------------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def memory(self) -> Memory:
+        """Values that onboard computers hold; a phase with other edges has others."""
+
+    @property
+    @abstractmethod
+    def steps_taken(self) -> int:
+        """Number of steps since the start."""
+
+    @abstractmethod
+    def _control_of(self, system: System) -> ControlArrays:
+        """Return law and references of a system's vehicles."""
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Put the vehicles at their initial condition, with an empty memory."""
+
+    @abstractmethod
+    def _enter(self, memory: Memory) -> None:
+        """Continue under `system` and `_control`, those of another phase, with a memory."""
+
+    @abstractmethod
+    def _evaluate_law(self) -> None:
+        """Evaluate the law now, into the memory."""
+
+    @abstractmethod
+    def _place_targets(self, recorder: Recorder) -> None:
+        """Put targets where the recorder has them at its next sample."""
+
+    @abstractmethod
+    def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
+        """Take `count` steps, and samples as long as the recorder has room.
+
+        Returns:
+            The first vehicle whose state became bad and the step at which it did; None if all are good.
+        """
+
+    @abstractmethod
+    def _record_now(self, recorder: Recorder) -> None:
+        """Evaluate the law and record a sample, without a step."""
+
+    @abstractmethod
+    def _describe_blow_up(self, vehicle: int, step: int) -> str:
+        """Name the vehicle whose state became bad at a step, and the likely cause."""
+
+    @abstractmethod
+    def _new_log(self, samples: int) -> Log:
+        """Return a log for samples of the present phase."""
+
+    @abstractmethod
+    def _velocity(self, displacement: Array) -> Array:
+        """Return velocities over ground and angular velocities of the agents, shape (N, 6), m/s and rad/s.
+
+        Args:
+            displacement: Displacements of the agents since the sample before, shape (N, 3), m.
+        """
+
+    @abstractmethod
+    def positions(self) -> Array:
+        """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
+
+    @abstractmethod
+    def quaternions(self) -> Array:
+        """Attitudes (w, x, y, z), body to world, shape (V, 4)."""
+
+    # -- phases --------------------------------------------------------------------------------------------------------
+
+    @property
+    def phases(self) -> Sequence[Phase]:
+        """Phases of the run."""
+        return self._phases
+
+    @property
+    def time(self) -> float:
+        """Simulated time in s."""
+        return self.system.grid.start + self.steps_taken * self._timestep
+
+    @property
+    def finished(self) -> bool:
+        """True from the end of the run's time on."""
+        return self.steps_taken >= self.system.grid.steps * self.steps_per_sample
+
+    @property
+    def _view(self) -> View:
+        """Places of what agents know in the memory of the present phase."""
+        key = id(self.system)
+        if key not in self._views:
+            self._views[key] = View(self.system.team, self._control.law)
+        return self._views[key]
+
+    def _law_of_phase(self) -> ControlArrays:
+        """Return law and references of the present system, without the agents' own law if they are commanded."""
+        control = self._control_of(self.system)
+        if not self._commanded:
+            return control
+        supplied = len(self.system.team.agents)
+        return new_control(control.law.without_terms._replace(supplied=supplied), control.motion)
+
+    def _enter_phase(self) -> int:
+        """Enter the phase that the present step belongs to, and return the number of steps taken."""
+        step = self.steps_taken
+        sample = max(step // self.steps_per_sample, 0)
+        system = [phase.system for phase in self._phases if phase.start <= sample][-1]
+        if system is not self.system:
+            self._unlook()
+            law = self._control.law
+            self.system = system
+            self._control = self._law_of_phase()
+            self._enter(carry(self.memory, law, self._control.law, sample))
+        return step
+
+    def change_phases(self, phases: Sequence[Phase]) -> None:
+        """Continue under other phases, equal to the previous ones up to the present sample.
+
+        Args:
+            phases: Phases of the run. Of those that begin after the start, the previous phases contain all that begin
+                before the present sample.
+        """
+        self._phases = tuple(phases)
+        self._views.clear()  # their keys are identities, which new systems may have again
+
+    # -- stepping ------------------------------------------------------------------------------------------------------
+
+    def step(self, n: int = 1) -> None:
+        """Take n steps with the loop closed.
+
+        Raises:
+            UnstableError: The state diverged; the message names vehicle, time and likely cause.
+            InputError: A law in Python raised an exception, or returned no velocity.
+        """
+        require_whole("n", n, 0)
+        while n > 0:
+            n -= self._advance(min(n, self._stride), self._unrecorded)
+
+    def compile(self) -> None:
+        """Compile what steps call, without taking one."""
+        self._move(self.steps_taken, 0, self._unrecorded)
+
+    def step_period(self) -> None:
+        """Take the steps up to the next sample; see `step`."""
+        self._displaced(self.positions()[: len(self.system.team.agents)])
+        self.step(self.steps_per_sample - self.steps_taken % self.steps_per_sample)
+
+    def _advance(self, count: int, recorder: Recorder) -> int:
+        """Take up to `count` steps within one phase and, of a law in Python, one period; return how many."""
+        step = self._enter_phase()
+        ahead = (phase.start * self.steps_per_sample - step for phase in self._phases)
+        count = min([count, *(steps for steps in ahead if steps > 0)])
+        if self.controller:
+            into = step % self.steps_per_sample
+            if into == 0:
+                self._place_targets(recorder)
+                self._consult()
+            count = min(count, self.steps_per_sample - into)
+        self._unlook()
+        with self._naming_terms():
+            bad = self._move(step, count, recorder)
+        if bad:
+            raise UnstableError(self._describe_blow_up(*bad))
+        return count
+
+    def record(
+        self, samples: int, targets: Array | None = None, progress: Progress | None = None
+    ) -> Iterator[Trajectory]:
+        """Take a sample now and after each period, up to the end of the run's time or of `targets`; in pieces.
+
+        Args:
+            samples: Largest number in each piece; the last one, and the last of a phase, may have fewer.
+            targets: Positions that targets are put at, one for each sample, shape (T, V - N, 3), m, whatever their own
+                motion would be; the run ends with the last. None lets them move by themselves.
+            progress: Called with (samples done, samples in all).
+
+        Yields:
+            Pieces with the status 'finished', but for the last where the run blows up, which ends there.
+        """
+        of = self.system.grid.steps + 1 if targets is None else min(self.system.grid.steps + 1, len(targets))
+        for system, begin, end in pieces_of(self._phases, samples, of, self.steps_taken // self.steps_per_sample):
+            self._enter_phase()
+            recorder = self._recorder(end - begin, None if targets is None else targets[begin:end])
+            message = ""
+            try:
+                for _ in self._fill(recorder, to_the_end=end == of):
+                    if progress:
+                        progress(min(begin + int(recorder.written[0]), of - 1), of - 1)
+            except UnstableError as error:
+                message = str(error)
+            done = int(recorder.written[0])
+            yield Trajectory(system, system.grid.span(begin, begin + done), recorder.log.span(0, done), message)
+            if message:
+                return
+
+    def _fill(self, recorder: Recorder, *, to_the_end: bool) -> Iterator[None]:
+        """Record samples of one phase and advance after each, but for the last sample of a run; yield now and then."""
+        positions = recorder.log.positions
+        remaining = (len(positions) - to_the_end) * self.steps_per_sample
+        while remaining > 0:
+            remaining -= self._advance(min(remaining, self._chunk), recorder)
+            yield
+        self._keep(positions[: len(positions) - to_the_end])
+        if to_the_end:
+            self._enter_phase()
+            self._place_targets(recorder)
+            self._consult()
+            self._look()
+            with self._naming_terms():
+                self._record_now(recorder)
+
+    def _recorder(self, samples: int, targets: Array | None = None) -> Recorder:
+        """Return a place for samples of the present phase."""
+        placed = np.empty((0, 0, 3)) if targets is None else np.ascontiguousarray(targets)
+        return Recorder(self._new_log(samples), placed, np.zeros(1, dtype=np.int64))
+
+    def run(self, targets: Array | None = None, progress: Progress | None = None) -> Trajectory:
+        """Record the whole run of one phase in one piece, and end the threads; see `record`.
+
+        Returns:
+            The trajectory; its status is 'unstable' and it ends early where the run blows up.
+        """
+        with self:
+            return next(self.record(self.system.grid.steps + 1, targets, progress))
+
+    # -- what agents know ----------------------------------------------------------------------------------------------
+
+    @property
+    def command_shape(self) -> tuple[int, ...]:
+        """Shape of the argument of `add_to_command`."""
+        return len(self.system.team.agents), 3
+
+    def add_to_command(self, velocity: Array) -> None:
+        """Set velocities that are added to the commands of the compiled law, before the speed limit.
+
+        They apply from the law's next evaluation until the next call. Zeros change no bit. Agents that are `commanded`
+        have no other law.
+
+        Args:
+            velocity: Velocity of each agent relative to the medium, padded, shape (N, 3), m/s.
+        """
+        self._enter_phase()
+        self.memory.supplied[: len(velocity)] = np.where(self._coordinates, velocity, 0.0)
+
+    def observe(self) -> Sample:
+        """Return the measurements available to agents now and, separately, the true state; the run is not affected."""
+        self._enter_phase()
+        memory = self.memory
+        kept = memory.flat.copy()
+        if not self._commanded:
+            memory.supplied[:] = 0.0
+        self._look()
+        with self._naming_terms():
+            self._evaluate_law()
+        x = self.positions()
+        displacement = self._displaced(x[: len(self.system.team.agents)])
+        moved = displacement, self._velocity(displacement)
+        sample = Sample(self._view, self.time, x, self.quaternions(), *moved, memory, self._traffic)
+        memory.flat[:] = kept
+        return sample
+
+    def _look(self) -> None:
+        """Keep what onboard computers hold, before the law is evaluated at a step that has yet to be taken.
+
+        In compiled code, that is `mjsheaf.law.law.look`.
+        """
+        self._unlook()
+        self.memory.kept[0] = self.steps_taken + 1
+        self.memory.kept[1:] = self.memory.held
+
+    def _unlook(self) -> None:
+        """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was."""
+        memory = self.memory
+        if memory.kept[0] == self.steps_taken + 1:
+            memory.held[:] = memory.kept[1:]
+
+    def _naming_terms(self) -> AbstractContextManager[None]:
+        """Return a context that names the registered term whose exception ends it."""
+        return naming_terms(self._control.law.custom, self.system.team, self.memory.evaluated)
+
+    def _displaced(self, q: Array) -> Array:
+        """Return the displacement of agents at q (N, 3), m, since the sample before, shape (N, 3), m."""
+        if self._observed != self.steps_taken:  # a sample may be taken again
+            self._observed = self.steps_taken
+            self._before = self._now
+        self._now = q.copy()
+        return np.asarray(q - self._before)
+
+    def _keep(self, positions: Array) -> None:
+        """Keep where the agents were at the last of the samples before now; positions have the shape (T, V, 3), m."""
+        if len(positions) and not self.controller:
+            self._observed = -1
+            self._now = positions[-1, : len(self._now)].copy()
+
+    def _consult(self) -> None:
+        """Call the law in Python, if there is one, and supply the velocities that it returns."""
+        if self.controller:
+            self.add_to_command(self.controller.call(self.system.team, self.observe()))
+
+    # -- the state -----------------------------------------------------------------------------------------------------
+
+    def get_state(self) -> Array:
+        """Return the complete state of the run, including the seed, as one array.
+
+        It does not contain the state of a law in Python.
+        """
+        self._enter_phase()  # where a phase begins, as `set_state` expects it
+        before = self._before if self._observed == self.steps_taken else self._now
+        seed = float(self.seed)  # a double has 53 bits, and a seed 63
+        rest = float(self.seed - int(seed))
+        memory = self.memory.flat
+        seen = memory.copy()
+        self._unlook()
+        state = np.concatenate([[seed], self._get_motion(), memory, [rest], before.ravel()])
+        memory[:] = seen
+        return state
+
+    def set_state(self, state: Array) -> None:
+        """Continue from a state of `get_state`, bit for bit as the run from which it was taken, with its seed.
+
+        Raises:
+            InputError: The state has another size, so it is not one of this scenario, or it is not finite.
+        """
+        values, before = np.asarray(state), self.get_state()
+        good = values.dtype.kind in "fiu" and values.ndim == 1 and bool(np.isfinite(values).all())
+        if not good or not self.restore(values.astype(np.float64)):
+            self.restore(before)
+            raise InputError(
+                f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
+            )
+
+    def seed_of(self, state: Array) -> int:
+        """Return the seed of the run that a state belongs to; -1 if it is unknown."""
+        rest = int(state[-1 - self._now.size]) if state[0] >= 2.0**53 else 0
+        return int(state[0]) + rest
+
+    def restore(self, state: Array) -> bool:
+        """Take over a state, finite or not; return False if it is not of the size that its phase needs."""
+        begin = 1 + len(self._get_motion())
+        if len(state) <= begin + self._now.size:
+            return False
+        seed = self.seed_of(state)
+        if self.scenario is not None and seed not in (-1, self.seed):
+            self.reset(seed)
+        self._set_motion(state[1:begin])
+        self._enter_phase()
+        memory = self.memory.flat
+        end = begin + len(memory)
+        if len(state) != end + self._now.size + 1:
+            return False
+        memory[:] = state[begin:end]
+        self.memory.kept[0] = 0.0
+        self._observed = -1
+        self._now = state[end + 1 :].reshape(-1, 3).copy()
+        return True
+
+    @property
+    def _moving(self) -> Sequence[Array | IntArray]:
+        """Arrays that hold the motion, the number of steps among them; unused where MuJoCo holds it.
+
+        Whatever else time changes, such as filters of a medium, belongs here too.
+        """
+        return ()
+
+    def _get_motion(self) -> Array:
+        """Return the motion as one array."""
+        return np.concatenate([values.ravel() for values in self._moving])
+
+    def _set_motion(self, values: Array) -> None:
+        """Take over a motion."""
+        arrays = self._moving
+        parts = np.split(values, np.cumsum([array.size for array in arrays])[:-1])
+        for array, part in zip(arrays, parts, strict=True):
+            array.reshape(-1)[:] = part
+
+    # -- threads -------------------------------------------------------------------------------------------------------
+
+    def close(self) -> None:  # noqa: B027
+        """End the threads of an engine that has any."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

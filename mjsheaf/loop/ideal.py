@@ -1,0 +1,413 @@
+"""The ideal backend: q' = f(q, t) + g(q, t) u + omega(t), integrated to a stated tolerance.
+
+With a control period the velocity commands -k1 eta are sampled and held (zero-order hold); between samples vehicles do
+not act on one another, and each is integrated by itself, flow and disturbance included. The allocation
+u = g^+ (-k1 eta) follows g(q, t) within a period, as an actuator does. With period 0 the law itself is inside the
+integrator, and the team is integrated as one.
+
+The method is Dormand and Prince's pair of order 5(4) (J. Comput. Appl. Math. 6, 1980) with local extrapolation, the
+step control and starting step of Hairer, Norsett and Wanner (Solving Ordinary Differential Equations I, II.4). Errors
+are measured as the root mean square over the padded state (3 components a vehicle) relative to atol + rtol |x|: the
+way in which the paper's published run was integrated, so that it comes out alike to rounding.
+
+All within a period is inlined into one function for one vehicle (see `inline_jit`): handing tuples of arrays on
+costs more than a slope does.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
+from mjsheaf.law.station import Station, keep_station, no_station
+from mjsheaf.loop.engine import Engine, Recorder
+from mjsheaf.loop.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
+from mjsheaf.media.moving import unknown_flow
+from mjsheaf.system import System
+
+_A = np.array(
+    [
+        [0, 0, 0, 0, 0, 0],
+        [1 / 5, 0, 0, 0, 0, 0],
+        [3 / 40, 9 / 40, 0, 0, 0, 0],
+        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+_C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
+_ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+
+_HUGE = 1e9  # m; a position beyond this is a blow-up
+_SMALLEST_STEP = 1e-13  # of a period
+_SMALLEST_TRIAL = 1e-9  # of a period
+_MOST_STEPS = 50_000  # of the integrator beyond the usual ones: the solution runs into a singularity, or is stiff
+_USUAL_STEPS = 2_000  # of the integrator in a period: those above it are counted from period to period
+
+
+class Integrator(NamedTuple):
+    """Model of V vehicles between samples, and the integrator's work arrays.
+
+    Attributes:
+        medium, effectiveness: Flow and disturbances around the vehicles, and the map from inputs to velocities.
+        tolerance: Relative and absolute error of each step.
+        period: Time over which commands are held, s.
+        station: Positions that vehicles keep, at every instant.
+        memory: Memory of the law.
+        state: Positions at a stage, shape (V, 3), m.
+        slope: x' at each stage, shape (7, V, 3), m/s.
+        input: Input u of an agent, shape (s,).
+        medium_state: State of the medium at the present time.
+        surplus: Accumulated steps in excess of the usual number per period, reduced by periods that need fewer, by the
+            first of the vehicles that are integrated together, shape (V,).
+    """
+
+    medium: MediumArrays
+    effectiveness: EffectivenessArrays
+    tolerance: tuple[float, float]
+    period: float
+    station: Station
+    memory: Memory
+    state: Array
+    slope: Array
+    input: Array
+    medium_state: MediumState
+    surplus: IntArray
+
+
+def new_integrator(
+    medium: MediumArrays,
+    effectiveness: EffectivenessArrays,
+    tolerance: tuple[float, float],
+    period: float,
+    memory: Memory,
+    surplus: IntArray | None = None,
+    station: Station | None = None,
+) -> Integrator:
+    """Make an integrator for the vehicles in a medium, with the memory of their law.
+
+    `surplus` is that of an earlier integrator; no vehicle keeps a station by default.
+    """
+    V = len(medium.planar)
+    return Integrator(
+        medium=medium,
+        effectiveness=effectiveness,
+        tolerance=tolerance,
+        period=period,
+        station=no_station(V) if station is None else station,
+        memory=memory,
+        state=np.zeros((V, 3)),
+        slope=np.zeros((7, V, 3)),
+        input=np.zeros(effectiveness.pinv.shape[1]),
+        medium_state=new_state(medium),
+        surplus=np.zeros(V, dtype=np.int64) if surplus is None else surplus,
+    )
+
+
+@inline_jit
+def slope_of(follow, run, t, x, first, last, out):
+    """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
+    medium, effectiveness = run.medium, run.effectiveness
+    if follow is not None:
+        evaluate_law(follow, t, x, None, run.memory)
+    advance(medium, t, first, last, run.medium_state)
+    for v in range(first, last):
+        for i in range(3):
+            out[v, i] = run.memory.command[v, i]
+        wx, wy, wz = medium_velocity(medium, run.medium_state, v, x[v, 0], x[v, 1], x[v, 2])
+        if run.station.holds[v]:
+            keep_station(run.station, v, x[v], (wx, wy, wz), out[v])
+        if v < medium.agents and effectiveness.given[v]:
+            allocate(effectiveness, v, x[v], t, out[v], run.input)
+        out[v, 0] += wx
+        out[v, 1] += wy
+        out[v, 2] += wz
+
+
+@inline_jit
+def _norm(values, x, y, first, last, tolerance):
+    """Root mean square of values relative to atol + rtol max(|x|, |y|), over the vehicles from first to last."""
+    total = 0.0
+    for v in range(first, last):
+        for i in range(3):
+            scale = tolerance[1] + tolerance[0] * max(abs(x[v, i]), abs(y[v, i]))
+            relative = values[v, i] / scale
+            total += relative * relative
+    return np.sqrt(total / (3 * (last - first)))
+
+
+@inline_jit
+def _first_step(follow, run, t, x, first, last):
+    """A step for which the method's leading error term is likely to pass; run.slope[0] holds x' at t."""
+    period = run.period
+    size = _norm(x, x, x, first, last, run.tolerance)
+    speed = _norm(run.slope[0], x, x, first, last, run.tolerance)
+    trial = min(1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed, period)
+    if trial < _SMALLEST_TRIAL * period:  # |x| says nothing about the time scale of a vehicle next to the origin
+        trial = _SMALLEST_TRIAL * period
+    for v in range(first, last):
+        for i in range(3):
+            run.state[v, i] = x[v, i] + trial * run.slope[0, v, i]
+    slope_of(follow, run, t + trial, run.state, first, last, run.slope[1])
+    for v in range(first, last):
+        for i in range(3):
+            run.slope[1, v, i] -= run.slope[0, v, i]
+    bend = _norm(run.slope[1], x, x, first, last, run.tolerance) / trial
+    if speed <= 1e-15 and bend <= 1e-15:
+        step = max(1e-6, trial * 1e-3)
+    else:
+        step = (0.01 / max(speed, bend)) ** 0.2
+    return min(100.0 * trial, step, period)
+
+
+@inline_jit
+def take_step(follow, run, t, h, x, first, last):
+    """Try a step of the vehicles from first to last from t to t + h; return its error relative to the tolerance.
+
+    run.slope[0] contains x' at t. On return, run.state contains the positions at t + h, and run.slope[6] x' there.
+    """
+    for stage in range(1, 7):
+        for v in range(first, last):
+            for i in range(3):
+                total = 0.0
+                for k in range(stage):
+                    total += _A[stage, k] * run.slope[k, v, i]
+                run.state[v, i] = x[v, i] + h * total
+        slope_of(follow, run, t + _C[stage] * h, run.state, first, last, run.slope[stage])
+    for v in range(first, last):
+        for i in range(3):
+            total = 0.0
+            for k in range(7):
+                total += _ERROR[k] * run.slope[k, v, i]
+            run.slope[1, v, i] = h * total  # no later stage reads this slope
+    return _norm(run.slope[1], x, run.state, first, last, run.tolerance)
+
+
+@inline_jit
+def _next_step(h, error, rejected):
+    """Return the step to try after one of h with this error; it does not grow where the one before was rejected."""
+    if not error < 1.0:
+        return h * max(0.2, 0.9 * error**-0.2)
+    factor = 10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2)
+    return h * (min(1.0, factor) if rejected else factor)
+
+
+@inline_jit
+def _take_over(run, x, first, last):
+    """Take over the positions and slopes of a step that passed; return False if a position is huge."""
+    for v in range(first, last):
+        for i in range(3):
+            x[v, i] = run.state[v, i]
+            run.slope[0, v, i] = run.slope[6, v, i]
+            if abs(x[v, i]) > _HUGE:
+                return False
+    return True
+
+
+@inline_jit
+def _advance(follow, run, t, x, first, last):
+    """Integrate the vehicles from first to last over one period, in place; False where the solution blows up.
+
+    run.slope[0] holds x' at t.
+    """
+    period = run.period
+    step = _first_step(follow, run, t, x, first, last)
+    done, rejected, steps = 0.0, False, 0
+    while done < period:
+        steps += 1
+        if steps > _USUAL_STEPS:
+            run.surplus[first] += 1
+        if run.surplus[first] > _MOST_STEPS:
+            return False
+        if not step > _SMALLEST_STEP * period:  # also where it is NaN
+            return False
+        h = min(step, period - done)
+        error = take_step(follow, run, t + done, h, x, first, last)
+        if not np.isfinite(error):
+            return False
+        step = _next_step(h, error, rejected)
+        rejected = not error < 1.0
+        if not rejected:
+            done = period if h >= period - done else done + h
+            if not _take_over(run, x, first, last):
+                return False
+    if steps < _USUAL_STEPS:
+        run.surplus[first] = max(run.surplus[first] - (_USUAL_STEPS - steps), 0)
+    return True
+
+
+@inline_jit
+def _record(run, t, x, k, log):
+    """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
+    medium, memory, slope = run.medium, run.memory, run.slope[0]
+    record_links(memory.links.heard, memory.y, log, k)
+    hold(medium, t, 0, x.shape[0], run.medium_state)
+    advance(medium, t, 0, x.shape[0], run.medium_state)
+    for v in range(x.shape[0]):
+        w = medium_velocity(medium, run.medium_state, v, x[v, 0], x[v, 1], x[v, 2])
+        if run.station.holds[v]:
+            keep_station(run.station, v, x[v], w, memory.command[v])
+        for i in range(3):
+            slope[v, i] = memory.command[v, i]
+        if v < medium.agents:
+            if run.effectiveness.given[v]:
+                allocate(run.effectiveness, v, x[v], t, slope[v], log.inputs[k, v])
+            else:
+                for i in range(3):
+                    log.inputs[k, v, i] = memory.command[v, i]
+        for i in range(3):
+            slope[v, i] += w[i]
+        record_vehicle(log.extra, run, memory, log, k, v, x[v], slope[v], w)
+
+
+@jit
+def _run(control, follow, run, times, advances, x, count, log, placed):
+    """Record the samples at `times` and advance after the first `advances`: (samples recorded, vehicle that blew up).
+
+    The periods that were taken are added to `count`, shape (1,): Ctrl-C takes effect before Python could count them.
+
+    `follow` is `control` where the law is inside the integrator and None where it is held: another type, so that the
+    two are compiled apart, and only the one that is used.
+    """
+    V, M = x.shape[0], placed.shape[1]
+    for k in range(times.shape[0]):
+        for v in range(M):
+            for i in range(3):
+                x[V - M + v, i] = placed[k, v, i]
+        evaluate_law(control, times[k], x, None, run.memory)
+        _record(run, times[k], x, k, log)
+        if k == advances:
+            break
+        if follow is None:
+            for v in range(V):
+                if not _advance(None, run, times[k], x, v, v + 1):
+                    return k + 1, v
+        elif not _advance(follow, run, times[k], x, 0, V):
+            return k + 1, V
+        count[0] += 1
+    return times.shape[0], -1
+
+
+class Ideal(Engine):
+    """A run on ideal kinematics; a step is one period between samples."""
+
+    steps_per_sample = 1
+    _chunk = 500
+    _stride = 1
+
+    def _begin(self) -> None:
+        self._timestep = self.system.grid.period
+        self._x = np.array(self.system.initial)
+        self._attitude = quaternions_of(self.system.bodies.heading)
+        self._surplus = np.zeros(len(self._x), dtype=np.int64)
+        self._count = np.zeros(1, dtype=np.int64)
+        self._enter(new_memory(self._control.law, len(self._x)))
+
+    def _enter(self, memory: Memory) -> None:
+        system = self.system
+        self._integrator = new_integrator(
+            system.medium,
+            system.effectiveness,
+            system.tolerance,
+            system.grid.period,
+            memory,
+            self._surplus,
+            system.station,
+        )
+        self._unrecorded = self._recorder(1)  # which each sample overwrites
+
+    def _new_log(self, samples: int) -> Log:
+        inputs = len(self.system.team.agents), self.system.effectiveness.pinv.shape[1]
+        return new_log(samples, self._control.law, inputs=inputs)
+
+    @property
+    def memory(self) -> Memory:
+        """Values that onboard computers hold; a phase with other edges has others."""
+        return self._integrator.memory
+
+    @property
+    def steps_taken(self) -> int:
+        """Number of periods since the start."""
+        return int(self._count[0])
+
+    @property
+    def _moving(self) -> Sequence[Array | IntArray]:
+        return self._count, self._x, self._surplus
+
+    def _control_of(self, system: System) -> ControlArrays:
+        return system.control
+
+    def _place_targets(self, recorder: Recorder) -> None:
+        k = int(recorder.written[0])
+        if k < len(recorder.placed):
+            placed = recorder.placed[k]
+            self._x[len(self._x) - len(placed) :] = placed
+
+    def _evaluate_law(self) -> None:
+        if self._integrator.station.holds.any():  # whose commands are not the law's
+            self._record_now(self._unrecorded)
+        else:
+            evaluate_law(self._control, self.time, self._x, None, self.memory)
+
+    def _record_now(self, recorder: Recorder) -> None:
+        self._integrate(self.steps_taken, 1, recorder, advance=False)
+
+    def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
+        done, broken = self._integrate(step, count, recorder, advance=True)
+        self._count[0] = step + done
+        if broken < 0:
+            return None
+        if broken == len(self._x):  # the team was integrated as one: the largest state names the vehicle
+            broken = int(np.argmax(np.abs(np.nan_to_num(self._x, nan=np.inf)).max(axis=1)))
+        return broken, step + done - 1
+
+    def _integrate(self, step: int, count: int, recorder: Recorder, *, advance: bool) -> tuple[int, int]:
+        """Record `count` samples from step number `step` on, and advance after each or not.
+
+        Returns:
+            The number of samples recorded, and the vehicle that blew up or -1; V where the team was integrated as one.
+        """
+        row = min(int(recorder.written[0]), len(recorder.log.positions) - count)
+        done, broken = _run(
+            self._control,
+            self._control if self.system.grid.continuous else None,
+            self._integrator,
+            self.system.grid.span(step, step + count),
+            count if advance else 0,
+            self._x,
+            self._count,
+            recorder.log.span(row, row + count),
+            recorder.placed[row : row + count],
+        )
+        recorder.written[0] = row + done
+        return done, broken
+
+    def _describe_blow_up(self, vehicle: int, step: int) -> str:
+        grid = self.system.grid
+        detail = ""
+        if self._surplus.max(initial=0) > _MOST_STEPS:
+            field = "controller.record_period" if grid.continuous else "controller.control_period"
+            detail = f" takes more than {_USUAL_STEPS} steps of the integrator for each {field} of {grid.period:g} s"
+        cause = ""
+        if self.controller:
+            cause = self.controller.cause_of_blow_up(self.system.team, vehicle, self.memory.command)
+        cause = unknown_flow(self.system.moving, self._integrator.medium_state.parts, vehicle) or cause
+        speed = f"commanded {float(np.linalg.norm(self.memory.command[vehicle])):.3g} m/s"
+        return blow_up_message(self.system, vehicle, detail, grid.start + step * grid.period, speed, cause)
+
+    def _velocity(self, displacement: Array) -> Array:
+        return np.hstack([displacement / self._timestep, np.zeros_like(displacement)])
+
+    def positions(self) -> Array:
+        """Positions, padded: agents then targets, shape (V, 3), m."""
+        return self._x.copy()
+
+    def quaternions(self) -> Array:
+        """Attitudes at the start (w, x, y, z), body to world, shape (V, 4): ideal kinematics have none of their own."""
+        return self._attitude.copy()

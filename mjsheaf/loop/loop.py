@@ -1,0 +1,477 @@
+"""Loop on bodies: the law at its period, the measurements and commands of each vehicle, and the samples.
+
+An engine moves the bodies: MuJoCo (see `world`), or our own function (see `fused`). The whole step is compiled code.
+Samples are recorded inside the loop, into arrays allocated once.
+"""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.arrays import Array, IntArray, Own
+from mjsheaf.jit import inline_jit
+from mjsheaf.law.controller import Controller
+from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
+from mjsheaf.law.station import Station, keep_station, no_station
+from mjsheaf.loop.bodies import Fleet, pack_fleet
+from mjsheaf.loop.engine import Engine, Recorder
+from mjsheaf.loop.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
+from mjsheaf.media.moving import unknown_flow
+from mjsheaf.system import Phase, System
+from mjsheaf.tiers import Tiered
+from mjsheaf.vehicles.actuators import ANGLE
+
+HUGE = 1e10
+"""Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
+
+NEVER = int(np.iinfo(np.int64).max)
+"""Time at which a vehicle was bad that was not; see `Fused._bad`."""
+
+AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
+"""Codes of what commands the actuators of a vehicle: its autopilot, nothing, or the caller, who writes `State.ctrl`."""
+
+
+class Params(NamedTuple):
+    """Constants of a run. Worlds that step together share them, except for the fields marked `Own`.
+
+    Attributes:
+        control: Law and references of the onboard computers.
+        medium: Flow and disturbances around the vehicles.
+        fleet: The vehicles.
+        station: Positions that vehicles hold.
+        helm: AUTOPILOT, STOPPED or OUTSIDE for each vehicle, shape (V,).
+        gain: Gains of all actuators, as MuJoCo has them, shape (A, k) or (A, 1).
+        start: Time of step 0, s.
+        timestep: Physics step, s.
+        per_law: Physics steps between evaluations of the law.
+        per_sample: Physics steps between samples.
+    """
+
+    control: ControlArrays
+    medium: MediumArrays
+    fleet: Fleet
+    station: Station
+    helm: NDArray[np.int8]
+    gain: Array
+    start: float
+    timestep: float
+    per_law: int
+    per_sample: int
+
+
+class State(NamedTuple):
+    """State of a run, which changes from step to step.
+
+    Attributes:
+        qpos: Positions of the free joints, shape (7 V,).
+        qvel: Velocities of the free joints, shape (6 V,).
+        ctrl: Commands of all actuators, shape (A,).
+        act: Activations of the actuators with a lag.
+        x: Positions that the law sees, padded, shape (V, 3), m.
+        drift: Velocity of the medium as each vehicle measures it, shape (V, 3), m/s.
+        medium: State of the medium.
+        memory: Memory of the law.
+    """
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    act: Array
+    x: Array
+    drift: Array
+    medium: MediumState
+    memory: Memory
+
+
+class Loop(NamedTuple):
+    """The closed loop of a world, for compiled code.
+
+    Attributes:
+        params: What does not change.
+        state: What changes, and is the world's own.
+    """
+
+    params: Params
+    state: Own[State]
+
+
+class EngineArrays(NamedTuple):
+    """The part of a loop's arrays that belongs to what moves the bodies: see `Params` and `State`."""
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    act: Array
+    gain: Array
+
+
+@inline_jit
+def controlled_positions(fleet, qpos, x):
+    """Write the positions that the law controls into x (V, 3): hand points, or origins; z = 0 for planar ones."""
+    for v in range(x.shape[0]):
+        kind, a = fleet.kinds[fleet.bodies[v].kind], fleet.bodies[v].qpos
+        x[v, 0], x[v, 1] = qpos[a], qpos[a + 1]
+        x[v, 2] = 0.0 if kind.planar else qpos[a + 2]
+        if kind.hand > 0.0:
+            w, i, j, k = qpos[a + 3], qpos[a + 4], qpos[a + 5], qpos[a + 6]
+            x[v, 0] += kind.hand * (1.0 - 2.0 * (j * j + k * k))
+            x[v, 1] += kind.hand * 2.0 * (i * j + w * k)
+
+
+@inline_jit
+def run_law(loop, t):
+    """Evaluate the law at time t, s, for the present state."""
+    params, state = loop
+    memory = state.memory
+    bodies = params.fleet.bodies
+    controlled_positions(params.fleet, state.qpos, state.x)
+    hold(params.medium, t, 0, bodies.shape[0], state.medium)
+    if params.control.law.terms.drift > 0.0:
+        advance(params.medium, t, 0, bodies.shape[0], state.medium)
+        for v in range(bodies.shape[0]):
+            w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
+            for i in range(3):
+                state.drift[v, i] = w[i]
+    attitude = memory.links.attitude
+    for v in range(attitude.shape[0]):
+        for i in range(4):
+            attitude[v, i] = state.qpos[bodies[v].qpos + 3 + i]
+    evaluate_law(params.control, t, state.x, state.drift, memory)
+    for v in range(bodies.shape[0]):
+        if params.station.holds[v]:
+            advance(params.medium, t, v, v + 1, state.medium)
+            w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
+            keep_station(params.station, v, state.x[v], w, memory.command[v])
+
+
+@inline_jit
+def medium_at(medium, present, fleet, qpos, v):
+    """Velocity of the medium, whose state is `present`, at the origin of vehicle v, as three numbers, m/s."""
+    body = fleet.bodies[v]
+    a = body.qpos
+    z = 0.0 if fleet.kinds[body.kind].planar else qpos[a + 2]
+    return medium_velocity(medium, present, v, qpos[a], qpos[a + 1], z)
+
+
+@inline_jit
+def place_targets(fleet, qpos, x, recorder):
+    """Put the targets at their references of this sample."""
+    k, agents = recorder.written[0], x.shape[0] - recorder.placed.shape[1]
+    if k >= recorder.placed.shape[0]:
+        return
+    controlled_positions(fleet, qpos, x)
+    for v in range(agents, x.shape[0]):
+        body = fleet.bodies[v]
+        for i in range(2 if fleet.kinds[body.kind].planar else 3):
+            qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - x[v, i]
+
+
+@inline_jit
+def is_at_limit(kind, thruster, command):
+    """Return True if a thruster's command is at a limit; one that cannot reverse is at rest at 0."""
+    if command == 0.0 and kind.one_sided:
+        return False
+    return command <= thruster.low or command >= thruster.high
+
+
+@inline_jit
+def record(loop, log, k, first, last):
+    """Write the state and the commands just made for it of vehicles from first up to last as sample k.
+
+    Links go with vehicle 0.
+    """
+    params, state = loop
+    fleet, memory = params.fleet, state.memory
+    if first == 0:
+        record_links(memory.links.heard, memory.y, log, k)
+    for v in range(first, last):
+        body = fleet.bodies[v]
+        kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
+        w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
+        record_vehicle(log.extra, loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
+        for i in range(3):
+            log.origin[k, v, i] = state.qpos[a + i]
+        for i in range(4):
+            log.quaternions[k, v, i] = state.qpos[a + 3 + i]
+        at_limit = 0
+        for j in range(kind.count):
+            n, thruster = body.actuator + j, fleet.thrusters[kind.thruster + j]
+            command = state.ctrl[n]
+            log.thruster_command[k, n] = command
+            late = state.act[body.state + thruster.state] if thruster.late else command
+            log.thruster_output[k, n] = late if thruster.code == ANGLE else params.gain[n, 0] * late
+            at_limit += is_at_limit(kind, thruster, command)
+        log.saturation[k, v] = at_limit / max(kind.count, 1)
+
+
+@inline_jit
+def begin_span(loop, k, recorder):
+    """Do what comes before step k: place targets for the recorder, and evaluate the law if it is due.
+
+    Returns:
+        Row of the log for the sample at step k, which is counted as written; -1 if it is no sample or there is no room.
+    """
+    params, state = loop
+    row = -1
+    if k % params.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]:
+        row = recorder.written[0]
+        place_targets(params.fleet, state.qpos, state.x, recorder)
+        recorder.written[0] = row + 1
+    if k % params.per_law == 0:
+        run_law(loop, params.start + k * params.timestep)
+    return row
+
+
+def first_bad(bad: IntArray) -> tuple[int, int] | None:
+    """Return the vehicle that was bad first and the number of its step, from `Fused._bad`; None if none was."""
+    vehicle = int(np.argmin(bad))
+    return None if bad[vehicle] == NEVER else (vehicle, int(bad[vehicle]) // 2)
+
+
+def new_loop(
+    fleet: Fleet,
+    control: ControlArrays,
+    medium: MediumArrays,
+    arrays: EngineArrays,
+    *,
+    timestep: float,
+    start: float = 0.0,
+    per_law: int = 1,
+    per_sample: int = 1,
+) -> Loop:
+    """Return a loop whose law remembers nothing, about arrays of what moves the bodies; see `Params`."""
+    V = len(fleet.bodies)
+    params = Params(
+        control=control,
+        medium=medium,
+        fleet=fleet,
+        station=no_station(V),
+        helm=np.full(V, AUTOPILOT, dtype=np.int8),
+        gain=arrays.gain,
+        start=start,
+        timestep=timestep,
+        per_law=per_law,
+        per_sample=per_sample,
+    )
+    state = State(
+        qpos=arrays.qpos,
+        qvel=arrays.qvel,
+        ctrl=arrays.ctrl,
+        act=arrays.act,
+        x=np.zeros((V, 3)),
+        drift=np.zeros((V, 3)),
+        medium=new_state(medium),
+        memory=new_memory(control.law, V),
+    )
+    return Loop(params, state)
+
+
+def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: Controller | None = None) -> str:
+    """Name the vehicle of a loop that was bad at a step, and the likely cause, which may be a law in Python."""
+    speed = np.linalg.norm(loop.state.qvel[6 * vehicle :][:3])
+    commanded = np.linalg.norm(loop.state.memory.command[vehicle])
+    detail = f" (body '{system.vehicles[vehicle].name}')"
+    time = system.grid.start + step * system.timestep
+    cause = controller.cause_of_blow_up(system.team, vehicle, loop.state.memory.command) if controller else ""
+    cause = unknown_flow(loop.params.medium.parts, loop.state.medium.parts, vehicle) or cause
+    seen = f"speed {speed:.3g} m/s, commanded {commanded:.3g} m/s"
+    return blow_up_message(system, vehicle, detail, time, seen, cause)
+
+
+# Python calls them once for a run or a sample; compiled loops call the functions themselves.
+_run_law = Tiered(run_law, records=True)
+_place_targets = Tiered(place_targets, records=True, numbers=np.inf)
+_record = Tiered(record, records=True, numbers=np.inf)
+
+
+class ClosedLoop(Engine):
+    """A run on bodies; a step is a physics step.
+
+    Subclasses must implement `_state_arrays`, `_command`, `steps_taken` and `_move`.
+    """
+
+    _loop: Loop
+    _heading: Array | None = None  # of the vehicles of `_fleet`
+    _at_once: ClassVar = 200_000  # physics steps times vehicles in a compiled call; Ctrl-C takes effect between calls
+
+    def _take(self, run: System | Sequence[Phase]) -> None:
+        super()._take(run)
+        system = self.system
+        plan = system.bodies
+        if plan.heading is not self._heading:  # no seed changes more
+            self._vehicles = system.vehicles
+            self._heading = plan.heading
+            self._hand = np.array([[vehicle.steering.hand] for vehicle in self._vehicles])
+            self._fleet = pack_fleet(self._vehicles, plan.heading, system.timestep, plan.surface)
+            trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
+            self._act = trim[self._fleet.channels["late"] > 0]
+            self._attitudes = quaternions_of(plan.heading)
+            self._forward = np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
+        self.steps_per_sample = system.steps_per_sample
+        self._timestep = system.timestep
+        self._chunk = self._stride = max(1, min(4000, self._at_once // len(self._vehicles)))
+
+    @abstractmethod
+    def _state_arrays(self) -> EngineArrays:
+        """Return the arrays of what moves the bodies."""
+
+    @abstractmethod
+    def _command(self) -> None:
+        """Let every vehicle measure and command, with the state as it is."""
+
+    def _begin(self) -> None:
+        grid = self.system.grid
+        params, state = new_loop(
+            self._fleet,
+            self._control,
+            self.system.medium,
+            self._state_arrays(),
+            timestep=self._timestep,
+            start=grid.start,
+            per_law=1 if grid.continuous else self.steps_per_sample,
+            per_sample=self.steps_per_sample,
+        )
+        self._loop = Loop(params, state)
+        self._enter(state.memory)
+        self._unrecorded = self._recorder(0)
+        self.place()
+        self._look()
+        with self._naming_terms():
+            self._evaluate_law()
+        self._command()
+
+    def _enter(self, memory: Memory) -> None:
+        params = self.params()
+        self._loop = Loop(params, self._loop.state._replace(medium=new_state(params.medium), memory=memory))
+
+    def params(self) -> Params:
+        """Return the constants of the present phase."""
+        system = self.system
+        helm = np.full(len(self._vehicles), AUTOPILOT, dtype=np.int8)
+        if system.stopped is not None:
+            helm[system.stopped] = STOPPED
+        if self._commanded == "thrust":
+            helm[: len(system.team.agents)][system.team.present] = OUTSIDE
+        return self._loop.params._replace(
+            control=self._control,
+            medium=system.medium,
+            helm=helm,
+            station=system.station_of_bodies,
+        )
+
+    def place(self) -> None:
+        """Put the vehicles where they begin; rotors turn before a multirotor is let go."""
+        x = self._loop.state.qpos.reshape(-1, 7)
+        x[:, :3] = self.system.initial
+        x[:, :2] -= self._hand * self._forward
+        x[self.system.planar, 2] = self.system.bodies.surface_height
+        x[:, 3:] = self._attitudes
+        self._loop.state.act[:] = self._act
+
+    def _control_of(self, system: System) -> ControlArrays:
+        return system.control_of_bodies
+
+    def _evaluate_law(self) -> None:
+        _run_law(self._loop, self.time)
+
+    def _place_targets(self, recorder: Recorder) -> None:
+        _place_targets(self._fleet, self._loop.state.qpos, self._loop.state.x, recorder)
+
+    def _record_now(self, recorder: Recorder) -> None:
+        self._evaluate_law()
+        self._command()
+        _record(self._loop, recorder.log, int(recorder.written[0]), 0, len(self._vehicles))
+        recorder.written[0] += 1
+
+    def _describe_blow_up(self, vehicle: int, step: int) -> str:
+        return blow_up_of(self.system, self._loop, vehicle, step, self.controller)
+
+    def _new_log(self, samples: int) -> Log:
+        return new_log(samples, self._control.law, actuators=len(self._loop.state.ctrl))
+
+    def _velocity(self, displacement: Array) -> Array:
+        return self._loop.state.qvel.reshape(-1, 6)[: len(displacement)]
+
+    def close_loop(self, sample: bool | None = None) -> None:
+        """Write commands and forces for the present state, without stepping.
+
+        This is what happens before every physics step. Call it yourself to step with `mujoco.mj_step`; `step` calls
+        it for you.
+
+        Args:
+            sample: True if the law is evaluated; None evaluates it when its period is due.
+        """
+        self._enter_phase()
+        if sample is None:
+            sample = self.steps_taken % self._loop.params.per_law == 0
+        if sample:
+            self._consult()
+            self._look()
+            with self._naming_terms():
+                self._evaluate_law()
+        self._command()
+
+    @property
+    def command_shape(self) -> tuple[int, ...]:
+        """Shape of the argument of `add_to_command`."""
+        if self._commanded != "thrust":
+            return super().command_shape
+        return (sum(len(vehicle.channels) for vehicle in self._vehicles[: len(self.system.team.agents)]),)
+
+    def add_to_command(self, command: Array) -> None:
+        """Set velocities as `Engine.add_to_command`, or the commands of actuators if `commanded` is 'thrust'.
+
+        Args:
+            command: Velocities, or the command of each actuator of the agents, shape (A,), in the order of `result.nc`
+                and within the limits of `Vehicle.channels`; actuators of agents that are absent ignore theirs.
+        """
+        if self._commanded == "thrust":
+            self._enter_phase()
+            self._loop.state.ctrl[: len(command)] = command
+        else:
+            super().add_to_command(command)
+
+    @property
+    def memory(self) -> Memory:
+        """Values that onboard computers hold since the law's last evaluation; a phase with other edges has others."""
+        return self._loop.state.memory
+
+    @property
+    def command(self) -> Array:
+        """Commanded velocities of the law's last evaluation, shape (V, 3), m/s."""
+        return self.memory.command
+
+    @property
+    def disagreement(self) -> Array:
+        """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
+        return self.memory.residual
+
+    def positions(self) -> Array:
+        """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
+        x = np.empty((len(self._vehicles), 3))
+        controlled_positions(self._fleet, self._loop.state.qpos, x)
+        return x
+
+    def heights(self) -> Array:
+        """z of every body, floating ones included, shape (V,), m."""
+        return self._loop.state.qpos.reshape(-1, 7)[:, 2].copy()
+
+    def quaternions(self) -> Array:
+        """Attitudes (w, x, y, z), body to world, shape (V, 4)."""
+        return self._loop.state.qpos.reshape(-1, 7)[:, 3:].copy()
+
+    def saturation(self) -> Array:
+        """Fraction of each vehicle's thrusters whose command is at its limit, shape (V,)."""
+        channels = self._fleet.channels
+        kinds = self._fleet.kinds[self._fleet.bodies["kind"]]
+        ctrl = self._loop.state.ctrl
+        count = kinds["count"]
+        resting = np.repeat(kinds["one_sided"] > 0, count) & (ctrl == 0.0)
+        at_limit = ((ctrl <= channels["low"]) | (ctrl >= channels["high"])) & ~resting
+        ends = np.cumsum(count)
+        total = np.append(0, np.cumsum(at_limit))
+        return (total[ends] - total[ends - count]) / np.maximum(count, 1)

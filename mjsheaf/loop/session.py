@@ -1,0 +1,284 @@
+"""A run that is stepped by control periods, on ideal kinematics or bodies, whichever engine moves them.
+
+`simulate`, `simulate_many`, `compare` and the environments are callers of `Session`.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Self, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mjsheaf.arguments import real_numbers, require_choice, require_scenario, require_whole
+from mjsheaf.arrays import Array
+from mjsheaf.errors import InputError, NotUniqueError, RankError
+from mjsheaf.threads import usable_processors
+
+if TYPE_CHECKING:
+    from mjsheaf.law.controller import Controller, Law
+    from mjsheaf.law.sample import Sample
+    from mjsheaf.loop.engine import Commanded, Engine
+    from mjsheaf.scenario import Scenario
+    from mjsheaf.system import Phase, System
+
+BACKENDS = ("physics", "ideal")
+ENGINES = ("mujoco", "fused")
+
+
+class Session:
+    """Closed-loop run that advances one control period at a time.
+
+    It gives the results of `simulate` bit for bit: repeated calls of `step` give the samples of its dataset. If it has
+    several threads, close it or use it in a `with` block.
+
+    Attributes:
+        backend: 'physics' or 'ideal'.
+        engine: Engine that moves the vehicles: a `World` for MuJoCo, else another `Engine`.
+    """
+
+    def __init__(
+        self,
+        scenario: "Scenario",
+        backend: str = "physics",
+        *,
+        engine: str = "mujoco",
+        threads: int | None = 1,
+        controller: "Law | Controller | None" = None,
+        commanded: "Commanded" = False,
+        allow_drift: bool = False,
+        visible: bool = False,
+    ) -> None:
+        """Put every vehicle at its initial condition.
+
+        Args:
+            scenario: The scenario, as `mjsheaf.load_scenario` returns it.
+            backend: 'physics' or 'ideal'.
+            engine: Engine that moves bodies: 'mujoco' or 'fused'; see `simulate`.
+            threads: Maximum number of threads of the fused engine; None takes all processors, see `simulate`.
+            controller: A law in Python in place of the agents' own; see `simulate`.
+            commanded: True if the argument of `step` replaces the agents' own law; by default it is added. 'thrust' if
+                it has the commands of actuators, which replace law and autopilot: on bodies only.
+            allow_drift: True to also simulate a team whose harmonic extension is not unique; see `simulate`.
+            visible: True for a MuJoCo model that includes purely visual geoms.
+
+        Raises:
+            InputError: An argument or the scenario is invalid, as for `simulate`.
+            NotUniqueError: The harmonic extension is not unique, and drift is not allowed.
+        """
+        require_scenario(scenario)
+        self.backend = backend
+        if commanded == "thrust" and backend == "ideal":
+            raise InputError("commanded is 'thrust': ideal kinematics have no thrusters; expected backend 'physics'")
+        phases = moved_by(scenario.phases, backend, engine, threads)
+        require_simulable(phases, backend, allow_drift=allow_drift)
+        self.engine = engine_of(
+            phases, backend, controller=controller, scenario=scenario, commanded=commanded, visible=visible
+        )
+
+    @property
+    def scenario(self) -> "Scenario":
+        """The scenario, with the seed of the run."""
+        return cast("Scenario", self.engine.scenario)
+
+    def reset(self, seed: int | None = None) -> None:
+        """Go back to the start.
+
+        Args:
+            seed: Seed of the run from here on: of initial conditions, disturbances, links and a law in Python. None
+                keeps the seed, and gives the same run again, to the bit.
+
+        Raises:
+            InputError: The seed is no whole number of at least 0.
+        """
+        self.engine.reset(seed)
+
+    def observe(self) -> "Sample":
+        """Return what agents may know now, and apart from that the truth; this changes nothing of the run.
+
+        It is the record that a law in Python is handed; sample k is what row k of the dataset holds.
+        """
+        return self.engine.observe()
+
+    def step(self, command: ArrayLike | None = None) -> None:
+        """Take one control period.
+
+        Args:
+            command: Velocity of each agent relative to the medium, in this period, padded, shape (N, 3), m/s. It is
+                added to the command of the agents' law before the speed limit; if the session is `commanded`, it takes
+                its place. None stands for zeros, which change nothing of a law's command, to the bit. If `commanded`
+                is 'thrust': the command of each actuator of the agents, in the order of `result.nc`, shape (A,).
+
+        Raises:
+            UnstableError: The state became bad; the message names vehicle, time and likely cause.
+            InputError: The command has another shape or is not finite, or a law in Python raised an exception or
+                returned no velocities.
+        """
+        engine = self.engine
+        shape = engine.command_shape
+        accepted = f"{shape} finite {'velocities in m/s' if len(shape) == 2 else 'commands of actuators'}"
+        engine.add_to_command(real_numbers("command", np.zeros(shape) if command is None else command, shape, accepted))
+        engine.step_period()
+
+    def change_events(self, scenario: "Scenario") -> None:
+        """Continue under a scenario with other events from the present sample on.
+
+        The run is then that of the new scenario from its start, to the bit.
+
+        Args:
+            scenario: The session's scenario; its events before the present sample are the same.
+
+        Raises:
+            InputError: As for `simulate`; the session continues as before.
+            NotUniqueError: The harmonic extension is not unique in some phase.
+        """
+        from mjsheaf.system import on_engine
+
+        plan = self.engine.system.bodies
+        phases = on_engine(scenario.phases, plan.engine, plan.threads)
+        require_simulable(phases, self.backend)
+        self.engine.scenario = scenario
+        self.engine.change_phases(phases)
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.engine.time
+
+    @property
+    def finished(self) -> bool:
+        """True from the end of the run's time on."""
+        return self.engine.finished
+
+    @property
+    def state(self) -> Array:
+        """Complete state of the run, including the seed, as one array; set it to continue from there, bit for bit.
+
+        It does not contain the state of a law in Python.
+        """
+        return self.engine.get_state()
+
+    @state.setter
+    def state(self, state: Array) -> None:
+        self.engine.set_state(state)
+
+    def close(self) -> None:
+        """End the threads."""
+        self.engine.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def engine_of(
+    run: "System | Sequence[Phase]",
+    backend: str = "physics",
+    *,
+    controller: "Law | Controller | None" = None,
+    commanded: "Commanded" = False,
+    visible: bool = False,
+    scenario: "Scenario | None" = None,
+) -> "Engine":
+    """Return the engine of a run at its start.
+
+    This function does not refuse runs that cannot be simulated; see `require_simulable`.
+
+    Args:
+        run: A system, or the phases of a run on their engine; see `moved_by`.
+        backend, controller, commanded, visible: See `Session`.
+        scenario: Scenario that the run was made from, for other seeds.
+    """
+    from mjsheaf.system import phases_of
+
+    if backend == "ideal":
+        from mjsheaf.loop.ideal import Ideal
+
+        return Ideal(run, controller=controller, commanded=commanded, scenario=scenario)
+    if phases_of(run)[0].system.bodies.engine == "fused":
+        from mjsheaf.loop.fused import Fused
+
+        return Fused(run, controller=controller, commanded=commanded, scenario=scenario)
+    from mjsheaf.loop.world import World
+
+    return World(scenario or run, controller=controller, commanded=commanded, visible=visible)
+
+
+def moved_by(
+    phases: "Sequence[Phase]", backend: str, engine: str = "mujoco", threads: int | None = None
+) -> "Sequence[Phase]":
+    """Return a run on an engine and threads, of which MuJoCo takes one; see `simulate`.
+
+    Raises:
+        InputError: unknown engine, threads below 1, or either for ideal kinematics.
+    """
+    from mjsheaf.system import on_engine
+
+    require_engine(engine, backend)
+    if threads is not None:
+        require_whole("threads", threads, 1)
+    if backend == "ideal":
+        if threads is not None and threads > 1:
+            raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
+        return phases
+    return on_engine(phases, engine, 1 if engine == "mujoco" else threads or usable_processors())
+
+
+def require_backend(backend: str) -> None:
+    """Refuse an unknown backend.
+
+    Raises:
+        InputError: it is.
+    """
+    require_choice("backend", backend, BACKENDS)
+
+
+def require_engine(engine: str, backend: str) -> None:
+    """Refuse an engine.
+
+    Raises:
+        InputError: it is unknown, or not for this backend.
+    """
+    require_choice("engine", engine, ENGINES)
+    if engine != "mujoco" and backend == "ideal":
+        raise InputError(f"engine {engine!r}: moves bodies, and ideal kinematics have none; expected backend 'physics'")
+
+
+def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_drift: bool = False) -> None:
+    """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
+
+    Raises:
+        InputError: unknown backend; contacts, where the engine has none; a vehicle that is unknown or
+            does not fit its agent or target, which matters to the ideal backend too, as a scenario that only one
+            backend takes is not one to compare; or a g that is not of full row rank.
+        NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
+    """
+    from mjsheaf.dynamics.effectiveness import without_full_row_rank
+    from mjsheaf.system import DEFAULT_VEHICLE, phases_of
+
+    require_backend(backend)
+    phases = phases_of(run)
+    system = phases[0].system
+    system.bodies.refuse_contacts()
+    team = system.team
+    named = zip(team.members, system.bodies.vehicle, strict=True)
+    if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
+        _ = system.vehicles
+    for i in without_full_row_rank(system.effectiveness, [a.dimension for a in team.agents]):
+        raise RankError(
+            f"agents.{team.agents[i].id}.effectiveness: g is not of full row rank {team.agents[i].dimension} "
+            "(Assumption 2): no input makes every velocity"
+        )
+    for k, phase in enumerate(() if allow_drift else phases):
+        team = phase.system.team.remaining
+        initial = phase.system.remaining.initial
+        if team.is_settled(initial):
+            continue
+        free = phase.system.free_directions
+        when = f" in phase {k}, from t = {phase.time:g} s on ({phase.name})" if len(phases) > 1 else ""
+        why = "at q* agents can move without changing what is measured; give them more edges, or a target to sense"
+        if free:
+            shown = "; ".join(free[:4]) + ("; ..." if len(free) > 4 else "")
+            why = f"H^0(G, G_p; F) has dimension {len(free)}: {shown}; sense or share the free coordinates"
+        raise NotUniqueError(f"the harmonic extension is not unique{when}: {why}")

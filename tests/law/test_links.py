@@ -1,0 +1,756 @@
+"""Links and sensors in the loop.
+
+Oracles: one Python object per edge, which receives the true measurements of a run, in numpy and scipy; one Python
+object per agent, which receives delivered measurements; means of random numbers, with bounds of five standard
+errors; numbers worked out by hand; the runs without links.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+import mjsheaf
+from mjsheaf import World, check, load_scenario, simulate, simulate_many
+from mjsheaf.errors import InputError
+from mjsheaf.law import pack_law
+from mjsheaf.law.controller import LocalSample, PerAgent
+from mjsheaf.law.law import carry, evaluate_law, look, new_memory
+from mjsheaf.law.links import linked_edges, pack_links
+from mjsheaf.noise import LARGEST_NORMAL, normal_of, stream_of, uniforms
+from mjsheaf.results.dataset import join
+from mjsheaf.results.netcdf import dataset_bytes, write_dataset
+from mjsheaf.runs.simulate import stream
+from mjsheaf.scenario import Scenario
+from mjsheaf.system import Phase
+from mjsheaf.team import Edge
+from mjsheaf.team.links import Exact, Link, LinkModel, Links
+from tests.builders import mixed_scenario, two_boats
+from tests.loop.test_phases import without_an_edge
+from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
+
+Array = NDArray[np.float64]
+BACKENDS = ("ideal", "physics")
+BURSTS = {"kind": "gilbert_elliott", "to_bad": 0.1, "to_good": 0.3, "loss_good": 0.05, "loss_bad": 0.9}
+RANGE_BEARING = {"kind": "range_bearing", "range_noise": 0.3, "bearing_noise": 4.0}
+H = 0.01
+
+
+def tangled(**fields: Any) -> Scenario:
+    """Boats and aircraft of which every edge has another link; fields replace fields."""
+    wanted: dict[str, Any] = {
+        "seed": 11,
+        "links": {
+            "all": {"noise": 0.2, "delay": 0.02},
+            "communication": {"loss": 0.3, "hold": 0.02},
+            "sensing": {"sensor": RANGE_BEARING, "loss": BURSTS},
+            "record": True,
+        },
+        "communication": [["boat", "front"], {"between": ["front", "back"], "bias": 0.3, "range": 5.5, "delay": 0.0}],
+        "sensing": [
+            {"between": ["boat", "ship"], "bias": -0.1, "delay": 0.05, "hold": 1.0},
+            ["front", "diver"],
+            {"between": ["back", "diver"], "map": "local_frame"},
+        ],
+    }
+    return mixed_scenario(**(wanted | fields))
+
+
+def true_measurements(scenario: Scenario, data: xr.Dataset) -> list[tuple[str, Edge, Array, Array]]:
+    """Kind, edge, y (T, m) and distance (T,) of every edge of communication and sensing."""
+    team = scenario.team
+    x = np.nan_to_num(np.concatenate([data["agent_position"].values, data["target_position"].values], axis=1))
+    found = []
+    for kind, edges in (("communication", team.communication), ("sensing", team.sensing)):
+        for e in edges:
+            tail, head = x[:, team.index[e.tail]], x[:, team.index[e.head]]
+            y = head[:, : e.F_head.shape[1]] @ e.F_head.T - tail[:, : e.F_tail.shape[1]] @ e.F_tail.T
+            found.append((kind, e, y, np.linalg.norm(head - tail, axis=1)))
+    return found
+
+
+def attitudes(scenario: Scenario, data: xr.Dataset) -> list[Rotation]:
+    """Body to world of every agent, T each: true on bodies, along the motion on ideal kinematics."""
+    if "agent_orientation" in data:
+        q = data["agent_orientation"].values
+        return [Rotation.from_quat(q[:, i], scalar_first=True) for i in range(q.shape[1])]
+    found, heading = [], scenario.system.bodies.heading
+    for i, x in enumerate(np.nan_to_num(data["agent_position"].values).transpose(1, 0, 2)):
+        d = np.diff(x, axis=0)
+        angles = np.column_stack([np.arctan2(d[:, 1], d[:, 0]), -np.arctan2(d[:, 2], np.hypot(d[:, 0], d[:, 1]))])
+        found.append(Rotation.from_euler("ZY", np.vstack([[heading[i], 0.0], angles])))
+    return found
+
+
+class Line:
+    """One edge's link: what it is handed at each sample, as a textbook would say it."""
+
+    def __init__(self, kind: str, edge: Edge, link: LinkModel, seed: int) -> None:
+        self.edge, self.link, self.seed, self.stream = edge, link, seed, stream_of(kind, edge.tail, edge.head, 0)
+        self.sent: list[Array | None] = []
+        self.bad: bool | None = None
+        self.last: tuple[int, Array] | None = None
+
+    def lost(self, n: int) -> bool:
+        loss, chance = self.link, uniforms(self.seed, self.stream, n, 1)[0]
+        if loss.loss_good != loss.loss_bad:
+            if self.bad is None:
+                self.bad = chance < loss.to_bad / (loss.to_bad + loss.to_good)
+            else:
+                self.bad = chance >= loss.to_good if self.bad else chance < loss.to_bad
+        return uniforms(self.seed, self.stream, n, 0)[0] < (loss.loss_bad if self.bad else loss.loss_good)
+
+    def sense(self, n: int, y: Array, body: Rotation) -> Array:
+        error = stats.norm.ppf(uniforms(self.seed, self.stream, n, 0)[1:])
+        link, m = self.link, len(y)
+        if not link.bearing:
+            return y + link.noise * error[:m] + link.bias
+        far, angles = link.range_noise * error[0], link.bearing_noise * error[1:]
+        r = np.linalg.norm(y)
+        if m == 2:
+            bearing = np.arctan2(y[1], y[0]) + angles[0]
+            return (r + far) * np.array([np.cos(bearing), np.sin(bearing)]) + link.bias
+        seen = body.inv().apply(self.edge.F_tail.T @ y)
+        azimuth, elevation = np.arctan2(seen[1], seen[0]) + angles[0], np.arcsin(seen[2] / r) + angles[1]
+        ray = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+        return self.edge.F_tail @ body.apply((r + far) * np.array(ray)) + link.bias
+
+    def hear(self, n: int, y: Array, distance: float, body: Rotation) -> tuple[int, Array]:
+        """0, 1 or 2 for nothing, held or new, and the measurement."""
+        lost = self.lost(n) or distance > self.link.range
+        self.sent.append(None if lost else self.sense(n, y, body))
+        delay, hold = round(self.link.delay / H), int(self.link.hold / H + 1e-6)
+        arrived = self.sent[n - delay] if n >= delay else None
+        if arrived is not None:
+            self.last = n, arrived
+            return 2, arrived
+        if self.last is not None and n - self.last[0] <= hold:
+            return 1, self.last[1]
+        return 0, np.full(len(y), np.nan)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_every_edge_hears_what_its_link_makes_of_the_truth(backend: str) -> None:
+    """The law's eta is the sum over received measurements; the true eta is recorded next to it."""
+    scenario = tangled()
+    data, team = simulate(scenario, backend), scenario.team
+    body, begin, seen = attitudes(scenario, data), 0, set()
+    eta, true_eta = np.zeros((2, data.sizes["time"], len(team.members), 3))
+    resolved = linked_edges(team, scenario.links)
+    assert data["measuring_edge"].values[1] == "communication front-back"
+    for k, ((kind, edge, y, distance), (*_, link)) in enumerate(
+        zip(true_measurements(scenario, data), resolved, strict=True)
+    ):
+        line, i, m = Line(kind, edge, link, 11), team.index[edge.tail], y.shape[1]
+        heard, found = data["heard"].values[:, k], data["measurement"].values[:, begin : begin + m]
+        begin += m
+        for n in range(len(y)):
+            state, measured = line.hear(n, y[n], distance[n], body[i][n])
+            seen.add((k, state))
+            assert heard[n] == state, (str(edge), n)
+            np.testing.assert_allclose(found[n], measured, rtol=0, atol=1e-8, err_msg=f"{edge} {n}")
+        for total, used in ((eta, np.nan_to_num(found + edge.b)), (true_eta, y + edge.b)):
+            total[:, i, : edge.F_tail.shape[1]] -= used @ edge.weight @ edge.F_tail
+            if kind == "communication":
+                total[:, team.index[edge.head], : edge.F_head.shape[1]] += used @ edge.weight @ edge.F_head
+    assert len(seen) >= 12  # new, held and without a measurement on most
+    N = len(team.agents)
+    measured = np.nan_to_num(data["measured_disagreement_vector"].values)
+    np.testing.assert_allclose(measured, eta[:, :N], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.nan_to_num(data["disagreement_vector"].values), true_eta[:, :N], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(data["disagreement"], np.linalg.norm(true_eta[:, :N], axis=2), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.nan_to_num(data["velocity_command"].values), -3.0 * measured, rtol=0, atol=1e-9)
+    # Delivery counts what could have arrived.
+    delays = [round(link.delay / H) for *_, link in resolved]
+    shares = [(data["heard"].values[d:, k] == 2).mean() for k, d in enumerate(delays)]
+    np.testing.assert_allclose(data["delivery"], shares, rtol=0, atol=1e-12)
+
+
+class Local:
+    """The paper's law of one agent, from the measurements that it receives."""
+
+    def __init__(self, agent: Any) -> None:
+        self.agent = agent
+
+    def __call__(self, t: float, local: LocalSample) -> Array:
+        eta = np.zeros(self.agent.dimension)
+        for e, y in zip(local.edges, local.measurements, strict=True):
+            F, sign = (e.F_tail, -1) if e.tail == self.agent.id else (e.F_head, 1)
+            eta += sign * F.T @ e.weight @ (y + e.b)
+        return -3.0 * eta
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_local_form_does_the_same(backend: str) -> None:
+    scenario = tangled()
+    ours, theirs = simulate(scenario, backend), simulate(scenario, backend, controller=PerAgent(Local))
+    np.testing.assert_array_equal(theirs["heard"], ours["heard"])
+    np.testing.assert_allclose(theirs["agent_position"], ours["agent_position"], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(theirs["measurement"], ours["measurement"], rtol=0, atol=1e-9)
+
+
+def test_laws_in_python_know_what_they_heard() -> None:
+    heard = []
+
+    def law(t: float, sample: Any) -> Array:
+        heard.append(sample.heard)
+        return np.zeros((3, 3))
+
+    scenario = tangled(anchors=[{"agent": "front", "axes": ["z"], "value": [2.0]}])
+    data = simulate(scenario, "ideal", controller=law)
+    np.testing.assert_array_equal(np.array(heard)[:, :5], data["heard"].values > 0)
+    assert np.array(heard)[:, 5].all()  # an anchor has no link
+
+
+# -- one thing at a time -----------------------------------------------------------------------------------------------
+
+
+def still(links: dict[str, Any], end: float = 100.0, **fields: Any) -> tuple[Scenario, xr.Dataset]:
+    """Two boats that a law in Python leaves at rest: measurements are the same at every sample but for their links."""
+    rest = {"targets": [{"id": "T1", "position": [0, 0]}], "controller": {"control_period": H}}
+    scenario = two_boats("hull", "hull", time={"end": end}, links={**links, "record": True}, **(rest | fields))
+    return scenario, simulate(scenario, "ideal", controller=lambda t, sample: np.zeros((2, 3)))
+
+
+@pytest.mark.slow
+def test_noise_is_white_of_its_deviation_and_the_bias_its_mean() -> None:
+    scenario, data = still({"all": {"noise": 0.3, "bias": 0.7}, "sensing": {"noise": 0.1}})
+    truth = np.hstack([y for _, _, y, _ in true_measurements(scenario, data)])
+    error = data["measurement"].values - truth
+    n, sigma = len(error), np.array([0.3, 0.3, 0.1, 0.1, 0.1, 0.1])
+    assert (np.abs(error.mean(axis=0) - 0.7) < 5 * sigma / np.sqrt(n)).all()
+    assert (np.abs(error.var(axis=0) / sigma**2 - 1) < 5 * np.sqrt(2 / n)).all()
+    unit = (error - 0.7) / sigma
+    both = np.corrcoef(np.hstack([unit[:-1], unit[1:]]).T)  # across numbers, edges, and from sample to sample
+    assert np.abs(both - np.eye(12)).max() < 5 / np.sqrt(n)
+    assert stats.kstest(unit.ravel(), "norm").pvalue > 1e-4
+
+
+def test_normal_numbers() -> None:
+    p = np.concatenate([np.arange(1, 3000) / 3000, 2.0 ** -np.arange(10.0, 34), 1 - 2.0 ** -np.arange(10.0, 34)])
+    np.testing.assert_allclose([normal_of(x) for x in p], stats.norm.ppf(p), rtol=1.2e-9, atol=1e-15)
+    assert normal_of(2.0**-33) > -LARGEST_NORMAL
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_delay_is_whole_periods_to_the_bit(backend: str) -> None:
+    """Measurements that arrive at n were taken at n - d, on bodies too; before, no agent receives or sends any."""
+    now = mixed_scenario(links={"record": True}, controller={"control_period": H}, time={"end": 0.3})
+    late = mixed_scenario(
+        links={"record": True, "all": {"delay": 0.07}}, controller={"control_period": H}, time={"end": 0.3}
+    )
+    for scenario, d in ((now, 0), (late, 7)):
+        data = simulate(scenario, backend)
+        truth = np.hstack([y for _, _, y, _ in true_measurements(scenario, data)])
+        found = data["measurement"].values
+        assert np.isnan(found[:d]).all()
+        np.testing.assert_allclose(found[d:], truth[: len(truth) - d], rtol=0, atol=1e-13)
+        np.testing.assert_array_equal(data["velocity_command"].values[:d, 0, :2], 0.0)
+    assert (data["delivery"] == 1.0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "bursts",
+    [
+        pytest.param(0.3, marks=pytest.mark.slow),
+        BURSTS,
+        pytest.param({**BURSTS, "loss_good": 0.0, "loss_bad": 1.0}, marks=pytest.mark.slow),
+    ],
+)
+def test_the_stationary_share_of_losses(bursts: Any) -> None:
+    """From the first sample on; five standard errors, those of a chain whose memory is 1 - to_bad - to_good."""
+    _, data = still({"all": {"loss": bursts}}, end=100.0)
+    lost = data["heard"].values == 0
+    chain = bursts if isinstance(bursts, dict) else {"to_bad": 0, "to_good": 1, "loss_good": 0.3, "loss_bad": 0.3}
+    bad = chain["to_bad"] / (chain["to_bad"] + chain["to_good"])
+    p = bad * chain["loss_bad"] + (1 - bad) * chain["loss_good"]
+    memory = 1 - chain["to_bad"] - chain["to_good"]
+    spread = bad * (1 - bad) * (chain["loss_bad"] - chain["loss_good"]) ** 2
+    variance = p * (1 - p) + 2 * spread * memory / (1 - memory)
+    assert (np.abs(lost.mean(axis=0) - p) < 5 * np.sqrt(variance / len(lost))).all()
+    np.testing.assert_allclose(data["delivery"], 1 - lost.mean(axis=0), rtol=0, atol=1e-12)
+    together = (lost[1:] & lost[:-1]).mean()  # P(lost, then lost again)
+    assert abs(together - (p * p + spread * memory)) < 5 * np.sqrt(variance / lost.size)
+    assert np.corrcoef(lost.T)[0, 1] < 0.1  # edges by themselves
+
+
+def test_beyond_its_range_a_link_is_silent() -> None:
+    """By the distance of bodies in space, whatever the edge compares; the surface has a height."""
+    away = {"id": "front", "position": [0, 4, 8]}
+    fields: dict[str, Any] = {
+        "agents": [{"id": "boat", "position": [0, 0]}, away],
+        "targets": [{"id": "diver", "position": [0, 1]}],
+        "communication": [["boat", "front"]],
+        "sensing": [["boat", "diver"], ["front", "diver"]],
+        "target_edges": [],
+        "target_formation": None,
+        "formations": [],
+        "flow": {},
+        "anchors": [{"agent": "front", "axes": ["z"], "value": [8.0]}],
+        "time": {"end": 0.05},
+    }
+    for height, distance in ((0.0, np.sqrt(80.0)), (5.0, 5.0)):
+        for far, heard in ((distance - 1e-3, 0), (distance + 1e-3, 2)):
+            links = {"communication": {"range": far}, "record": True}
+            data = simulate(mixed_scenario(**fields, links=links, scene={"height": height}), "ideal")
+            assert data["heard"].values[0].tolist() == [heard, 2, 2]
+
+
+def test_a_lost_sample_is_held_so_long_and_no_longer() -> None:
+    _, data = still({"all": {"loss": 0.6, "hold": 0.03, "noise": 1.0, "delay": 0.02}}, end=20.0)
+    heard, y = data["heard"].values[:, 0], data["measurement"].values[:, 0]
+    since = 99
+    for n in range(1, len(heard)):
+        since = 0 if heard[n] == 2 else since + 1
+        assert heard[n] == (2 if since == 0 else 1 if since <= 3 else 0)
+        assert (np.isnan(y[n])) == (heard[n] == 0)
+        if heard[n] == 1:
+            assert y[n] == y[n - 1]
+    assert {0, 1, 2} == set(heard.tolist())
+
+
+def test_a_range_of_zero_is_accepted() -> None:
+    agents = [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [0, 0]}]
+    sensor = {"sensor": RANGE_BEARING}
+    _, data = still({"all": sensor}, end=0.1, agents=agents, formations=[])
+    np.testing.assert_array_equal(data["measurement"].values, 0.0)
+
+
+@pytest.mark.parametrize("lossy", [{}, {"loss": 0.5}, {"loss": BURSTS, "hold": 0.03}])
+def test_feedforward_knows_the_velocity_of_a_target_from_two_old_samples(lossy: dict[str, Any]) -> None:
+    """The same with rare and delayed measurements, for an agent that moves arbitrarily in between."""
+    controller = {"gain": 1.0, "control_period": H, "feedforward": {"rounds": 2}}
+    scenario = tangled(controller=controller, links={"sensing": {"delay": 0.04, **lossy}}, communication=[],
+                       sensing=[["boat", "ship"], ["front", "diver"], ["back", "diver"]])  # fmt: skip
+    system, rng = scenario.system, np.random.default_rng(3)
+    memory, x = new_memory(system.law, 5), system.initial.copy()
+    velocity = np.array([[0.5, -0.4, 1.0], [2.0, 1.0, 0.0]])
+    first, count = system.law.edges.first, np.zeros(3)
+    for n in range(80):
+        for _ in range(2):  # a sample may be taken again
+            look(float(n), memory.held, memory.kept)
+            evaluate_law(system.control, n * H, x, None, memory)
+        count += memory.links.heard == 2.0
+        for k, target in enumerate((1, 0, 0)):
+            found = memory.links.velocity[first[k] : first[k + 1]]
+            wanted = velocity[target, : len(found)] * (count[k] >= 2)
+            np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9)
+        x[:3] += rng.normal(0, 0.1, (3, 3)) * [[1, 1, 0], [1, 1, 1], [1, 1, 1]]
+        x[3:] += velocity * H
+    assert (count >= 10).all()
+
+
+@pytest.mark.parametrize("fields", [
+    {"links": {"sensing": {"noise": 0.5}}},
+    {"links": {"sensing": {"noise": 0.5, "delay": 0.05}}},
+    {"links": {"sensing": {"noise": 0.5, "loss": 0.3}}},
+    {"links": {"sensing": {"noise": 0.5, "loss": {"kind": "gilbert_elliott", "to_bad": 0.1, "to_good": 0.2}}}},
+    {"links": {"sensing": {"noise": 0.5}}, "events": [{"time": k, "set": {"controller.gain": 0.5}} for k in (2, 4, 6)]},
+])  # fmt: skip
+def test_noise_cancels_in_the_filtered_velocity_of_a_target(fields: dict[str, Any]) -> None:
+    """The sum of differences over a second equals the error of its ends, also over losses and events."""
+    law = {"gain": 0.5, "control_period": H, "feedforward": {"rounds": 2, "filter": 0.5}}
+    worst = [float(at_target(law, seed=seed, **fields)["tracking_error"].max()) for seed in range(4)]
+    assert max(worst) < 0.9, worst
+
+
+def test_a_phase_begins_with_what_filters_hold() -> None:
+    """Noise of odometry, which a first difference after every event would pass on unfiltered."""
+    law = {"gain": 0.5, "control_period": H, "feedforward": {"rounds": 2, "filter": 0.5}, "odometry": {"noise": 0.1}}
+    cut = [{"time": 5, "cut": ["A1", "A2"]}]
+    worst = [[float(at_target(law, seed=k, events=e)["tracking_error"].max()) for k in range(3)] for e in ([], cut)]
+    assert max(worst[1]) < 1.5 * max(worst[0]), worst
+
+
+def at_target(law: dict[str, Any], **fields: Any) -> xr.Dataset:
+    """A run of two agents at a target that stands still."""
+    tree = {
+        "time": {"end": 12.0},
+        "controller": law,
+        "agents": [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [0, 0]}],
+        "targets": [{"id": "T1", "position": [0, 0]}],
+        "communication": [["A1", "A2"]],
+        "sensing": [["A1", "T1"], ["A2", "T1"]],
+    }
+    return simulate(load_scenario({**tree, **fields}), "ideal")
+
+
+def test_a_delay_longer_than_the_run_and_a_range_that_is_just_reached() -> None:
+    """Nothing could have arrived, so that no share of it did; the limit of a range is within it."""
+    links = {"all": {"delay": 5.0, "noise": 0.1, "hold": 1.0}}
+    apart = [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [3, 4]}]
+    _, data = still(links, end=0.1, agents=apart, formations=[])
+    assert np.isnan(data["delivery"].values).all()
+    assert not data["heard"].values.any()
+    for limit, heard in ((5.0, 2), (float(np.nextafter(5.0, 0.0)), 0)):
+        _, data = still({"communication": {"range": limit}}, end=0.05, agents=apart, formations=[])
+        assert (data["heard"].values[:, 0] == heard).all()
+
+
+def test_samples_that_were_never_taken_do_not_arrive() -> None:
+    """As of a world that was stepped without its law: what arrives is as old as its link makes it."""
+    system = mixed_scenario(links={"all": {"delay": 0.03}}).system
+    memory, heard = new_memory(system.law, 5), {}
+    for n in [*range(10), *range(12, 20), *range(100, 106), 3, 4]:
+        evaluate_law(system.control, n * H, system.initial, None, memory)
+        heard[n] = memory.links.heard.tolist() == [2.0] * 5
+    silent = {0, 1, 2, 13, 14, 100, 101, 102, 3, 4}
+    assert {n for n, arrives in heard.items() if not arrives} == silent
+
+
+@pytest.mark.parametrize("m", [1, pytest.param(4, marks=pytest.mark.slow), 6])
+def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
+    rng = np.random.default_rng(m)
+    maps = {"tail": rng.normal(size=(m, 2)).tolist(), "head": rng.normal(size=(m, 2)).tolist()}
+    twice = [{"between": ["A1", "A2"], "map": maps, "parallel": True} for _ in range(2)]
+    scenario, data = still({"communication": {"noise": 0.3}}, end=20.0, communication=twice, formations=[])
+    truth = np.hstack([y for _, _, y, _ in true_measurements(scenario, data)])[:, : 2 * m]
+    error = data["measurement"].values[:, : 2 * m] - truth
+    n = len(error)
+    assert (np.abs(error.var(axis=0) / 0.09 - 1) < 5 * np.sqrt(2 / n)).all()
+    assert np.abs(np.corrcoef(error.T) - np.eye(2 * m)).max() < 5 / np.sqrt(n)
+
+
+# -- the same bits -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("run", "pieces"),
+    [
+        pytest.param(run_ideal, stream_ideal, id="ideal"),
+        pytest.param(run_physics, stream_physics, id="bodies", marks=pytest.mark.slow),
+    ],
+)
+def test_pieces_phases_and_threads_give_the_same_bits(run: Callable[..., Any], pieces: Callable[..., Any]) -> None:
+    scenario = tangled(time={"end": 0.2})
+    system = scenario.system
+    whole = run(system)
+    for parts in (pieces(system, 7), pieces([Phase(0, system), Phase(9, tangled(time={"end": 0.2}).system)], 1000)):
+        logs = [part.log for part in parts]
+        for name in ("positions", "residual", "command", "heard", "measurements"):
+            found = np.concatenate([getattr(log, name) for log in logs])
+            np.testing.assert_array_equal(found, getattr(whole.log, name), err_msg=name)
+    backend = "ideal" if run is run_ideal else "physics"
+    seeds = [tangled(time={"end": 0.2}, seed=seed) for seed in (11, 12, 11)]
+    many = [data for data in simulate_many(seeds, backend, workers=3) if isinstance(data, xr.Dataset)]
+    for k, data in enumerate(many):
+        assert dataset_bytes(data) == dataset_bytes(many[k % 2])
+    assert dataset_bytes(many[0]) != dataset_bytes(many[1])
+    np.testing.assert_array_equal(np.nan_to_num(many[0]["agent_position"].values), whole.positions[:, :3])
+
+
+@pytest.mark.parametrize("steps", [137, 140])
+def test_a_world_goes_on_from_a_state(steps: int) -> None:
+    """At a sample and between; what is under way is in the state."""
+    scenario = tangled()
+    world, other = World(scenario), World(scenario)
+    world.step(steps)
+    state = world.get_state()
+    world.step(260)
+    other.set_state(state)
+    other.step(260)
+    np.testing.assert_array_equal(other.get_state(), world.get_state())
+    world.reset()
+    fresh = World(scenario)
+    fresh.step(50)
+    world.step(50)
+    np.testing.assert_array_equal(world.get_state(), fresh.get_state())
+
+
+def test_what_is_under_way_survives_a_phase_with_other_edges() -> None:
+    """The remaining edges receive without a gap, with their own random numbers."""
+    fields = {"time": {"end": 0.4}, "links": {"all": {"noise": 0.2, "delay": 0.05, "loss": 0.1}, "record": True}}
+    scenario = mixed_scenario(seed=5, **fields)
+    system = scenario.system
+    fewer = without_an_edge(system)
+    links = pack_links(fewer.team, scenario.links, period=H, seed=5)
+    fewer = replace(fewer, law=pack_law(fewer.team, 2.0, 0.0, system.law.limit, links=links))
+    phases = [Phase(0, system), Phase(20, fewer)]
+    data = join(stream(phases, "ideal", 5, samples=1000))
+    alone = simulate(scenario, "ideal")
+    heard = data["heard"].values
+    np.testing.assert_array_equal(heard[:, 1:], alone["heard"].values[:, 1:])
+    assert (heard[20:, 0] == 0).all()
+    assert data.sizes["edge"] == 5
+    first = slice(2, None)  # the numbers of the edges that stay
+    now, before = data["measurement"].values[20:25, first], alone["measurement"].values[20:25, first]
+    np.testing.assert_array_equal(now, before)  # measured before the phase began
+
+
+def test_an_edge_keeps_its_numbers_whatever_else_there_is() -> None:
+    scenario = tangled()
+    fewer = tangled(communication=scenario.model_dump(mode="json", exclude_none=True)["communication"][1:])
+    one, other = scenario.system.law.links.table, fewer.system.law.links.table
+    np.testing.assert_array_equal(one["stream"][1:], other["stream"])
+    assert len({tuple(s) for s in one["stream"].tolist()}) == 5
+    assert (one["stream"][:, 0] >= 2**30).all()
+    assert (one["stream"] < 2**31).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_links_that_do_nothing_change_no_bit(backend: str) -> None:
+    nothing = {"noise": 0.0, "bias": 0.0, "delay": 0.0, "loss": 0.0, "hold": 1.0, "sensor": {"kind": "range_bearing"}}
+    plain = mixed_scenario(time={"end": 0.2})
+    idle = mixed_scenario(time={"end": 0.2}, links={"all": nothing, "sensing": {"loss": {**BURSTS, "loss_good": 0.0,
+                                                                                        "loss_bad": 0.0}}})  # fmt: skip
+    assert dataset_bytes(simulate(idle, backend)) == dataset_bytes(simulate(plain, backend))
+    memory = new_memory(idle.system.law, 5)
+    assert len(memory.flat) == len(idle.system.law.edges.b) + 45
+    assert not idle.uses_seed("ideal")
+    assert tangled().uses_seed("ideal")
+
+
+@pytest.mark.long
+def test_the_file_is_the_same_in_pieces(tmp_path: Path) -> None:
+    scenario = tangled(time={"end": 0.3})
+    write_dataset(stream(scenario.system, "ideal", 11, samples=9), tmp_path / "pieces.nc")
+    whole = simulate(scenario, "ideal")
+    with xr.open_dataset(tmp_path / "pieces.nc") as found:
+        for name in whole.data_vars:
+            np.testing.assert_array_equal(found[name], whole[name], err_msg=str(name))
+    outcome = mjsheaf.save(whole, tmp_path / "run", video=False)
+    shares, kinds = whole["delivery"].values, whole["edge_kind"].values
+    said = json.loads((tmp_path / "run" / "summary.json").read_text())["delivery"]
+    edges = said.pop("edges")
+    assert said == {kind: pytest.approx(shares[kinds == kind].mean()) for kind in ("communication", "sensing")}
+    assert {kind: list(own.values()) for kind, own in edges.items()} == {
+        kind: shares[kinds == kind].tolist() for kind in edges
+    }
+    assert not outcome.summary["theorem"]["applies"]
+    assert not outcome.summary["held_law"]["bounded"]
+    again = load_scenario(str(tmp_path / "run" / "scenario.yaml"))
+    assert dataset_bytes(simulate(again, "ideal")) == dataset_bytes(whole)
+
+
+# -- phases ------------------------------------------------------------------------------------------------------------
+
+
+def changing(events: list[dict[str, Any]], **fields: Any) -> Scenario:
+    """Boats and aircraft over delayed links, with events; fields replace fields."""
+    links = {"all": {"delay": 0.05}, "record": True}
+    return mixed_scenario(**({"time": {"end": 0.4}, "links": links, "events": events} | fields))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_an_edge_of_a_later_phase_alone_is_delivered_and_recorded(backend: str) -> None:
+    """An agent that has yet to join has no eta; then its edge receives after a delay, which is not a loss."""
+    data = simulate(changing([{"time": 0.2, "join": "back"}]), backend)
+    k = data["edge"].values.tolist().index("front-back")
+    heard = data["heard"].values[:, data["measuring_edge"].values.tolist().index("communication front-back")]
+    assert heard.tolist() == [0] * 25 + [2] * 16
+    assert data.sizes["edge"] == 5
+    assert data["delivery"].values[k] == 1.0
+    rows = [str(row).startswith("communication front-back") for row in data["measured_number"].values]
+    assert (np.isnan(data["measurement"].values[:, rows]).all(axis=1) == (heard == 0)).all()
+    for name in ("disagreement_vector", "measured_disagreement_vector"):
+        assert np.isnan(data[name].values[:20, 2]).all()
+        assert np.isfinite(data[name].values[20:, 2]).all()
+        assert np.isfinite(data[name].values[:, 1]).all()
+
+
+@pytest.mark.parametrize("how", [{"cut": ["back", "diver"]}, {"lose": "back"}, {"lose": "diver"}], ids=str)
+def test_nothing_from_before_arrives_over_a_link_that_is_back(how: dict[str, Any]) -> None:
+    """Neither what was under way, nor what was held, nor a velocity from a difference over the gap."""
+    back = {"restore": how["cut"]} if "cut" in how else {"join": how["lose"]}
+    scenario = changing(
+        [{"time": 0.2, **how}, {"time": 0.23, **back}],
+        controller={"control_period": H, "feedforward": {"rounds": 2}},
+        links={"all": {"delay": 0.05, "hold": 10.0, "noise": 0.1}, "record": True},
+    )
+    data = simulate(scenario, "ideal", allow_drift=True)
+    heard = data["heard"].values[:, data["measuring_edge"].values.tolist().index("sensing back-diver")]
+    assert heard.tolist() == [0] * 5 + [2] * 15 + [0] * 8 + [2] * 13
+    memory, now = new_memory(scenario.phases[0].system.law, 5), scenario.phases[0].system
+    for n in range(40):
+        phase = [p.system for p in scenario.phases if p.start <= n][-1]
+        if phase is not now:
+            memory, now = carry(memory, now.law, phase.law, n), phase
+        x = now.initial + n * H * np.array([1.0, 0.5, 0.0])
+        evaluate_law(now.control, n * H, x, None, memory)
+        if n >= 23:
+            rows = slice(*now.law.edges.first[len(now.team.communication) + 2 :][:2])
+            assert (np.abs(memory.links.velocity[rows]).max() > 0.0) == (n > 28)
+
+
+def test_a_term_that_begins_later_changes_nothing_of_what_is_heard() -> None:
+    """Nor does odometry that begins with it say anything of how the agent moved before."""
+    events = [{"time": 0.2, "set": {"controller.feedforward.rounds": 2}}]
+    links = {"sensing": {"delay": 0.05, "loss": 0.3, "hold": 0.02}, "record": True}
+    scenario, plain = (changing(e, links=links, controller={"control_period": H, "gain": 3.0}) for e in (events, []))
+    data, alone = simulate(scenario, "ideal"), simulate(plain, "ideal")
+    np.testing.assert_array_equal(data["heard"], alone["heard"])
+    np.testing.assert_array_equal(data["measurement"][:21], alone["measurement"][:21])
+    np.testing.assert_array_equal(data["measurement"].values[:25, -3:], alone["measurement"].values[:25, -3:])
+    (first, second), x = (phase.system for phase in scenario.phases), plain.system.initial.copy()
+    memory, rng = new_memory(first.law, 5), np.random.default_rng(2)
+    velocity, seen = np.array([[0.5, -0.4, 1.0], [2.0, 1.0, 0.0]]), 0
+    for n in range(80):
+        now = first if n < 20 else second
+        memory = carry(memory, first.law, now.law, n) if n == 20 else memory
+        for _ in range(2):
+            look(float(n), memory.held, memory.kept)
+            evaluate_law(now.control, n * H, x, None, memory)
+        for k, target in enumerate((1, 0)):
+            begin, end = now.law.edges.first[2 + k : 4 + k]
+            found = memory.links.velocity[begin:end]
+            if found.any():
+                np.testing.assert_allclose(found, velocity[target, : len(found)], rtol=0, atol=1e-9)
+                assert n >= 26
+                seen += 1
+        x[:3] += rng.normal(0, 0.1, (3, 3)) * [[1, 1, 0], [1, 1, 1], [1, 1, 1]]
+        x[3:] += velocity * H
+    assert seen > 100
+
+
+def test_one_who_comes_back_has_forgotten_where_the_team_goes() -> None:
+    """While it is alone it has no v, and none is left when it comes back."""
+    law = {"control_period": H, "feedforward": {"rounds": 3, "filter": 1.0}, "newton": {"rounds": 2}}
+    scenario = changing([{"time": 0.2, "lose": "boat"}, {"time": 0.3, "join": "boat"}], controller=law, links={})
+    phases = [phase.system for phase in scenario.phases]
+    memory, x, speed = new_memory(phases[0].law, 5), phases[0].initial.copy(), []
+    for n in range(40):
+        now = phases[(n >= 20) + (n >= 30)]
+        if n in (20, 30):
+            memory = carry(memory, phases[(n >= 20) + (n >= 30) - 1].law, now.law, n)
+            assert not memory.terms.v[0].any()
+            assert memory.terms.v[1:].any()
+        evaluate_law(now.control, n * H, x, None, memory)
+        speed.append(np.abs(memory.terms.v[0]).max())
+        x[3:] += [0.04, 0.01, 0.0]
+    assert (np.array(speed) > 0.0).tolist() == [False] + [True] * 19 + [False] * 10 + [True] * 10
+
+
+def test_one_who_joins_faces_where_it_moves() -> None:
+    """The same although no sensor needed its attitude until then."""
+    sensing = [["boat", "ship"], ["front", "diver"], {"between": ["back", "diver"], "sensor": RANGE_BEARING}]
+    scenario = changing([{"time": 0.2, "join": "back"}], sensing=sensing, links={"record": True}, seed=4)
+    data = simulate(scenario, "ideal")
+    body = attitudes(scenario, data)[2]
+    kind, edge, y, _ = true_measurements(scenario, data)[4]
+    line = Line(kind, edge, linked_edges(scenario.team, scenario.links)[4][-1], 4)
+    for n in range(20, 41):
+        found = data["measurement"].values[n, -3:]
+        np.testing.assert_allclose(found, line.sense(n, y[n], body[n]), rtol=0, atol=1e-8)
+
+
+def test_a_sensor_that_needs_attitudes_from_a_phase_on_begins_with_the_headings() -> None:
+    """The agents rest: their measurements are those of a run that had the sensor from the start."""
+    fields: dict[str, Any] = {
+        "time": {"end": 0.2},
+        "controller": {"gain": 1e-12, "control_period": 0.02},
+        "agents": [{"id": "A", "position": [3, 4, 5], "heading": 70}],
+        "targets": [{"id": "T", "position": [9, 1, 7]}],
+        "sensing": [["A", "T"]],
+    }
+    sensor = {"record": True, "sensing": {"sensor": RANGE_BEARING}}
+    plain, measured = (load_scenario(fields | {"links": links}).system for links in ({"record": True}, sensor))
+    pieces = list(stream([Phase(0, plain), Phase(5, measured)], "ideal", 0))
+    after = np.concatenate([piece["measurement"].values for piece in pieces])[5:]
+    whole = np.concatenate([piece["measurement"].values for piece in stream([Phase(0, measured)], "ideal", 0)])[5:]
+    np.testing.assert_allclose(after, whole, rtol=0, atol=1e-9)
+
+
+# -- what a file may say -----------------------------------------------------------------------------------------------
+
+
+def test_the_finest_section_counts_field_by_field() -> None:
+    links = Links.model_validate(
+        {"all": {"noise": 0.3, "delay": 0.1, "loss": 0.5}, "sensing": {"noise": 0.2, "loss": BURSTS}}
+    )
+    found = links.resolve("sensing", Link(delay=0.0, range=5.0))
+    assert (found.noise, found.delay, found.range, found.to_bad) == (0.2, 0.0, 5.0, 0.1)
+    plain = links.resolve("communication")
+    assert (plain.noise, plain.delay, plain.loss_good, plain.loss_bad) == (0.3, 0.1, 0.5, 0.5)
+    assert not links.resolve("communication", Link(loss=0.0, noise=0.0, delay=0.0)).lossy
+    other = Links.model_validate({"all": {"noise": 0.3}, "sensing": {"sensor": RANGE_BEARING}})
+    assert other.resolve("sensing").noise == 0.0
+    assert other.resolve("sensing", Link(sensor=Exact(), noise=0.1)).noise == 0.1
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"links.all.delay": 0.055}, ["links.all.delay: 0.055", "0.05 or 0.06"]),
+        ({"links.sensing.loss": 1.2}, ["links.sensing.loss", "at most 1"]),
+        ({"links.all.loss": -0.1}, ["links.all.loss", "at least 0"]),
+        ({"links.all.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["loss.to_bad", "at most 1"]),
+        ({"links.all.loss": {"to_bad": 0.1, "to_good": 0.1, "loss_good": 2}}, ["links.all.loss"]),
+        ({"links.all.hold": -1}, ["links.all.hold", "at least 0"]),
+        ({"links.all.range": 0}, ["links.all.range", "above 0"]),
+        ({"links.all.noise": -1}, ["links.all.noise"]),
+        ({"links.all.lost": 0.1}, ["links.all.lost", "unknown field", "loss"]),
+        ({"links.radio": {"loss": 0.1}}, ["links.radio", "communication"]),
+        ({"links.all.noise": 0.1, "controller.control_period": 0}, ["controller.control_period is 0", "positive"]),
+        ({"links.all": {"noise": 1.0, "sensor": RANGE_BEARING}}, ["links.all", "noise", "range_noise"]),
+        ({"links.all.sensor": RANGE_BEARING, "links.sensing.noise": 1.0}, ["links.sensing", "noise", "exact"]),
+        ({"communication.3": {"between": ["A4", "A5"], "delay": 0.005}}, ["communication.3.delay", "0 or 0.01"]),
+        ({"links.all.delay": 1e6, "links.all.noise": 1.0}, ["links", "delay lines", "shorter"]),
+    ],
+)  # fmt: skip
+def test_bad_links_are_one_line_that_names_the_field(fields: dict[str, Any], said: list[str]) -> None:
+    with pytest.raises(InputError) as error:
+        _ = load_scenario("paper", fields).system
+    assert "\n" not in str(error.value)
+    for words in said:
+        assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("maps", "fits"),
+    [
+        ("identity", True),
+        ("local_frame", True),
+        ({"tail": [[0, 1, 0], [-1, 0, 0]], "head": [[0, 1, 0], [-1, 0, 0]]}, True),
+        ({"tail": [[0, 1, 0], [1, 0, 0]], "head": [[0, 1, 0], [1, 0, 0]]}, False),
+        ({"tail": [[2, 0, 0], [0, 2, 0]], "head": [[2, 0, 0], [0, 2, 0]]}, False),
+        ({"tail": [[1, 0, 0], [0, 1, 0]], "head": [[0, 1, 0], [-1, 0, 0]]}, False),
+        ({"tail": [[0, 0, 1]], "head": [[0, 0, 1]]}, False),
+    ],
+)
+def test_range_and_bearing_need_a_frame(maps: Any, fits: bool) -> None:
+    edge = {"between": ["front", "back"], "map": maps, "sensor": RANGE_BEARING}
+    scenario: Callable[[], Any] = lambda: mixed_scenario(communication=[["boat", "front"], edge]).system  # noqa: E731
+    if fits:
+        assert scenario().law.links.table["bearing"].tolist() == [1]
+    else:
+        with pytest.raises(InputError, match=r"communication\.1.*range_bearing.*F_tail = R P"):
+            scenario()
+
+
+@pytest.mark.parametrize("delay", [1, 2, 4])
+def test_the_limit_of_delay_and_what_check_says_of_it(delay: int) -> None:
+    """k1 h lambda_max < 2 sin(pi / (2 (2 d + 1))): a run on either side of it, and check's largest gain."""
+    plain = two_boats("hull", "hull", controller={"control_period": 0.02})
+    limit = 2 * np.sin(np.pi / (2 * (2 * delay + 1))) / (0.02 * plain.system.largest_eigenvalue)
+
+    def late(share: float) -> Scenario:
+        fields = {"controller": {"gain": share * limit, "control_period": 0.02}, "time": {"end": 40.0}}
+        return two_boats("hull", "hull", links={"all": {"delay": 0.02 * delay}}, **fields)
+
+    runs = [simulate(late(share), "ideal") for share in (0.97, 1.03)]
+    error = [np.abs(data["disagreement"].values).max(axis=1) for data in runs]
+    assert error[0][-300:].max() < error[0][300:600].max()
+    assert error[1][-300:].max() > 3 * error[1][300:600].max()
+    found = check(late(1.03), trial=False)["links"]["delay"]["largest_gain"]
+    assert found == pytest.approx(limit, rel=1e-9)
+
+
+def test_memory_does_not_grow() -> None:
+    """The memory of links is in the law's single array, allocated once; its size follows from delays alone."""
+    for delay, hold in ((0, 0.0), (3, 0.0), (3, 0.1)):
+        links = {"all": {"noise": 0.1, "delay": delay * H, "hold": hold}}
+        sensing = [["boat", "ship"], ["front", "diver"]]
+        law = tangled(links=links, communication=[["boat", "front"]], sensing=sensing).system.law
+        m = [b - a for a, b in pairwise(law.edges.first.tolist())][:3]
+        assert law.links.size == sum((delay + 1) * (1 + k) for k in m)

@@ -1,0 +1,340 @@
+"""Rounds over links: messages of feedforward and newton that are delayed, lost or out of range.
+
+Oracles: one Python object per message line, and the iteration of each agent in numpy; dense solutions of H; the runs
+over perfect links.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.errors import InputError, UndecidedError
+from mjsheaf.law.law import Memory, carry, evaluate_law, look, new_memory
+from mjsheaf.noise import stream_of, uniforms
+from mjsheaf.results import dataset_bytes
+from mjsheaf.runs.simulate import stream
+from mjsheaf.scenario import Scenario
+from mjsheaf.system import System
+from tests.builders import make_scenario, mixed_scenario
+from tests.law.test_terms import ALL, FEEDFORWARD, MOVING, NEWTON, Array, long_team, unlike_team
+
+BACKENDS = ("ideal", "physics")
+BURSTS = {"kind": "gilbert_elliott", "to_bad": 0.2, "to_good": 0.3, "loss_good": 0.05, "loss_bad": 0.9}
+BOTH = {"feedforward": {"rounds": 3}, "newton": {"rounds": 2}}
+H = 0.01
+
+
+def rounds(scenario: Scenario, **fields: Any) -> Scenario:
+    """The scenario with `links.rounds`."""
+    raw = scenario.model_dump(mode="json", exclude_none=True)
+    return make_scenario(raw | {"links": {**raw.get("links", {}), "rounds": fields}})
+
+
+class Messages:
+    """Messages from one end of an edge to the other for one term, as in a textbook."""
+
+    def __init__(self, delay: int) -> None:
+        self.delay = delay
+        self.sent: dict[int, Array] = {}
+        self.last: Array | None = None
+
+    def receive(self, n: int) -> Array | None:
+        self.last = self.sent.pop(n - self.delay, self.last)
+        return self.last
+
+
+class Oracle:
+    """All agents' rounds in numpy, of a scenario's own fields."""
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        self.team, link = scenario.team, scenario.links.rounds
+        self.seed, self.delay = seed, round(link.delay / H) if link else 0
+        loss = link.loss if link else 0.0
+        chain = loss if not isinstance(loss, float) else None
+        self.chain = (chain.to_bad, chain.to_good, chain.loss_good, chain.loss_bad) if chain else (0, 1, loss, loss)
+        law = scenario.controller
+        self.count = {"newton": law.newton.rounds if law.newton else 0}
+        self.count["feedforward"] = law.feedforward.rounds if law.feedforward else 0
+        self.bad: dict[int, bool] = {}
+        edges = self.team.communication
+        self.lines = {(t, id(e), end): Messages(self.delay) for t in self.count for e in edges for end in e.between}
+        self.x = {t: [np.zeros(a.dimension) for a in self.team.agents] for t in self.count}
+
+    def send(self, term: str, n: int, k: int, positions: Array) -> None:
+        to_bad, to_good, good, bad = self.chain
+        for e in self.team.communication:
+            chance = uniforms(self.seed, stream_of("communication", e.tail, e.head, 0), n, 2**20 + k)
+            if id(e) in self.bad:
+                self.bad[id(e)] = chance[2] >= to_good if self.bad[id(e)] else chance[2] < to_bad
+            else:
+                self.bad[id(e)] = chance[2] < (to_bad / (to_bad + to_good) if to_bad else 0)
+            i, j = self.team.index[e.tail], self.team.index[e.head]
+            far = e.link is not None and np.linalg.norm(positions[i] - positions[j]) > (e.link.range or np.inf)
+            for end, F, lot in ((e.tail, e.F_tail, chance[0]), (e.head, e.F_head, chance[1])):
+                if not far and lot >= (bad if self.bad[id(e)] else good):
+                    self.lines[term, id(e), end].sent[n] = F @ self.x[term][self.team.index[end]]
+
+    def improve(self, term: str, n: int, b: Array) -> None:
+        x = self.x[term]
+        D = [np.zeros((len(own), len(own))) for own in x]
+        right = [b[i, : len(own)].copy() for i, own in enumerate(x)]
+        for e in (*self.team.communication, *self.team.sensing, *self.team.anchors):
+            for end, F, other in ((e.tail, e.F_tail, e.head), (e.head, e.F_head, e.tail)):
+                i = self.team.index.get(end, len(x))
+                if i >= len(x):
+                    continue
+                D[i] += F.T @ e.weight @ F
+                if (term, id(e), other) in self.lines:
+                    z = self.lines[term, id(e), other].receive(n)
+                    right[i] += F.T @ e.weight @ (F @ x[i] if z is None else z)
+        for i in range(len(x)):
+            x[i] = x[i] + 0.9 * np.linalg.pinv(D[i]) @ (right[i] - D[i] @ x[i])
+
+    def sample(self, term: str, n: int, b: Array, positions: Array) -> list[Array]:
+        first = 0 if term == "newton" else self.count["newton"]
+        for k in range(first, first + (1 if self.delay else self.count[term])):
+            if not self.delay:
+                self.send(term, n, k, positions)
+            self.improve(term, n, b)
+            if self.delay:
+                self.send(term, n, k, positions)
+        return self.x[term]
+
+
+def wander(scenario: Scenario, T: int, each: Callable[[int, Array, Memory], None], step: float = 0.1) -> Memory:
+    """Sample the law along a random walk of all vehicles, every sample twice."""
+    system, rng = scenario.system, np.random.default_rng(4)
+    memory, x = new_memory(system.law, len(system.initial)), system.initial.copy()
+    dimension = np.array([m.dimension for m in scenario.team.members])
+    for n in range(T):
+        for _ in range(2):
+            look(float(n), memory.held, memory.kept)
+            evaluate_law(system.control, n * H, x, None, memory)
+        each(n, x, memory)
+        x += rng.normal(0, 1, x.shape) * step * (np.arange(3) < dimension[:, None])
+    return memory
+
+
+LINKS: list[dict[str, Any]] = [
+    {"loss": 0.3},
+    {"delay": 0.01},
+    {"delay": 0.03, "loss": 0.4},
+    {"loss": BURSTS},
+    {"delay": 0.02, "loss": BURSTS},
+    {},
+]
+
+
+@pytest.mark.parametrize("link", LINKS, ids=str)
+def test_rounds_are_what_each_agent_makes_of_what_it_was_sent(link: dict[str, Any]) -> None:
+    edges = [{"between": ["boat", "front"], "range": 7.0}, ["front", "back"]]
+    scenario = rounds(mixed_scenario(controller={"control_period": H, **BOTH}, communication=edges, seed=8), **link)
+    oracle, begun = Oracle(scenario, 8), []
+
+    def compare(n: int, x: Array, memory: Memory) -> None:
+        found = oracle.sample("newton", n, -memory.residual[:3], x)
+        if n > 0:
+            begun.append(oracle.sample("feedforward", n, memory.terms.right[:3], x))
+        for i, own in enumerate(found):
+            np.testing.assert_allclose(memory.terms.delta[i, : len(own)], own, rtol=0, atol=1e-9)
+            if n > 0:
+                np.testing.assert_allclose(memory.terms.v[i, : len(own)], begun[-1][i], rtol=1e-9, atol=1e-7)
+
+    wander(scenario, 60, compare)
+    assert scenario.system.law.terms.rounds.imperfect
+
+
+def frustrated(**controller: Any) -> Scenario:
+    """Three agents in a ring whose maps change sign once: Jacobi's iteration has the eigenvalue -1 and would ring."""
+    flip = {"tail": [[1.0, 0.0], [0.0, 1.0]], "head": [[-1.0, 0.0], [0.0, -1.0]]}
+    return make_scenario(
+        {
+            "agents": [{"id": f"A{k}", "position": [k, 1.0 - k]} for k in range(3)],
+            "targets": [{"id": "T", "position": [4, 4]}],
+            "communication": [{"between": pair, "map": flip} for pair in (["A0", "A1"], ["A1", "A2"], ["A2", "A0"])],
+            "sensing": [],
+            "controller": {"control_period": H, **controller},
+        }
+    )
+
+
+TEAMS: dict[str, Callable[[], Scenario]] = {
+    "paper": lambda: load_scenario("paper", {"controller.newton.rounds": 3}),
+    "long": lambda: long_team(1, **NEWTON),
+    "frustrated": lambda: frustrated(**NEWTON),
+    **{f"unlike {seed}": partial(unlike_team, seed, **NEWTON) for seed in range(2)},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", TEAMS.values(), ids=TEAMS)
+@pytest.mark.parametrize(
+    "link", [{"delay": 0.01}, {"delay": 0.07, "loss": 0.3}, {"loss": 0.8}, {"delay": 0.02, "loss": BURSTS}], ids=str
+)
+def test_the_fixed_point_is_the_same(make: Callable[[], Scenario], link: dict[str, Any]) -> None:
+    """Under any delay and losses delta of a team at rest becomes -H^-1 eta, as soon as `settling` says.
+
+    But for eigenvalues of Jacobi's iteration near -1 that have none of the same size near 1: it knows nothing of them.
+    """
+    scenario = rounds(make(), **link)
+    system, team = scenario.system, scenario.team
+    terms = system.law.terms
+    share = terms.rounds.settling(terms.newton, terms.eigenvalues[0])
+    T = int(min(20.0 / share, 60_000)) * (10 if not team.sensing else 1)
+    memory, x = new_memory(system.law, len(system.initial)), system.initial
+    n_q = team.dirichlet.H.shape[0]
+    error, exact = [], np.zeros(n_q)
+    for n in range(T):
+        evaluate_law(system.control, n * H, x, None, memory)
+        if n == 0:
+            exact = np.linalg.solve(team.dirichlet.H.toarray(), -team.pack(memory.residual)[:n_q])
+        error.append(np.abs(team.pack(memory.terms.delta)[:n_q] - exact).max())
+    assert error[0] > 0.01 * np.abs(exact).max() > 0.0
+    assert error[-1] < 1e-3 * error[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_feedforward_follows_over_late_and_lossy_rounds(backend: str) -> None:
+    """Targets at constant velocity: in the end as good as over perfect links, and much better than without."""
+    ids = [f"A{k}" for k in range(4)]
+    raw: dict[str, Any] = {
+        "time": {"end": 8.0},
+        "agents": [{"id": id, "position": [k, 1.0]} for k, id in enumerate(ids)],
+        "targets": [{"id": "T0", "position": [0, 0]}, {"id": "T1", "position": [4, 0]}],
+        "flow": {"targets": {"dimension": 2, "drift": [0.9, 0.4]}},
+        "communication": [list(pair) for pair in pairwise(ids)],
+        "sensing": [["A0", "T0"], ["A3", "T1"]],
+        "controller": {"gain": 4.0, "control_period": H, **FEEDFORWARD},
+        "vehicles": {"tau": 0.02},
+    }  # fmt: skip
+    without = make_scenario(raw | {"controller": {"gain": 4.0, "control_period": H}})
+    plain, paper = simulate(make_scenario(raw), backend), simulate(without, backend)
+    late = simulate(rounds(make_scenario(raw), delay=0.03, loss=0.3), backend)
+    end = [data["tracking_error"].values[-1].max() for data in (plain, late, paper)]
+    assert end[1] == pytest.approx(end[0], abs=1e-4)
+    assert end[1] < 0.05 * end[2]
+    assert late["tracking_error"].values[50].max() > plain["tracking_error"].values[50].max() + 1e-3
+
+
+@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
+def test_without_delay_and_losses_no_bit_changes(backend: str) -> None:
+    """And a link that loses measurements loses no rounds, nor do rounds matter to the paper's law."""
+    fields: dict[str, Any] = {"time": {"end": 0.2}, "targets": MOVING, "seed": 3}
+    plain = mixed_scenario(controller={"control_period": H, **ALL}, **fields)
+    assert dataset_bytes(simulate(rounds(plain, delay=0.0, loss=0.0), backend)) == dataset_bytes(
+        simulate(plain, backend)
+    )
+    assert not rounds(plain, delay=0.0).uses_seed("ideal")
+    assert rounds(plain, loss=0.1).uses_seed("ideal")
+    lossy = mixed_scenario(
+        controller={"control_period": H, **ALL}, links={"all": {"loss": 0.5, "delay": 0.02}}, **fields
+    )
+    assert not lossy.system.law.terms.rounds.imperfect
+    paper = mixed_scenario(controller={"control_period": H}, **fields)
+    assert dataset_bytes(simulate(rounds(paper, delay=0.05, loss=0.5), backend)) == dataset_bytes(
+        simulate(paper, backend)
+    )
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_same_bits_in_pieces_threads_and_phases(backend: str) -> None:
+    scenario = rounds(mixed_scenario(time={"end": 0.3}, controller={"control_period": H, **ALL}, targets=MOVING,
+                                     seed=3), delay=0.02, loss=BURSTS)  # fmt: skip
+    whole = simulate(scenario, backend)
+    idle = {"time": 0.15, "set": {"controller.gain": scenario.controller.gain}}
+    phased = make_scenario(scenario.model_dump(mode="json", exclude_none=True) | {"events": [idle]})
+    pieces = list(stream(scenario.system, backend, 3, samples=7))
+    for name in ("agent_position", "velocity_command"):
+        np.testing.assert_array_equal(np.concatenate([p[name].values for p in pieces]), whole[name].values)
+        many = simulate_many([scenario, phased], backend, workers=2)
+        assert isinstance(many[0], xr.Dataset)
+        np.testing.assert_array_equal(many[0][name], whole[name])
+    other = rounds(scenario, delay=0.02, loss=0.0)
+    assert (simulate(other, backend)["agent_position"].values != whole["agent_position"].values)[-1].any()
+    if backend == "physics":
+        world, again = World(scenario), World(scenario)
+        world.step(135)
+        again.set_state(world.get_state())
+        world.step(100)
+        again.step(100)
+        np.testing.assert_array_equal(again.get_state(), world.get_state())
+
+
+def test_nothing_from_before_arrives_over_a_restored_link() -> None:
+    """Messages in transit when a link is cut are lost, and neighbours' last numbers are those of the present phase."""
+    cut = [{"time": 0.1, "cut": ["boat", "front"]}, {"time": 0.13, "restore": ["boat", "front"]}]
+    scenario = rounds(mixed_scenario(controller={"control_period": H, **BOTH}, events=cut), delay=0.05)
+    phases = [phase.system for phase in scenario.phases]
+    memory, x = new_memory(phases[0].law, 5), phases[0].initial
+    system: System = phases[0]
+    for n in range(19):
+        now = phases[(n >= 10) + (n >= 13)]
+        if now is not system:
+            memory, system = carry(memory, system.law, now.law, n), now
+        evaluate_law(system.control, n * H, x, None, memory)
+        sent = (memory.terms.rounds.arrived[0, 0] > 0.0).tolist()  # of newton, by tails
+        stays = n >= 5
+        assert sent == ([stays] if 10 <= n < 13 else [stays if n < 10 else n >= 18, stays])
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"links.rounds.delay": 0.055}, ["links.rounds.delay: 0.055", "0.05 or 0.06"]),
+        ({"links.rounds.loss": 1.2}, ["links.rounds.loss", "at most 1"]),
+        ({"links.rounds.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["to_bad", "at most 1"]),
+        ({"links.rounds.noise": 0.1}, ["links.rounds.noise", "unknown field"]),
+        ({"links.rounds.range": 5.0}, ["links.rounds.range", "unknown field"]),
+        ({"links.rounds.sensor": {"kind": "exact"}}, ["links.rounds.sensor", "unknown field"]),
+        ({"links.rounds.delay": 1e6}, ["links.rounds", "delay lines", "shorter"]),
+    ],
+)  # fmt: skip
+def test_bad_fields_are_one_line(fields: dict[str, Any], said: list[str]) -> None:
+    with pytest.raises(InputError) as error:
+        _ = load_scenario("paper", {"controller.newton.rounds": 2, **fields}).system
+    assert "\n" not in str(error.value)
+    for words in said:
+        assert words in str(error.value)
+
+
+def test_traffic_is_one_round_a_term_and_period_under_a_delay() -> None:
+    scenario = load_scenario(
+        "paper", {"time.end": 0.2, "controller.feedforward.rounds": 3, "controller.newton.rounds": 2}
+    )
+    sent = [
+        simulate(rounds(scenario, **link), "ideal").attrs["exchange_rounds"]
+        for link in ({}, {"loss": 0.5}, {"delay": 0.01}, {"delay": 0.1, "loss": 0.1})
+    ]
+    assert sent == [5 * 20, 5 * 20, 2 * 20, 2 * 20]
+
+
+@pytest.mark.parametrize(
+    "fields", [{"links.rounds.delay": 0.01}, {"links.rounds.loss": 0.1}, {"links.communication.range": 90}]
+)
+def test_check_does_not_claim_to_know_the_held_law(fields: dict[str, Any]) -> None:
+    scenario = load_scenario("paper", {"controller.newton.rounds": 3, **fields})
+    with pytest.raises(UndecidedError, match="delayed or lost"):
+        loop_of(scenario.system)
+    assert loop_of(load_scenario("paper", fields).system).radius < 1.0  # the paper's law has no rounds
+
+
+def test_rounds_over_no_edge_at_all() -> None:
+    """All links are cut: H is 0, no agent receives messages, and all stay."""
+    rest = {"links": {"rounds": {"delay": 0.02, "loss": 0.3}}, "events": [{"time": 0.1, "cut": ["A1", "T1"]}]}
+    scenario = load_scenario({
+        "time": {"end": 0.2}, "agents": [{"id": "A1", "position": [0, 0]}],
+        "targets": [{"id": "T1", "position": [2, 0]}], "sensing": [["A1", "T1"]],
+        "controller": {"control_period": 0.02, "feedforward": {"rounds": 2}, "newton": {"rounds": 2}}, **rest,
+    })  # fmt: skip
+    data = simulate(scenario, "ideal", allow_drift=True)
+    assert np.isfinite(data["velocity_command"].values[..., :2]).all()
+    assert not data["velocity_command"].values[5:, 0, :2].any()

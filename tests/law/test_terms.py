@@ -1,0 +1,839 @@
+"""The terms of the law beyond the paper's.
+
+Oracles: one Python object per agent, which is handed its own edges, its own displacement and what its neighbours send;
+the textbook form of Chebyshev's iteration; distances in the graph; dense solutions of H; the runs without terms.
+"""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+
+import mjsheaf
+from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.errors import InputError
+from mjsheaf.law import ControlArrays
+from mjsheaf.law.controller import Agent, Controller, LocalSample, PerAgent
+from mjsheaf.law.law import Memory, evaluate_law, new_memory
+from mjsheaf.law.links import size_of_link_memory
+from mjsheaf.law.terms import TermArrays, contraction, size_of_memory, solve
+from mjsheaf.loop.session import Session
+from mjsheaf.runs.simulate import stream
+from mjsheaf.scenario import Scenario
+from mjsheaf.system import Phase, System, phases_of
+from mjsheaf.team import Edge, Team
+from mjsheaf.vehicles.loading import load_vehicle
+from tests.builders import REPOSITORY, make_scenario, mixed_scenario, random_scenario
+
+Array = NDArray[np.float64]
+BACKENDS = ("ideal", "physics")
+FEEDFORWARD: dict[str, Any] = {"feedforward": {"rounds": 3}}
+NEWTON: dict[str, Any] = {"newton": {"rounds": 2}}
+DRIFT: dict[str, Any] = {"drift": {"filter": 0.1}}
+INTEGRAL: dict[str, Any] = {"integral": {"gain": 0.5, "limit": 0.3}}
+LED: dict[str, Any] = {"feedforward": {"rounds": 2, "filter": 0.03, "extrapolate": True}}
+EACH: list[dict[str, Any]] = [FEEDFORWARD, NEWTON, DRIFT, INTEGRAL, LED]
+MOVING: list[dict[str, Any]] = [
+    {
+        "id": "diver",
+        "position": [1, 1, -2],
+        "motion": {"kind": "lissajous", "amplitude": [2, 1, 1], "rate": [1, 2, 1], "phase": [1.5, 0, 0]},
+    },
+    {"id": "ship", "position": [-3, 2], "motion": {"kind": "waypoints", "points": [[0, 5], [5, 5]], "speed": 4.0}},
+]
+ALL: dict[str, Any] = LED | NEWTON | DRIFT | INTEGRAL
+
+
+def positions_of(data: xr.Dataset) -> Array:
+    """Positions of agents, then targets, shape (T, V, 3)."""
+    return np.nan_to_num(np.concatenate([data["agent_position"].values, data["target_position"].values], axis=1))
+
+
+# -- local form --------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Local:
+    """One agent's law, in its own coordinates, from its own edges, its own displacement and received messages.
+
+    Attributes:
+        agent: Id of the agent.
+        law: Field `controller` of the scenario.
+        targets: Ids of targets.
+        bounds: Bounds on the eigenvalues of H by time, s.
+        lead: Lead of feedforward, in samples, once rounds have reduced the residual to a thousandth.
+        limit: Largest speed, m/s.
+    """
+
+    agent: Agent
+    law: Any
+    targets: set[str]
+    bounds: Callable[[float], tuple[float, float]]
+    lead: float
+    limit: float
+    edges: tuple[Edge, ...] = ()
+    samples: int = 0
+    same: int = 0  # samples with these edges
+    known: dict[Any, tuple[Array, Array, int]] = field(default_factory=dict)  # y, velocity and age by edge
+
+    def __post_init__(self) -> None:
+        n = self.agent.dimension
+        self.command, self.delta, self.v, self.drift, self.z = np.zeros((5, n))
+
+    def names(self) -> list[Any]:
+        """By which edges are known again in another phase."""
+        plain = [(e.tail, e.head, e.F_tail.tobytes(), e.F_head.tobytes()) for e in self.edges]
+        return [(name, plain[:k].count(name)) for k, name in enumerate(plain)]
+
+    def sense(self, local: LocalSample, moved: Array) -> Array:
+        """B p' of the targets that this agent senses; one of which it knows nothing yet moves as v says."""
+        h, measured = self.law.control_period, np.zeros(len(moved))
+        for name, e, y in zip(self.names(), self.edges, local.measurements, strict=True):
+            if e.head not in self.targets:
+                continue
+            velocity = e.F_tail @ self.v
+            if name in self.known:
+                earlier, rate, age = self.known[name]
+                share = filtered(h, self.law.feedforward.filter) if age > 1 else 1.0
+                velocity = rate + share * ((y - earlier + e.F_tail @ moved) / h - rate)
+                self.known[name] = earlier, velocity, age
+            measured += e.F_tail.T @ e.weight @ velocity
+        return measured
+
+    def remember(self, local: LocalSample) -> None:
+        """Keep what the next sample compares with, of the present edges alone."""
+        nothing = (np.zeros(0), 0.0, 0)
+        named = zip(self.names(), local.measurements, strict=True)
+        before = {name: (y, *self.known.get(name, nothing)[1:]) for name, y in named}
+        self.known = {name: (y, rate + np.zeros(len(y)), age + 1) for name, (y, rate, age) in before.items()}
+
+    def own(self, e: Edge) -> tuple[Array, Array, str]:
+        """F of this agent on an edge, F of the other end, and who that is."""
+        return (e.F_tail, e.F_head, e.head) if e.tail == self.agent.id else (e.F_head, e.F_tail, e.tail)
+
+    def row_of_h(self, x: Array, received: dict[str, Array]) -> Array:
+        """(H x)_i: on each edge F_i^T K (F_i x_i - F_j x_j), where x_j of targets and of the ground is zero."""
+        out = np.zeros(len(x))
+        for e in self.edges:
+            F, G, other = self.own(e)
+            theirs = G @ received[other][: G.shape[1]] if other in received else 0.0
+            out += F.T @ e.weight @ (F @ x - theirs)
+        return out
+
+    def rounds(self, x: Array, b: Array, count: int) -> Generator[Array, dict[str, Array], Array]:
+        """Chebyshev's iteration as in Saad, algorithm 12.1; Richardson's where the interval is a point."""
+        low, high = self.bounds(self.time)
+        theta, delta = (high + low) / 2, (high - low) / 2
+        rho = delta / theta
+        for k in range(count):
+            r = b - self.row_of_h(x, (yield np.pad(x, (0, 3 - len(x)))))
+            if k == 0 or delta == 0.0:
+                d = r / theta
+            else:
+                after = 1.0 / (2.0 * theta / delta - rho)
+                d = after * rho * d + 2.0 * after / delta * r
+                rho = after
+            x = x + d
+        return x
+
+    def __call__(self, t: float, local: LocalSample) -> Generator[Array, dict[str, Array], Array]:
+        law, h, n = self.law, self.law.control_period, self.agent.dimension
+        self.time = t
+        if local.edges is not self.edges:
+            names, self.edges = self.names(), local.edges
+            self.same *= names == self.names()
+        moved = local.displacement[:n] + law.odometry.bias * h * (self.samples > 0)
+        eta = np.zeros(n)
+        for e, y in zip(self.edges, local.measurements, strict=True):
+            F, _, _ = self.own(e)
+            eta += (-1.0 if e.tail == self.agent.id else 1.0) * F.T @ e.weight @ (y + e.b)
+        wanted = -law.gain * eta
+        if law.newton:
+            self.delta = yield from self.rounds(self.delta, -eta, law.newton.rounds)
+            wanted = law.gain * self.delta
+        if law.feedforward:
+            before = self.v
+            if self.samples > 0:
+                self.v = yield from self.rounds(self.v, self.sense(local, moved), law.feedforward.rounds)
+            settled = contraction(law.feedforward.rounds, *self.bounds(t)) ** (self.same - 1) < 1e-3
+            wanted = wanted + self.v + self.lead * settled * (self.v - before)
+        if law.drift and self.samples > 0:
+            share = 1.0 if self.samples == 1 else filtered(h, law.drift.filter)
+            self.drift = self.drift + share * (moved / h - self.command - self.drift)
+            wanted = wanted - self.drift
+        if law.integral:
+            wanted = wanted - law.integral.gain * self.z
+        self.command = shortened(wanted, self.limit)
+        if law.integral and np.linalg.norm(wanted) <= self.limit:
+            self.z = shortened(self.z + h * eta, law.integral.limit / law.integral.gain)
+        self.remember(local)
+        self.samples, self.same = self.samples + 1, self.same + 1
+        return self.command
+
+
+def filtered(period: float, time_constant: float) -> float:
+    """Return the weight of a new value in a first-order filter."""
+    return 1.0 - np.exp(-period / time_constant) if time_constant else 1.0
+
+
+def shortened(x: Array, most: float) -> Array:
+    size = np.linalg.norm(x)
+    return x * most / size if size > most else x
+
+
+def agentwise(
+    scenario: Scenario, backend: str, bounds: Callable[[float], tuple[float, float]] | None = None
+) -> Controller:
+    """The scenario's law in local form, with bounds on the eigenvalues of H by time, s; the team's by default."""
+    law, team = scenario.controller, scenario.team
+    within = bounds or (lambda t: team.dirichlet.eigenvalues)
+
+    def make(agent: Agent) -> Local:
+        i = team.agent_ids.index(agent.id)
+        lead = float(bool(law.feedforward and law.feedforward.extrapolate))
+        if backend == "physics":
+            names = scenario.vehicles.names(scenario.agents, scenario.targets)
+            own = load_vehicle(names[i]).with_time_constant(scenario.vehicles.tau)
+            lead *= 1.0 + own.reduced_model().tau[0] / law.control_period
+        limit = scenario.agents[i].velocity_limit or law.velocity_limit or np.inf
+        return Local(agent, law, set(team.target_ids), within, lead, limit)
+
+    return Controller(PerAgent(make))
+
+
+def unlike_team(seed: int, **controller: Any) -> Scenario:
+    """A random team: dimensions, maps, anchors and flow as of `random_scenario`, and inner products on edges."""
+    fields, rng = random_scenario(seed), np.random.default_rng(seed)
+    for e in fields["communication"] + fields["sensing"]:
+        if isinstance(e["map"], dict):
+            root = 0.3 * rng.standard_normal((len(e["map"]["tail"]),) * 2)
+            e["weight"] = (np.eye(len(root)) + root @ root.T).tolist()
+    fields["time"] = {"end": 0.6}
+    fields["controller"] = {"gain": 1.0, "control_period": 0.01, **controller}
+    return make_scenario(fields)
+
+
+def assert_alike(scenario: Scenario, backend: str, tolerance: float = 1e-10) -> None:
+    """The scenario's own law and its local form make the same run, and say alike what they send."""
+    ours = simulate(scenario, backend)
+    theirs = simulate(scenario, backend, controller=agentwise(scenario, backend))
+    for name in ("agent_position", "velocity_command"):
+        scale = 1.0 + np.abs(np.nan_to_num(ours[name].values)).max()
+        np.testing.assert_allclose(theirs[name].values, ours[name].values, rtol=0, atol=tolerance * scale)
+    law = scenario.controller
+    silent = law.feedforward.rounds if law.feedforward else 0  # before it has two samples
+    assert theirs.attrs["exchange_rounds"] == ours.attrs["exchange_rounds"] - silent
+    plain = simulate(edited(scenario, {"feedforward": None, "newton": None, "drift": None, "integral": None}), backend)
+    assert np.nanmax(np.abs(plain["agent_position"] - ours["agent_position"])) > 1e-4  # the terms matter
+
+
+def edited(scenario: Scenario, controller: dict[str, Any]) -> Scenario:
+    """The scenario with other fields of its controller."""
+    fields = scenario.model_dump(mode="json", exclude_none=True)
+    fields["controller"] = {k: v for k, v in {**fields["controller"], **controller}.items() if v is not None}
+    return make_scenario(fields)
+
+
+@pytest.mark.parametrize("terms", [*EACH, ALL, FEEDFORWARD | NEWTON], ids=lambda terms: "+".join(terms))
+def test_local_form_on_ideal_kinematics(terms: dict[str, Any]) -> None:
+    controller = {"gain": 3.0, "control_period": 0.01, "odometry": {"bias": 0.02}, **terms}
+    assert_alike(mixed_scenario(controller=controller, targets=MOVING), "ideal")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_local_form_of_random_teams(seed: int) -> None:
+    assert_alike(unlike_team(seed, **ALL), "ideal", 1e-9)
+
+
+@pytest.mark.slow
+def test_local_form_of_the_published_team() -> None:
+    law = {"controller.feedforward.rounds": 3, "controller.newton.rounds": 3, "controller.drift.filter": 0.1}
+    assert_alike(load_scenario("paper", {"time.end": 2.0, "controller.feedforward.extrapolate": True, **law}), "ideal")
+
+
+@pytest.mark.parametrize("terms", [*EACH[:2], INTEGRAL, LED | NEWTON | INTEGRAL], ids=lambda terms: "+".join(terms))
+def test_local_form_on_bodies(terms: dict[str, Any]) -> None:
+    controller = {"gain": 3.0, "control_period": 0.01, **terms}
+    assert_alike(mixed_scenario(time={"end": 0.5}, controller=controller, vehicles={"tau": 0.05}), "physics")
+
+
+def test_local_form_of_random_bodies() -> None:
+    assert_alike(unlike_team(3, **(LED | NEWTON | INTEGRAL)), "physics", 1e-9)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_local_form_where_commands_are_limited(backend: str) -> None:
+    """An agent with a clipped command does not integrate, and drift is the velocity beyond the limited command."""
+    terms = ALL if backend == "ideal" else LED | NEWTON | INTEGRAL
+    controller = {"gain": 8.0, "control_period": 0.01, "velocity_limit": 9.0, **terms}
+    scenario = mixed_scenario(time={"end": 1.0}, controller=controller)
+    assert_alike(scenario, backend)
+    speed = np.linalg.norm(np.nan_to_num(simulate(scenario, backend)["velocity_command"].values), axis=2)
+    assert 0.05 < np.mean(speed > 8.9999) < 0.95
+    assert speed.max() <= 9.0 + 1e-12
+
+
+def with_other_edges(scenario: Scenario) -> System:
+    """The scenario's system with other edges among the same vehicles."""
+    raw = scenario.model_dump(mode="json", exclude_none=True)
+    raw["communication"] = [["boat", "back"], {"between": ["back", "front"], "weight": 2.0}]
+    raw["sensing"] = [["boat", "ship"], ["front", "diver"]]
+    other = make_scenario(raw)
+    return replace(scenario.system, team=other.team, law=other.system.law)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_phases_with_other_edges_keep_what_agents_know(backend: str) -> None:
+    """Velocities of targets continue edge by edge, drift and integral too; bounds on H are those of the phase."""
+    terms = ALL if backend == "ideal" else LED | NEWTON | INTEGRAL
+    scenario = mixed_scenario(time={"end": 0.6}, controller={"gain": 5.0, "control_period": 0.01, **terms})
+    other = with_other_edges(scenario)
+    run = phases_of([Phase(0, scenario.system), Phase(25, other), Phase(40, scenario.system)])
+    each = [phase.system.law.terms.eigenvalues for phase in run]
+    assert each == [phase.system.team.dirichlet.eigenvalues for phase in run]
+    assert run[0].system is run[2].system
+    assert each[0] != each[1]
+
+    def bounds(t: float) -> tuple[float, float]:
+        return each[int(np.searchsorted([25, 40], round(t / 0.01), side="right"))]
+
+    ours = list(stream(run, backend, 0))
+    theirs = list(stream(run, backend, 0, controller=agentwise(scenario, backend, bounds)))
+    assert len(ours) == 3
+    for one, two in zip(ours, theirs, strict=True):
+        for name in ("agent_position", "velocity_command"):
+            np.testing.assert_allclose(two[name].values, one[name].values, rtol=0, atol=1e-9)
+    assert ours[2].attrs["exchange_rounds"] == 61 * 4
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_phases_with_and_without_terms(backend: str) -> None:
+    """Terms that begin with a phase begin as in a run that starts there; those that end leave nothing behind."""
+    law = {"gain": 5.0, "control_period": 0.01}
+    with_terms, paper = (mixed_scenario(time={"end": 0.4}, controller=law | terms).system for terms in (ALL, {}))
+    first, second, third = stream([Phase(0, paper), Phase(10, with_terms), Phase(30, paper)], backend, 0)
+    plain = simulate(mixed_scenario(time={"end": 0.4}, controller=law), backend)
+    np.testing.assert_array_equal(first["agent_position"], plain["agent_position"][:10])
+    for data in (first, third):
+        eta, asked = (np.nan_to_num(data[name].values) for name in ("disagreement_vector", "velocity_command"))
+        np.testing.assert_array_equal(asked, -5.0 * eta)
+    asked = np.nan_to_num(second["velocity_command"].values[0])
+    np.testing.assert_array_equal(asked, commands_at(with_terms.control, positions_of(second)[:1])[0])
+    assert second.attrs["exchange_rounds"] == 20 * 4
+
+
+# -- flow of information -----------------------------------------------------------------------------------------------
+
+
+def long_team(seed: int, **controller: Any) -> Scenario:
+    """Ten agents of either dimension on a random tree with two links more, and two targets."""
+    rng = np.random.default_rng(seed)
+    agents = [{"id": f"A{k}", "position": rng.uniform(-9, 9, 2 + k % 2).tolist()} for k in range(10)]
+    links = [[f"A{max(0, k - int(rng.integers(1, 3)))}", f"A{k}"] for k in range(1, 10)]
+    links += [e for e in (["A2", "A5"], ["A6", "A9"]) if e not in links]
+    return make_scenario(
+        {
+            "agents": agents,
+            "targets": [{"id": f"T{k}", "position": rng.uniform(-9, 9, 3).tolist()} for k in range(2)],
+            "communication": [{"between": e, "weight": float(rng.uniform(0.5, 2))} for e in links],
+            "sensing": [["A1", "T0"], ["A8", "T1"]],
+            "anchors": [{"agent": f"A{k}", "axes": ["z"], "value": [1.0]} for k in range(1, 10, 2)],
+            "controller": {"gain": 2.0, "control_period": 0.01, **controller},
+        }
+    )
+
+
+def distances(team: Team, source: str) -> Array:
+    """Return the number of edges from a vehicle to each agent, over agents alone, shape (N,)."""
+    found = {source: 0}
+    while True:
+        more = {
+            end: found[start] + 1
+            for e in (*team.communication, *team.sensing)
+            for start, end in (e.between, e.between[::-1])
+            if start in found and end not in found and end in team.agent_ids
+        }
+        if not more:
+            return np.array([found[a] for a in team.agent_ids])
+        found |= more
+
+
+def commands_at(control: ControlArrays, path: Array, memory: Memory | None = None) -> Array:
+    """The agents' commands of samples at positions (T, V, 3), whatever the commands do, shape (T, N, 3)."""
+    memory = memory or new_memory(control.law, path.shape[1])
+    made = []
+    for k, x in enumerate(path):
+        evaluate_law(control, 0.01 * k, x, None, memory)
+        made.append(memory.command[: control.law.terms.agents].copy())
+    return np.array(made)
+
+
+@pytest.mark.parametrize("shift", [1.0, np.nan], ids=["elsewhere", "not a number"])
+@pytest.mark.parametrize("rounds", [1, 2, 3])
+@pytest.mark.parametrize("term", ["feedforward", "newton", "both"])
+def test_each_round_carries_news_one_edge_on_and_no_farther(term: str, rounds: int, shift: float) -> None:
+    """A vehicle is moved in one sample alone. This reaches an agent at the distance d, and only then do bits change,
+    in the sample j later with d <= (j + 1) rounds: its measurement is the first edge, and the first round is spent
+    on its own data; but the rounds begin with the result of the sample before. Feedforward depends on
+    targets; how an agent itself moved cancels up to rounding.
+    """
+    names = ("feedforward", "newton") if term == "both" else (term,)
+    scenario = long_team(rounds, **{name: {"rounds": rounds} for name in names})
+    team, control = scenario.team, scenario.system.control
+    rng = np.random.default_rng(0)
+    path = scenario.system.initial + np.cumsum(0.1 * rng.standard_normal((6, 12, 3)), axis=0)
+    path[:, [m.dimension == 2 for m in team.members], 2] = 0.0
+    plain = commands_at(control, path)
+    for v, member in enumerate(team.members):
+        moved = path.copy()
+        moved[2, v, : member.dimension] += shift
+        d = distances(team, member.id)
+        changed = (commands_at(control, moved) != plain).any(axis=2)
+        assert not changed[:2].any()
+        for j in range(4):
+            heard = d <= max(1 - j, (j + 1) * rounds)
+            if term == "feedforward" and member.id not in team.target_ids:
+                assert not (changed[2 + j] & ~heard).any()
+            else:
+                np.testing.assert_array_equal(changed[2 + j], heard, err_msg=f"{member.id} after {j}")
+
+
+@pytest.mark.parametrize("terms", [DRIFT, INTEGRAL, DRIFT | INTEGRAL], ids=lambda terms: "+".join(terms))
+def test_drift_and_integral_are_an_agents_own(terms: dict[str, Any]) -> None:
+    """Without a measurement of a vehicle an agent receives nothing about it."""
+    scenario = long_team(4, **terms)
+    team, control = scenario.team, scenario.system.control
+    path = np.repeat(scenario.system.initial[None], 8, axis=0)
+    plain = commands_at(control, path)
+    for v, member in enumerate(team.members):
+        moved = path.copy()
+        moved[2, v] = np.nan
+        near = distances(team, member.id) <= 1
+        commands = commands_at(control, moved)
+        np.testing.assert_array_equal(commands[:, ~near], plain[:, ~near])
+        assert np.isnan(commands[2:, near]).any(axis=2).all()
+
+
+# -- the paper's law ---------------------------------------------------------------------------------------------------
+
+
+def test_a_law_without_terms_holds_nothing_of_them() -> None:
+    assert size_of_memory(TermArrays(), np.array([0, 40]), 17) == (0, 0)
+    for path in sorted((REPOSITORY / "scenarios").glob("*.yaml")):
+        scenario = load_scenario(str(path))
+        terms = scenario.system.law.terms
+        assert bool(terms.agents) == scenario.controller.terms.any, path
+        if not scenario.controller.terms.any:
+            V, m = len(scenario.team.members), len(scenario.system.law.edges.b)
+            links = size_of_link_memory(scenario.system.law.links, m) + scenario.system.law.links.size
+            compared = m if scenario.system.law.edges.kinds else 0
+            assert len(new_memory(scenario.system.law, V).flat) == m + 9 * V + links + compared
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_terms_that_add_nothing_leave_the_papers_law_to_the_bit(backend: str) -> None:
+    """An integral whose largest correction is 1e-300 m/s, added to the law: every number is the same."""
+    end = 2.0 if backend == "ideal" else 0.3
+    paper = load_scenario("paper", {"time.end": end})
+    neutral = load_scenario("paper", {"time.end": end, "controller.integral": {"gain": 1.0, "limit": 1e-300}})
+    assert neutral.system.law.terms.agents == 13
+    one, other = simulate(paper, backend), simulate(neutral, backend)
+    xr.testing.assert_equal(one, other)
+    assert [r.attrs[k] for r in (one, other) for k in ("exchange_rounds", "numbers_sent")] == [0] * 4
+
+
+def test_terms_want_a_control_period() -> None:
+    for terms in EACH:
+        with pytest.raises(InputError, match="control_period is 0"):
+            make_scenario({**random_scenario(0), "controller": {"control_period": 0, **terms}})
+
+
+# -- rounds ------------------------------------------------------------------------------------------------------------
+
+
+def rounds_on(system: System, rounds: int, b: Array, x: Array) -> Array:
+    """x after rounds on H x = b, as vectors of H's coordinates."""
+    team, V = system.team, len(system.team.members)
+    n = len(b)
+    everything = new_memory(system.law, V)
+    padded = [team.unpack(np.concatenate([values, np.zeros(team.sheaf.shape[1] - n)])) for values in (b, x)]
+    solve(system.law.edges, system.law.terms, rounds, padded[0], everything.y, padded[1], everything.terms)
+    return team.pack(padded[1])[:n]
+
+
+TEAMS: list[Any] = [lambda: load_scenario("paper", {"controller.newton.rounds": 3}), lambda: long_team(1, **NEWTON)]
+TEAMS += [lambda seed=seed: unlike_team(seed, **NEWTON) for seed in range(5)]
+
+
+@pytest.mark.parametrize("make", TEAMS)
+def test_rounds_contract_as_chebyshevs_polynomial_does(make: Any) -> None:
+    """By 1 / T_r((kappa + 1) / (kappa - 1)) in the 2-norm at most, and by just that at both ends of the spectrum."""
+    system = make().system
+    H = system.team.dirichlet.H.toarray()
+    values, vectors = np.linalg.eigh(H)
+    kappa = values[-1] / values[0]
+    rng = np.random.default_rng(0)
+    for r in (1, 2, 3, 7):
+        T = np.polynomial.chebyshev.chebval((kappa + 1) / (kappa - 1), [0] * r + [1]) if kappa > 1 + 1e-9 else np.inf
+        assert contraction(r, values[0], values[-1]) == pytest.approx(1.0 / T, rel=1e-9)
+        for _ in range(5):
+            exact, start = rng.standard_normal((2, len(H)))
+            left = np.linalg.norm(rounds_on(system, r, H @ exact, start) - exact)
+            assert left <= (1.0 / T + 1e-9) * np.linalg.norm(start - exact)
+        for end in (0, -1):
+            left = rounds_on(system, r, H @ exact, exact + vectors[:, end]) - exact
+            np.testing.assert_allclose(abs(left @ vectors[:, end]), 1.0 / T, rtol=1e-6, atol=1e-10)
+            np.testing.assert_allclose(np.linalg.norm(left), 1.0 / T, rtol=1e-6, atol=1e-10)
+
+
+def test_published_contraction() -> None:
+    bounds = load_scenario("paper").team.dirichlet.eigenvalues
+    found = [contraction(r, *bounds) for r in (1, 3, 5, 10)]
+    np.testing.assert_allclose(found, [0.868, 0.377, 0.131, 0.0087], rtol=5e-3)
+    assert contraction(0, *bounds) == 1.0
+    assert contraction(1000, *bounds) < 1e-100
+
+
+@pytest.mark.parametrize("weight", [1.0, 4.0])
+def test_one_agent_alone_needs_one_round(weight: float) -> None:
+    """H is a multiple of I, so that its eigenvalues are one number; by Newton the error decays at k1."""
+    scenario = make_scenario(
+        {
+            "time": {"end": 0.5},
+            "agents": [{"id": "A", "position": [5.0, 1.0]}],
+            "targets": [{"id": "T", "position": [0.0, 0.0]}],
+            "sensing": [{"between": ["A", "T"], "weight": weight}],
+            "controller": {"gain": 10.0, "control_period": 0.01, "newton": {"rounds": 1}, **FEEDFORWARD},
+        }
+    )
+    assert contraction(1, weight, weight) == 0.0
+    error = simulate(scenario, "ideal")["tracking_error"].values[:, 0]
+    np.testing.assert_allclose(error[1:] / error[:-1], 0.9, rtol=1e-12)
+
+
+def test_an_agent_that_nobody_hears_and_that_hears_nobody() -> None:
+    """H is zero: there are no eigenvalues, and the terms are zero."""
+    scenario = make_scenario(
+        {
+            "time": {"end": 0.1},
+            "agents": [{"id": "A", "position": [5.0, 1.0]}],
+            "targets": [{"id": "T", "position": [0.0, 0.0]}],
+            "controller": {"gain": 10.0, "control_period": 0.01, **ALL},
+        }
+    )
+    data = simulate(scenario, "ideal", allow_drift=True)
+    np.testing.assert_array_equal(data["agent_position"].values[..., :2], np.full((11, 1, 2), [5.0, 1.0]))
+
+
+def test_free_directions_stay_where_they_are() -> None:
+    """Agents that are free along z: the terms are zero there, and the other axes are tracked as before."""
+    scenario = edited(load_scenario("air_tracks_surface", {"time.end": 3.0}), FEEDFORWARD | NEWTON)
+    free = scenario.team.dirichlet.null_basis
+    assert free.shape[1] == 1
+    data = simulate(scenario, "ideal", allow_drift=True)
+    commands = np.nan_to_num(data["velocity_command"].values)
+    asked = scenario.team.pack(np.pad(commands, ((0, 0), (0, len(scenario.team.targets)), (0, 0))))[:, : len(free)]
+    assert np.abs(asked @ free).max() < 1e-12 * np.abs(asked).max()
+    assert data["disagreement"][-1].max() < 0.1 * data["disagreement"][0].max()
+
+
+# -- what agents sense of their targets --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [lambda: load_scenario("paper", {"time.end": 3.0}), mixed_scenario])
+def test_target_velocity_as_measured_is_that_of_the_targets(make: Any) -> None:
+    """B (p(t) - p(t - h)) / h to rounding along a run, in tilted frames too; what targets want to do is not known."""
+    scenario = make()
+    path = positions_of(simulate(scenario, "ideal"))
+    system = edited(scenario, FEEDFORWARD).system
+    raw = edited(scenario, FEEDFORWARD).model_dump(mode="json", exclude_none=True)
+    elsewhere = make_scenario({k: v for k, v in raw.items() if k not in ("target_motion", "target_formation", "flow")})
+    team, B, h = system.team, system.team.dirichlet.B, system.grid.period
+    n = B.shape[0]
+    p = team.pack(path)[:, n:]
+    for control in (system.control, elsewhere.system.control):
+        memory = new_memory(control.law, path.shape[1])
+        for k, x in enumerate(path):
+            evaluate_law(control, h * k, x, None, memory)
+            wanted = B @ (p[k] - p[k - 1]) / h if k else np.zeros(n)
+            rounding = 1e-15 * (1.0 + np.abs(x).max()) / h
+            np.testing.assert_allclose(team.pack(memory.terms.right)[:n], wanted, rtol=0, atol=30 * rounding)
+
+
+def test_what_no_edge_shows_of_a_target_is_not_known() -> None:
+    """Planar agents below targets that rise have not a bit of that."""
+    system = load_scenario("paper", {"controller.feedforward.rounds": 3}).system
+    path = np.repeat(system.initial[None], 5, axis=0)
+    path[:, 13:, 2] += np.arange(5.0)[:, None]
+    memory = new_memory(system.control.law, 17)
+    commands = commands_at(system.control, path, memory)
+    np.testing.assert_array_equal(commands, commands[:1].repeat(5, axis=0))
+    np.testing.assert_array_equal(memory.terms.right, 0.0)
+    np.testing.assert_array_equal(memory.terms.v, 0.0)
+
+
+def test_a_team_that_moves_with_its_targets_knows_it_by_odometry() -> None:
+    """No measurement changes; v goes to the velocity that they all have, at the rate of its rounds."""
+    system = load_scenario("paper", {"controller.feedforward.rounds": 3}).system
+    velocity = np.array([25.0, -50.0, 0.0])
+    left = []
+    memory = new_memory(system.control.law, 17)
+    for k in range(20):
+        evaluate_law(system.control, 0.01 * k, system.initial + 0.01 * k * velocity, None, memory)
+        left.append(np.linalg.norm(memory.terms.v[:13] - velocity))
+    c = contraction(3, *system.team.dirichlet.eigenvalues)
+    assert (np.array(left) <= left[0] * c ** np.arange(20) * (1 + 1e-6) + 1e-9).all()
+
+
+def test_v_leads_no_sooner_than_it_has_settled() -> None:
+    """A vehicle slower than a control period: v (1 + tau / h) of the first rounds would be forty times v."""
+    fields = {"time.end": 1.0, "vehicles.tau": 0.4, "controller.feedforward": {"rounds": 3, "extrapolate": True}}
+    led = simulate(load_scenario("paper", fields), "physics")
+    fields["controller.feedforward"] = {"rounds": 3}
+    plain = simulate(load_scenario("paper", fields), "physics")
+    most = [np.linalg.norm(np.nan_to_num(d["velocity_command"].values[1:8]), axis=2).max() for d in (led, plain)]
+    assert most[0] == pytest.approx(most[1], rel=0.2)
+    assert np.abs((led["velocity_command"] - plain["velocity_command"]).values[20:, :, :2]).max() > 1.0
+
+
+# -- odometry ----------------------------------------------------------------------------------------------------------
+
+
+def still_scenario(**fields: Any) -> Scenario:
+    """The published team about targets at rest in a constant current."""
+    raw = load_scenario("paper").model_dump(mode="json", exclude_none=True)
+    for name in ("target_motion", "target_formation", "target_edges", "expect"):
+        raw.pop(name)
+    raw |= {"time": {"end": 60.0}, "flow": {"agents": {"dimension": 2, "drift": [0.4, -0.3]}}, **fields}
+    return make_scenario(raw)
+
+
+@pytest.mark.parametrize("terms", [DRIFT, {"integral": {"gain": 5.0}}, LED | NEWTON | DRIFT])
+def test_no_error_is_left_in_a_constant_current(terms: dict[str, Any]) -> None:
+    """0.5 m/s; the paper's law alone is carried off by H^-1 of that over k1."""
+    law = {"gain": 10.0, "control_period": 0.01}
+    found = simulate(still_scenario(controller=law | terms), "ideal")
+    plain = simulate(still_scenario(controller=law), "ideal")
+    assert found["tracking_error"][-1].max() < 1e-6
+    assert plain["tracking_error"][-1].min() > 0.05
+
+
+def steady_error(terms: dict[str, Any], bias: float) -> tuple[Array, System]:
+    """q* - q at the end, in H's coordinates, of a team at rest whose odometry drifts."""
+    law = {"gain": 10.0, "control_period": 0.01, "odometry": {"bias": bias}}
+    scenario = still_scenario(controller=law | terms)
+    data = simulate(scenario, "ideal")
+    e = (data["harmonic_extension"] - data["agent_position"]).values[-1][:, :2].ravel()
+    return e, scenario.system
+
+
+def test_a_bias_of_odometry_leaves_the_error_that_it_must() -> None:
+    """Drift takes off b too much: k1 H e = b. Feedforward thinks that targets move: k1 H e = -v with H v = S b, where
+    S is the share of sensing edges in H.
+    """
+    b = 0.03
+    e, system = steady_error(DRIFT, b)
+    H, B = system.team.dirichlet.H.toarray(), system.team.dirichlet.B.toarray()
+    np.testing.assert_allclose(e, np.linalg.solve(H, np.full(26, b)) / 10.0, rtol=1e-5)
+    e, _ = steady_error(FEEDFORWARD | {"integral": {"gain": 5.0}}, b)
+    assert np.abs(e).max() < 1e-6  # an integral takes that away too
+    e, _ = steady_error(FEEDFORWARD, b)
+    sensed = np.diag(np.abs(B).sum(axis=1))  # of identity maps and weights
+    v = np.linalg.solve(H, sensed @ np.full(26, b))
+    carried = np.tile([0.4, -0.3], 13)
+    np.testing.assert_allclose(e, -np.linalg.solve(H, v + carried) / 10.0, rtol=1e-5)
+
+
+def test_noise_of_odometry_has_the_stated_size() -> None:
+    deviation, bias = 0.02, -0.5
+    odometry = {"noise": deviation, "bias": bias}
+    system = load_scenario("harbour", {"controller": {**DRIFT, "odometry": odometry}}).system
+    terms, N = system.law.terms, len(system.team.agents)
+    memory = new_memory(system.law, len(system.initial))
+    drawn = []
+    for k in range(4000):
+        evaluate_law(system.control, terms.period * k, system.initial, None, memory)
+        drawn.append(memory.terms.moved[:N].copy())
+    np.testing.assert_array_equal(drawn[0], 0.0)
+    has = np.arange(3) < terms.dimension[:, None]
+    x = (np.array(drawn[1:])[:, has] - bias * terms.period) / deviation
+    np.testing.assert_array_equal(np.array(drawn)[:, ~has], 0.0)
+    assert abs(x.mean()) < 5 / np.sqrt(x.size)
+    assert abs(x.var() - 1.0) < 5 * np.sqrt(2 / x.size)
+    correlation = np.corrcoef(np.hstack([x[1:], x[:-1]]), rowvar=False) - np.eye(2 * x.shape[1])
+    assert np.abs(correlation).max() < 5.5 / np.sqrt(len(x))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_noise_is_the_same_in_pieces_threads_and_after_the_seed(backend: str) -> None:
+    def noisy(seed: int) -> Scenario:
+        controller = {"gain": 3.0, "control_period": 0.01, "odometry": {"noise": 1e-3}, **ALL}
+        return mixed_scenario(time={"end": 0.3}, controller=controller, seed=seed)
+
+    assert noisy(1).uses_seed(backend)
+    assert not mixed_scenario(controller={"odometry": {"noise": 1.0}, **NEWTON}).uses_seed(backend)
+    whole = [simulate(noisy(seed), backend) for seed in (1, 2)]
+    pieces = list(stream(noisy(1).system, backend, 1, samples=7))
+    xr.testing.assert_equal(xr.concat(pieces, "time", data_vars="minimal"), whole[0])
+    assert pieces[-1].attrs == whole[0].attrs
+    for one, other in zip(simulate_many([noisy(1), noisy(2)], backend, workers=2), whole, strict=True):
+        assert isinstance(one, xr.Dataset)
+        xr.testing.assert_identical(one, other)
+    assert np.nanmax(np.abs(whole[0]["agent_position"] - whole[1]["agent_position"])) > 1e-6
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_drift_and_integral_do_not_notice_a_phase(backend: str) -> None:
+    """Bit for bit, noise included: an agent's own state continues when edges are reassigned."""
+    controller = {"gain": 3.0, "control_period": 0.01, "odometry": {"noise": 1e-3}, **DRIFT, **INTEGRAL}
+    system = mixed_scenario(time={"end": 0.3}, controller=controller).system
+    pieces = stream([Phase(0, system), Phase(11, replace(system)), Phase(20, replace(system))], backend, 0)
+    (whole,) = stream(system, backend, 0, samples=100)
+    joined = xr.concat(list(pieces), "time", data_vars="minimal")
+    np.testing.assert_array_equal(joined["phase"], np.repeat([0, 1, 2], [11, 9, 11]))
+    xr.testing.assert_equal(joined.drop_vars("phase"), whole.drop_vars("phase"))
+
+
+# -- bodies ------------------------------------------------------------------------------------------------------------
+
+
+def test_drift_on_bodies_is_that_of_the_medium_about_them() -> None:
+    """From the record: the filter of the medium's velocity, which contains no vehicle's lag."""
+    law = {"gain": 3.0, "control_period": 0.01, "drift": {"filter": 0.05}}
+    scenario = mixed_scenario(time={"end": 0.5}, controller=law, disturbance={"agents": {"bound": 0.5}})
+    data = simulate(scenario, "physics")
+    met = np.nan_to_num(data["agent_flow"].values)
+    share, drift = filtered(0.01, 0.05), np.zeros_like(met)
+    drift[1] = met[1]
+    for k in range(2, len(met)):
+        drift[k] = drift[k - 1] + share * (met[k] - drift[k - 1])
+    wanted = -3.0 * np.nan_to_num(data["disagreement_vector"].values) - drift
+    np.testing.assert_allclose(np.nan_to_num(data["velocity_command"].values), wanted, rtol=0, atol=1e-12)
+    assert np.abs(drift).max() > 0.1
+
+
+@pytest.mark.parametrize("steps", [0, 1, 10, 23])
+def test_a_world_with_all_terms_goes_on_from_a_state_to_the_bit(steps: int) -> None:
+    odometry = {"odometry": {"noise": 1e-3, "bias": 0.1}}
+    scenario = mixed_scenario(controller={"gain": 8.0, "control_period": 0.01, **ALL, **odometry})
+    one, other, again = World(scenario), World(scenario), World(scenario)
+    for world in (one, again):
+        world.step(steps)
+    state = one.get_state()
+    one.step(40)
+    for world in (one, other):
+        world.step(5)
+        world.set_state(state)
+        np.testing.assert_array_equal(world.get_state(), state)
+    for world in (one, other, again):
+        world.step(33)
+    for world in (one, other):
+        np.testing.assert_array_equal(world.get_state(), again.get_state())
+
+
+def test_a_sample_that_is_taken_twice_counts_once() -> None:
+    """Reading the commands of a world at any time does not change its steps, also after a restart."""
+    odometry = {"odometry": {"noise": 1e-3}}
+    scenario = mixed_scenario(time={"end": 0.2}, controller={"gain": 8.0, "control_period": 0.01, **ALL, **odometry})
+    asked, plain = World(scenario), World(scenario)
+    for _ in range(50):
+        asked.close_loop()
+        asked.close_loop()
+        asked.step()
+    plain.step(50)
+    np.testing.assert_array_equal(asked.get_state(), plain.get_state())
+    recorded = simulate(scenario, "physics")["velocity_command"].values
+    plain.reset()
+    for k in range(20):
+        plain.step()
+        np.testing.assert_array_equal(plain.command[:3], np.nan_to_num(recorded[k]))
+        plain.step(9)
+
+
+def test_the_last_sample_of_a_run_is_the_same_when_it_is_taken_again() -> None:
+    """Also where the observer takes from the displacement what the command before explains."""
+    scenario = mixed_scenario(time={"end": 0.1}, controller={"gain": 8.0, "control_period": 0.01, **ALL})
+    engine = Session(scenario, "ideal").engine
+    (piece,) = engine.record(100)
+    for _ in range(2):
+        np.testing.assert_array_equal(engine.observe().command, piece.log.command[-1, :3])
+
+
+# -- numbers of the published run --------------------------------------------------------------------------------------
+
+
+def late(data: xr.Dataset) -> tuple[float, float]:
+    """RMS tracking error over the last 25 s, m, and the largest command after 5 s, m/s."""
+    time = data["time"].values
+    speed = np.linalg.norm(np.nan_to_num(data["velocity_command"].values[time > 5.0]), axis=2).max()
+    return float(np.sqrt((data["tracking_error"].values[time > time[-1] - 25.0] ** 2).mean())), float(speed)
+
+
+BOTH: dict[str, Any] = {"feedforward": {"rounds": 3}, "newton": {"rounds": 3}}
+WHOLE: dict[str, Any] = {
+    "feedforward": {"rounds": 3, "extrapolate": True},
+    "newton": {"rounds": 3},
+    "drift": {"filter": 0.1},
+}
+
+
+@pytest.mark.parametrize(
+    ("gain", "terms", "most"), [(10, FEEDFORWARD, 0.12), (10, BOTH, 0.06), (10, WHOLE, 0.02), (1, BOTH, 0.35)]
+)
+def test_published_run_with_terms(gain: float, terms: dict[str, Any], most: float) -> None:
+    paper = load_scenario("paper", {"controller.gain": gain})
+    error, speed = late(simulate(edited(paper, terms), "ideal"))
+    assert error <= most
+    assert error > 0.5 * most  # a much better number would be another surprise
+    assert speed <= 30.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("terms", "most"), [(FEEDFORWARD, 0.18), (BOTH, 0.09), (WHOLE, 0.02)])
+def test_published_run_with_terms_on_bodies(terms: dict[str, Any], most: float) -> None:
+    error, speed = late(simulate(edited(load_scenario("paper"), terms), "physics"))
+    assert error <= most
+    assert speed <= 30.0
+
+
+def test_a_gain_that_only_newton_allows_and_one_too_large_for_both() -> None:
+    """k1 h lambda_max is 3.8 and then 19: the first run settles, and the second one does not."""
+    fine = edited(load_scenario("paper", {"time.end": 5.0, "controller.gain": 60}), BOTH)
+    assert simulate(fine, "ideal")["tracking_error"].values[-1].max() < 0.1
+    wild = simulate(edited(load_scenario("paper", {"time.end": 5.0, "controller.gain": 300}), BOTH), "ideal")
+    assert wild.attrs["status"] == "unstable"
+
+
+# -- what agents send --------------------------------------------------------------------------------------------------
+
+
+def test_exchanges_and_numbers_are_counted() -> None:
+    """Of a round: F x on each communication edge, in each direction; of a law in Python: what it was handed."""
+    from mjsheaf.results.metrics import communication
+
+    paper = load_scenario("paper", {"time.end": 1.0})
+    scenario = edited(paper, {"feedforward": {"rounds": 3}, "newton": {"rounds": 2}})
+    data = simulate(scenario, "ideal")
+    T = data.sizes["time"]
+    assert [data.attrs[k] for k in ("exchange_rounds", "messages", "numbers_sent")] == [5 * T, 5 * 36 * T, 5 * 72 * T]
+    sent = communication(data, T, scenario.system.grid.period)
+    assert sent["exchanges_per_second"] == pytest.approx(500.0)
+    assert sent["numbers_per_agent_second"] == pytest.approx(500.0 * 72 / 13)
+    own = simulate(scenario, "ideal", controller=agentwise(scenario, "ideal"))
+    assert own.attrs["numbers_sent"] == 36 * 3 * own.attrs["exchange_rounds"]  # three coordinates to each neighbour
+    assert communication(simulate(paper, "ideal"), T, paper.system.grid.period) == dict.fromkeys(sent, 0.0)
+
+
+@pytest.mark.slow
+def test_a_published_run_of_a_law_in_python_says_what_it_sent(tmp_path: Any) -> None:
+    scenario = load_scenario("paper", {"time.end": 0.2})
+    law = edited(scenario, NEWTON)
+    data = simulate(scenario, "ideal", controller=agentwise(law, "ideal"))
+    summary = mjsheaf.save(data, tmp_path / "run", video=False).summary
+    assert summary["communication"]["exchanges_per_second"] == pytest.approx(200.0)
+    assert summary["communication"]["numbers_per_agent_second"] == pytest.approx(200.0 * 36 * 3 / 13)

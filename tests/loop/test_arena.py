@@ -1,0 +1,286 @@
+"""Composition: a vehicle's MJCF means the same in the arena as when MuJoCo compiles it alone.
+
+Oracle: the file compiled alone by MuJoCo.
+"""
+
+import inspect
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjsheaf.errors import InputError
+from mjsheaf.io.files import resource_directory
+from mjsheaf.loop import arena as arena_module
+from mjsheaf.loop.arena import compose
+from mjsheaf.vehicles.body import GRAVITY
+from mjsheaf.vehicles.loading import load_vehicle
+from tests.builders import TETRAHEDRON, Edit, alone, altered, ask, find
+
+
+def turned_in_degrees(root: ElementTree.Element) -> None:
+    """Degrees, which MJCF has where nothing is said; every way to write an orientation that depends on it."""
+    root.remove(find(root, "compiler"))
+    body = find(root, ".//body")
+    body.set("euler", "0 0 90")
+    inner = ElementTree.SubElement(body, "body", name="inner", pos=".3 .2 .1", axisangle="1 2 0 40")
+    ElementTree.SubElement(inner, "geom", name="box", type="box", size=".3 .2 .1", euler="10 20 30", mass="7")
+    ElementTree.SubElement(inner, "site", name="mark", axisangle="0 1 1 70")
+    ElementTree.SubElement(inner, "camera", name="eye", euler="0 45 0")
+    slanted = ElementTree.SubElement(find(root, "default"), "default", {"class": "slanted"})
+    ElementTree.SubElement(slanted, "geom", euler="0 30 0", type="box", size=".5 .3 .1")
+    ElementTree.SubElement(inner, "geom", {"class": "slanted", "name": "slanted", "mass": "3"})
+
+
+def in_another_order(root: ElementTree.Element) -> None:
+    turned_in_degrees(root)
+    root.insert(0, ElementTree.Element("compiler", angle="degree", eulerseq="ZYX"))
+    find(root, ".//body").set("euler", "90 0 0")
+
+
+def with_settings_of_its_own(root: ElementTree.Element) -> None:
+    find(root, "compiler").set("angle", "degree")
+    ElementTree.SubElement(root, "option", gravity="0 0 -1", timestep="0.5")
+    ElementTree.SubElement(root, "statistic", extent="3")
+    ElementTree.SubElement(root, "size", memory="10M")
+    visual = ElementTree.SubElement(root, "visual")
+    ElementTree.SubElement(visual, "map", zfar="7")
+
+
+def with_mass_from_geoms(root: ElementTree.Element) -> None:
+    """No <inertial>, and compiler settings that decide about mass."""
+    find(root, "compiler").attrib.update(inertiafromgeom="true", boundmass="0.5", inertiagrouprange="3 3")
+    find(root, "default/default[@class='collision']/geom").set("mass", "321.12345678901")
+    body = find(root, ".//body")
+    massless = ElementTree.SubElement(body, "body", name="massless")
+    ElementTree.SubElement(massless, "geom", size=".1", group="2", density="5000")
+
+
+def with_key_and_sensors(root: ElementTree.Element) -> None:
+    ElementTree.SubElement(ElementTree.SubElement(root, "keyframe"), "key", name="on", ctrl="1 1 1 1")
+    sensor = ElementTree.SubElement(root, "sensor")
+    ElementTree.SubElement(sensor, "actuatorfrc", actuator="thruster_bow_port")
+    ElementTree.SubElement(sensor, "gyro", name="gyro", site="thruster_bow_port")
+
+
+def with_a_mesh(root: ElementTree.Element) -> None:
+    find(root, "compiler").attrib.update(meshdir="meshes", angle="degree")
+    ElementTree.SubElement(find(root, "asset"), "mesh", name="tetrahedron", file="tetrahedron.obj")
+    ElementTree.SubElement(
+        find(root, ".//body"),
+        "geom",
+        name="sail",
+        type="mesh",
+        mesh="tetrahedron",
+        euler="0 0 30",
+        pos="0 0 2",
+        mass="0",
+    )
+
+
+def with_a_second_body(root: ElementTree.Element) -> None:
+    """Next to the first geom, with a material of the file."""
+    second = ElementTree.SubElement(find(root, "worldbody"), "body", name="second", pos="1 0 .5")
+    ElementTree.SubElement(second, "geom", name="ball", size=".1", mass="3", material="livery")
+
+
+def with_world_geom(root: ElementTree.Element) -> None:
+    ElementTree.SubElement(find(root, "worldbody"), "geom", name="halo", size="1", mass="0")
+
+
+def in_a_frame(root: ElementTree.Element) -> None:
+    world = find(root, "worldbody")
+    body = find(world, "body")
+    world.remove(body)
+    ElementTree.SubElement(world, "frame", euler="0 0 1").append(body)
+
+
+def with_a_slash(root: ElementTree.Element) -> None:
+    """As attached parts have it."""
+    find(root, ".//body").set("name", "A/B")
+
+
+def with_full_inertia(root: ElementTree.Element) -> None:
+    """A mass matrix that is not diagonal, and settings that spoil one which is scaled."""
+    find(root, "compiler").attrib.update(boundinertia="90", balanceinertia="true")
+    inertial = find(root, ".//inertial")
+    inertial.attrib.pop("diaginertia")
+    inertial.set("fullinertia", "300 900 1000 50 -20 10")
+
+
+def in_replicas(root: ElementTree.Element) -> None:
+    """Two bodies from one, made by the file; meshes by a path that is stripped, defaults within defaults."""
+    find(root, "compiler").set("strippath", "true")
+    outer = ElementTree.SubElement(find(root, "default"), "default", {"class": "outer"})
+    ElementTree.SubElement(outer, "geom", density="300", size=".2")
+    inner = ElementTree.SubElement(outer, "default", {"class": "inner"})
+    ElementTree.SubElement(inner, "geom", pos="0 0 .1")
+    replicate = ElementTree.SubElement(find(root, "worldbody"), "replicate", count="2", offset="1 0 0", euler="0 0 20")
+    pod = ElementTree.SubElement(replicate, "body", name="pod", pos=".5 0 0", childclass="inner")
+    ElementTree.SubElement(pod, "geom")
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        None,
+        turned_in_degrees,
+        in_another_order,
+        with_settings_of_its_own,
+        with_mass_from_geoms,
+        with_key_and_sensors,
+        with_a_mesh,
+        with_world_geom,
+        with_a_second_body,
+        in_a_frame,
+        with_a_slash,
+        with_full_inertia,
+        in_replicas,
+    ],
+)
+def test_a_file_means_the_same_in_the_arena(edit: Edit | None, tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "tetrahedron.obj").write_text(TETRAHEDRON)
+    path = altered(tmp_path, "hull", edit)
+    vehicle = load_vehicle(path)
+    arena = compose([load_vehicle("aerial"), vehicle, vehicle], ["other", "one", "two"])
+    model, alone = arena.model, mujoco.MjModel.from_xml_path(str(vehicle.path))
+    if np.count_nonzero(alone.body_parentid[1:] == 0) == 1:  # its pose is where it stands
+        alone.body_pos[1], alone.body_quat[1] = 0.0, [1.0, 0.0, 0.0, 0.0]
+    here, there = mujoco.MjData(model), mujoco.MjData(alone)
+    mujoco.mj_kinematics(model, here)
+    mujoco.mj_camlight(model, here)
+    mujoco.mj_kinematics(alone, there)
+    mujoco.mj_camlight(alone, there)
+    ends = [*arena.body[1:], model.nbody]
+    for v, name in ((1, "one"), (2, "two")):
+        own = slice(ends[v] - (alone.nbody - 1), ends[v])  # a body that holds several comes before them
+        for field in ("body_mass", "body_inertia"):
+            np.testing.assert_allclose(getattr(model, field)[own], getattr(alone, field)[1:], rtol=1e-12, err_msg=field)
+        weights = [(1.0 - one.body_gravcomp) * one.opt.gravity[2] for one in (model, alone)]
+        np.testing.assert_allclose(weights[0][own], weights[1][1:], rtol=1e-12, err_msg="weight")
+        for field in ("xpos", "xmat", "xipos", "ximat"):
+            np.testing.assert_allclose(getattr(here, field)[own], getattr(there, field)[1:], atol=1e-12, err_msg=field)
+        for kind, count, label in (
+            ("geom", alone.ngeom, "geom"),
+            ("site", alone.nsite, "site"),
+            ("cam", alone.ncam, "camera"),
+        ):
+            for k in range(count):
+                given = getattr(alone, label)(k).name
+                if given:
+                    at = getattr(model, label)(f"{name}/{given}").id
+                    for field in (f"{kind}_xpos", f"{kind}_xmat"):
+                        np.testing.assert_allclose(getattr(here, field)[at], getattr(there, field)[k], atol=1e-12)
+    np.testing.assert_array_equal(model.opt.gravity, [0.0, 0.0, -GRAVITY])
+    assert (model.opt.timestep, model.stat.extent) == (0.001, 20.0)
+
+
+@pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])
+def test_a_body_on_the_joint_moves_as_one_that_is_held(name: str, tmp_path: Path) -> None:
+    """Other elements next to the single body of a file do not change the motion, although an extra body holds both."""
+    runs = []
+    for vehicle in (name, altered(tmp_path, name, with_world_geom)):
+        world = alone(vehicle, heading=40, drift=[1.0, -2.0, 0.5])
+        ask(world, [2.0, 1.0, -0.5])
+        world.step(1500)
+        runs.append(world)
+    one, held = runs
+    assert one.model.nbody == held.model.nbody - 1
+    np.testing.assert_allclose(one.data.qpos[:7], held.data.qpos[:7], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(one.data.qvel[:6], held.data.qvel[:6], rtol=0, atol=1e-9)
+    assert np.linalg.norm(one.data.qpos[:3]) > 1.0
+
+
+def test_gravity_stands_in_one_place() -> None:
+    assert "gravity" not in (resource_directory("models") / "arena.xml").read_text()
+    assert "9.8" not in inspect.getsource(arena_module)
+
+
+def test_a_difference_from_the_file_alone_is_noticed() -> None:
+    vehicle = load_vehicle("hull")
+    heavier = [inertial._replace(mass=401.0) for inertial in vehicle.inertials]
+    fatter = [inertial._replace(diagonal=np.array([201.0, 1000.0, 1100.0])) for inertial in vehicle.inertials]
+    ahead = [inertial._replace(position=np.array([0.01, 0.0, 0.0])) for inertial in vehicle.inertials]
+    for inertials, what in ((heavier, "mass"), (fatter, "inertia"), (ahead, "centre of mass")):
+        with pytest.raises(InputError, match=rf"hull\.xml: its {what} is .* in the arena, but .* when compiled alone"):
+            compose([load_vehicle("aerial"), replace(vehicle, inertials=inertials)], ["A", "B"])
+
+
+def without_names(root: ElementTree.Element) -> None:
+    first, second, third, _ = find(root, "actuator")
+    first.attrib.pop("name")
+    second.attrib.pop("name")
+    third.set("name", "thruster_1")
+
+
+def test_thrusters_without_a_name_get_one(tmp_path: Path) -> None:
+    vehicle = load_vehicle(altered(tmp_path, "hull", without_names))
+    assert vehicle.thrusters == ["thruster_0", "thruster_1_", "thruster_1", "thruster_stern_starboard"]
+    model = compose([vehicle], ["A"]).model
+    assert [model.actuator(k).name for k in range(model.nu)] == [f"A/{name}" for name in vehicle.thrusters]
+
+
+# -- looks -------------------------------------------------------------------------------------------------------------
+
+
+def with_looks(root: ElementTree.Element) -> None:
+    """A textured sail, a site and a second body with materials, a livery geom with a colour of its own."""
+    assets = find(root, "asset")
+    ElementTree.SubElement(
+        assets, "texture", name="cloth", type="2d", builtin="checker", width="8", height="8", rgb1="1 0 0"
+    )
+    ElementTree.SubElement(assets, "material", name="sail", texture="cloth", shininess=".7")
+    body = find(root, ".//body")
+    shape: dict[str, Any] = {"contype": "0", "conaffinity": "0", "mass": "0", "size": ".1"}
+    ElementTree.SubElement(body, "geom", name="sail", material="sail", **shape)
+    ElementTree.SubElement(body, "geom", name="own", material="livery", rgba="0 1 0 .4", **shape)
+    ElementTree.SubElement(body, "site", name="lamp", material="livery")
+    second = ElementTree.SubElement(find(root, "worldbody"), "body", name="second", pos="1 0 .5")
+    ElementTree.SubElement(second, "geom", name="ball", material="livery", **shape)
+
+
+def look(model: mujoco.MjModel, kind: str, k: int) -> tuple[np.ndarray, list[float], list[int]]:
+    """Return the drawn appearance: colour, which that of the geom overrides; shine; True if there is a texture."""
+    rgba, material = getattr(model, f"{kind}_rgba")[k], int(getattr(model, f"{kind}_matid")[k])
+    if material < 0:
+        return rgba, [], []
+    own = not np.array_equal(rgba, np.array([0.5, 0.5, 0.5, 1.0], np.float32))
+    shine = [float(getattr(model, f"mat_{name}")[material]) for name in ("emission", "specular", "shininess")]
+    return rgba if own else model.mat_rgba[material], shine, (model.mat_texid[material] >= 0).tolist()
+
+
+@pytest.mark.parametrize("edit", [None, with_looks], ids=["hull", "with looks"])
+def test_vehicles_look_as_in_their_file_and_share_materials(edit: Edit | None, tmp_path: Path) -> None:
+    """MuJoCo draws at most 999 materials: their number is that of the kinds' files, however many vehicles there are."""
+    vehicle, other = load_vehicle(altered(tmp_path, "hull", edit)), load_vehicle("aerial")
+    alone = mujoco.MjModel.from_xml_path(str(vehicle.path))
+    livery = alone.material("livery").id
+    sizes = []
+    for copies in (2, 30):
+        names = [f"V{k}" for k in range(copies)]
+        colours = np.random.default_rng(copies).uniform(size=(copies + 1, 3))
+        model = compose([other, *[vehicle] * copies], ["A", *names], colours=colours).model
+        sizes.append((model.nmat, model.ntex))
+        for v, name in enumerate(names, 1):
+            for kind, count in (("geom", alone.ngeom), ("site", alone.nsite)):
+                first = [k for k in range(getattr(model, f"n{kind}")) if owner(model, kind, k) == name]
+                assert len(first) == count
+                for here, there in zip(first, range(count), strict=True):
+                    colour, *rest = look(model, kind, here)
+                    expected, *as_alone = look(alone, kind, there)
+                    if getattr(alone, f"{kind}_matid")[there] == livery and expected[3] == 1.0:
+                        expected = np.array([*colours[v], 1.0])
+                    np.testing.assert_allclose(colour, expected, atol=1e-6)
+                    assert rest == as_alone
+    assert sizes[0] == sizes[1]
+    assert sizes[0][0] < 20
+
+
+def owner(model: mujoco.MjModel, kind: str, k: int) -> str:
+    """The vehicle that a geom or site belongs to, by its body's name."""
+    return str(model.body(getattr(model, f"{kind}_bodyid")[k]).name.split("/")[0])

@@ -1,0 +1,458 @@
+"""Azimuth thrusters, and the WAM-V that has two of them at its stern.
+
+Oracles: wrenches and equilibria that a pencil finds; MuJoCo's own forces and activations; the mean delay of a linear
+loop; a search of all thrusts and angles.
+"""
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mjsheaf import World, load_scenario, simulate
+from mjsheaf.errors import InputError
+from mjsheaf.loop.bodies import pack_fleet
+from mjsheaf.loop.linear import HeldPoint, linearise
+from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
+from mjsheaf.vehicles.effects import Effects, capability_of, embody, has_effects
+from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.vehicles.steering import Full, HandPoint
+from mjsheaf.vehicles.vehicle import Vehicle
+from tests.builders import Edit, alone, altered, ask, attitude, body, find, make_scenario, place, wanted_force, yaw_of
+
+Array = NDArray[np.float64]
+
+NAME = "wamv_azimuth"
+PUSH = 2353.5  # N
+STILL = (0.0, 0.0, 0.0)  # m/s, rad/s
+RATE, END = np.deg2rad(60.0), np.pi / 2
+
+
+def efforts(thrusts_and_angles: Array) -> Array:
+    """Components of each thrust ahead and to port, interleaved as their channels are."""
+    thrust, angle = np.asarray(thrusts_and_angles).reshape(-1, 2).T
+    return np.column_stack([thrust * np.cos(angle), thrust * np.sin(angle)]).ravel()
+
+
+def wrench(world: World) -> Array:
+    """Return the wrench of the commands of vehicle 0 at the present angles, body axes, shape (6,)."""
+    vehicle, _, _, own = body(world)
+    commands = world.data.ctrl[own].reshape(-1, 2).copy()
+    commands[:, 1] = world.data.act[own].reshape(-1, 2)[:, 1]
+    return np.asarray(vehicle.W @ efforts(commands))
+
+
+def settle_angles(world: World) -> None:
+    """Give the engines the time to turn while nothing else moves."""
+    own = body(world)[3]
+    for _ in range(5000):
+        world.data.act[own][1::2] = world.data.ctrl[own][1::2]
+        world.close_loop(sample=False)
+
+
+def swivel(name: str = "thruster_port", **fields: Any) -> dict[str, Any]:
+    """Read the description of an azimuthing engine."""
+    return {name: {"kind": "azimuth", "angle": [-90, 90], "rate": 60} | fields}
+
+
+def both(**fields: Any) -> dict[str, Any]:
+    """The same of both, each written out: YAML must not say that they are one."""
+    return copy.deepcopy(swivel(**fields)) | swivel("thruster_starboard", **fields)
+
+
+# -- what it is --------------------------------------------------------------------------------------------------------
+
+
+def test_two_engines_that_turn_make_surge_sway_and_yaw() -> None:
+    """211 kg; arms of 2.3738 m aft and 1.0271 m abeam. Four efforts, rank 3 of 3: fully actuated. At rest only 2."""
+    vehicle = load_vehicle(NAME)
+    assert vehicle.mass == pytest.approx(180 + 2 * 15.5, rel=1e-12)
+    y, x = 1.0271, -2.3738
+    planar = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [-y, x, y, x]])
+    np.testing.assert_allclose(vehicle.W[[0, 1, 5]], planar, atol=1e-12)
+    assert isinstance(vehicle.steering, Full)
+    assert vehicle.controlled_rows == [0, 1, 5]
+    assert np.linalg.matrix_rank(vehicle.W[[0, 1, 5]]) == 3
+    assert np.linalg.matrix_rank(vehicle.W[[0, 1, 5]][:, ::2]) == 2
+    assert [(c.unit, c.low, c.high) for c in vehicle.channels] == [("N", -PUSH, PUSH), ("rad", -END, END)] * 2
+    assert vehicle.thrusters[:2] == ["thruster_port", "thruster_port_angle"]
+
+
+def test_its_reduced_model() -> None:
+    """tau = (M + l D) / (M k_v + D) with M = 211 + 12 and 211 + 120 kg, l = .2 s; g = R diag(1 / 100) W."""
+    model = load_vehicle(NAME).reduced_model()
+    np.testing.assert_allclose(model.tau, [(223 + 20) / (223 + 100), (331 + 20) / (331 + 100)], rtol=1e-12)
+    R = Rotation.from_rotvec([0, 0, 0.7]).as_matrix()
+    np.testing.assert_allclose(model.g(R), R[:2, :2] @ [[0.01, 0, 0.01, 0], [0, 0.01, 0, 0.01]], atol=1e-15)
+    np.testing.assert_allclose(model.g(R) @ model.g_inverse(R), np.eye(2), atol=1e-12)
+    np.testing.assert_allclose((load_vehicle(NAME).W @ model.g_inverse(R))[5], 0.0, atol=1e-10)
+
+
+def test_what_it_can_push() -> None:
+    """Ahead both in full. Abeam Y: half of it each, and +-x with 2 x 1.0271 = 2.3738 Y against the yaw."""
+    found = capability_of(load_vehicle(NAME))
+    assert found.forward_thrust == pytest.approx(2 * PUSH, rel=1e-9)
+    assert found.least_thrust == pytest.approx(PUSH / np.hypot(0.5, 2.3738 / 2 / 1.0271), rel=2e-3)
+    free = embody(load_vehicle(NAME), Effects(limits=False))
+    assert capability_of(free).least_thrust == np.inf
+
+
+def test_what_effects_it_has() -> None:
+    vehicle = load_vehicle(NAME)
+    found = has_effects(vehicle)
+    assert (found.inertia, found.drag_law, found.limits, found.lag, found.underactuation) == (True,) * 4 + (False,)
+    off = has_effects(embody(vehicle, Effects(limits=False, lag=False)))
+    assert (off.limits, off.lag) == (False, False)
+
+
+def turner(low: float, high: float, weakest: float = -1.0) -> AzimuthThruster:
+    """One with limits of its angle in degrees, thrust from `weakest` to 1, no rate limit."""
+    wrench = np.array([1.0, 0, 0, 0, 0, 0])
+    low, high = np.deg2rad([low, high])
+    more: dict[str, Any] = {"sideways": np.roll(wrench, 1), "rate": np.inf, "angle_lag": 0.0}
+    return AzimuthThruster("pod", wrench, ctrl=(weakest, 1.0), low=low, high=high, **more)
+
+
+LIMITS = [(-90, 90, -1.0), (-35, 35, -1.0), (-35, 35, 0.0), (20, 100, -0.3), (-180, 180, 0.0), (-350, 10, -0.5)]
+
+
+@pytest.mark.parametrize(("low", "high", "weakest"), LIMITS)
+def test_the_half_planes_hold_all_that_it_can_push_and_touch_it(low: float, high: float, weakest: float) -> None:
+    pod = turner(low, high, weakest)
+    angle, thrust = np.meshgrid(np.deg2rad(np.linspace(low, high, 721)), np.linspace(weakest, 1.0, 41))
+    able = np.column_stack([(thrust * np.cos(angle)).ravel(), (thrust * np.sin(angle)).ravel()])
+    A, b = pod.half_planes
+    np.testing.assert_allclose((able @ A.T).max(axis=0), b, atol=1e-4)
+    np.testing.assert_allclose(np.column_stack([able.min(axis=0), able.max(axis=0)]), pod.bounds, atol=1e-4)
+
+
+@pytest.mark.parametrize(("low", "high", "weakest"), LIMITS)
+def test_it_takes_the_best_thrust_and_angle_that_it_can_reach(low: float, high: float, weakest: float) -> None:
+    """Whatever the angle now: it leaves no more out than the best of all does, and the share that spares a turn."""
+    pod = turner(low, high, weakest)
+    channels = np.zeros(2, CHANNEL)
+    channels["low"], channels["high"] = [weakest, pod.low], [1.0, pod.high]
+    channels["state"] = 0, 1
+    pod.pack(channels, 0.01)
+    angles, thrusts = np.meshgrid(np.linspace(pod.low, pod.high, 1441), np.linspace(weakest, 1.0, 101))
+    able = thrusts * np.exp(1j * angles)
+
+    @given(st.floats(0.01, 1.0), st.floats(-np.pi, np.pi), st.floats(0.0, 1.0))
+    def each(size: float, bearing: float, share: float) -> None:
+        f, now = size * np.exp(1j * bearing), pod.low + share * (pod.high - pod.low)
+        for _ in range(2):  # the first turns it, the second thrusts there
+            ctrl = np.array([f.real, f.imag])
+            aim(channels, STILL, STILL, np.array([0.0, now]), ctrl)
+            assert weakest <= ctrl[0] <= 1.0
+            assert pod.low <= ctrl[1] <= pod.high
+            now = ctrl[1]
+        missed = abs(ctrl[0] * np.exp(1j * ctrl[1]) - f)
+        assert missed <= np.abs(able - f).min() + 0.2 * size + 1e-12
+
+    each()
+
+
+def test_it_does_not_turn_round_for_thrust_astern_or_for_nothing() -> None:
+    pod, channels = turner(-90, 90), np.zeros(2, CHANNEL)
+    channels["low"], channels["high"], channels["state"] = [-1.0, -END], [1.0, END], [0, 1]
+    pod.pack(channels, 0.01)
+    for x, y, thrust, angle in ((-0.3, -0.4, -0.5, np.arctan2(4, 3)), (0.0, 0.0, 0.0, 0.9)):
+        ctrl = np.array([x, y])
+        aim(channels, STILL, STILL, np.array([0.0, angle]), ctrl)
+        np.testing.assert_allclose(ctrl, [thrust, angle], atol=1e-15)
+
+
+def test_rounding_does_not_turn_it() -> None:
+    """A force of rounding's size turns it by 1e-7 of its reach at most, the dead band by all of it."""
+    pod, channels = replace(turner(-90, 90), rate=1.0), np.zeros(2, CHANNEL)
+    channels["low"], channels["high"], channels["state"] = [-1.0, -END], [1.0, END], [0, 1]
+    pod.pack(channels, 0.01)
+    for size, share in ((1e-16, 1e-10), (1e-13, 1e-7), (1e-9, 1e-3), (0.5e-6, 0.5), (1e-6, 1.0), (1e-3, 1.0)):
+        ctrl = np.array([0.0, size])
+        aim(channels, STILL, STILL, np.array([0.0, 0.2]), ctrl)
+        assert ctrl[1] - 0.2 == pytest.approx(0.01 * share, rel=1e-6, abs=1e-16)
+
+
+@pytest.mark.parametrize("limits", [True, False])
+def test_the_dead_band_is_small_against_thrust_or_weight(limits: bool) -> None:
+    vehicle = load_vehicle(NAME)
+    vehicle = vehicle if limits else embody(vehicle, Effects(limits=False))
+    channels = pack_fleet([vehicle], np.zeros(1), 0.01).channels
+    expected = PUSH if limits else 9.81 * vehicle.mass
+    np.testing.assert_allclose(channels["dead_band"], 1e-6 * expected)
+
+
+# -- in the world ------------------------------------------------------------------------------------------------------
+
+
+def test_engines_agree_although_rounding_has_a_direction() -> None:
+    """Commands are zero for half a second, then not: no engine and no shift of the origin turns a thruster before."""
+
+    def positions(engine: str, shift: float) -> Array:
+        fields = {
+            "time": {"end": 2.0},
+            "controller": {"gain": 0.6, "control_period": 0.02},
+            "agents": [{"id": "A", "position": [shift, 0], "vehicle": NAME, "heading": 77}],
+            "targets": [{"id": "T", "position": [shift + 8, 5]}],
+            "sensing": [["A", "T"]],
+            "links": {"all": {"delay": 0.5}},
+            "physics": {"timestep": 0.002},
+        }
+        run = simulate(make_scenario(fields), engine=engine, threads=1)
+        return np.asarray(run.agent_position.values[:, 0, :2] - [shift, 0.0])
+
+    plain = positions("fused", 0.0)
+    assert np.abs(plain - plain[0]).max() > 0.5
+    for engine, shift in (("mujoco", 0.0), ("mujoco", 100.0), ("fused", 100.0)):
+        np.testing.assert_allclose(positions(engine, shift), plain, rtol=0, atol=1e-9)
+
+
+def test_mujoco_pushes_along_the_angle() -> None:
+    """qfrc_actuator for random thrusts and angles, in any attitude, is S W f; the angle itself pushes nothing."""
+    world, rng = alone(NAME, heading=30), np.random.default_rng(5)
+    vehicle, _, dof, own = body(world)
+    for _ in range(20):
+        place(world, Rotation.random(random_state=rng).as_matrix())
+        state = np.column_stack([rng.uniform(-PUSH, PUSH, 2), rng.uniform(-END, END, 2)])
+        world.data.act[own] = state.ravel()
+        world.close_loop(sample=False)
+        mujoco.mj_forward(world.model, world.data)
+        made = vehicle.rigid_wrench_map @ vehicle.W @ efforts(state)
+        expected = np.concatenate([attitude(world) @ made[:3], made[3:]])
+        np.testing.assert_allclose(world.data.qfrc_actuator[dof], expected, atol=1e-9)
+        np.testing.assert_allclose(world.data.actuator_force[own], state.ravel(), atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("engine")
+@pytest.mark.parametrize("velocity", [(2.0, 0.0), (-1.5, 0.0), (0.0, 1.0), (0.0, -1.2)])
+def test_at_a_steady_speed_thrust_balances_drag(velocity: tuple[float, float]) -> None:
+    """In a current: D v + Q |v| v to rounding, no yaw moment, and the commanded speed."""
+    world, v = alone(NAME, heading=0, drift=[0.4, -0.2]), np.array(velocity)
+    ask(world, v)
+    world.step(40_000)
+    np.testing.assert_allclose(world.data.qvel[body(world)[2]], [v[0] + 0.4, v[1] - 0.2, 0, 0, 0, 0], atol=1e-6)
+    drag = np.array([100, 100]) * v + np.array([150, 100]) * np.abs(v) * v
+    # The sway force .28 m below the surface heels the boat by half a degree, so it is not quite level.
+    np.testing.assert_allclose(wrench(world)[[0, 1, 5]], [*drag, 0.0], atol=1e-4 * np.abs(drag).max())
+    assert world.saturation()[0] == 0.0
+
+
+def mean_delay(world: World, before: Any, after: Any) -> float:
+    """Time less way in units of the change of speed, after a step from one velocity to another."""
+    ask(world, before)
+    world.step(30_000)
+    change = np.subtract(after, before)
+    start = world.positions()[0, :2]
+    ask(world, after)
+    world.step(15_000)
+    way = world.positions()[0, :2] - start - 15.0 * np.asarray(before)
+    return float(15.0 - way @ change / (change @ change))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("engine")
+@pytest.mark.parametrize(
+    ("axis", "before", "after"),
+    [(0, [0.0, 0.0], [1e-3, 0.0]), (1, [0.0, 0.1], [0.0, 0.101]), (1, [0.0, -0.1], [0.0, -0.102])],
+)
+def test_a_step_is_followed_with_its_time_constant(axis: int, before: list[float], after: list[float]) -> None:
+    """Abeam while the engines point there already: (M + l D) / (M k_v + D) with the slope of the drag law for D."""
+    world = alone(NAME, heading=0)
+    M, D, v = (223.0, 100.0, 0.0) if axis == 0 else (331.0, 100.0, abs(before[1]))
+    D += 2 * (150, 100)[axis] * v
+    delay = mean_delay(world, before, after)
+    assert delay == pytest.approx((M + 0.2 * D) / (M + D), rel=0.02)
+    if v == 0.0:
+        assert delay == pytest.approx(load_vehicle(NAME).reduced_model().tau[axis], rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("engine")
+def test_a_step_abeam_from_rest_waits_for_the_engines_to_turn() -> None:
+    """Later than tau, by no more than twice the time of that turn, atan(1 / 2.31) at 60 degrees/s."""
+    tau, turn = load_vehicle(NAME).reduced_model().tau[1], np.arctan2(0.5, 2.3738 / 2 / 1.0271) / RATE
+    assert tau < mean_delay(alone(NAME, heading=0), [0.0, 0.0], [0.0, 0.05]) < tau + 2 * turn
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("end", [90.0, 30.0])
+def test_rate_and_limits_of_the_angle_hold_at_every_step(end: float, tmp_path: Path) -> None:
+    """With a new command every half second, some far too high, and narrow limits, the boat still moves ahead."""
+    path = altered(tmp_path, NAME, actuators=both(angle=[-end, end]))
+    world, rng = alone(path, drift=[0.3, 0.1]), np.random.default_rng(7)
+    own, angles = body(world)[3], []
+    for _ in range(40):
+        ask(world, rng.uniform(-1, 1, 2) * rng.choice([0.1, 1.0, 10.0]))
+        for _ in range(500):
+            world.step(1)
+            angles.append(world.data.act[own][1::2].copy())
+            assert np.abs(world.data.act[own][::2]).max() <= PUSH * (1 + 1e-12)
+    steps = np.abs(np.diff(angles, axis=0))
+    assert steps.max() <= RATE * 0.001 * (1 + 1e-9)
+    assert steps.max() >= RATE * 0.001 * (1 - 1e-9)  # it is not slower than it may be
+    assert np.abs(angles).max() <= np.deg2rad(end) + 1e-12
+    assert end == 90.0 or np.abs(angles).max() == pytest.approx(np.deg2rad(end), abs=1e-12)
+
+
+def test_a_lag_of_the_angle_is_first_order_and_keeps_the_rate(tmp_path: Path) -> None:
+    """angle' = (desired - angle) / lag, limited by the rate; the oracle is the exact solution of both cases."""
+    world = alone(altered(tmp_path, NAME, actuators=both(lag=0.5)))
+    own, h = body(world)[3], 0.001
+    ask(world, [0.0, 2.0])
+    before = world.data.act[own][1]
+    for _ in range(3000):
+        world.close_loop(sample=False)
+        ahead = world.data.ctrl[own][1] - before
+        mujoco.mj_step(world.model, world.data)
+        now = world.data.act[own][1]
+        assert now - before == pytest.approx(ahead * (1 - np.exp(-h / 0.5)), abs=1e-12)
+        assert abs(now - before) <= RATE * h * (1 + 1e-9)
+        before = now
+
+
+def test_its_angles_are_state_that_mujoco_saves() -> None:
+    """Back to a saved state, the same bits again."""
+    world, kind = alone(NAME, drift=[0.3, 0.1]), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    ask(world, [0.3, -0.8])
+    world.step(300)
+    saved = np.empty(mujoco.mj_stateSize(world.model, kind))
+    mujoco.mj_getState(world.model, world.data, saved, kind)
+    world.step(400)
+    ends = [world.data.qpos.copy(), world.data.act.copy()]
+    mujoco.mj_setState(world.model, world.data, saved, kind)
+    world.step(400)
+    for end, again in zip(ends, (world.data.qpos, world.data.act), strict=True):
+        np.testing.assert_array_equal(end, again)
+    assert np.abs(ends[1][1::2]).min() > 0.1
+
+
+@pytest.mark.long
+def test_far_beyond_its_limits_it_pushes_where_it_is_asked_to() -> None:
+    """Level, on its heading, with turned engines: a positive multiple of the desired force, one engine saturated."""
+    world, rng = alone(NAME, heading=-70), np.random.default_rng(2)
+    vehicle, _, _, own = body(world)
+    for _ in range(20):
+        v = rng.standard_normal(2) * 100.0
+        ask(world, v)
+        settle_angles(world)
+        R = attitude(world)
+        wanted = wanted_force(vehicle, R, R.T @ [*v, 0.0], np.zeros(3))[:2]
+        force = wrench(world)[:2]
+        share = force @ wanted / (wanted @ wanted)
+        assert 0.0 < share < 1.0
+        np.testing.assert_allclose(force, share * wanted, atol=1e-6 * PUSH)
+        assert np.abs(world.data.ctrl[own][::2]).max() == pytest.approx(PUSH, rel=1e-9)
+        assert world.saturation()[0] >= 0.25
+
+
+def test_without_limits_and_lag_the_force_is_the_wanted_one_at_once() -> None:
+    world, rng = alone(NAME, heading=20, limits=False, lag=False), np.random.default_rng(4)
+    vehicle = body(world)[0]
+    for _ in range(20):
+        v = rng.standard_normal(2) * 10.0
+        ask(world, v)
+        world.data.act[body(world)[3].start :][:2] = world.data.ctrl[1::2][:2]  # thrusts have no activation now
+        world.close_loop(sample=False)
+        R = attitude(world)
+        wanted = wanted_force(vehicle, R, R.T @ [*v, 0.0], np.zeros(3))[:2]
+        commands = world.data.ctrl[body(world)[3]]
+        np.testing.assert_allclose((vehicle.W @ efforts(commands))[:2], wanted, rtol=1e-9, atol=1e-6)
+
+
+def one_engine(root: ElementTree.Element) -> None:
+    """On the centre line."""
+    actuators = find(root, "actuator")
+    actuators.remove(find(root, "actuator/general[@name='thruster_starboard']"))
+    engine = find(root, ".//body[@name='engine_port']")
+    engine.set("pos", "-2.3738 0 .2309")
+
+
+@pytest.mark.slow
+def test_a_boat_with_one_outboard_engine_is_steered_at_a_hand_point(tmp_path: Path) -> None:
+    """Any steering goes with any actuator: surge and yaw from thrust ahead and to port.
+
+    Its stern first goes the other way, so that a point near the bow would circle.
+    """
+    with pytest.raises(InputError, match=r"is missing .*needs `steering`"):
+        load_vehicle(altered(tmp_path, NAME, one_engine, actuators=swivel()))
+    path = altered(tmp_path, NAME, one_engine, actuators=swivel(), steering={"hand_point": 6.0})
+    assert load_vehicle(path).steering == HandPoint(hand_point=6.0)
+    world = alone(path, heading=0, drift=[0.2, 0.1], timestep=0.005)
+    ask(world, [1.0, 0.8])
+    world.step(40_000)
+    before = world.positions()[0, :2]
+    world.step(200)
+    np.testing.assert_allclose(world.positions()[0, :2] - before, [1.2, 0.9], atol=1e-3)
+    assert yaw_of(world) == pytest.approx(np.arctan2(0.8, 1.0), abs=0.02)
+
+
+# -- about an equilibrium, in a scenario -------------------------------------------------------------------------------
+
+
+def test_its_loop_is_linear_in_a_current_and_not_at_rest() -> None:
+    """Without thrust it has no direction; with some, the loop's sway mode decays at about 1 / tau."""
+    vehicle, control = load_vehicle(NAME), alone(NAME).system.control
+    stations = [HeldPoint(vehicle, np.array(w), 0.0) for w in ([0.0, 0.0, 0.0], [0.5, 0.3, 0.0])]
+    still, model = linearise(stations, control, 0.005, 1)
+    assert isinstance(still, str)
+    assert not isinstance(model, str)
+    assert np.abs(np.linalg.eigvals(model.A)).max() < 1.0
+    # Held, a velocity command of 1 along each axis ends as that velocity.
+    steady = model.C @ np.linalg.solve(np.eye(len(model.A)) - model.A, model.B) + model.D
+    np.testing.assert_allclose(steady / 0.005, np.eye(2), atol=1e-3)
+
+
+def late(result: Any) -> float:
+    half = result.tracking_error[len(result.time) // 2 :]
+    return float(np.sqrt((half**2).mean()))
+
+
+@pytest.mark.long
+def test_it_follows_as_well_as_the_boat_with_four_fixed_thrusters() -> None:
+    """`otters` sailed by WAM-Vs: within 3 % of the RMS error over the last half, hardly ever at a limit."""
+    runs = [simulate(load_scenario("otters", {"vehicles.agents": name}), "physics") for name in ("wamv", NAME)]
+    assert late(runs[1]) == pytest.approx(late(runs[0]), rel=0.03)
+    assert float(runs[1].agent_saturation.mean()) < 0.01
+
+
+# -- what is refused ---------------------------------------------------------------------------------------------------
+
+
+def upward(root: ElementTree.Element) -> None:
+    find(root, "default/default[@class='thruster']/site").set("zaxis", "0 1 1")
+
+
+@pytest.mark.parametrize(
+    ("edit", "actuators", "message"),
+    [
+        (None, {"pod": swivel()["thruster_port"]}, r"actuators\.pod .*thruster_port"),
+        (None, swivel(angle=[90, -90]), r"actuators\.thruster_port: angle: expected the lowest, then the highest"),
+        (None, swivel(angle=[-400, 0]), r"actuators\.thruster_port: angle: .* -360 to 360"),
+        (None, swivel(angle=[0]), r"actuators\.thruster_port\.angle: "),
+        (None, swivel(rate=0), r"actuators\.thruster_port\.rate: .*above 0"),
+        (None, swivel(kind="wing"), r"actuators\.thruster_port\.kind: .*azimuth"),
+        (None, swivel(reach=1), r"actuators\.thruster_port\.reach: unknown field; expected angle, kind, lag, rate"),
+        (upward, swivel(), r"actuators\.thruster_port: expected a horizontal thrust"),
+    ],
+)
+def test_descriptions_that_cannot_work_are_refused(
+    edit: Edit | None, actuators: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
+        load_vehicle(altered(tmp_path, NAME, edit, actuators=actuators))
+
+
+def test_a_vehicle_is_typed_throughout() -> None:
+    vehicle = load_vehicle(NAME)
+    assert isinstance(vehicle, Vehicle)
+    assert all(isinstance(actuator, AzimuthThruster) for actuator in vehicle.actuators)

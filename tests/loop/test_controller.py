@@ -1,0 +1,468 @@
+"""Laws in Python, on both backends: what they are shown, what comes of what they return, and what is said of errors.
+
+Oracles: the compiled law, the team's own maps, and laws written so that the answer is known.
+"""
+
+import json
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+from numpy.typing import NDArray
+
+import mjsheaf
+from mjsheaf.errors import InputError
+from mjsheaf.law.controller import Agent, Controller, LocalSample, PerAgent
+from mjsheaf.law.sample import ReadOnlyTeam, Sample
+from mjsheaf.scenario.law_file import load_controller
+from tests.builders import mixed_scenario
+from tests.commands import IDEAL, RUN_FILES, answer_of, call, is_refusal
+from tests.running import run_ideal, run_physics
+
+Array = NDArray[np.float64]
+BACKENDS = ("ideal", "physics")
+SHORT = {"time": {"end": 0.3}}
+
+
+class PaperLaw:
+    """-k1 eta_i of one agent, from its own measurements: the tail's and the head's share of each edge."""
+
+    def __init__(self, agent: Agent) -> None:
+        self.agent = agent
+
+    def __call__(self, t: float, local: LocalSample) -> Array:
+        eta = np.zeros(self.agent.dimension)
+        for e, y in zip(self.agent.edges, local.measurements, strict=True):
+            F, sign = (e.F_tail, -1.0) if e.tail == self.agent.id else (e.F_head, 1.0)
+            eta += sign * F.T @ e.weight @ (y + e.b)
+        return -10.0 * eta
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    "law", [lambda t, sample: -10.0 * sample.disagreement, PerAgent(PaperLaw)], ids=["team", "each"]
+)
+def test_the_papers_law_in_python_is_the_compiled_one(law: Any, backend: str) -> None:
+    scenario = mjsheaf.load_scenario("paper", {"time.end": 0.5 if backend == "physics" else 3.0})
+    own, ours = mjsheaf.simulate(scenario, backend, controller=law), mjsheaf.simulate(scenario, backend)
+    for name in ("agent_position", "target_position"):
+        np.testing.assert_allclose(own[name].values, ours[name].values, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(own["disagreement"].dims, ours["disagreement"].dims)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_a_law_asks_for_is_recorded_and_carried_out(backend: str) -> None:
+    """A term that no metric knows is in result.nc: commands are what was executed, not what eta would give."""
+    scenario = mixed_scenario(**SHORT, controller={"gain": 1.0, "control_period": 0.01})
+    plain = mjsheaf.simulate(scenario, backend)
+    term = np.array([0.3, -0.2, 0.1])
+
+    def law(t: float, sample: Sample) -> Array:
+        return -sample.disagreement + term * np.cos(t)
+
+    found = mjsheaf.simulate(scenario, backend, controller=law)
+    time = found["time"].values
+    eta = found["disagreement_vector"].values
+    wanted = -eta + (term * np.cos(time)[:, None])[:, None, :]
+    np.testing.assert_allclose(found["velocity_command"].values, wanted, rtol=0, atol=1e-12, equal_nan=True)
+    if backend == "ideal":  # q' = command + flow + disturbance
+        moved = np.nan_to_num(found["agent_velocity"].values - found["agent_flow"].values)
+        np.testing.assert_allclose(moved, np.nan_to_num(wanted), rtol=0, atol=1e-12)
+    assert np.abs(np.nan_to_num(found["agent_position"] - plain["agent_position"])).max() > 0.01
+
+
+def test_a_change_of_the_compiled_law_is_in_the_data() -> None:
+    """The desired value of an edge is changed for the loop alone: recorded eta and commands follow the loop."""
+    from dataclasses import replace
+
+    system = mixed_scenario(**SHORT).system
+    edges = system.law.edges._replace(b=system.law.edges.b + 0.5)
+    changed = replace(system, law=system.law._replace(edges=edges))
+    for run in (run_ideal, run_physics):
+        log, agents = run(changed).log, len(system.team.agents)
+        x = system.team.pack(log.positions)
+        problem = system.team.dirichlet
+        n = problem.H.shape[0]
+        known = np.array([problem.H @ q[:n] - problem.B @ q[n:] - problem.c for q in x])
+        off = system.team.pack(log.residual)[:, :n] - known
+        assert np.abs(off).max() > 0.1
+        np.testing.assert_allclose(off, off[:1].repeat(len(off), axis=0), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            log.command[:, :agents], -system.gain * log.residual[:, :agents], rtol=1e-12, atol=1e-12
+        )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_one_call_a_sample_and_what_it_is_shown(backend: str) -> None:
+    scenario = mixed_scenario(**SHORT)
+    seen: list[tuple[float, Sample]] = []
+
+    class Law:
+        def reset(self, team: Any, rng: np.random.Generator) -> None:
+            self.begun = getattr(self, "begun", 0) + 1
+            self.team, self.number = team, rng.random()
+
+        def __call__(self, t: float, sample: Sample) -> Array:
+            seen.append((t, sample))
+            return -sample.disagreement
+
+    law = Law()
+    found = mjsheaf.simulate(scenario, backend, controller=law)
+    np.testing.assert_allclose([t for t, _ in seen], found["time"].values, rtol=0, atol=1e-12)
+    assert law.begun == 1
+    team = scenario.system.team
+    positions = np.nan_to_num(np.concatenate([found["agent_position"], found["target_position"]], axis=1))
+    number = {m.id: v for v, m in enumerate(team.members)}
+    for k in (0, 7, 30):
+        sample = seen[k][1]
+        np.testing.assert_array_equal(sample.truth.positions, positions[k])
+        q_star = np.nan_to_num(found["harmonic_extension"].values[k])
+        np.testing.assert_allclose(sample.truth.harmonic_extension, q_star, atol=1e-9)
+        assert len(sample.edges) == len(sample.measurements) == len(team.communication) + len(team.sensing)
+        for e, y in zip(sample.edges, sample.measurements, strict=True):
+            tail, head = positions[k, number[e.tail]], positions[k, number[e.head]]
+            expected = e.F_head @ head[: e.F_head.shape[1]] - e.F_tail @ tail[: e.F_tail.shape[1]]
+            np.testing.assert_allclose(y, expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(sample.attitude, axis=1), 1.0, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(sample.disagreement, np.nan_to_num(found["disagreement_vector"].values[k]))
+    if backend == "physics":
+        np.testing.assert_array_equal(seen[7][1].velocity, found["agent_velocity"].values[7])
+    else:
+        shift = (positions[7] - positions[6])[: len(team.agents)] / scenario.controller.control_period
+        np.testing.assert_allclose(seen[7][1].velocity, shift, rtol=0, atol=1e-9)
+    first = law.number
+    mjsheaf.simulate(scenario, backend, controller=law)
+    assert law.number == first  # the seed's
+    mjsheaf.simulate(scenario.model_copy(update={"seed": 1}), backend, controller=law)
+    assert law.number != first
+
+
+def test_exchange_reaches_neighbours_alone_and_is_counted() -> None:
+    """Repeated averaging over the communication graph, by agents that yield: its limit is the mean of a component."""
+    scenario = mixed_scenario(**SHORT)
+    team = scenario.system.team
+    received: list[set[str]] = []
+
+    class Averaging:
+        def __init__(self, agent: Agent) -> None:
+            self.agent = agent
+            self.near = {e.head if e.tail == agent.id else e.tail for e in agent.edges} & set(team.agent_ids)
+
+        def __call__(self, t: float, local: LocalSample) -> Generator[Any, Any, Array]:
+            value = float(team.agent_ids.index(self.agent.id))
+            for _ in range(40):
+                theirs = yield [value]
+                assert set(theirs) == self.near
+                value += 0.25 * sum(float(x[0]) - value for x in theirs.values())
+            received.append(self.near)
+            return np.full(self.agent.dimension, 1e-3 * value)
+
+    door = Controller(PerAgent(Averaging))
+    found = mjsheaf.simulate(scenario, "ideal", controller=door)
+    samples = found.sizes["time"]
+    assert door.traffic.rounds == 40 * samples
+    pairs = {frozenset((e.tail, e.head)) for e in team.communication}
+    assert door.traffic.messages == 2 * len(pairs) * 40 * samples
+    command = found["velocity_command"].values[0, :, 0]
+    laplacian = np.zeros((len(team.agents),) * 2)
+    for i, j in (sorted(pair) for pair in pairs):
+        a, b = team.agent_ids.index(i), team.agent_ids.index(j)
+        laplacian[[a, b], [a, b]] += 1.0
+        laplacian[[a, b], [b, a]] -= 1.0
+    step = np.linalg.matrix_power(np.eye(len(team.agents)) - 0.25 * laplacian, 40)
+    np.testing.assert_allclose(command, 1e-3 * step @ np.arange(len(team.agents)), rtol=1e-12)
+
+
+def test_targets_keep_their_own_law() -> None:
+    scenario = mjsheaf.load_scenario("paper", {"time.end": 1.0})
+    still = mjsheaf.simulate(scenario, "ideal", controller=lambda t, sample: np.zeros((13, 3)))
+    ours = mjsheaf.simulate(scenario, "ideal")
+    np.testing.assert_array_equal(still["target_position"].values, ours["target_position"].values)
+
+
+class Failing:
+    """Raises for one agent at one time."""
+
+    def __init__(self, agent: Agent) -> None:
+        self.id = agent.id
+
+    def __call__(self, t: float, local: LocalSample) -> Array:
+        if self.id == "front" and t > 0.1:
+            raise ZeroDivisionError("by nothing")
+        return np.zeros(2)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (PerAgent(Failing), ["front", "t = 0.11", "ZeroDivisionError", "by nothing", "test_controller.py"]),
+        (lambda t, sample: np.zeros((2, 3)), ["t = 0 s", "(2, 3)", "(3, 3)"]),
+        (lambda t, sample: np.full((3, 3), np.nan), ["t = 0 s", "boat", "nan"]),
+        (lambda t, sample: sample.nothing, ["t = 0 s", "AttributeError"]),
+        (lambda t, sample: sample.exchange([1.0]), ["t = 0 s", "(1,)"]),
+        (lambda t, sample: sample.exchange([1j, 1j, 1j]), ["t = 0 s", "real numbers"]),
+        (lambda t, sample: None, ["t = 0 s", "real numbers", "None"]),
+    ],
+)
+def test_errors_name_agent_and_time(law: Any, said: list[str], backend: str) -> None:
+    with pytest.raises(InputError) as error:
+        mjsheaf.simulate(mixed_scenario(**SHORT), backend, controller=law)
+    assert all(part in str(error.value) for part in said), str(error.value)
+
+
+class UnprintableError(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError("no")
+
+
+def raising(error: BaseException) -> Any:
+    def law(t: float, sample: Sample) -> Array:
+        raise error
+
+    return law
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (raising(ValueError("a\x1b[31mRED\x07" + "x" * 100_000)), ["ValueError: a\\x1b[31mRED\\x07xxx", "..."]),
+        (raising(UnprintableError()), ["t = 0 s: UnprintableError: ", "__str__", "test_controller.py"]),
+        (raising(BaseException("stop")), ["t = 0 s: BaseException: stop"]),
+        (lambda t, sample: np.full((3, 3), 1e300), ["<lambda> at t = 0 s", "1.e+300", "boat", "at most 1e+09 m/s"]),
+        (lambda t, sample: np.ma.masked_all((3, 3)), ["masked array"]),
+        (lambda t, sample: np.ma.array(np.ones((3, 3)), mask=np.eye(3) > 0), ["masked array"]),
+        (lambda t, sample: [np.ma.array(np.ones(3), mask=row) for row in np.eye(3) > 0], ["masked array"]),
+        (PerAgent(lambda agent: lambda t, local: np.ma.masked_all(2)), ["boat", "masked array"]),
+        (PerAgent(lambda agent: 3), ["boat", "make(agent) returned int"]),  # type: ignore[arg-type,return-value]
+        (lambda t, sample: sample.team.index.clear(), ["AttributeError", "clear"]),
+        (lambda t, sample: setattr(sample.team, "index", {}), ["AttributeError", "read-only"]),
+        (lambda t, sample: sample.team.remaining.index.clear(), ["AttributeError", "clear"]),
+        (lambda t, sample: sample.edges[0].F_tail.fill(0), ["read-only"]),
+        (lambda t, sample: sample.team.communication[0].weight.fill(0), ["read-only"]),
+        (lambda t, sample: sample.team.displacement["front"].fill(0), ["read-only"]),
+    ],
+)  # fmt: skip
+def test_a_law_that_misbehaves_is_named_in_one_line(law: Any, said: list[str], backend: str) -> None:
+    with pytest.raises(InputError) as error:
+        mjsheaf.simulate(mixed_scenario(**SHORT), backend, controller=law)
+    message = str(error.value)
+    assert message.startswith("controller ")
+    assert message.isprintable()
+    assert len(message) < 500
+    assert all(part in message for part in said), message
+
+
+def test_what_a_team_has_computed_cannot_be_written_by_a_law() -> None:
+    team = mixed_scenario().team
+    names = [name for name in ("present", "slots", "first_state", "remaining") if getattr(team, name) is not None]
+    shown = vars(ReadOnlyTeam(team))
+    for name in names[:3]:
+        with pytest.raises(ValueError, match="read-only"):
+            shown[name].fill(0)
+    assert ReadOnlyTeam(team).remaining is not team
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_a_law_does_to_what_it_is_shown_reaches_nothing_else(backend: str) -> None:
+    """Lists are copies, made once a phase; arrays are new at every sample; what has no mask is an array like others."""
+
+    def vandal(t: float, sample: Sample) -> Any:
+        wanted = -3.0 * sample.disagreement
+        sample.team.agent_ids.clear()
+        sample.attitude[:] = sample.velocity[:] = sample.displacement[:] = sample.disagreement[:] = 7.0
+        for y in sample.measurements:
+            y[:] = 7.0
+        assert sample.truth.positions.shape == (5, 3)
+        assert len(sample.exchange(np.zeros(3))) == 3
+        return np.ma.array(wanted)
+
+    first: list[Array] = []
+
+    def plain(t: float, sample: Sample) -> Array:
+        first.append(sample.attitude.copy())
+        sample.attitude[:] = 7.0
+        return -3.0 * sample.disagreement
+
+    scenario = mixed_scenario(**SHORT)
+    own, ours = (mjsheaf.simulate(scenario, backend, controller=law) for law in (vandal, plain))
+    np.testing.assert_array_equal(own["agent_position"], ours["agent_position"])
+    assert own["agent"].values.tolist() == ["boat", "front", "back"]
+    assert np.abs(np.linalg.norm(first, axis=2) - 1.0).max() < 1e-6
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_blow_up_under_a_law_in_python_names_the_law(backend: str) -> None:
+    def eager(t: float, sample: Sample) -> Array:
+        return 1e8 * np.ones((3, 3))
+
+    scenario = mixed_scenario(time={"end": 20.0}, controller={"gain": 1.0, "control_period": 5.0})
+    result = mjsheaf.simulate(scenario, backend, controller=eager)
+    assert result.attrs["status"] == "unstable"
+    for part in ("likely cause: controller eager, which commands 1.", "e+08 m/s for "):
+        assert part in result.attrs["message"]
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: Controller(Failing),  # type: ignore[arg-type]
+            "Failing is a class; expected an object, such as Failing()",
+        ),
+        (lambda: Controller("law.py:Law"), "not str; load_controller"),  # type: ignore[arg-type]
+        (lambda: PerAgent(None), "PerAgent: expected a callable make(agent)"),  # type: ignore[arg-type]
+        (lambda: load_controller(Path("law.py:Law")), "FILE.py:NAME as a str, not PosixPath"),  # type: ignore[arg-type]
+        (lambda: load_controller(""), "--controller '': expected FILE.py:NAME"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_named(make: Any, said: str) -> None:
+    with pytest.raises(InputError) as error:
+        make()
+    assert said in str(error.value)
+
+
+def test_a_law_in_python_needs_samples() -> None:
+    scenario = mixed_scenario(controller={"gain": 1.0, "control_period": 0.0})
+    for backend in BACKENDS:
+        with pytest.raises(InputError, match=r"controller\.control_period"):
+            mjsheaf.simulate(scenario, backend, controller=lambda t, sample: -sample.disagreement)
+    with pytest.raises(InputError, match="controller"):
+        mjsheaf.simulate(mixed_scenario(**SHORT), "ideal", controller=3)  # type: ignore[arg-type]
+
+
+def test_loading_a_law_from_a_file(tmp_path: Any) -> None:
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n    def __call__(self, t, sample):\n        return -sample.disagreement\n"
+    )
+    (tmp_path / "broken.py").write_text("x = 1\nraise ValueError('oh no')\n")
+    assert type(load_controller(f"{tmp_path}/mine.py:Mine").law).__name__ == "Mine"
+    for source, said in (
+        ("mine.py:Mine", "there is no file mine.py"),
+        (f"{tmp_path}/mine.py", "FILE.py:NAME"),
+        (f"{tmp_path}/mine.py:mine", "did you mean Mine"),
+        (f"{tmp_path}/broken.py:Law", "ValueError: oh no (broken.py, line 2)"),
+    ):
+        with pytest.raises(InputError) as error:
+            load_controller(source)
+        assert said in str(error.value)
+
+
+PAPERS_LAW = """
+class Paper:
+    \"\"\"-k1 eta of each agent.\"\"\"
+
+    def reset(self, team, rng):
+        self.gain = 3.0
+
+    def __call__(self, t, sample):
+        if t > 0.2 and sample.velocity.shape != (3, 3):
+            raise ValueError("unreachable")
+        return -self.gain * sample.disagreement
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
+def test_a_law_on_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "law.py").write_text(PAPERS_LAW)
+    (tmp_path / "wrong.py").write_text(
+        "def late(t, sample):\n    return sample.disagreement / (1 if t < 0.1 else 'x')\n"
+    )
+    fields = yaml.safe_dump(mixed_scenario(**SHORT).model_dump(mode="json", exclude_none=True))
+    (tmp_path / "mixed.yaml").write_text(fields)
+    common: list[str | Path] = ["run", tmp_path / "mixed.yaml", "--backend", "ideal", "--no-video"]
+    assert call(*common, "--out", tmp_path / "own", "--controller", f"{tmp_path}/law.py:Paper") == 0
+    assert call(*common, "--out", tmp_path / "ours") == 0
+    own, ours = (xr.load_dataset(tmp_path / name / "result.nc") for name in ("own", "ours"))
+    np.testing.assert_allclose(own["agent_position"].values, ours["agent_position"].values, rtol=0, atol=1e-9)
+    assert own.attrs["controller"].endswith("law.py:Paper")
+    summary = json.loads((tmp_path / "own" / "summary.json").read_text())
+    assert summary["controller"].endswith("law.py:Paper")
+    assert summary["theorem"]["applies"] is False
+    assert "law of its own" in summary["theorem"]["reason"]
+    assert json.loads((tmp_path / "ours" / "summary.json").read_text())["controller"] is None
+    before = sorted(p.name for p in tmp_path.iterdir())
+    for source, said in (
+        ("wrong.py:late", "t = 0.1 s"),
+        ("wrong.py:early", "expected late"),
+        ("law.py", "FILE.py:NAME"),
+    ):
+        answer = answer_of(*common, "--out", tmp_path / "never", "--controller", f"{tmp_path}/{source}")
+        assert answer.code == 2
+        assert said in answer.err
+        assert answer.err.count("\n") == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+LAWS = {
+    "escapes": "def law(t, s): raise ValueError('a\\x1b[31mRED\\x07' + 'x' * 100000)\n",
+    "unprintable": "class E(Exception):\n    def __str__(s): raise RuntimeError('no')\ndef law(t, s): raise E()\n",
+    "base": "raise BaseException('x')\n",
+    "exits": "import sys\ndef law(t, s): sys.exit(0)\n",
+    "huge": "import numpy as np\ndef law(t, s): return np.full(s.disagreement.shape, 1e300)\n",
+    "masked": "import numpy as np\ndef law(t, s): return np.ma.masked_all(s.disagreement.shape)\n",
+    "clears": "def law(t, s):\n    s.team.index.clear()\n    return -s.disagreement\n",
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_bad_law_on_the_command_line_is_one_line(name: str, tmp_path: Path) -> None:
+    (tmp_path / f"{name}.py").write_text(LAWS[name])
+    law = f"{tmp_path}/{name}.py:law"
+    answer = answer_of("run", "midpoint", *IDEAL, "--controller", law, "--out", tmp_path / "never")
+    assert is_refusal(answer, "controller", f"{name}.py")
+    assert answer.err.removesuffix("\n").isprintable()
+    assert len(answer.err) < 800
+    assert not (tmp_path / "never").exists()
+
+
+def test_an_empty_name_of_a_law_is_refused(tmp_path: Path) -> None:
+    """As an unset shell variable gives it."""
+    answer = answer_of("run", "midpoint", *IDEAL, "--controller", "", "--out", tmp_path / "never")
+    assert is_refusal(answer, "--controller ''", "FILE.py:NAME")
+
+
+@pytest.mark.usefixtures("without_plots")
+def test_a_law_that_goes_elsewhere_does_not_take_the_results_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("wanders.py").write_text(
+        "import os\nos.chdir('/')\ndef law(t, s):\n    os.chdir('/')\n    return -s.disagreement\n"
+    )
+    answer = answer_of("run", "midpoint", *IDEAL, "--controller", "wanders.py:law", "--out", "mine")
+    assert (answer.code, answer.err) == (0, "")
+    assert RUN_FILES >= {path.name for path in (tmp_path / "mine").iterdir()} >= {"result.nc", "summary.json"}
+    assert Path.cwd() == tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", [pytest.param("ideal", marks=pytest.mark.slow), "physics"])
+def test_saving_a_result_writes_what_run_writes(backend: str, tmp_path: Path) -> None:
+    scenario = mixed_scenario(**SHORT)
+    result = mjsheaf.simulate(scenario, backend, controller=lambda t, sample: -3.0 * sample.disagreement)
+    saved = mjsheaf.save(result, tmp_path / "saved", video=False)
+    assert {p.name for p in saved.directory.iterdir()} == RUN_FILES
+    again = xr.load_dataset(tmp_path / "saved" / "result.nc")
+    xr.testing.assert_identical(again, result.drop_attrs(deep=False).assign_attrs(result.attrs))
+    result.to_netcdf(tmp_path / "own.nc", engine="h5netcdf")  # what goes along in memory is no obstacle
+    assert mjsheaf.load_scenario(tmp_path / "saved" / "scenario.yaml").agents == scenario.agents
+    with pytest.raises(InputError, match="scenario"):
+        mjsheaf.save(again, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_file_name_is_no_formula(tmp_path: Path) -> None:
+    """A run that is finished is not lost to its title."""
+    law = tmp_path / r"$\frac{a}{b$.py"
+    law.write_text("def law(t, sample):\n    return -sample.disagreement\n")
+    out = tmp_path / "out"
+    short = ("--backend", "ideal", "--no-video", "--set", "time.end=0.2", "--out", out)
+    assert call("run", "midpoint", *short, "--controller", f"{law}:law") == 0
+    assert (out / "errors.png").is_file()

@@ -1,0 +1,391 @@
+"""The ideal backend against the published run and against independent integration.
+
+Oracles: the checkpoints of the published run (tests/data/paper_facts.json); scipy's solve_ivp on the closed loop in
+plain numpy; the matrix exponential where the loop is linear.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from mjsheaf import load_scenario, simulate
+from mjsheaf.checking.loop.held_law import largest_integral, loop_of
+from mjsheaf.loop.trajectory import Trajectory
+from mjsheaf.results import make_dataset
+from mjsheaf.scenario import Scenario
+from mjsheaf.system import System
+from tests.builders import FACTS, FLOW, Simulated, make_scenario, medium, mixed_scenario, velocity_commands
+from tests.running import run_ideal
+
+Array = NDArray[np.float64]
+
+
+DISTURBED = {"agents": {"bound": 0.5}, "targets": {"bound": 0.3}}
+MOTION = {"kind": "lissajous", "amplitude": [2, 1, 1], "rate": [1, 2, 1], "phase": [1.5, 0, 0]}
+TARGETS = [
+    {"id": "diver", "position": [1, 1, -2], "motion": MOTION},
+    {"id": "ship", "position": [-3, 2], "motion": {"kind": "waypoints", "points": [[0, 5], [5, 5]], "speed": 4.0}},
+]
+
+
+def run(system: System) -> Trajectory:
+    trajectory = run_ideal(system)
+    assert trajectory.status == "finished"
+    assert trajectory.message == ""
+    np.testing.assert_array_equal(trajectory.time, system.grid.samples)
+    return trajectory
+
+
+# -- the published run ---------------------------------------------------------------------------------------------
+
+
+def test_published_checkpoints(simulated: Simulated) -> None:
+    published = simulated("paper", "ideal")
+    assert published.sizes["time"] == 4999
+    np.testing.assert_allclose(published.time[[0, -1]], [0.01, 49.99], rtol=1e-14)
+    points = FACTS["checkpoints_gain_10"]
+    for t, expected in points["mean_disagreement"].items():
+        seen = published.disagreement.sel(time=float(t), method="nearest").mean()
+        np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-8)
+    for t, expected in points["A10_xy"].items():
+        seen = published.agent_position.sel(agent="A10", axis=["x", "y"]).sel(time=float(t), method="nearest")
+        np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-8)
+    for t, expected in points["T1_xyz"].items():
+        seen = published.target_position.sel(target="T1").sel(time=float(t), method="nearest")
+        np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [0.01, 1.0, 30.0])
+def test_other_gains_as_the_authors_integrate(gain: float) -> None:
+    """Every vehicle by itself over every period, its state padded to three numbers: RK45, rtol 1e-9, atol 1e-12."""
+    system = load_scenario("paper", {"controller.gain": gain, "time.end": 1.01}).system
+    trajectory = run(system)
+    x = np.array(system.initial)
+    for k, t in enumerate(trajectory.time):
+        np.testing.assert_allclose(trajectory.positions[k], x, rtol=0, atol=1e-8)
+        command = velocity_commands(system, t, x)
+        for v, u in enumerate(command):
+            solution = solve_ivp(
+                lambda s, y, v=v, u=u: medium(system, v, s, y) + u, (t, t + 0.01), x[v], rtol=1e-9, atol=1e-12
+            )
+            x[v] = solution.y[:, -1]
+
+
+# -- exact solutions -----------------------------------------------------------------------------------------------
+
+
+def still(period: float, drift: list[float], **fields: Any) -> System:
+    """The mixed team with targets that stand still and a uniform flow about the agents: a linear loop."""
+    flow = {"agents": {"dimension": 3, "drift": drift}}
+    control = {"gain": 3.0, "control_period": period, "record_period": 0.01}
+    return mixed_scenario(controller=control, flow=flow, target_formation=None, **fields).system
+
+
+def test_held_control_is_a_matrix_power() -> None:
+    """Q(t + h) = q + h (w - k1 eta): with H symmetric, e falls by the factors 1 - k1 h lambda."""
+    system = still(0.05, [0.3, -0.2, 0.1])
+    team, problem = system.team, system.team.dirichlet
+    n_q = problem.H.shape[0]
+    q, p = np.split(team.pack(system.initial), [n_q])
+    w = team.pack(np.tile([0.3, -0.2, 0.1], (5, 1)))[:n_q]
+    A = np.eye(n_q) - 0.05 * 3.0 * problem.H.toarray()
+    rest = problem.extend(p) + np.linalg.solve(3.0 * problem.H.toarray(), w)
+    for x, k in zip(run(system).positions, range(21), strict=True):
+        np.testing.assert_allclose(
+            team.pack(x)[:n_q], rest + np.linalg.matrix_power(A, k) @ (q - rest), rtol=0, atol=1e-11
+        )
+
+
+def test_continuous_control_is_a_matrix_exponential() -> None:
+    """Control period 0: q' = w - k1 (H q - B p - c)."""
+    system = still(0.0, [0.3, -0.2, 0.1])
+    assert system.grid.continuous
+    team, problem = system.team, system.team.dirichlet
+    n_q = problem.H.shape[0]
+    q, p = np.split(team.pack(system.initial), [n_q])
+    w = team.pack(np.tile([0.3, -0.2, 0.1], (5, 1)))[:n_q]
+    H = problem.H.toarray()
+    rest = problem.extend(p) + np.linalg.solve(3.0 * H, w)
+    trajectory = run(system)
+    for t, x in zip(trajectory.time, trajectory.positions, strict=True):
+        np.testing.assert_allclose(team.pack(x)[:n_q], rest + expm(-3.0 * H * t) @ (q - rest), rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(team.pack(x)[n_q:], p)
+
+
+def test_a_short_hold_comes_near_the_continuous_law() -> None:
+    """The error of a hold is of first order in its period."""
+    exact = run(still(0.0, [0, 0, 0])).positions[-1]
+    errors = [
+        np.abs(run(still(h, [0, 0, 0], physics={"timestep": h})).positions[-1] - exact).max() for h in (0.02, 0.01)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.1)
+
+
+# -- against scipy -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period", [0.0, 0.1], ids=["continuous", "held"])
+def test_everything_together_against_scipy(period: float) -> None:
+    """Flow, disturbances, Lissajous and waypoint targets and their own consensus, mixed dimensions."""
+    control = {"gain": 3.0, "control_period": period, "record_period": 0.1}
+    system = mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, ideal={"rtol": 1e-11}).system
+    trajectory = run(system)
+    x, V = np.array(system.initial), 5
+
+    def slope(t: float, flat: Array, held: Array | None) -> Array:
+        y = flat.reshape(V, 3)
+        command = velocity_commands(system, t, y) if held is None else held
+        return (command + [medium(system, v, t, y[v]) for v in range(V)]).ravel()
+
+    for k, t in enumerate(trajectory.time):
+        np.testing.assert_allclose(trajectory.positions[k], x, rtol=0, atol=1e-8)
+        held = None if period == 0.0 else velocity_commands(system, t, x)
+        solution = solve_ivp(slope, (t, t + 0.1), x.ravel(), "DOP853", args=(held,), rtol=1e-11, atol=1e-12)
+        x = solution.y[:, -1].reshape(V, 3)
+
+
+def test_the_tolerance_is_honoured() -> None:
+    """The error falls with rtol, decade for decade, and stays within a hundred times of it."""
+
+    def final(rtol: float) -> Array:
+        control = {"gain": 1.0, "control_period": 0.0, "record_period": 0.5}
+        physics = {"timestep": 0.5}
+        flow = {"agents": {**FLOW, "core": 0.3}, "targets": FLOW}
+        ideal = {"rtol": rtol, "atol": 1e-3 * rtol}
+        system = mixed_scenario(
+            controller=control, time={"end": 5.0}, flow=flow, targets=TARGETS, ideal=ideal, physics=physics
+        ).system
+        return run(system).positions[-1]
+
+    exact = final(1e-13)
+    errors = [np.abs(final(rtol) - exact).max() for rtol in (1e-4, 1e-6, 1e-8, 1e-10)]
+    for rtol, error in zip((1e-4, 1e-6, 1e-8, 1e-10), errors, strict=True):
+        assert error < 100.0 * rtol
+    assert errors[0] > 30.0 * errors[1] > 900.0 * errors[2] > 27000.0 * errors[3]
+
+
+# -- control effectiveness -----------------------------------------------------------------------------------------
+
+FOUR_IN_THE_PLANE: dict[str, Any] = {
+    "layout": [[1, 0.5, -0.3, 2], [0, 1, 0.7, -1]],
+    "heading": 20,
+    "heading_gradient": [40, -25],
+    "heading_rate": 90,
+}
+FIVE_IN_SPACE: dict[str, Any] = {
+    "layout": [[1, 0, 0, 0.5, -1], [0, 2, 0, 0.3, 0.1], [0, 0, 0.5, 1, 1]],
+    "heading": -70,
+    "heading_gradient": [10, 20, 30],
+    "heading_rate": -45,
+}
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+def test_any_full_rank_effectiveness_gives_the_trajectory_of_the_identity(period: float) -> None:
+    """g g^+ = I: with more inputs than states and a g that turns with position and time nothing else changes."""
+    control = {"gain": 3.0, "control_period": period}
+    plain = mixed_scenario(controller=control, disturbance=DISTURBED)
+    agents = [a.model_dump(exclude_none=True) for a in plain.agents]
+    for agent, g in zip(agents, (FOUR_IN_THE_PLANE, FIVE_IN_SPACE, FIVE_IN_SPACE), strict=True):
+        agent["effectiveness"] = g
+    turned = mixed_scenario(controller=control, disturbance=DISTURBED, agents=agents)
+    one, other = run(plain.system), run(turned.system)
+    assert np.any(one.positions != other.positions)  # it did take another way to the same numbers
+    np.testing.assert_allclose(other.positions, one.positions, rtol=0, atol=1e-8)
+
+
+def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
+    """The recorded u has s channels, and g(q, t) u = -k1 eta at every sample."""
+    plain = mixed_scenario()
+    agents = [a.model_dump(exclude_none=True) for a in plain.agents]
+    agents[0]["effectiveness"], agents[2]["effectiveness"] = FOUR_IN_THE_PLANE, FIVE_IN_SPACE
+    system = mixed_scenario(agents=agents).system
+    trajectory = run(system)
+    x, t = trajectory.positions, trajectory.time
+    commands = np.array([velocity_commands(system, *state)[:3] for state in zip(t, x, strict=True)])
+    u = make_dataset(trajectory, "ideal", 0)["command"].values
+    np.testing.assert_allclose(trajectory.log.command[:, :3], commands, rtol=1e-12, atol=1e-12)
+    assert u.shape == (len(t), 3, 5)
+    np.testing.assert_array_equal(np.isnan(u[0]), [[0, 0, 0, 0, 1], [0, 0, 0, 1, 1], [0, 0, 0, 0, 0]])
+    np.testing.assert_allclose(u[:, 1, :3], commands[:, 1], rtol=1e-14)
+    psi = np.deg2rad(20 + x[:, 0, :2] @ [40, -25] + 90 * t)
+    turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]]).transpose(2, 0, 1)
+    g_u = np.einsum("tij,jk,tk->ti", turn, np.array(FOUR_IN_THE_PLANE["layout"]), u[:, 0, :4])
+    np.testing.assert_allclose(g_u, commands[:, 0, :2], atol=1e-11)
+
+
+# -- limits, determinism, blow-up ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+def test_velocity_limits_are_kept(period: float) -> None:
+    """Without flow no agent goes faster than its limit, and those in a hurry go as fast."""
+    agents = [
+        {"id": "slow", "position": [10, 0], "velocity_limit": 0.5},
+        {"id": "usual", "position": [0, 10, 0]},
+        {"id": "near", "position": [0.1, 0, 0]},
+    ]
+    seen = [[name, "T"] for name in ("slow", "usual", "near")]
+    scenario = make_scenario(
+        {
+            "time": {"end": 1.0},
+            "controller": {"gain": 5.0, "control_period": period, "velocity_limit": 2.0},
+            "agents": agents,
+            "targets": [{"id": "T", "position": [0, 0, 0]}],
+            "sensing": seen,
+        }
+    )
+    x = run(scenario.system).positions
+    speed = np.linalg.norm(np.diff(x[:, :3], axis=0), axis=2) / 0.01
+    assert np.all(speed <= np.array([0.5, 2.0, 2.0]) * (1 + 1e-9))
+    np.testing.assert_allclose(speed[:, 0], 0.5, rtol=1e-6)
+    np.testing.assert_allclose(speed[:, 1], 2.0, rtol=1e-6)
+    assert speed[0, 2] < 0.6
+    np.testing.assert_allclose(x[:, 1, 0], 0.0, atol=1e-12)  # straight on
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+def test_one_run_gives_the_bits_of_another(period: float) -> None:
+    control = {"gain": 3.0, "control_period": period}
+    one, again = (
+        run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS).system).positions
+        for _ in range(2)
+    )
+    assert one.tobytes() == again.tobytes()
+    other = run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, seed=1).system).positions
+    assert np.any(one != other)
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+def test_a_shorter_run_is_the_beginning_of_a_longer_one(period: float) -> None:
+    control = {"gain": 3.0, "control_period": period}
+    whole, part = (run(mixed_scenario(controller=control, time={"end": end}).system).positions for end in (1.0, 0.4))
+    np.testing.assert_array_equal(whole[: len(part)], part)
+
+
+def test_progress_counts_up_to_the_end() -> None:
+    seen: list[tuple[int, int]] = []
+    run_ideal(mixed_scenario(time={"end": 12.0}).system, lambda done, of: seen.append((done, of)))
+    assert seen == [(500, 1200), (1000, 1200), (1200, 1200)]
+
+
+def test_too_high_a_gain_is_unstable_and_says_why() -> None:
+    """k1 h lambda_max >= 2: the published team from gain 31.9 on."""
+    result = simulate(load_scenario("paper", {"controller.gain": 40, "time.end": 5}), backend="ideal")
+    assert result.attrs["status"] == "unstable"
+    message = result.attrs["message"]
+    last = float(result.time[-1])
+    vehicle = message.removeprefix("unstable: ").split(" ")[0]
+    assert vehicle in [*result.agent.values, *result.target.values]
+    assert f"{vehicle} at t = {last:.6g} s" in message
+    assert float(message.split(", commanded ")[1].split(" m/s; ")[0]) > 1e6
+    assert "likely cause: the law, with a controller.gain that is too high" in message
+    assert "mjsheaf check names the margin" in message
+    assert 0.1 < last < 1.0
+    assert np.isfinite(result.agent_position.sel(axis=["x", "y"])).all()
+    assert np.abs(result.agent_position.sel(agent=vehicle, axis=["x", "y"])[-1]).max() > 1e6
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+def test_a_run_that_takes_too_many_steps_ends_soon_and_says_why(period: float) -> None:
+    """A vortex turns an agent many thousand times a second: no period fails alone, and the run would never end."""
+    recorded = {} if period else {"record_period": 0.01}
+    fields = {
+        "time": {"end": 100.0},
+        "controller": {"gain": 0.1, "control_period": period, **recorded},
+        "agents": [{"id": "calm", "position": [1e6, 0]}, {"id": "dizzy", "position": [0, -1]}],
+        "targets": [{"id": "T", "position": [5, 0]}],
+        "sensing": [["calm", "T"], ["dizzy", "T"]],
+        "flow": {"agents": {"dimension": 2, "core": 0.1, "vortices": [{"centre": [0, 0], "gamma": 1e5}]}},
+    }
+    result = simulate(make_scenario(fields), backend="ideal")
+    assert result.attrs["status"] == "unstable"
+    field = "control_period" if period else "record_period"
+    vehicle = "dizzy" if period else "calm"  # integrated as one, the vehicle that is farthest away is named
+    message = result.attrs["message"]
+    assert message.startswith(f"unstable: {vehicle} takes more than 2000 steps of the integrator")
+    assert f"for each controller.{field} of 0.01 s at t = " in message
+    assert "or a flow or motion too strong to integrate" in message
+    assert 0.0 < float(result.time[-1]) < 1.0
+
+
+@pytest.mark.parametrize("newton", [None, {"rounds": 100}])
+def test_the_largest_integral_is_where_the_loop_diverges(newton: dict[str, int] | None) -> None:
+    """Oracle: eigenvalues of the loop."""
+
+    def system(gain: float) -> System:
+        return load_scenario("paper", {"controller.newton": newton, "controller.integral": {"gain": gain}}).system
+
+    largest = largest_integral(system(1.0))
+    for gain, holds in ((0.99 * largest, True), (1.01 * largest, False)):
+        assert (loop_of(system(gain)).radius < 1.0) == holds
+
+
+def test_the_margin_is_where_it_is_said_to_be() -> None:
+    for gain, status in ((31.5, "finished"), (33.0, "unstable")):
+        scenario = load_scenario("paper", {"controller.gain": gain, "time.end": 20})
+        assert run_ideal(scenario.system).status == status
+
+
+def test_targets_that_diverge_are_named_as_the_cause() -> None:
+    scenario = mixed_scenario(target_formation={"gain": 150.0}, time={"end": 5.0})
+    trajectory = run_ideal(scenario.system)
+    assert trajectory.status == "unstable"
+    assert "target_formation.gain" in trajectory.message
+
+
+TINY = [0.0, 5e-324, 1e-310, 1e-300, 1e-100, 1e-30, 1e-16, -1e-16, 1e-12, 1e-8, 1e-4]
+
+
+def next_to_the_origin(x: float, period: float, flow: dict[str, Any] | None = None) -> Scenario:
+    """An agent at x on the way to a target 1 m ahead."""
+    return make_scenario(
+        {
+            "time": {"end": 1.0},
+            "controller": {"gain": 1.0, "control_period": period},
+            "agents": [{"id": "A", "position": [x, 0]}],
+            "targets": [{"id": "T", "position": [1, 0]}],
+            "sensing": [["A", "T"]],
+            "flow": {"agents": flow} if flow else {},
+        }
+    )
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+@pytest.mark.parametrize("x", TINY)
+def test_a_run_starts_from_any_position(x: float, period: float) -> None:
+    """|x| / |x'| says nothing about the time scale there. Oracle: the closed form."""
+    trajectory = run(next_to_the_origin(x, period).system)
+    t, k = trajectory.time, np.arange(len(trajectory.time))
+    expected = 1.0 - (1.0 - x) * (np.exp(-t) if period == 0.0 else 0.99**k)
+    np.testing.assert_allclose(trajectory.positions[:, 0, 0], expected, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(trajectory.positions[:, 0, 1:], 0.0)
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+@pytest.mark.parametrize("alpha", [-1.0, 1.0], ids=["sink", "source"])
+def test_a_run_starts_next_to_a_sink(alpha: float, period: float) -> None:
+    """The start matters as little as it should: the flow's slope is at most 1 / core^2 = 11 1/s."""
+    flow = {"dimension": 2, "core": 0.3, "sources": [{"centre": [0, 0], "alpha": alpha}]}
+    ends = [run(next_to_the_origin(x, period, flow).system).positions[-1, 0] for x in TINY[:-2]]
+    np.testing.assert_allclose(ends, np.tile(ends[0], (len(ends), 1)), rtol=0, atol=1e-6)
+
+
+def test_periods_of_any_length_begin() -> None:
+    """From rest at the origin the first trial step is 1e-6 s, whatever the period."""
+    for period in (1e-6, 1e8):
+        scenario = make_scenario(
+            {
+                "time": {"end": 2.0 * period},
+                "controller": {"gain": 0.1 / period, "control_period": period},
+                "agents": [{"id": "A", "position": [0, 0]}],
+                "targets": [{"id": "T", "position": [1, 0]}],
+                "sensing": [["A", "T"]],
+            }
+        )
+        np.testing.assert_allclose(run(scenario.system).positions[:, 0, 0], [0.0, 0.1, 0.19], atol=1e-12)

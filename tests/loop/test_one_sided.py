@@ -1,0 +1,373 @@
+"""Vehicles whose thrusters do not push both ways: what they can make, how they go about, and what is said of them.
+
+tests/data/skiff.yaml has two propellers that cannot reverse, airboat.yaml one fan that steers, otter_rudder one
+propeller with a rudder. Oracles: linear programs and bounded least squares; pencil and paper.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog, lsq_linear
+
+from mjsheaf import check, load_scenario, simulate
+from mjsheaf.checking.authority import authority_of, may_lack
+from mjsheaf.checking.finished import ending_of_run
+from mjsheaf.checking.stuck import find_stuck
+from mjsheaf.comparing.ladder import ladder_of, run_ablation
+from mjsheaf.loop.bodies import pack_fleet
+from mjsheaf.runs.diagnostics import notes_of_run
+from mjsheaf.scenario import Scenario
+from mjsheaf.vehicles.actuators import Thruster
+from mjsheaf.vehicles.allocation import allocate_nearest
+from mjsheaf.vehicles.effects import Effects, embody, is_one_sided, turning_of
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.steering import Full
+from mjsheaf.vehicles.vehicle import Vehicle
+from tests.builders import DATA, Array
+from tests.commands import call
+
+SKIFF, AIRBOAT = DATA / "skiff.yaml", DATA / "airboat.yaml"
+RUDDER = Path("otter_rudder")  # a name in models/
+BOATS = [SKIFF, AIRBOAT, RUDDER]
+
+
+def make_run(boat: Path | str, target: Any, *, heading: float = 0.0, end: float = 90.0, **fields: Any) -> Scenario:
+    """One boat and one target, with the gain and velocity limit of the case that deadlocked."""
+    motion = fields.pop("motion", {"kind": "static", "pull": 1})
+    return load_scenario(
+        {
+            "time": {"end": end},
+            "controller": {"gain": 0.2, "velocity_limit": 2},
+            "agents": [{"id": "A", "position": [0.0, 0.0], "vehicle": str(boat), "heading": heading}],
+            "targets": [{"id": "T", "position": target, "motion": motion}],
+            "sensing": [["A", "T"]],
+            "physics": {"timestep": 0.01},
+            **fields,
+        }
+    )
+
+
+def errors(scenario: Scenario, engine: str = "fused") -> tuple[Array, Array]:
+    """Times, s, and tracking errors, m."""
+    data = simulate(scenario, engine=engine)
+    return data["time"].values, data["tracking_error"].values[:, 0]
+
+
+# -- allocation --------------------------------------------------------------------------------------------------------
+
+
+def with_thrusters(places: list[tuple[float, float, float, float, float]]) -> Vehicle:
+    """The skiff with other thrusters: x, y, angle in degrees, lowest and highest thrust; it pushes in the plane."""
+    actuators = []
+    for k, (x, y, degrees, low, high) in enumerate(places):
+        c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+        actuators.append(Thruster(f"t{k}", np.array([c, s, 0, 0, 0, x * s - y * c]), ctrl=(low, high)))
+    return replace(load_vehicle(str(SKIFF)), steering=Full(), actuators=actuators)
+
+
+def allocate(vehicle: Vehicle, wanted: Array) -> Array:
+    """Efforts for surge, sway and yaw (3,)."""
+    fleet = pack_fleet([vehicle], np.zeros(1), 0.01)
+    effort = np.empty(len(vehicle.channels))
+    norms = tuple(fleet.kinds[0]["row_norm"].tolist())
+    allocate_nearest(fleet.thrusters, norms, (float(wanted[0]), float(wanted[1]), 0.0), float(wanted[2]), effort)
+    return effort
+
+
+grid = st.integers(-6, 6).map(lambda n: 0.25 * n)
+placed = st.tuples(
+    grid,
+    grid,
+    st.integers(0, 23).map(lambda n: 15.0 * n),
+    st.sampled_from([0.0, 0.0, -5.0, -40.0, -100.0]),
+    st.sampled_from([50.0, 100.0, 250.0]),
+)
+sets = st.lists(placed, min_size=2, max_size=8)
+shares = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8)
+wrenches = st.tuples(*[st.floats(-500.0, 500.0)] * 3).map(np.array)
+
+
+@pytest.mark.slow
+@settings(max_examples=150, deadline=None)
+@given(places=sets, wanted=wrenches)
+def test_efforts_are_within_their_limits_and_yaw_comes_first(places: Any, wanted: Array) -> None:
+    vehicle = with_thrusters(places)
+    low, high = vehicle.effort_bounds.T
+    effort = allocate(vehicle, wanted)
+    assert (effort >= low).all()
+    assert (effort <= high).all()
+    yaw = vehicle.W[5]
+    reach = np.minimum(yaw * low, yaw * high).sum(), np.maximum(yaw * low, yaw * high).sum()
+    size = np.abs(vehicle.W[[0, 1, 5]]) @ np.maximum(-low, high)
+    assert abs(yaw @ effort - np.clip(wanted[2], *reach)) <= 2e-3 * size[2] + 1e-9
+
+
+@pytest.mark.slow
+@settings(max_examples=150, deadline=None)
+@given(places=sets, share=shares)
+def test_a_wrench_that_is_feasible_is_made(places: Any, share: list[float]) -> None:
+    vehicle = with_thrusters(places)
+    W, (low, high) = vehicle.W[[0, 1, 5]], vehicle.effort_bounds.T
+    wanted = W @ (low + np.array(share[: len(low)]) * (high - low))
+    effort = allocate(vehicle, wanted)
+    size = np.abs(W) @ np.maximum(-low, high)
+    assert (np.abs(W @ effort - wanted) <= 1e-3 * size + 1e-9).all()
+    rows = np.linalg.svd(W / np.maximum(np.linalg.norm(W, axis=1), 1e-9)[:, None])[1]
+    if rows[-1] > 0.2:  # no two rows alike
+        assert (np.abs(W @ effort - wanted) <= 3e-5 * size + 1e-9).all()
+
+
+def test_a_wrench_at_a_corner_of_what_is_feasible_is_made() -> None:
+    """All thrusters at a limit: a case that few rounds missed by 0.7 % of what the thrusters make."""
+    places = [
+        (0.75, -1.5, 240.0, -5.0, 50.0),
+        (1.0, 0.25, 105.0, -5.0, 100.0),
+        (1.25, -0.5, 210.0, -40.0, 100.0),
+        (1.25, -1.0, 270.0, -100.0, 100.0),
+    ]
+    vehicle = with_thrusters(places)
+    W, (low, high) = vehicle.W[[0, 1, 5]], vehicle.effort_bounds.T
+    corner = np.array([50.0, 100.0, -40.0, 100.0])
+    effort = allocate(vehicle, W @ corner)
+    assert (np.abs(W @ (effort - corner)) <= 1e-3 * np.abs(W) @ np.maximum(-low, high)).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(places=sets, wanted=wrenches)
+def test_the_force_is_the_nearest_that_goes_with_the_yaw_moment(places: Any, wanted: Array) -> None:
+    vehicle = with_thrusters(places)
+    W, (low, high) = vehicle.W[[0, 1, 5]], vehicle.effort_bounds.T
+    norm = np.linalg.norm(W, axis=1)
+    scale = np.divide(1.0, norm, out=np.zeros(3), where=norm > 1e-9)
+    effort = allocate(vehicle, wanted)
+    made = W @ effort
+    weight = scale * [1.0, 1.0, 1e4]
+    best = lsq_linear(weight[:, None] * W, weight * [*wanted[:2], made[2]], (low, high), method="bvls", tol=1e-13).x
+    off, least = (np.linalg.norm(scale[:2] * (W[:2] @ u - wanted[:2])) for u in (effort, best))
+    assert off <= least + 2e-3 * np.linalg.norm(high)
+
+
+@pytest.mark.parametrize(
+    ("force", "yaw", "efforts"),
+    [(0, 50, [0, 100]), (0, -50, [100, 0]), (-80, 0, [0, 0]), (300, 1000, [0, 250]), (100, 10, [40, 60])],
+)
+def test_a_skiff_turns_on_one_propeller(force: float, yaw: float, efforts: list[float]) -> None:
+    """Propellers at y = +-.5 m: 100 N on the one to starboard make 50 N m to port."""
+    vehicle = load_vehicle(str(SKIFF))
+    np.testing.assert_allclose(allocate(vehicle, np.array([force, 0, yaw])), efforts, atol=0.01)
+
+
+@pytest.mark.parametrize("wanted", [(0, 100), (0, -100), (-50, 30), (500, 0), (500, 200), (20, 300)])
+def test_a_fan_pushes_within_its_sector(wanted: tuple[float, float]) -> None:
+    vehicle = load_vehicle(str(AIRBOAT))
+    ahead, port = allocate(vehicle, np.array([wanted[0], 0, wanted[1]]))
+    assert np.hypot(ahead, port) <= 400 * (1 + 1e-12)
+    assert abs(port) <= np.tan(np.deg2rad(40)) * ahead + 1e-9
+    assert -1.6 * port == pytest.approx(wanted[1], abs=0.02)
+
+
+def test_symmetric_vehicles_do_not_take_the_branch() -> None:
+    """So that their runs keep their bits."""
+    for name in set(list_vehicles()) - {str(RUDDER)}:
+        vehicle = load_vehicle(name)
+        assert not is_one_sided(vehicle)
+        kind = pack_fleet([vehicle], np.zeros(1), 0.01).kinds[0]
+        assert not kind["one_sided"]
+        assert not kind["forward_only"]
+        if vehicle.actuators:
+            assert not authority_of(vehicle).lacking
+    assert not is_one_sided(embody(load_vehicle(str(SKIFF)), Effects(limits=False)))
+
+
+# -- directions --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("boat", BOATS)
+def test_which_ways_they_push(boat: Path) -> None:
+    vehicle = load_vehicle(str(boat))
+    found = authority_of(vehicle)
+    assert may_lack(vehicle)
+    assert found.lacking == ("astern", "turn to port", "turn to starboard")
+    assert found.describe() == "ahead only, turns under way"
+    assert found.forward_only
+    assert found.turns_under_way
+
+
+def test_what_turning_takes() -> None:
+    """The skiff: 1 N at an arm of .5 m. The airboat: 1 / tan 40 N ahead for 1 N aside, at an arm of 1.6 m."""
+    skiff, airboat = (turning_of(load_vehicle(str(boat))) for boat in (SKIFF, AIRBOAT))
+    assert skiff is not None
+    assert airboat is not None
+    assert skiff.price == pytest.approx(2.0, rel=1e-6)
+    assert airboat.price == pytest.approx(1 / np.tan(np.deg2rad(40)) / 1.6, rel=1e-2)
+    assert skiff.speed == pytest.approx(0.12 * (np.sqrt(60**2 + 4 * 80 * 500) - 60) / 160, rel=1e-6)
+
+
+def skiff_with(folder: Path, low: float, high: float = 250.0) -> str:
+    """The skiff with other limits."""
+    text = SKIFF.with_suffix(".xml").read_text().replace("0 250", f"{low:g} {high:g}")
+    (folder / "skiff.xml").write_text(text)
+    (folder / "skiff.yaml").write_text(SKIFF.read_text())
+    return str(folder / "skiff.yaml")
+
+
+@pytest.mark.parametrize(("low", "one_sided"), [(0, True), (-20, True), (-50, False), (-250, False)])
+def test_a_weak_side_counts_as_none_below_a_tenth(low: float, one_sided: bool, tmp_path: Path) -> None:
+    vehicle = load_vehicle(skiff_with(tmp_path, low))
+    assert is_one_sided(vehicle) is one_sided
+    assert bool(authority_of(vehicle).lacking) is one_sided
+
+
+@settings(max_examples=40, deadline=None)
+@given(places=sets)
+def test_reach_is_as_far_as_efforts_go(places: Any) -> None:
+    """Efforts make a little less along each direction, and no more."""
+    vehicle = with_thrusters(places)
+    W = vehicle.W[[0, 1, 5]]
+    if np.linalg.matrix_rank(W) < 3:
+        return
+    found = authority_of(vehicle)
+    bounds, cost = vehicle.effort_bounds.tolist(), np.zeros(len(vehicle.channels))
+    for row, (some, other) in enumerate(found.reach):
+        for sign, value in ((1.0, some), (-1.0, other)):
+            along = sign * np.eye(3)[row]
+            assert linprog(cost, A_eq=W, b_eq=0.99 * value * along, bounds=bounds).status == 0
+            assert linprog(cost, A_eq=W, b_eq=(1.01 * value + 1e-3) * along, bounds=bounds).status == 2
+
+
+# -- runs --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("heading", [0.0, 120.0])
+@pytest.mark.parametrize("target", [[30, 0], [0, 30], [0, -30], [-30, 0]])
+@pytest.mark.parametrize("boat", BOATS)
+def test_it_reaches_a_target_on_every_side(boat: Path, target: list[float], heading: float) -> None:
+    time, error = errors(make_run(boat, target, heading=heading))
+    assert error[time <= 60.0][-1] < 3.0
+    assert error[-1] < 3.0
+    assert error[time >= 75.0].max() < 3.0
+
+
+@pytest.mark.parametrize("boat", BOATS)
+def test_both_engines_turn_alike(boat: Path) -> None:
+    scenario = make_run(boat, [0.0, 30.0], end=15.0)
+    ours, theirs = (simulate(scenario, engine=name)["agent_position"].values[..., :2] for name in ("fused", "mujoco"))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("drift", [[0.3, 0.0], [-0.2, 0.2]])
+@pytest.mark.parametrize("boat", BOATS)
+def test_it_turns_into_a_current(boat: Path, drift: list[float]) -> None:
+    """It stays downstream by |w| / k, and there it lies to the current."""
+    flow = {"agents": {"dimension": 2, "drift": drift}}
+    time, error = errors(make_run(boat, [-20.0, 10.0], end=120.0, flow=flow))
+    assert np.abs(error[time >= 100.0] - np.linalg.norm(drift) / 0.2).max() < 3.0
+
+
+@pytest.mark.parametrize("boat", BOATS)
+def test_it_follows_a_target_that_moves(boat: Path) -> None:
+    """At 0.4 m/s it is left behind by 0.4 / k = 2 m."""
+    motion = {"kind": "waypoints", "points": [[-20, -60]], "speed": 0.4, "pull": 1}
+    time, error = errors(make_run(boat, [-20.0, 0.0], motion=motion))
+    assert error[time >= 75.0].max() < 2.0 + 3.0
+
+
+def test_a_weak_astern_is_no_worse_than_none(tmp_path: Path) -> None:
+    _, error = errors(make_run(skiff_with(tmp_path, -50.0), [0.0, 30.0], end=60.0))
+    assert error[-1] < 3.0
+
+
+def test_thrusters_that_rest_are_at_no_limit() -> None:
+    data = simulate(make_run(SKIFF, [20.0, 0.0], end=80.0), engine="fused")
+    assert data["agent_saturation"].values[-1, 0] == 0.0
+
+
+# -- what is said ------------------------------------------------------------------------------------------------------
+
+
+def notes(scenario: Scenario, data: xr.Dataset) -> dict[str, Any]:
+    """Notes of a run by kind."""
+    found = notes_of_run(scenario.phases, data, ending_of_run(scenario.phases, data), [], None)
+    return {note.kind: note for note in found}
+
+
+def test_a_run_that_arrives_is_settled() -> None:
+    scenario = make_run(SKIFF, [0.0, 30.0])
+    data = simulate(scenario, engine="fused")
+    assert ending_of_run(scenario.phases, data) == "settled"
+    assert not find_stuck(scenario.phases, data)
+    said = notes(scenario, data)
+    assert "stuck" not in said
+    assert "push in one direction only" in said["saturated"].text
+    assert "the law commands too much" not in said["saturated"].text
+
+
+def test_a_boat_that_drifts_beside_its_target_is_stuck() -> None:
+    """Its target is abeam by 1.2 m, so the command is .24 m/s; it turns round for .26 m/s or more."""
+    scenario = make_run(SKIFF, [0.0, 1.2], end=30.0)
+    data = simulate(scenario, engine="fused")
+    (stuck,) = find_stuck(scenario.phases, data)
+    assert stuck.error == pytest.approx(1.2, rel=0.05)
+    assert stuck.asked == pytest.approx(0.24, rel=0.05)
+    assert stuck.duration > 20.0
+    assert ending_of_run(scenario.phases, data) == "stuck"
+    said = notes(scenario, data)
+    assert said["stuck"].agent == "A"
+    assert "cannot push astern" in said["stuck"].text
+    assert "saturated" not in said
+    assert "the law commands too much" not in " ".join(note.text for note in said.values())
+
+
+def test_a_comparison_does_not_call_a_stuck_boat_settled() -> None:
+    scenario = make_run(SKIFF, [0.0, 1.2], end=30.0)
+    (given,) = [variant for variant in ladder_of(scenario.phases) if variant.kind == "all"]
+    run = run_ablation(scenario.phases, [given])["all"]
+    assert run.ending() == "stuck"
+    assert run.record(run).settling_time_s is None
+
+
+def test_one_sided_thrusters_are_named() -> None:
+    """A run in which nothing moves though 2 m/s are asked: the boat as it was before it learned to turn."""
+    scenario = make_run(SKIFF, [0.0, 30.0], end=20.0)
+    data = simulate(scenario, engine="fused").copy(deep=True)
+    data["agent_velocity"].values[:] = 0.0
+    (stuck,) = find_stuck(scenario.phases, data)
+    assert stuck.duration == pytest.approx(20.0)
+    assert "one-sided" in stuck.reason
+
+
+def test_what_moves_is_not_stuck() -> None:
+    scenario = make_run("otter", [30.0, 0.0], end=20.0)
+    assert not find_stuck(scenario.phases, simulate(scenario, engine="fused"))
+
+
+def test_an_agent_that_is_lost_is_not_stuck() -> None:
+    scenario = make_run("otter", [300.0, 0.0], end=20.0, events=[{"time": 4, "lose": "A"}], targets=[
+        {"id": "T", "position": [300.0, 0.0]}], agents=[
+            {"id": "A", "position": [0.0, 0.0], "vehicle": "otter"},
+            {"id": "B", "position": [0.0, 9.0], "vehicle": "otter"}], sensing=[["A", "T"], ["B", "T"]])  # fmt: skip
+    assert not find_stuck(scenario.phases, simulate(scenario, engine="fused"))
+
+
+def test_check_names_them() -> None:
+    record = check(make_run(SKIFF, [0.0, 30.0]), trial=False)
+    (named,) = record["margins"]["one_sided"]
+    assert named["agents"] == ["A"]
+    assert named["vehicle"] == "skiff"
+    assert "astern" in named["lacking"]
+    assert "turns round" in named["meaning"]
+    assert record["margins"]["bodies"]["reason"].startswith("A has no linear model at rest")
+
+
+def test_a_table_names_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("list", "--vehicles", SKIFF) == 0
+    out = capsys.readouterr().out
+    assert "ahead only" in out
+    assert "both ways" in out

@@ -1,0 +1,283 @@
+"""Runs of several phases, and worlds that continue from a state, equal runs of one phase bit for bit."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import World, load_scenario
+from mjsheaf.errors import InputError
+from mjsheaf.loop.fused import Fused
+from mjsheaf.loop.trajectory import Log
+from mjsheaf.loop.worlds import Worlds
+from mjsheaf.runs.simulate import stream
+from mjsheaf.scenario import Scenario
+from mjsheaf.system import Phase, System, on_engine, phases_of
+from mjsheaf.team import Team
+from tests.builders import mixed_scenario, two_boats
+from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
+
+BACKENDS = [(run_ideal, stream_ideal), (run_physics, stream_physics)]
+
+
+def without_an_edge(system: System) -> System:
+    """The same vehicles without the first edge among agents and with another gain."""
+    team = system.team
+    fewer = Team(team.agents, team.targets, team.communication[1:], team.sensing, team.target_edges, team.formations)
+    from mjsheaf.law import pack_law
+
+    law = pack_law(fewer, 2.0, 0.0, system.law.limit)
+    return replace(system, team=fewer, gain=2.0, law=law)
+
+
+@pytest.mark.parametrize("backend", BACKENDS, ids=["ideal", "bodies"])
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+def test_a_team_that_changes_half_way(backend: Any, period: float) -> None:
+    run, pieces = backend
+    system = mixed_scenario(time={"end": 0.4}, controller={"gain": 8.0, "control_period": period}).system
+    other = without_an_edge(system)
+    whole = run(system)
+    same = [Phase(0, system), Phase(20, system)]
+    together = {name: np.concatenate([getattr(p.log, name) for p in pieces(same, 7)]) for name in Log._fields}
+    for name in Log._fields:
+        np.testing.assert_array_equal(together[name], getattr(whole.log, name), err_msg=name)
+    changed = list(pieces([Phase(0, system), Phase(20, other)], 1000))
+    assert [len(piece.time) for piece in changed] == [20, 21]
+    assert [piece.system.team for piece in changed] == [system.team, other.team]
+    for name in ("positions", "velocity", "command", "quaternions"):
+        np.testing.assert_array_equal(getattr(changed[0].log, name), getattr(whole.log, name)[:20], err_msg=name)
+    # Positions carry over; the law that is sampled there is the new one.
+    np.testing.assert_array_equal(changed[1].positions[0], whole.positions[20])
+    n = system.team.dirichlet.H.shape[0]
+    x = other.team.pack(changed[1].positions)
+    H, B, c = other.team.dirichlet.H, other.team.dirichlet.B, other.team.dirichlet.c
+    eta = np.array([H @ q[:n] - B @ q[n:] - c for q in x])
+    np.testing.assert_allclose(other.team.pack(changed[1].log.residual)[:, :n], eta, rtol=0, atol=1e-10)
+    assert np.abs(changed[1].positions[-1] - whole.positions[-1]).max() > 1e-3
+
+
+def test_metrics_are_those_of_the_phase() -> None:
+    system = mixed_scenario(time={"end": 0.4}).system
+    other = without_an_edge(system)
+    for backend in ("ideal", "physics"):
+        before, after = stream([Phase(0, system), Phase(20, other)], backend, 0)
+        for team, data in ((system.team, before), (other.team, after)):
+            positions = np.concatenate([data["agent_position"].values, data["target_position"].values], axis=1)
+            x = team.pack(np.nan_to_num(positions))
+            q_star = team.dirichlet.extend(x[:, team.dirichlet.H.shape[0] :])
+            np.testing.assert_allclose(
+                team.pack(np.nan_to_num(np.concatenate([data["harmonic_extension"].values, positions[:, 3:]], axis=1)))[
+                    :, : q_star.shape[1]
+                ],
+                q_star,
+                atol=1e-12,
+            )
+
+
+@pytest.mark.parametrize("starts", [[], [1], [0, 0], [0, 9, 5], [0, 999]])
+def test_phases_that_do_not_follow_one_another(starts: list[int]) -> None:
+    system = mixed_scenario(time={"end": 0.4}).system
+    with pytest.raises(InputError, match="phase"):
+        phases_of([Phase(k, system) for k in starts])
+
+
+@pytest.mark.parametrize("steps", [1, 7, 10, 23])
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+def test_a_world_goes_on_from_a_state_to_the_bit(period: float, steps: int) -> None:
+    """Also between two samples, where the held command is the law's memory; and in a world that was elsewhere."""
+    scenario = mixed_scenario(
+        controller={"gain": 8.0, "control_period": period}, disturbance={"agents": {"bound": 1.0}}
+    )
+    one, other = World(scenario), World(scenario)
+    one.step(steps)
+    state = one.get_state()
+    one.step(40)
+    for world in (one, other):
+        world.step(5)
+        world.set_state(state)
+        np.testing.assert_array_equal(world.get_state(), state)
+        assert world.time == pytest.approx(steps * 0.001)
+    again = World(scenario)
+    again.step(steps)
+    for world in (one, other, again):
+        world.step(33)
+    for world in (one, other):
+        np.testing.assert_array_equal(world.get_state(), again.get_state())
+        np.testing.assert_array_equal(world.positions(), again.positions())
+
+
+def test_a_state_of_another_scenario_is_refused_and_changes_nothing() -> None:
+    world = World(mixed_scenario())
+    world.step(3)
+    before = world.get_state()
+    for state in (before[:-1], np.append(before, 0.0), before[:5], np.zeros((2, 2))):
+        with pytest.raises(InputError, match="state has shape"):
+            world.set_state(state)
+        np.testing.assert_array_equal(world.get_state(), before)
+
+
+# -- what a phase may change, and what it may not ----------------------------------------------------------------------
+
+ENGINES = [("ideal", "mujoco", 1), ("bodies", "mujoco", 1), ("bodies", "fused", 1), ("bodies", "fused", 2)]
+
+
+def in_a_flow(drift: list[float], **fields: Any) -> Scenario:
+    """Sixteen boats that lie where they should: they drift together, and the law has nothing to do."""
+    agents = [{"id": f"A{k}", "position": [1.0, 2.0]} for k in range(15)]
+    return load_scenario(
+        {
+            "time": {"end": 3.0},
+            "controller": {"gain": 1.0, "control_period": 0.1},
+            "agents": agents,
+            "targets": [{"id": "T", "position": [1.0, 2.0]}],
+            "sensing": [[agent["id"], "T"] for agent in agents],
+            "flow": {"water": {"dimension": 2, "drift": drift}},
+            "vehicles": {"tau": 0.1},
+            "physics": {"timestep": 0.01},
+            **fields,
+        }
+    )
+
+
+@pytest.mark.parametrize(("backend", "engine", "threads"), ENGINES)
+def test_a_phase_brings_its_own_medium(
+    backend: str, engine: str, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Still water, then a current of 2 m/s, then still water again."""
+    monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 1)
+    still, moving = (in_a_flow(drift).system for drift in ([0.0, 0.0], [2.0, 0.0]))
+    run = on_engine([Phase(0, still), Phase(10, moving), Phase(25, still)], engine, threads)
+    stream_of = stream_ideal if backend == "ideal" else stream_physics
+    pieces = list(stream_of(run, 1000))
+    velocity = np.concatenate([piece.log.velocity for piece in pieces])[..., 0]
+    medium = np.concatenate([piece.log.medium for piece in pieces])[..., 0]
+    np.testing.assert_array_equal(medium, np.repeat([0.0, 2.0, 0.0], [10, 15, 6])[:, None] * np.ones(16))
+    assert not velocity[:10].any()
+    assert velocity[24] == pytest.approx(2.0, abs=1e-5)
+    assert np.abs(velocity[30]).max() < 0.02
+    expected = list(stream_physics(on_engine(run, "mujoco"), 1000)) if backend == "bodies" else pieces
+    ours, theirs = (np.concatenate([piece.positions for piece in each]) for each in (pieces, expected))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_a_world_goes_on_from_a_state_in_another_medium(disturbed: bool) -> None:
+    """Also where the phases have disturbances of unlike sizes."""
+    gusts = {"disturbance": {"agents": {"bound": 0.5}}} if disturbed else {}
+    run = [Phase(0, in_a_flow([0, 0]).system), Phase(10, in_a_flow([2.0, 0], **gusts).system)]
+    one, other = World(run), World(run)
+    one.step(100)
+    state = one.get_state()
+    one.step(37)
+    other.set_state(state)
+    other.step(37)
+    np.testing.assert_array_equal(one.get_state(), other.get_state())
+    assert np.abs(one.positions()[0] - [1.0, 2.0, 0.0]).max() > 0.1
+    one.reset()
+    one.step(100)
+    np.testing.assert_array_equal(one.get_state(), state)
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_a_phase_brings_its_own_motions_of_targets(backend: str) -> None:
+    def moving(amplitude: float) -> System:
+        motion = {"kind": "lissajous", "amplitude": [amplitude, 0], "rate": [0.1, 0.1], "phase": [0, 0]}
+        return in_a_flow([0, 0], target_motion=motion).system
+
+    plain, slow = [Phase(0, moving(40.0))], [Phase(0, moving(40.0)), Phase(15, moving(10.0))]
+    pieces = [stream(run, backend, 0) for run in (plain, slow)]
+    speeds = [np.concatenate([data["target_velocity"].values for data in each])[:, 0, 0] for each in pieces]
+    np.testing.assert_array_equal(speeds[0][:15], speeds[1][:15])
+    assert speeds[0][30] == pytest.approx(4.0 * np.cos(0.3), rel=0.01)
+    assert speeds[1][30] == pytest.approx(speeds[0][30] / 4.0, rel=1e-3)
+
+
+def test_a_phase_brings_its_own_effectiveness_on_ideal_kinematics() -> None:
+    whole, aft = in_a_flow([0, 0], spread={"position": 1.0}).system, [[0.0], [1.0]]
+    agents = [a.model_dump(mode="json", exclude_none=True) for a in in_a_flow([0, 0]).agents]
+    agents = [agent | {"effectiveness": {"layout": aft}} for agent in agents]
+    other = in_a_flow([0, 0], spread={"position": 1.0}, agents=agents).system
+    first, second = (d["agent_velocity"].values for d in stream([Phase(0, whole), Phase(5, other)], "ideal", 0))
+    assert np.abs(first[..., 0]).max() > 0.1
+    assert not second[..., 0].any()
+    assert np.abs(second[..., 1]).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("bodies.vehicle", {"vehicle": ["otter"] * 16}),
+        ("bodies.heading", {"heading": np.ones(16)}),
+        ("bodies.time_constant", {"time_constant": 0.2}),
+        ("bodies.timestep", {"timestep": 0.02}),
+        ("bodies.contacts", {"contacts": True}),
+        ("bodies.surface_height", {"surface_height": 1.0}),
+        ("bodies.engine", {"engine": "fused"}),
+        ("initial", {}),
+        ("grid", {}),
+    ],
+)
+def test_a_phase_cannot_change_the_vehicles_or_the_clock(name: str, change: dict[str, Any]) -> None:
+    system = in_a_flow([0, 0]).system
+    other = replace(system, bodies=replace(system.bodies, **change))
+    if not change:
+        fields: dict[str, Any] = {
+            "initial": {"initial": system.initial + 1.0},
+            "grid": {"grid": replace(system.grid, steps=9)},
+        }
+        other = replace(system, **fields[name])
+    with pytest.raises(InputError, match=rf"phase from sample 8 has other .*{name}.*expected the same") as error:
+        phases_of([Phase(0, system), Phase(8, other)])
+    assert "\n" not in str(error.value)
+
+
+def test_worlds_that_step_together_refuse_phases() -> None:
+    still, moving = (in_a_flow(drift).system for drift in ([0.0, 0.0], [2.0, 0.0]))
+    with pytest.raises(InputError, match=r"events.*at 1 s; expected none in worlds"):
+        Worlds([Fused([Phase(0, still), Phase(10, moving)])])
+
+
+# -- states where a phase begins ---------------------------------------------------------------------------------------
+
+FEEDFORWARD = {"feedforward": {"rounds": 2}}
+LOSE = [{"time": 0.2, "lose": "A2"}, {"time": 0.3, "join": "A2"}]
+GAIN = [{"time": 0.2, "set": {"controller.gain": 2}}]
+
+
+@pytest.mark.parametrize(
+    ("law", "links", "events"),
+    [
+        (FEEDFORWARD, {}, GAIN),
+        (FEEDFORWARD, {}, LOSE),
+        ({"integral": {"gain": 0.1}}, {}, GAIN),
+        ({"newton": {"rounds": 2}}, {}, LOSE),
+        ({}, {"delay": 0.1}, [{"time": 0.2, "set": {"links.all.hold": 0.3}}]),
+        ({}, {"delay": 0.1, "loss": 0.2}, GAIN),
+        ({}, {}, [{"time": 0.2, "cut": ["A1", "A2"]}, {"time": 0.3, "restore": ["A1", "A2"]}]),
+        ({}, {}, LOSE),
+    ],
+    ids=["feedforward-gain", "feedforward-lose", "integral", "newton", "hold", "delay", "cut", "lose"],
+)
+def test_a_state_taken_where_a_phase_begins_is_that_of_the_new_phase(
+    law: dict[str, Any], links: dict[str, Any], events: list[dict[str, Any]]
+) -> None:
+    scenario = two_boats(
+        "hull",
+        "hull",
+        time={"end": 0.4},
+        controller={"gain": 1.0, "control_period": 0.02, **law},
+        links={"all": links},
+        events=events,
+    )
+    world, states = World(scenario), {}
+    for sample in range(20):
+        states[sample] = world.get_state()
+        world.step(4)
+    end = world.get_state()
+    for sample in (9, 10, 11, 14, 15, 16):
+        for resumed in (World(scenario), world):
+            resumed.set_state(states[sample])
+            np.testing.assert_array_equal(resumed.get_state(), states[sample])
+            resumed.step(4 * (20 - sample))
+            np.testing.assert_array_equal(resumed.get_state(), end, err_msg=f"{sample}")

@@ -1,0 +1,200 @@
+"""Bodies of the fused engine on several threads: the same bits on any number of threads."""
+
+import signal
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf import load_scenario, simulate
+from mjsheaf import threads as processors
+from mjsheaf.errors import InputError
+from mjsheaf.loop.engine import Engine
+from mjsheaf.loop.fused import Fused, _advance_part
+from mjsheaf.loop.session import ENGINES, Session, moved_by
+from mjsheaf.scenario import Scenario
+from tests.builders import make_scenario, mixed_scenario, refused
+
+SWARM = {"swarm.size": 60, "time.end": 1.0}
+
+
+def bits(result: Any) -> dict[str, bytes]:
+    assert isinstance(result, xr.Dataset)
+    return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
+
+
+@pytest.fixture(autouse=True)
+def any_team_is_worth_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 1)
+
+
+@pytest.mark.parametrize("name", ["swarm_radio_shadow", "swarm"])
+def test_threads_do_not_change_a_bit(name: str) -> None:
+    """Of a swarm over links that fail, with events in mid-run, and of one over exact links."""
+    scenario = load_scenario(name, SWARM)
+    one, *more = (bits(simulate(scenario, engine="fused", threads=threads)) for threads in (1, 2, 3))
+    assert all(other == one for other in more)
+
+
+def test_the_vehicles_are_divided_among_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is moved by one of them between two evaluations of the law; a team alone in a thread is not divided."""
+    parts: list[tuple[int, int]] = []
+
+    def noting(loop: Any, motion: Any, first: int, last: int, *rest: Any) -> None:
+        parts.append((first, last))
+        _advance_part(loop, motion, first, last, *rest)
+
+    monkeypatch.setattr("mjsheaf.loop.fused._advance_part", noting)
+    scenario = load_scenario("swarm", SWARM)
+    with Session(scenario, engine="fused", threads=3) as session:
+        session.step()
+        assert isinstance(session.engine, Fused)
+        blocks = len(session.engine.compiled[0].params.fleet.blocks) - 1
+    assert blocks == 5
+    assert sorted(parts) == [(0, 1), (1, 3), (3, 5)]
+    parts.clear()
+    with Session(scenario, engine="fused") as session:
+        session.step()
+    assert not parts
+
+
+def test_small_teams_and_laws_in_python_take_no_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A round of the executor takes longer than their vehicles; MuJoCo has one thread however many are allowed."""
+    scenario = load_scenario("swarm", SWARM)
+    before = threading.active_count()
+
+    def threads(**options: Any) -> int:
+        with Session(scenario, **{"engine": "fused", "threads": 3, **options}) as session:
+            session.step()
+            pool = getattr(session.engine, "_pool", None)
+            begun = threading.active_count() - before  # an executor begins one only if none is idle
+            assert begun <= (pool._max_workers if pool else 0)
+            return pool._max_workers if pool else 0
+
+    assert threads() == 3
+    assert threads(controller=lambda t, sample: -sample.disagreement) == threads(engine="mujoco") == 0
+    monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 61 * 10)
+    assert threads() == 0
+
+
+@pytest.mark.parametrize(("quota", "expected"), [("max 100000", 8), ("150000 100000", 2), ("1000 100000", 1), ("", 8)])
+def test_a_container_has_the_processors_of_its_quota(
+    quota: str, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(8))
+    monkeypatch.setattr(processors, "_QUOTA", tmp_path / "cpu.max")
+    (tmp_path / "cpu.max").write_text(quota)
+    assert processors.usable_processors() == expected
+
+
+def test_the_fused_engine_may_take_all_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjsheaf.loop.session.usable_processors", lambda: 7)
+    phases = load_scenario("swarm", SWARM).phases
+    allowed = {
+        (engine, asked): moved_by(phases, "physics", engine, asked)[0].system.bodies.threads
+        for engine in ENGINES
+        for asked in (None, 3)
+    }
+    assert allowed == {("mujoco", None): 1, ("mujoco", 3): 1, ("fused", None): 7, ("fused", 3): 3}
+
+
+def unstable() -> Scenario:
+    """Hulls with a gain that is too high: commands diverge at different samples."""
+    hulls = [{"id": f"A{k}", "position": [0.1 * 9.0 ** -(k % 5), float(k)]} for k in range(20)]
+    wild = {"gain": 1e3, "control_period": 0.01}
+    targets = [{"id": f"T{k}", "position": [0.0, float(k)]} for k in range(20)]
+    sensing = [[f"A{k}", f"T{k}"] for k in range(20)]
+    fields = {"agents": hulls, "targets": targets, "sensing": sensing, "controller": wild, "time": {"end": 2.0}}
+    return make_scenario(fields)
+
+
+def test_runs_that_blow_up_are_the_same_on_any_number_of_threads() -> None:
+    """Every sample up to the last good one is whole, also of vehicles that come after the one that was bad."""
+    runs = [simulate(unstable(), engine="fused", threads=threads) for threads in (1, 2, 3)]
+    world = simulate(unstable())
+    for run in runs:
+        assert run.attrs["status"] == "unstable"
+        assert run.attrs["message"] == runs[0].attrs["message"]
+        assert bits(run) == bits(runs[0])
+        assert run.sizes["time"] == world.sizes["time"]
+        for name, values in world.data_vars.items():
+            np.testing.assert_allclose(run[name], values, rtol=1e-6, atol=1e-6, err_msg=str(name))
+
+
+def step_on(engine: Engine) -> None:
+    """Take 20 periods after 20 periods."""
+    while True:
+        engine.step(20 * engine.steps_per_sample)
+
+
+@pytest.mark.parametrize(
+    ("backend", "engine", "threads"),
+    [("ideal", "mujoco", 1), ("physics", "mujoco", 1), ("physics", "fused", 1), ("physics", "fused", 2)],
+)
+def test_steps_are_counted_that_were_taken_before_ctrl_c(backend: str, engine: str, threads: int) -> None:
+    """A timer's signal arrives in compiled code; what is counted is where a run is that nobody interrupted."""
+    scenario = load_scenario("swarm", {"swarm.size": 30, "time.end": 4.0})
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    with (
+        Session(scenario, backend, engine=engine, threads=threads) as run,
+        Session(scenario, backend, engine=engine, threads=threads) as other,
+    ):
+        try:
+            for one in (run, other):
+                one.engine.step(1)
+            signal.setitimer(signal.ITIMER_REAL, 5e-3)
+            with pytest.raises(KeyboardInterrupt):
+                step_on(run.engine)
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+        other.engine.step(run.engine.steps_taken - 1)
+        np.testing.assert_array_equal(run.engine.positions(), other.engine.positions())
+
+
+def test_an_interrupted_run_leaves_no_thread_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = threading.active_count()
+
+    def interrupted(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(load_scenario("swarm_radio_shadow", SWARM), engine="fused", threads=3, progress=interrupted)
+    assert threading.active_count() == before
+
+
+# -- what is refused ---------------------------------------------------------------------------------------------------
+
+
+def test_threads_that_cannot_be_are_refused() -> None:
+    with refused(InputError, "threads", 2, "ideal"):
+        simulate(mixed_scenario(), "ideal", threads=2)
+    with refused(InputError, "threads", 0, 1):
+        simulate(mixed_scenario(), threads=0)
+
+
+def test_contacts_are_simulated_whatever_threads_are_allowed() -> None:
+    touching = mixed_scenario(physics={"contacts": True}, time={"end": 0.05})
+    assert bits(simulate(touching, threads=2)) == bits(simulate(touching, threads=1))
+
+
+def test_a_run_goes_on_after_its_threads_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On one thread, to the same bits."""
+    monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 1)
+    scenario = load_scenario("swarm", SWARM)
+    found = []
+    for close in (False, True):
+        with Session(scenario, engine="fused", threads=3) as session:
+            session.step()
+            if close:
+                session.engine.close()
+            session.step()
+            found.append(session.engine.positions())
+    np.testing.assert_array_equal(found[0], found[1])
