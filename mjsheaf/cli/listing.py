@@ -1,4 +1,4 @@
-"""`mjsheaf list`, `mjsheaf new`, `mjsheaf schema` and `mjsheaf bench`."""
+"""`mjsheaf list`, `mjsheaf new` and `mjsheaf schema`."""
 
 import json
 import os
@@ -195,50 +195,3 @@ def schema_of(what: str) -> dict[str, Any]:
     }[what]
     found: dict[str, Any] = getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema()
     return found
-
-
-def bench(
-    topics: Annotated[
-        list[str] | None, typer.Argument(metavar="[TOPIC]...", help="Topics to measure.", show_default="all")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print figures and table as JSON.")] = False,
-    full: Annotated[
-        bool, typer.Option("--full", help="More repetitions and larger sizes; takes minutes more.")
-    ] = False,
-    peers: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PYTHON",
-            help="Python interpreter with crazyflow or gym-pybullet-drones installed.",
-            show_default="this one",
-        ),
-    ] = None,
-) -> None:
-    """Measure speed on this machine, with a reference next to each number; takes about two minutes.
-
-    Topics: ideal, loop, fused, threads, assembly, sheaf; in mjsheaf's source tree also startup, peers, hardware,
-    video and memory.
-    """
-    with progress_bars(lines=None if as_json else "stdout") as bars:
-        from mjsheaf.bench import run_bench
-
-        found = run_bench(topics, short=not full, peers=peers, progress=bars)
-    if as_json:
-        print(json.dumps(found, indent=2))
-        return
-    machine = found["machine"]
-    title = f"mjsheaf {machine['mjsheaf']} on {machine['processors']} processors, MuJoCo {machine['mujoco']}"
-    figures = ("ours", "reference", "ratio")
-    headings = ("", "", *figures, "required", "met", "reference is")
-    table = make_table(*headings, numbers=figures, fixed=headings[:-1], title=title, box=None, padding=(0, 1))
-    topic = ""
-    for row in found["rows"]:
-        numbers = ("-" if row[name] is None else f"{row[name]:.3g}" for name in figures)
-        met = {True: "yes", False: "NO", None: ""}[row["met"]]
-        first = "" if row["topic"] == topic else row["topic"]
-        table.add_row(first, row["what"], *numbers, row["wanted"], met, row["note"])
-        topic = row["topic"]
-    console = make_console()
-    if not console.is_terminal:
-        console.width = 150  # columns
-    console.print(table)

@@ -17,7 +17,7 @@ from mjsheaf._version import __version__
 from mjsheaf.cli.check import check
 from mjsheaf.cli.compare import compare, compare_runs
 from mjsheaf.cli.export import export
-from mjsheaf.cli.listing import bench, list_, new, schema
+from mjsheaf.cli.listing import list_, new, schema
 from mjsheaf.cli.run import expect, plot, report, run, video
 from mjsheaf.cli.sweep import sweep
 from mjsheaf.cli.terminal import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
@@ -49,7 +49,6 @@ _COMMANDS: dict[Callable[..., None], str] = {
     compare_runs: "runs/midpoint-ideal runs/midpoint-physics",
     sweep: "midpoint --grid controller.gain=0.1,1,10 --seeds 0:20 --out s",
     expect: "midpoint.yaml --update",
-    bench: "loop peers",
     new: "mine",
     list_: "--vehicles mine.yaml",
     schema: "--study",

@@ -35,17 +35,17 @@ class Ways(NamedTuple):
 
     Attributes:
         source, target: Vertices u and w, shape (k,).
-        F_source, F_target: Maps F_u and F_w, shapes (k, m, n_u) and (k, m, n_w).
-        gram: F_w^T F_w, shape (k, n_w, n_w).
+        edge: Numbers of the edges in the bundle, shape (k,).
         inverse: Bound b of |F_w^+|, shape (k,).
+        F_source, F_target: Maps F_u and F_w of all edges of the bundle.
     """
 
     source: IntArray
     target: IntArray
+    edge: IntArray
+    inverse: Array
     F_source: Array
     F_target: Array
-    gram: Array
-    inverse: Array
 
 
 class Forest(NamedTuple):
@@ -86,11 +86,10 @@ def _find_ways(edges: EdgeSet, free: BoolArray) -> list[Ways]:
     ways = []
     for e in edges.bundles:
         for u, F_u, w, F_w in ((e.tail, e.F_tail, e.head, e.F_head), (e.head, e.F_head, e.tail, e.F_tail)):
-            gram = F_w.transpose(0, 2, 1) @ F_w
-            smallest, largest = _eigenvalue_bounds(gram)
+            smallest, largest = _eigenvalue_bounds(F_w.transpose(0, 2, 1) @ F_w)
             good = free[w] & (smallest >= np.maximum(_LEAST_CONDITION**2 * largest, np.finfo(float).tiny))
-            chosen = slice(None) if good.all() else good
-            ways.append(Ways(u[chosen], w[chosen], F_u[chosen], F_w[chosen], gram[chosen], smallest[chosen] ** -0.5))
+            edge = np.flatnonzero(good)
+            ways.append(Ways(u[edge], w[edge], edge, smallest[edge] ** -0.5, F_u, F_w))
     return ways
 
 
@@ -134,8 +133,10 @@ def grow(edges: EdgeSet, free: BoolArray) -> Forest:
         w = np.flatnonzero((way_of >= begin) & (way_of < begin + len(way.target)))
         b[w] = way.inverse[way_of[w] - begin]
         w = w[free[parent[w]]]  # a held vertex carries nothing of x
-        k = way_of[w] - begin
-        M = np.linalg.solve(way.gram[k], way.F_target[k].transpose(0, 2, 1) @ way.F_source[k])
+        k = way.edge[way_of[w] - begin]
+        F = way.F_target[k]
+        adjoint = F.transpose(0, 2, 1)
+        M = np.linalg.solve(adjoint @ F, adjoint @ way.F_source[k])
         square = M.transpose(0, 2, 1) @ M
         frobenius = np.einsum("kaa->k", square)
         a[w] = np.sqrt(np.minimum(frobenius, np.abs(square).sum(axis=2).max(axis=1, initial=0.0)))
