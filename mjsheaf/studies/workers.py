@@ -11,25 +11,18 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from multiprocessing import resource_tracker
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from threading import Thread
 from typing import Any, Protocol
-
-import psutil
 
 from mjsheaf.arguments import require_whole
 from mjsheaf.errors import InputError
 from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, failed_record, new_record, run_job
 from mjsheaf.threads import ONE_THREAD, usable_processors
 
-_TRIES_ALONE = 2
-"""Number of times that a run is repeated alone after a worker died during it."""
-
 _LEAST_AHEAD = 64
 """Minimum number of runs submitted to a cluster at a time; more would only fill the scheduler's memory."""
-
-_TOO_MUCH_MEMORY = 75
-"""Exit code of a worker that exceeded its memory limit."""
 
 _CONNECT_S = 10
 
@@ -51,97 +44,75 @@ class Workers:
     """Parallel runner of jobs, created by `local_workers` or `workers_at`.
 
     Args:
-        submit: Function that submits a job. The future raises BrokenExecutor if a worker died.
+        submit: Function that submits a job. The future raises BrokenExecutor if the worker that ran it died.
         ahead: Number of jobs submitted at a time.
-        cause: Function that describes why the last worker died.
     """
 
-    def __init__(self, submit: Callable[[Work, Job], Future[JobResult]], ahead: int, cause: Callable[[], str]) -> None:
-        self._submit, self._ahead, self._cause = submit, ahead, cause
+    def __init__(self, submit: Callable[[Work, Job], Future[JobResult]], ahead: int) -> None:
+        self._submit = submit
+        self._ahead = ahead
 
     def run(self, jobs: Iterable[Job], work: Work = run_job) -> Generator[JobResult]:
         """Run jobs and yield each result when it is available.
 
-        If a worker dies, all jobs that were submitted are repeated one at a time. A job whose workers die again gets a
-        record with status 'lost'.
+        A job whose worker dies gets a record with status 'lost'.
 
         Raises:
             SchedulerError: The connection to the cluster is lost.
             ForeignWorkerError: A worker has another version of mjsheaf or of a library.
         """
-        suspects = []
-        for job, result in self._stream(jobs, work, self._ahead):
-            if result is None:
-                suspects.append(job)
-            else:
-                yield result
-        for job in suspects:
-            tries = (result for _ in range(_TRIES_ALONE) for _, result in self._stream([job], work, 1))
-            result = next(filter(None, tries), None)
-            if result is None:
-                message = f"every worker that started it died, {self._cause()}"
-                result = JobResult(new_record(job.point, job.seed, "lost", message))
-            yield result
-
-    def _stream(self, jobs: Iterable[Job], work: Work, ahead: int) -> Iterator[tuple[Job, JobResult | None]]:
-        """Run jobs with at most `ahead` submitted at a time; a result is None if a worker died while the job ran."""
         waiting = iter(jobs)
         asked: dict[Future[JobResult], Job] = {}
         while True:
-            for job in islice(waiting, ahead - len(asked)):
+            for job in islice(waiting, self._ahead - len(asked)):
                 asked[self._submit(work, job)] = job
             if not asked:
                 return
             for future in wait(asked, return_when=FIRST_COMPLETED).done:
                 job = asked.pop(future)
                 try:
-                    yield job, future.result()
+                    result = future.result()
                 except BrokenExecutor:
-                    yield job, None
+                    message = "its worker died, perhaps for lack of memory; fewer --workers leave more to each"
+                    result = JobResult(new_record(job.point, job.seed, "lost", message))
                 except (ForeignWorkerError, SchedulerError):
                     raise
                 except Exception as error:  # raised outside the run, for example because its result cannot be pickled
-                    yield job, JobResult(failed_record(job, error))
+                    result = JobResult(failed_record(job, error))
+                yield result
 
 
 class _Processes:
-    """A pool of processes with one BLAS thread each, replaced after one of them died."""
+    """Processes with one BLAS thread each, in pools of one, so that one that dies takes no other's run with it."""
 
-    def __init__(self, count: int, memory: int) -> None:
-        spawn = mp.get_context("spawn")
-        self._make = partial(ProcessPoolExecutor, count, spawn, initializer=_watch, initargs=(memory,))
-        self._pool = self._make()
-        self._workers: set[BaseProcess] = set()
+    def __init__(self, count: int) -> None:
+        self._spawn = mp.get_context("spawn")
+        self._ends, self._end = self._spawn.Pipe(duplex=False)
+        self._pools = [self._make() for _ in range(count)]
+        self._free: SimpleQueue[int] = SimpleQueue()
+        for k in range(count):
+            self._free.put(k)
+
+    def _make(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, self._spawn, initializer=_end_with, initargs=(self._ends,))
 
     def submit(self, work: Work, job: Job) -> Future[JobResult]:
-        """Submit a job to the pool."""
-        before = set(mp.active_children())
+        """Submit a job to a process that has none, when there is one."""
+        k = self._free.get()
         with _spawning():
             try:
-                return self._pool.submit(work, job)
-            except BrokenExecutor:
-                self._pool.shutdown()
-                self._pool, self._workers = self._make(), set()
-                return self._pool.submit(work, job)
-            finally:
-                self._workers |= set(mp.active_children()) - before
+                future = self._pools[k].submit(work, job)
+            except BrokenExecutor:  # its process died during an earlier job
+                self._pools[k] = self._make()
+                future = self._pools[k].submit(work, job)
+        future.add_done_callback(lambda _: self._free.put(k))
+        return future
 
     def kill(self) -> None:
-        """Kill the workers."""
-        for process in self._workers:
-            process.kill()
-        self._pool.shutdown(cancel_futures=True)
-
-    def cause(self) -> str:
-        """Describe why a worker died and broke the pool."""
-        self._pool.shutdown()
-        codes = {process.exitcode for process in self._workers}
-        if _TOO_MUCH_MEMORY in codes:
-            return "because it exceeded its memory limit; fewer --workers leave more memory to each"
-        if -signal.SIGKILL in codes:
-            return "killed by signal 9, probably out of memory; fewer --workers leave more memory to each"
-        codes -= {0, None, -signal.SIGTERM}  # the pool ends the other workers with SIGTERM
-        return f"with exit code {codes.pop()}" if codes else "for an unknown reason"
+        """End the processes at once."""
+        self._end.close()
+        for pool in self._pools:
+            pool.shutdown(cancel_futures=True)
 
 
 @contextmanager
@@ -163,29 +134,24 @@ def _spawning() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _watch(memory: int) -> None:
-    """Exit this worker when the command ends, for whatever reason, or when it exceeds `memory`, bytes."""
+def _end_with(ends: Connection) -> None:
+    """End this process when the other end of a connection is closed, or the process that has it ends."""
 
     def watch() -> None:
-        parent, me = mp.parent_process(), psutil.Process()
-        while parent is not None and parent.is_alive():
-            if me.memory_info().rss > memory:
-                os._exit(_TOO_MUCH_MEMORY)
-            parent.join(0.1)  # s between checks of the memory
+        ends.poll(None)
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
-def local_workers(count: int | None = None, *, processes: bool = True, memory: int | None = None) -> Iterator[Workers]:
+def local_workers(count: int | None = None, *, processes: bool = True) -> Iterator[Workers]:
     """Start workers on this machine.
 
     Args:
         count: Number of workers; None starts one for each processor that this process may use.
         processes: True for a process per worker. False for threads of this process: they start at once, but a crash
             ends all of them.
-        memory: Memory limit of all processes together, bytes; None allows most of the machine's.
     """
     if count is not None:
         require_whole("workers", count, 1)
@@ -193,13 +159,13 @@ def local_workers(count: int | None = None, *, processes: bool = True, memory: i
     if not processes:
         threads = ThreadPoolExecutor(count)
         try:
-            yield Workers(threads.submit, count, str)
+            yield Workers(threads.submit, count)
         finally:
             threads.shutdown(wait=False, cancel_futures=True)
         return
-    pool = _Processes(count, int(memory or 0.95 * psutil.virtual_memory().total) // count)
+    pool = _Processes(count)
     try:
-        yield Workers(pool.submit, count, pool.cause)
+        yield Workers(pool.submit, count)
     finally:
         pool.kill()
 
@@ -244,7 +210,7 @@ def workers_at(address: str, note: Callable[[str], None] | None = None) -> Itera
         workers = sum(client.nthreads().values())
         if note and not workers:
             note(f"no worker yet at {address}; waiting")
-        yield Workers(submit, max(_LEAST_AHEAD, 4 * workers), lambda: "probably out of memory")
+        yield Workers(submit, max(_LEAST_AHEAD, 4 * workers))
 
 
 def _answer(future: Future[JobResult], done: Any) -> None:
