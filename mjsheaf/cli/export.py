@@ -8,7 +8,7 @@ import typer
 from mjsheaf.cli.options import McapOption, Ros2Option, formats_of, require_file_name
 from mjsheaf.cli.run import require_outside_of_runs
 from mjsheaf.cli.terminal import print_lines, progress_bars
-from mjsheaf.errors import InputError, raise_first
+from mjsheaf.errors import InputError
 
 
 def export(
@@ -31,13 +31,10 @@ def export(
     """
     formats = formats_of(mcap, ros2)
     one_place = f"--out {out}: names one place; expected only one of --mcap and --ros2 with it"
-    raise_first(
-        InputError,
-        {
-            "export: expected --mcap, --ros2 or both": not formats,
-            one_place: out is not None and len(formats) > 1,
-        },
-    )
+    if not formats:
+        raise InputError("export: expected --mcap, --ros2 or both")
+    if out is not None and len(formats) > 1:
+        raise InputError(one_place)
     with progress_bars("exporting the run"):
         from mjsheaf.export import FORMATS, export_run
 

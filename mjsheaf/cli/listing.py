@@ -11,7 +11,7 @@ import typer
 
 from mjsheaf.cli.options import require_file_name
 from mjsheaf.cli.terminal import make_console, make_table, print_lines, progress_bars
-from mjsheaf.errors import InputError, in_field, raise_first, shortened
+from mjsheaf.errors import InputError, in_field, shortened
 
 _ROOM = 40.0  # m around the origin that the vehicles of the new scenario need
 _LEAST_DURATION = 1.0  # s
@@ -119,14 +119,12 @@ def new(
     from mjsheaf.scenario.load import list_scenarios, name_from
 
     path = Path(name if name.endswith((".yaml", ".yml")) else f"{name}.yaml")
-    raise_first(
-        InputError,
-        {
-            f"{shortened(name)!r}: expected a name, such as mine": not re.fullmatch(r"\w[\w .+-]*", path.stem),
-            f"{path}: exists already; expected another name": path.exists() or path.is_symlink(),
-            f"{name}: is the name of an included scenario; expected another name": name in list_scenarios(),
-        },
-    )
+    if not re.fullmatch(r"\w[\w .+-]*", path.stem):
+        raise InputError(f"{shortened(name)!r}: expected a name, such as mine")
+    if path.exists() or path.is_symlink():
+        raise InputError(f"{path}: exists already; expected another name")
+    if name in list_scenarios():
+        raise InputError(f"{name}: is the name of an included scenario; expected another name")
     require_file_name("NAME", path, ".yaml", ".yml")
     template = Path(__file__).parents[1] / "scenario" / "template.yaml"
     text = template.read_text(encoding="utf-8").replace("{file}", path.name).replace("{name}", name_from(path))

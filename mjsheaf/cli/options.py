@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from mjsheaf.cli.terminal import print_note
-from mjsheaf.errors import InputError, MjsheafError, raise_first
+from mjsheaf.errors import InputError, MjsheafError
 
 if TYPE_CHECKING:
     from mjsheaf.io.figures import FigureOptions
@@ -146,13 +146,10 @@ def require_file_name(option: str, path: Path, *suffixes: str) -> None:
         InputError: The name has another suffix or is a directory, or its directory does not exist.
     """
     expected = f"{option} {path}: expected a file whose name ends in {' or '.join(suffixes)}"
-    raise_first(
-        InputError,
-        {
-            expected: path.suffix not in suffixes or path.is_dir(),
-            f"{option} {path}: there is no directory {path.parent}": not path.parent.is_dir(),
-        },
-    )
+    if path.suffix not in suffixes or path.is_dir():
+        raise InputError(expected)
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no directory {path.parent}")
 
 
 def note_idle_seed(scenario: str, backend: str) -> None:

@@ -17,7 +17,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.errors import first_true
 from mjsheaf.law.law import disagreement
 from mjsheaf.law.links import NEW, SILENT
 from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
@@ -452,7 +451,9 @@ def fault_of(dataset: xr.Dataset) -> str:
                 return fault
         elif entry.present in always:
             return f"has no {entry.name}"
-    return first_true({"has no samples": not dataset.sizes["time"], "has not three axes": dataset.sizes["axis"] != 3})
+    if not dataset.sizes["time"]:
+        return "has no samples"
+    return "has not three axes" if dataset.sizes["axis"] != 3 else ""
 
 
 def _fault_of_variable(found: xr.Variable, entry: Variable) -> str:

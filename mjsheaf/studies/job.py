@@ -15,7 +15,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import Ending, bound_ahead, bound_of_run, ending_of_run, judge
-from mjsheaf.errors import InputError, NotUniqueError, raise_first
+from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
 from mjsheaf.loop.session import moved_by, require_simulable
@@ -92,11 +92,11 @@ class Job:
         Raises:
             ForeignWorkerError: The message names the file.
         """
-        changed = {path: digest(Path(path)) != known for path, known in self.files.items()}
-        if self.law is not None:
-            changed[self.law.label] = self.law.changed
-        what = "the file has changed since the study began; choose another --out"
-        raise_first(ForeignWorkerError, {f"{name}: {what}": is_changed for name, is_changed in changed.items()})
+        changed = [path for path, known in self.files.items() if digest(Path(path)) != known]
+        if self.law is not None and self.law.changed:
+            changed.append(self.law.label)
+        if changed:
+            raise ForeignWorkerError(f"{changed[0]}: the file has changed since the study began; choose another --out")
 
     @property
     def changes(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping, require_type
-from mjsheaf.errors import InputError, ScenarioError, in_field, joined, raise_first
+from mjsheaf.errors import InputError, ScenarioError, in_field, joined
 from mjsheaf.io.files import confined, digest_of, list_studies
 from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
@@ -189,13 +189,10 @@ def _read(source: str) -> Plan:
     path = scenarios.get(source) or studies.get(source, Path(source))
     known = ", ".join([*studies, *scenarios])
     missing = path.suffix not in SUFFIXES and not path.exists()
-    raise_first(
-        ScenarioError,
-        {
-            f"{source}: no such study or scenario; expected {known}, or the path of a YAML file": missing,
-            f"{source}: is a directory; expected a name or a YAML file": path.is_dir(),
-        },
-    )
+    if missing:
+        raise ScenarioError(f"{source}: no such study or scenario; expected {known}, or the path of a YAML file")
+    if path.is_dir():
+        raise ScenarioError(f"{source}: is a directory; expected a name or a YAML file")
     directory = path.parent.resolve()
     raw = {} if source in scenarios else read_yaml(path)
     if "scenario" not in raw:

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, JsonValue, model_validator
 
-from mjsheaf.errors import raise_first
 from mjsheaf.io.section import Number, Positive, Section, split_path
 from mjsheaf.loop.session import BACKENDS, ENGINES, require_engine
 
@@ -182,26 +181,20 @@ class StudyFile(Section):
         lengths = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
         expected = f"expected {len(self.points)} different names, one per point"
         unfit = len(self.names) != len(self.points) or len(set(self.names)) < len(self.names)
-        raise_first(
-            ValueError,
-            {
-                f"paired: lists must have one length, but {lengths}": len(set(map(len, self.paired.values()))) > 1,
-                f"names: {len(self.names)}; {expected}": self.names and unfit,
-            },
-        )
+        if len(set(map(len, self.paired.values()))) > 1:
+            raise ValueError(f"paired: lists must have one length, but {lengths}")
+        if self.names and unfit:
+            raise ValueError(f"names: {len(self.names)}; {expected}")
         return self
 
     @model_validator(mode="after")
     def _no_field_is_given_twice(self) -> "StudyFile":
         swept = self.paths
         for k, path in enumerate(swept):
-            raise_first(
-                ValueError,
-                {
-                    f"{path}: is both set and swept; give it once": path in self.set,
-                    f"{path}: is swept twice; give it once": path in swept[:k],
-                },
-            )
+            if path in self.set:
+                raise ValueError(f"{path}: is both set and swept; give it once")
+            if path in swept[:k]:
+                raise ValueError(f"{path}: is swept twice; give it once")
             before = dict.fromkeys(swept[:k], "swept before it; give it first")
             for other, instead in (before | dict.fromkeys(self.set, f"set; give that in the values of {path}")).items():
                 if other.startswith(f"{path}."):

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError, expected, in_field, raise_first
+from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.io.section import Id, Matrix, Number, Positive, Section
 from mjsheaf.sheaf.nonlinear import Measure, desired_value
 from mjsheaf.team.links import Link, RangeBearing
@@ -210,20 +210,14 @@ class LinearEdge(Link):
         """
         if self.measures == "position":
             return
-        raise_first(
-            InputError,
-            {
-                f"sensor: range_bearing measures positions; expected none on an edge of a {self.measures}": isinstance(
-                    self.sensor, RangeBearing
-                ),
-                f"weight: is a matrix; expected a positive number on an edge that measures {self.measures}": isinstance(
-                    self.weight, list
-                ),
-                f"measures: a bearing needs maps of two or three rows, and they have {m}; expected range": (
-                    self.measures == "bearing" and m not in (2, 3)
-                ),
-            },
-        )
+        if isinstance(self.sensor, RangeBearing):
+            raise InputError(f"sensor: range_bearing measures positions; expected none on an edge of a {self.measures}")
+        if isinstance(self.weight, list):
+            raise InputError(
+                f"weight: is a matrix; expected a positive number on an edge that measures {self.measures}"
+            )
+        if self.measures == "bearing" and m not in (2, 3):
+            raise InputError(f"measures: a bearing needs maps of two or three rows, and they have {m}; expected range")
 
 
 def edge_from_pair(value: Any) -> Any:
