@@ -61,8 +61,8 @@ test: $(TESTS)
 	@$(MAKE) --no-print-directory -j 2 --output-sync compiled lint
 	$(PYTEST) -m "not slow"
 
-# What continuous integration runs, after lint.
-test-ci: compiled
+# What continuous integration runs, after lint and compiled.
+test-ci: $(TESTS)
 	$(PYTEST) -m "not long"
 
 # Besides the long ones, hypothesis tries five times as many examples, and the long studies every random case, from a
