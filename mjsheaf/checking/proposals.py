@@ -28,15 +28,15 @@ class Proposal(Record):
     controller: dict[str, object] = Field(
         description="fields of the scenario's controller to set; null takes a term away, others stay as they are"
     )
-    bound: float = Field(description="on |e| at samples of the second half of the run, without speed limits, m")
+    bound: float = Field(description="on |e| at samples of the second half, without speed limits, m")
     bound_per_agent: float = Field(description="`bound` as RMS over agents, bound / sqrt(N), m")
     norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
-    certified: bool = Field(description="whether no speed limit can be met, so that the bound is the run's")
-    command: Finite = Field(description="no agent's command exceeds it over the second half of the run, m/s")
-    stable_on_bodies: bool | None = Field(description="whether the loop of the real vehicles is too; null: undecided")
-    exchanges: float = Field(description="rounds of exchange between neighbours a second")
-    numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
-    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry, at most, 1/s")
+    certified: bool = Field(description="no speed limit can be met, so that the bound is the run's")
+    command: Finite = Field(description="bound on each agent's command over the second half, m/s")
+    stable_on_bodies: bool | None = Field(description="the loop of the real vehicles is stable too; null: undecided")
+    exchanges: float = Field(description="rounds of exchange a second")
+    numbers: float = Field(description="numbers that an agent sends a second, on average")
+    noise: Finite = Field(description="bound on the RMS noise of commands per noise of odometry, 1/s")
 
 
 def propose(system: System, certificate: Certificate, radius: float) -> list[Proposal]:

@@ -1,10 +1,7 @@
-"""Warnings about valid but suspicious values: angles in radians, static targets in a flow, uneven recordings.
+"""Notes on a scenario's files: static targets in a flow, uneven recordings, what a vehicle cannot do or leaves out.
 
-`check`, `run` and `list --vehicles` print them, also about vehicles that cannot do what their description asks of them,
-see `mjsheaf.checking.authority`, and what is left out of their files.
+`check`, `run` and `list --vehicles` print them.
 """
-
-import math
 
 import numpy as np
 
@@ -14,18 +11,17 @@ from mjsheaf.errors import listed
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.probe import mean_flow
-from mjsheaf.scenario.scenario import Agent, Scenario, Target
-from mjsheaf.vehicles.steering import ThrustVector
+from mjsheaf.scenario.scenario import Scenario
 from mjsheaf.vehicles.vehicle import Vehicle
 
-_LEAST_TILT = 2.0  # degrees; a multirotor that tilts less hardly moves, and 2 rad would not be a tilt
+_STEPS = 200  # of the estimate of a drift
+_STAYS = 1e-3  # m; a target that drifts less stays
 
 
 def slips_of(scenario: Scenario) -> list[str]:
-    """Return a warning for each suspicious value in a scenario and its vehicles, in sentences."""
+    """Return the notes on a scenario and its vehicles, in sentences."""
     vehicles = {id(vehicle): vehicle for vehicle in scenario.system.vehicles}
     return [
-        *_headings(scenario),
         *_static_in_flow(scenario),
         *_uneven_paths(scenario),
         *_flows_of_files(scenario),
@@ -34,18 +30,11 @@ def slips_of(scenario: Scenario) -> list[str]:
 
 
 def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
-    """Return a warning for each suspicious value in a vehicle's description, in sentences."""
+    """Return what a vehicle cannot do of what its description asks, and what is left out of its file, in sentences."""
     slips = [shortfall.sentence for shortfall in shortfalls_of(vehicle)]
     if vehicle.left_out:
         slips.append(f"left out of {vehicle.path.name}: {listed(vehicle.left_out)}")
-    if not isinstance(vehicle.steering, ThrustVector) or vehicle.steering.largest_tilt >= _LEAST_TILT:
-        return slips
-    tilt = vehicle.steering.largest_tilt
-    return [
-        *slips,
-        f"steering.largest_tilt of {vehicle.name} is {tilt:g} degrees, so that it hardly leans; "
-        f"{tilt:g} rad are {math.degrees(tilt):.3g} degrees",
-    ]
+    return slips
 
 
 def _flows_of_files(scenario: Scenario) -> list[str]:
@@ -60,27 +49,11 @@ def _flows_of_files(scenario: Scenario) -> list[str]:
     ]
 
 
-def _headings(scenario: Scenario) -> list[str]:
-    """Headings that look like radians: within a turn in rad, and at least half of those that are not whole numbers."""
-    members: list[Agent | Target] = [*scenario.agents, *scenario.targets]
-    broken = {m.id: m.heading for m in members if m.heading is not None and not m.heading.is_integer()}
-    small = {name: heading for name, heading in broken.items() if abs(heading) <= 2.0 * math.pi + 0.01}
-    if 2 * len(small) < len(broken) or not small:  # headings all around are degrees, and some of them are small
-        return []
-    heading = next(iter(small.values()))
-    example = f"{heading:g} rad are {math.degrees(heading):.4g} degrees"
-    return [f"headings are in degrees, and of {listed(small)} they look like radians: {example}"]
-
-
 def _uneven_paths(scenario: Scenario) -> list[str]:
     """Return what differs from a spline through all samples, for each target with a recorded path."""
     pairs = zip(scenario.targets, scenario.target_motions, strict=True)
     curves = {t.id: m.curve(len(t.position)) for t, m in pairs if isinstance(m, Recorded)}
     return [f"recorded path of {name}: {curve.note}" for name, curve in curves.items() if curve.note]
-
-
-_STEPS = 200  # of the estimate of a drift
-_STAYS = 1e-3  # m; a target that drifts less stays
 
 
 def drifts_of(scenario: Scenario) -> dict[str, float]:
