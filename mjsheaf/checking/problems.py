@@ -11,8 +11,7 @@ from typing import Any
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS
 from mjsheaf.checking.loop.modelled import because_of
 from mjsheaf.checking.record import CheckRecord, PartRecord, Problem
-from mjsheaf.checking.separation import SafetyRecord
-from mjsheaf.checking.standoff import MOSTLY
+from mjsheaf.checking.separation import MOSTLY, SafetyRecord
 from mjsheaf.errors import listed
 
 _FIXES = {

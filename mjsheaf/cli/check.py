@@ -1,5 +1,6 @@
 """`mjsheaf check`."""
 
+import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -72,7 +73,6 @@ def check(
     mission failed when it was tried. Errors are the RMS over agents, in metres.
     """
     figures = _figures_of(plot, formats, title)
-    import json
 
     with progress_bars("loading", lines=None):
         from mjsheaf.checking import examine_scenario
