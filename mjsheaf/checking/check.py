@@ -17,10 +17,6 @@ from mjsheaf.law.theorem import RhoLike, as_rho
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 
-_MAX_FIXES = 3  # that are tried
-_SPARE = 1.5  # times the speed of q*, that is proposed as a velocity limit
-_RESERVE = 0.5  # m/s, in addition to that
-
 
 class Answer(dict[str, Any]):
     """The record of a check as a mapping, as `mjsheaf check --json` prints it; it prints as the screen does."""
@@ -79,13 +75,20 @@ def untried(record: CheckRecord) -> CheckRecord:
     return record.model_copy(update={"problems": problems, "ok": not problems})
 
 
-def try_out(record: CheckRecord, scenario: Scenario, progress: Callable[[int, int], None] | None = None) -> CheckRecord:
+def try_out(
+    record: CheckRecord,
+    scenario: Scenario,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    fixes: int = 3,
+) -> CheckRecord:
     """Return the record of a scenario's analysis with a trial of the mission, and of the fixes that it proposes.
 
     Args:
         record: Record of the analysis.
         scenario: The scenario.
         progress: Called with the samples done and the number of samples.
+        fixes: Largest number of fixes that are tried.
     """
     trial = try_mission(scenario, foreseen_error(record), progress)
     notes = list(record.notes)
@@ -93,7 +96,7 @@ def try_out(record: CheckRecord, scenario: Scenario, progress: Callable[[int, in
         notes.append(f"expectations are for the law {scenario.expect.controller}, and the trial ran the scenario's own")
     grid = scenario.whole.grid
     steps = len(scenario.team.members) * grid.steps * round(grid.period / scenario.whole.bodies.timestep)
-    left = min(_MAX_FIXES, MAX_VEHICLE_STEPS // max(steps, 1))
+    left = min(fixes, MAX_VEHICLE_STEPS // max(steps, 1))
     problems = []
     for problem in record.problems:
         if problem.kind == "room" and not problem.changes:
@@ -122,10 +125,13 @@ def _with_own_limits(changes: dict[str, Any], scenario: Scenario) -> dict[str, A
     return changes
 
 
-def _limit_for_room(record: CheckRecord, scenario: Scenario) -> dict[str, Any]:
+def _limit_for_room(
+    record: CheckRecord, scenario: Scenario, *, spare: float = 1.5, reserve: float = 0.5
+) -> dict[str, Any]:
     """Find a velocity limit, and a rate if necessary, with which the safety filter leaves room for the formation.
 
-    The stopping distance of vehicles grows with their speed. The limit is a little above the speed of q*.
+    The stopping distance of vehicles grows with their speed. The limit is `spare` times the speed of q* and `reserve`,
+    m/s, more.
 
     Returns:
         Changes of fields; none if the formation does not fit even then.
@@ -133,7 +139,7 @@ def _limit_for_room(record: CheckRecord, scenario: Scenario) -> dict[str, Any]:
     demanded = [demand.steady for demand in record.margins.speed if demand.steady is not None]
     if not demanded:
         return {}
-    limit = float(f"{_SPARE * max(demanded) + _RESERVE:.2g}")
+    limit = float(f"{spare * max(demanded) + reserve:.2g}")
     changes = _with_own_limits({"controller.velocity_limit": limit}, scenario)
     fields = scenario.model_dump(mode="json", exclude_none=True)
     try:

@@ -22,9 +22,6 @@ _FIXES = {
 _UNITS = {"controller.gain": " 1/s", "safety.rate": " 1/s", "controller.velocity_limit": " m/s"}
 _RESERVE = 0.5  # fraction of the largest gain that is proposed
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
-_LEAST_DELIVERY = 1e-3  # fraction of the measurements that arrive, of links that deliver fewer
-_LATEST = 7.0 / 16.0 * math.pi  # phase at the crossover above which a loop over links is undecided, rad
-_MAX_DEFICIT = 0.5  # m: distance behind q* at the end that still counts as keeping up
 
 
 def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
@@ -43,15 +40,16 @@ def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
     ]
 
 
-def untried_of(record: CheckRecord) -> list[Problem]:
+def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) -> list[Problem]:
     """Return what the analysis leaves undecided and a trial decides.
 
-    That is the loop of boats that have no linear model, and of slow vehicles over links that delay or lose much.
+    That is the loop of boats that have no linear model, and of slow vehicles over links that delay or lose much: more
+    than by the largest phase at the crossover, rad.
     """
     parts: list[PartRecord] = [record, *record.phases]
     for part in parts:
         bodies = part.margins.bodies
-        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > _LATEST
+        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > largest
         if bodies.stable is None and undecided:
             what = "the vehicles' loop is undecided, and the mission was not tried"
             return [Problem(kind="untried", what=what, why=bodies.reason)]
@@ -159,7 +157,7 @@ def _of_loops(part: PartRecord) -> Iterator[Problem]:
         yield Problem(kind="undecided", what=f"the law is undecided, {because_of(law.unmodelled)}")
     if law.stable is False and law.stable_gains is None:
         yield Problem(kind="held_law", what="the held law is unstable at any controller.gain")
-    elif law.stable is False:
+    elif law.stable is False and law.stable_gains is not None:
         low, high = law.stable_gains
         why = f"controller.gain is stable between {low:.3g} and {high:.3g} 1/s"
         yield _of_gain("held_law", "the held law is unstable", why, low + _RESERVE * (min(high, late) - low))
@@ -213,7 +211,7 @@ def _late_phase(part: PartRecord, tau: float) -> float:
     if links is None or hold is None or links.delay.delay is None or links.exact or tau <= 0.0:
         return 0.0
     lost = 1.0 - min((share for share in links.delivery.values() if share is not None), default=1.0)
-    delay = links.delay.delay + hold.period * (0.5 + lost / max(1.0 - lost, _LEAST_DELIVERY))
+    delay = links.delay.delay + hold.period * (0.5 + lost / max(1.0 - lost, 1e-3))
     rate = part.theorem.gain * part.theorem.lambda_max
     crossover = math.sqrt((math.sqrt(1.0 + (2.0 * tau * rate) ** 2) - 1.0) / 2.0) / tau
     return math.atan(crossover * tau) + crossover * delay
@@ -248,11 +246,14 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
         )
 
 
-def _of_slow(part: PartRecord) -> Iterator[Problem]:
-    """Yield that some agents are slower than their places to the end: by their vehicles, or by velocity limits."""
+def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
+    """Yield that some agents are slower than their places to the end: by their vehicles, or by velocity limits.
+
+    An agent that is no farther behind than `deficit`, m, counts as keeping up.
+    """
     for limited in (False, True):
         alike = [demand for demand in part.margins.speed if demand.limited == limited]
-        slow = [demand for demand in alike if (demand.deficit or 0.0) > _MAX_DEFICIT]
+        slow = [demand for demand in alike if (demand.deficit or 0.0) > deficit]
         if not slow:
             continue
         worst = max(slow, key=lambda demand: demand.deficit or 0.0)

@@ -87,7 +87,9 @@ def _fields(record: BaseModel, before: BaseModel | None) -> list[tuple[str, Any,
     shown = []
     for name in names:
         value, old = _plain(getattr(record, name)), _plain(getattr(before, name, None))
-        hidden = name in _SAID_ELSEWHERE or _is_empty(value) or name.removesuffix(_RMS) in set(names) - {name}
+        gone = value is None and not _is_empty(old) and not isinstance(old, BaseModel)
+        hidden = name in _SAID_ELSEWHERE or name.removesuffix(_RMS) in set(names) - {name}
+        hidden |= _is_empty(value) and not gone
         if not hidden and (before is None or _text(value) != _text(old)):
             shown.append((name, value, old))
     order = {name: k for k, name in enumerate(_FIRST)}
@@ -123,10 +125,13 @@ def _lines(rows: list[Row]) -> Iterator[Text]:
 def _row(indent: str, name: str, value: Any, old: Any, owner: BaseModel) -> Row:
     """Return a field with its description, or with its value before."""
     text = _text(value)
+    meaning = _describe(type(owner), name)
     rms = getattr(owner, name + _RMS, None)
     if rms is not None:
         text += f" (RMS {_text(rms)})"
-    return indent + name, text, _describe(type(owner), name) if old is None else f"before: {_text(old)}"
+    if len(text) > _WIDEST_VALUE and not isinstance(value, str):
+        text = f"{meaning}: {text}"
+    return indent + name, text, meaning if _is_empty(old) else f"before: {_text(old)}"
 
 
 def _describe(model: type[BaseModel], name: str) -> str:

@@ -44,10 +44,7 @@ MOSTLY = 0.5
 """Fraction of the samples above which a formation cannot be reached."""
 
 _MOST_PAIRS = 200  # maximum number of pairs in a record, the closest ones
-_MOST_TIMES = 100  # maximum number of samples of the standoff
-_MOST_COMPARED = 4_000_000  # pairs times samples of it, about
 _ROUNDING = 1e-9  # tolerance of a distance, m, and of a speed, m/s
-_SMALLEST = 1e-6  # horizontal part of a direction below which a planar agent cannot act along it
 
 
 class TooClose(Record):
@@ -162,7 +159,13 @@ class _Constraints(NamedTuple):
 
 
 def standoffs(
-    system: System, safety: SafetyArrays, least: SafetyArrays, names: list[str], times: Array, places: Array
+    system: System,
+    safety: SafetyArrays,
+    least: SafetyArrays,
+    names: list[str],
+    times: Array,
+    places: Array,
+    most: int = 100,
 ) -> list[Standoff]:
     """List the pairs whose places do not fit, those that take the highest rate first.
 
@@ -173,10 +176,11 @@ def standoffs(
         names: Ids of vehicles and obstacles.
         times: Sample times, shape (T,), s.
         places: Places in q*, and those of the targets, in space, shape (T, V, 3), m.
+        most: Largest number of samples that are looked at; fewer of large teams.
     """
     T, V = places.shape[:2]
     velocity = np.gradient(places, times, axis=0) if T > 1 else np.zeros_like(places)
-    count = min(T, _MOST_TIMES, max(2, _MOST_COMPARED // V**2))
+    count = min(T, most, max(2, 4_000_000 // V**2))
     rows = np.unique(np.linspace(0, T - 1, count).astype(np.int64))
     each = [_constraints(system, safety, least, times[k], places[k], velocity[k]) for k in rows]
     sample = np.repeat(rows, [len(found.agent) for found in each])
@@ -238,7 +242,8 @@ def _constraints(
     parting = np.concatenate([parting, about + safety.obstacles.speed[which]])
     weight = np.concatenate([weight, np.ones(len(near))])
     z[safety.planar[agent_of], 2] = 0.0
-    acts = safety.yields[agent_of] & (away > 0.0) & (np.linalg.norm(z, axis=1) > _SMALLEST * away)
+    # A planar agent cannot act along a direction that is nearly vertical.
+    acts = safety.yields[agent_of] & (away > 0.0) & (np.linalg.norm(z, axis=1) > 1e-6 * away)
     towards = np.einsum("pi,pi->p", z[acts], command[agent_of[acts]]) / away[acts]
 
     def distance_of(arrays: SafetyArrays) -> Array:

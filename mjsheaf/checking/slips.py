@@ -14,9 +14,6 @@ from mjsheaf.media.probe import mean_flow
 from mjsheaf.scenario.scenario import Scenario
 from mjsheaf.vehicles.vehicle import Vehicle
 
-_STEPS = 200  # of the estimate of a drift
-_STAYS = 1e-3  # m; a target that drifts less stays
-
 
 def slips_of(scenario: Scenario) -> list[str]:
     """Return the notes on a scenario and its vehicles, in sentences."""
@@ -56,11 +53,11 @@ def _uneven_paths(scenario: Scenario) -> list[str]:
     return [f"recorded path of {name}: {curve.note}" for name, curve in curves.items() if curve.note]
 
 
-def drifts_of(scenario: Scenario) -> dict[str, float]:
+def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> dict[str, float]:
     """Estimate how far the flow carries each target without a motion or a pull by the end of the run, m.
 
-    The targets move with the mean medium, without gusts, waves and disturbance, up to where it is known. Those that
-    stay are left out.
+    The targets move with the mean medium, without gusts, waves and disturbance, up to where it is known, in a number
+    of steps. Those that drift by less than `least`, m, are left out.
     """
     phases, N = scenario.phases, len(scenario.agents)
     free = [k for k, motion in enumerate(scenario.target_motions) if _is_free(motion)]
@@ -69,7 +66,7 @@ def drifts_of(scenario: Scenario) -> dict[str, float]:
         return {}
     v = N + np.array(free)
     x = first.initial[v].copy()
-    times = np.linspace(grid.start, grid.start + grid.steps * grid.period, _STEPS + 1)
+    times = np.linspace(grid.start, grid.start + grid.steps * grid.period, steps + 1)
     h = float(times[1] - times[0])
     for t in times[:-1]:
         system = [phase for phase in phases if phase.time <= t + 1e-9][-1].system
@@ -81,7 +78,7 @@ def drifts_of(scenario: Scenario) -> dict[str, float]:
             step = h * mean_flow(system, vehicle, float(t) + 0.5 * h, np.where(known[:, None], middle, x[own]))
             x[own] += np.where(np.isfinite(step) & known[:, None], step, 0.0)
     away = np.linalg.norm(x - first.initial[v], axis=1)
-    return {scenario.targets[k].id: float(far) for k, far in zip(free, away, strict=True) if far > _STAYS}
+    return {scenario.targets[k].id: float(far) for k, far in zip(free, away, strict=True) if far > least}
 
 
 def _is_free(motion: Motion | None) -> bool:

@@ -13,7 +13,7 @@ import pytest
 import mjsheaf
 from mjsheaf.checking import CheckRecord, examine
 from mjsheaf.checking.figures import draw_check
-from mjsheaf.checking.report import report
+from mjsheaf.checking.report import WIDTH, report
 from mjsheaf.cli.terminal import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
@@ -60,10 +60,11 @@ def test_verdicts_schema_and_exit_code(
 
 
 def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) -> None:
-    terminal = make_console()
+    terminal = make_console(WIDTH)
     terminal.print(report(record))
     printed = capsys.readouterr().out
     lines = printed.splitlines()
+    assert len(lines) <= (200 if record.scenario == "paper" else 240) or len(record.phases) > 1
     for name, value in record.theorem:
         if value not in (None, "", record.theorem.weaker) and name not in ("holds", "applies", "norm"):
             assert name.endswith("_per_agent") or any(line.startswith(f"  {name} ") for line in lines)

@@ -23,8 +23,6 @@ from mjsheaf.vehicles.vehicle import Vehicle
 MOST_ROWS = 20
 """Largest number of agents that are listed with their speeds."""
 
-_FEWEST_INSTANTS = 3  # of a path whose velocity is known
-
 
 class HoldMargin(Record):
     """A law held over a period h, on ideal kinematics: q grows by (1 - k1 h lambda) in each mode."""
@@ -127,7 +125,7 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
     """Return the targets that are pulled to a path, and whose vehicles are too slow for it in the last quarter."""
     path, N = certificate.constants.path, len(system.team.agents)
     held = system.motion.pull[N:] > 0.0
-    if path.cells is None or not held.any() or len(path.time) < _FEWEST_INSTANTS:
+    if path.cells is None or not held.any() or len(path.time) < 3:
         return {}
     along = np.gradient(path.positions[:, N:], path.time, axis=0)
     flow = np.array([mean_flow(system, v, 0.0, path.positions[:, v]) for v in range(N, N + len(held))])
