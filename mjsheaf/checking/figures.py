@@ -10,8 +10,9 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from mjsheaf.checking.check import CheckRecord, Examination
+from mjsheaf.checking.examination import Examination
 from mjsheaf.checking.problems import headline
+from mjsheaf.checking.record import CheckRecord
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.plotting import (
