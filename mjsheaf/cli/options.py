@@ -56,14 +56,6 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(help="Seed of disturbances and of random initial conditions.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Directory for the results.")]
 VideoOption = Annotated[bool, typer.Option("--video/--no-video", help="Draw a video.")]
-LegendOption = Annotated[
-    bool | None,
-    typer.Option(
-        "--legend/--no-legend",
-        help="Explain colours, lines and arrows in a panel next to the scene.",
-        show_default="as the scenario says: legend",
-    ),
-]
 QualityOption = Annotated[
     Literal["good", "draft"] | None,
     typer.Option(

@@ -320,7 +320,9 @@ class Video(Section):
     quality: Literal["good", "draft"] = Field(
         "good", description="draft: drawn quickly, coarse and with hard edges, at most 15 frames a second"
     )
-    legend: bool = Field(True, description="a panel next to the scene explains colours, lines and arrows")
+    legend: Literal[True] = Field(
+        True, description="a panel next to the scene always explains colours, lines and arrows"
+    )
 
     @property
     def eye(self) -> tuple[float, float]:

@@ -19,9 +19,7 @@ from scipy.ndimage import convolve1d, maximum_filter1d
 from mjsheaf.video.film import FloatArray
 
 # Fraction of the picture's half-width or half-height that the team may fill at the left, right, bottom and top.
-# The top has more room for the title.
-FILL = (0.88, 0.88, 0.86, 0.74)
-FILL_BESIDE_PANEL = (0.88, 0.88, 0.86, 0.84)  # with the title in the panel
+FILL = (0.88, 0.88, 0.86, 0.84)
 SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, in s of video
 
 

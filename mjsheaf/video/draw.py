@@ -16,7 +16,7 @@ from PIL import Image
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.figures import MATPLOTLIB
 from mjsheaf.io.files import whole_file
-from mjsheaf.video.camera import FILL, FILL_BESIDE_PANEL, SMOOTHING, View, camera_path
+from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
@@ -145,7 +145,6 @@ class Painter(AbstractContextManager["Painter"]):
             radius=radius,
             window=round(SMOOTHING * options.fps),
             distance=options.distance,
-            fill=FILL_BESIDE_PANEL if options.legend else FILL,
         )
         set_detail(self.model, self.camera, radius, options.drawn[1])
         self._size, self._panel = options.scene, options.panel
@@ -157,7 +156,7 @@ class Painter(AbstractContextManager["Painter"]):
         self._decorator.lay_out_arrows(middle)
         arrows = {medium.name: (medium.top, medium.scale) for medium in film.media}
         with MATPLOTLIB:  # another thread may be drawing the plots of the run
-            self._overlay = Overlay(film, options, survey, beside, arrows)
+            self._overlay = Overlay(film, options, survey, arrows)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
     def draw(self, number: int) -> Callable[[], Image.Image]:
@@ -175,12 +174,10 @@ class Painter(AbstractContextManager["Painter"]):
     def _write(self, image: Image.Image, now: Moment, view: View) -> Image.Image:
         if image.size != self._size:
             image = image.resize(self._size, Image.Resampling.BILINEAR)
-        if self._panel:
-            frame = Image.new("RGB", (self._panel + image.width, image.height))
-            frame.paste(image, (self._panel, 0))
-            image = frame
-        self._overlay.write(image, now, view)
-        return image
+        frame = Image.new("RGB", (self._panel + image.width, image.height))
+        frame.paste(image, (self._panel, 0))
+        self._overlay.write(frame, now, view)
+        return frame
 
     def pose(self, number: int) -> tuple[Moment, View]:
         """Put the vehicles where a frame has them: all of MuJoCo's kinematics that drawing needs, and no dynamics."""

@@ -267,8 +267,8 @@ class VideoOptions(Video):
 
     @property
     def panel(self) -> int:
-        """Width of the panel at the left of the scene, which has the legend, in pixels; 0 without a legend."""
-        return 2 * round(PANEL * self.unit / 2) if self.legend else 0
+        """Width of the panel at the left of the scene, which has status and legend, in pixels."""
+        return 2 * round(PANEL * self.unit / 2)
 
     @property
     def scene(self) -> tuple[int, int]:

@@ -3,15 +3,14 @@
 The constant part is one matplotlib figure, drawn once when the overlay is made. A frame costs a few pastes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch, Rectangle
+from matplotlib.lines import Line2D
 from PIL import Image, ImageDraw
 
 from mjsheaf.video.camera import View
@@ -23,10 +22,9 @@ from mjsheaf.video.text import BLUE, GREY, PANEL_GROUND, PLATE, WHITE, bright, f
 LABELLED_AGENTS = 24  # labels of more than these would cover the picture
 
 # Sizes in pixels of a 1000x720 frame.
-MARGIN, PAD, CORNER = 14, 12, 8
+MARGIN = 14
 SCALE_BAR = 150  # longest
-STATUS_WIDTH = (330, 460)  # of the status plate: as wide as its title needs, within these
-TITLE, SUBTITLE, TIME, ERROR, CURVE, STATUS_HEIGHT = 8, 40, 66, 93, 120, 202  # rows in the status plate
+TITLE, SUBTITLE, TIME, ERROR, CURVE, STATUS_HEIGHT = 8, 40, 66, 93, 120, 202  # rows of the status
 CURVE_HEIGHT, TICKS = 58, 56  # height of the curve; width of the numbers next to it
 
 
@@ -34,7 +32,7 @@ class Overlay:
     """Writes on frames. One is made for a video and a size of frame.
 
     Attributes:
-        rows: Rows of the legend; none where it is off.
+        rows: Rows of the legend.
     """
 
     def __init__(
@@ -42,7 +40,6 @@ class Overlay:
         film: Film,
         options: VideoOptions,
         survey: Samples,
-        beside: Sequence[Film] = (),
         arrows: Mapping[str, tuple[float, int]] | None = None,
     ) -> None:
         """Draw everything that stays the same.
@@ -51,23 +48,25 @@ class Overlay:
             film: Content of the video.
             options: Size of the frame and so on.
             survey: Samples of the run, for the curve of its error.
-            beside: Content of the pictures next to this one, whose curves get the same size.
             arrows: End of the scale of speeds, m/s, and number of the scale of colours of each medium by name.
         """
         self._film, self._unit = film, options.unit
         self._width, self._height = options.width, options.height
         self._panel, self._scene = options.panel, options.scene
-        self._inner = self._room_for_status((film, *beside))
-        figure = Figure(figsize=(options.width / 72, options.height / 72), dpi=72)  # a point is a pixel
-        figure.patch.set_alpha(0.0)
-        plate = self._add_status(figure)
-        curve = self._add_curve(figure, survey)
-        self.rows = legend_rows(film, options, survey) if options.legend else []
-        if options.legend:
-            self._add_legend(figure, arrows or {})
-        ((self._whole, self._status_place),) = _cut(figure, plate)
+        self._inner = max(self._panel - 2 * self._px(MARGIN), 1)
+        self._left = self._px(MARGIN)
+        size = self._panel / 72, options.height / 72
+        figure = Figure(figsize=size, dpi=72, facecolor=PANEL_GROUND)  # a point is a pixel
+        canvas = FigureCanvasAgg(figure)
+        self._add_title(figure)
+        (curve,) = self._add_curve(figure, survey)
+        self.rows = legend_rows(film, options, survey)
+        self._add_legend(figure, arrows or {})
+        canvas.draw()
+        self._whole = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         curve.set_visible(False)
-        ((self._bare, _),) = _cut(figure, plate)
+        canvas.draw()
+        self._bare = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         self._dot = text("●", self._px(12), WHITE)
         self._labels = self._draw_labels()
         ever = {agent for stage in film.stages for agent in stage.absent}
@@ -77,11 +76,10 @@ class Overlay:
         """Write on a frame, RGB, in place."""
         self._write_labels(image, moment, view)
         column, row = (float(np.interp(moment.time, self._curve_time, pixels)) for pixels in self._curve)
-        # The curve is revealed up to now: the plate with it on the left, the plate without it on the right.
-        left, top = self._status_place
-        split = max(round(column) - left, 0)
-        _paste(image, self._whole.crop((0, 0, split, self._whole.height)), (left, top))
-        _paste(image, self._bare.crop((split, 0, self._bare.width, self._bare.height)), (left + split, top))
+        # The curve is revealed up to now: the panel with it on the left, the panel without it on the right.
+        split = max(round(column), 0)
+        image.paste(self._bare, (0, 0))
+        image.paste(self._whole.crop((0, 0, split, self._whole.height)), (0, 0))
         if np.isfinite(row):
             _paste(image, self._dot, (round(column - self._dot.width / 2), round(row - self._dot.height / 2)))
         stages = self._film.stages
@@ -94,27 +92,12 @@ class Overlay:
             words = shorten(words, self._px(size), self._inner)
             draw.text((self._left, self._px(MARGIN + line)), words, to_hex(colour), font(self._px(size)))
 
-    def _room_for_status(self, films: Sequence[Film]) -> int:
-        """Return the width of what is written in the status, in pixels; several videos side by side share one."""
-        if self._panel:
-            return max(self._panel - 2 * self._px(MARGIN), 1)
-        title, note = font(self._px(24), bold=True), font(self._px(14))
-        widest = max(max(title.getlength(film.name), note.getlength(film.subtitle)) for film in films)
-        least, most = (self._px(width - 2 * PAD) for width in STATUS_WIDTH)
-        return min(max(int(np.ceil(widest)), least), most)
-
     def _add_legend(self, figure: Figure, arrows: Mapping[str, tuple[float, int]]) -> None:
         """Add the legend and the bars of colours below the status."""
-        left = self._left
         top = self._height - self._px(STATUS_HEIGHT + 2 * MARGIN)
         height = top - self._px(MARGIN) - bars_height(arrows, self._unit)
-        add_legend(figure, self.rows, (left, top, self._inner, height), SIZE * self._unit)
-        add_bars(figure, arrows, left, self._inner, self._unit)
-
-    @property
-    def _left(self) -> int:
-        """Column at which the status begins, in pixels."""
-        return self._px(MARGIN) if self._panel else self._px(MARGIN + PAD)
+        add_legend(figure, self.rows, (self._left, top, self._inner, height), SIZE * self._unit)
+        add_bars(figure, arrows, self._left, self._inner, self._unit)
 
     def _write_scale(self, draw: ImageDraw.ImageDraw, view: View) -> None:
         """Draw a bar of a round length at the bottom right, as long as that is at the team's centre."""
@@ -130,11 +113,9 @@ class Overlay:
         outline: dict[str, Any] = {"stroke_width": self._px(2), "stroke_fill": to_hex(PLATE[:3])}
         draw.text((right, row - self._px(10)), words, to_hex(WHITE), font(self._px(13)), anchor="rs", **outline)
 
-    def _add_status(self, figure: Figure) -> Artist:
-        """Add the plate at the top left, with title and subtitle; return the plate."""
+    def _add_title(self, figure: Figure) -> None:
+        """Add title and subtitle at the top of the panel."""
         top = self._height - self._px(MARGIN)
-        plate = self._ground()
-        figure.add_artist(plate)
         for words, row, size, colour, bold in (
             (self._film.name, TITLE, 24, WHITE, True),
             (self._film.subtitle, SUBTITLE, 14, GREY, False),
@@ -151,32 +132,12 @@ class Overlay:
                 weight="bold" if bold else "normal",
                 parse_math=False,
             )
-        return plate
 
-    def _ground(self) -> FancyBboxPatch | Rectangle:
-        """Return the ground of the writing: the panel next to the scene, or a plate at the top left of the scene."""
-        if self._panel:
-            return Rectangle(
-                (0, 0), self._panel, self._height, facecolor=PANEL_GROUND, linewidth=0, transform=None, zorder=-1
-            )
-        corner, top = self._px(CORNER), self._height - self._px(MARGIN)
-        width, height = self._inner + 2 * self._px(PAD), self._px(STATUS_HEIGHT)
-        return FancyBboxPatch(
-            (self._px(MARGIN) + corner, top - height + corner),
-            max(width - 2 * corner, 1),
-            max(height - 2 * corner, 1),
-            boxstyle=f"round,pad={corner},rounding_size={corner}",
-            facecolor=PLATE,
-            linewidth=0,
-            transform=None,
-            zorder=-1,
-        )
-
-    def _add_curve(self, figure: Figure, survey: Samples) -> Artist:
+    def _add_curve(self, figure: Figure, survey: Samples) -> list[Line2D]:
         """Add the error over time on a log scale, and note where it is in the frame; return the curve."""
         left, width = self._left, max(self._inner - self._px(TICKS), 2)
         bottom = self._height - self._px(MARGIN + CURVE + CURVE_HEIGHT)
-        size = (self._width, self._height) * 2
+        size = (self._panel, self._height) * 2
         axes = figure.add_axes(tuple(np.divide((left, bottom, width, self._px(CURVE_HEIGHT)), size)))
         axes.set_facecolor((0.0, 0.0, 0.0, 0.35))
         axes.spines[:].set_visible(False)
@@ -200,7 +161,7 @@ class Overlay:
         first, last = axes.get_xticklabels()
         first.set_horizontalalignment("left")
         last.set_horizontalalignment("right")
-        (curve,) = axes.plot(survey.time, values, color=BLUE, linewidth=1.6 * max(self._unit, 0.6))
+        curve = axes.plot(survey.time, values, color=BLUE, linewidth=1.6 * max(self._unit, 0.6))
         place = axes.transData.transform(np.column_stack([survey.time, np.where(known, values, floor)]))
         rows = np.where(known, self._height - place[:, 1], np.nan)
         self._curve_time, self._curve = survey.time, (place[:, 0], rows)
@@ -235,20 +196,6 @@ class Overlay:
     def _px(self, size: float) -> int:
         """Convert a size given for a frame of the reference size to this frame's pixels."""
         return max(1, round(size * self._unit))
-
-
-def _cut(figure: Figure, *artists: Artist) -> list[tuple[Image.Image, tuple[int, int]]]:
-    """Draw a figure and cut out what each artist covers: an RGBA image, and the pixel of its top left corner."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba()))
-    cuts = []
-    for artist in artists:
-        x0, y0, x1, y1 = artist.get_window_extent(canvas.get_renderer()).extents
-        left, top = max(int(x0) - 1, 0), max(int(drawn.height - y1) - 1, 0)
-        right, bottom = min(int(x1) + 2, drawn.width), min(int(drawn.height - y0) + 2, drawn.height)
-        cuts.append((drawn.crop((left, top, max(right, left + 1), max(bottom, top + 1))), (left, top)))
-    return cuts
 
 
 def _paste(image: Image.Image, part: Image.Image, place: tuple[int, int]) -> None:

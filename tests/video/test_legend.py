@@ -1,7 +1,6 @@
-"""The legend is next to the scene, explains every symbol, and can be turned off."""
+"""The legend is next to the scene, and explains every symbol."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,9 +9,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from mjsheaf.errors import InputError
 from mjsheaf.scenario import load_scenario
-from mjsheaf.video import Film, VideoOptions, available_backend
-from mjsheaf.video.draw import Painter
+from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.film import Frames, Medium, Stage
 from mjsheaf.video.flow import STOPS, colour, largest_speed
 from mjsheaf.video.from_run import video_options
@@ -118,49 +117,14 @@ def test_colours_of_two_media_differ_and_show_speed() -> None:
         assert np.linalg.norm(shades[-1, :3] - shades[2, :3]) > 0.5
 
 
-def test_the_legend_can_be_turned_off() -> None:
-    scenario = load_scenario("midpoint", {"video.legend": False})
-    assert video_options(scenario).legend is False
-    assert video_options(scenario, legend=True).legend is True
-    assert video_options(load_scenario("midpoint"), legend=False).scene == (1280, 720)
-
-
-@pytest.mark.long
-def test_commands_turn_the_legend_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`run` and `video` pass the choice on to the drawing; without one the scenario decides."""
-    if available_backend()[0] is None:
-        pytest.skip("no OpenGL")
-    seen: list[bool] = []
-
-    def film_run(scenario: Any, dataset: Any, path: Path, options: VideoOptions, *_: Any) -> int:
-        seen.append(options.legend)
-        path.write_bytes(b"")
-        return 1
-
-    monkeypatch.setattr("mjsheaf.video.from_run.film_run", film_run)
-    run = ("run", "midpoint", "--backend", "ideal", "--set", "time.end=0.2")
-    for number, choice in enumerate([(), ("--no-legend",), ("--set", "video.legend=false")]):
-        assert call(*run, *choice, "--out", tmp_path / str(number)) == 0
-    for choice in ((), ("--no-legend",), ("--legend",)):
-        assert call("video", tmp_path / "2", *choice, "--out", tmp_path / "a.mp4") == 0
-    assert seen == [True, False, False, False, False, True]
-
-
-def test_without_a_legend_the_scene_fills_the_frame() -> None:
-    backend, reason = available_backend()
-    if backend is None:
-        pytest.skip(reason)
-    model = make_model()
-    film = make_film(model)
-    small = VideoOptions(width=320, height=180, quality="draft")
-    with Painter(film, model, small.model_copy(update={"legend": False})) as off:
-        bare = off.paint(0)
-    with Painter(film, model, small) as on:
-        panelled = on.paint(0)
-    panel = small.panel
-    assert bare.shape == panelled.shape == (180, 320, 3)
-    assert panelled[100:, : panel - 1].astype(int).std(axis=(0, 1)).max() < 40  # dark, with writing
-    assert np.abs(bare[100:, : panel - 1].astype(int) - panelled[100:, : panel - 1]).mean() > 20
+def test_the_legend_is_always_there(capsys: pytest.CaptureFixture[str]) -> None:
+    """Files that were written when it could be turned off are read; what would turn it off is refused."""
+    assert video_options(load_scenario("midpoint", {"video.legend": True})).panel > 0
+    with pytest.raises(InputError, match=r"video\.legend"):
+        load_scenario("midpoint", {"video.legend": False})
+    for option in ("--no-legend", "--scale=2"):
+        assert call("video", "runs/none", option) == 2
+        assert "No such option" in capsys.readouterr().err
 
 
 def test_a_slow_jet_stands_out_from_a_slower_drift() -> None:

@@ -202,7 +202,6 @@ class TestWriting:
         assert count(film, speed=2.0) == plain + 1
         assert count(replace(film, edges=film.edges[:2])) == plain - 1
         assert count(replace(film, surface="none")) == plain - 1
-        assert count(film, legend=False) == 0
 
     def test_the_curve_grows_with_time_and_ends_at_the_dot(self) -> None:
         """The error falls by a known factor: its curve is straight on the log scale. Oracle: that straight line."""
