@@ -19,8 +19,7 @@ from matplotlib.figure import Figure
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.io.figures import FORMATS, FigureOptions
-from mjsheaf.plotting import (
+from mjsheaf.show.panels import (
     BLUE,
     RED,
     label_axes,
@@ -36,7 +35,8 @@ from mjsheaf.plotting import (
     spread_ends,
     write_figure,
 )
-from mjsheaf.runs.figures import _start_of_last_round
+from mjsheaf.show.plots import _start_of_last_round
+from mjsheaf.show.style import FORMATS, FigureOptions
 from tests.pictures import is_legible, overlaps, written
 
 _BLINDNESS = {

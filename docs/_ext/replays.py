@@ -79,8 +79,8 @@ def make(name: str) -> None:
 
 def _draw(scenario: Any, dataset: Any, path: Path) -> None:
     """One frame of the run's video; nothing where no OpenGL is there to draw with."""
+    from mjsheaf.show.played import film_of, video_options
     from mjsheaf.video.draw import Painter
-    from mjsheaf.video.from_run import film_of, video_options
     from mjsheaf.video.gl import available_backend
 
     if available_backend()[0] is None:

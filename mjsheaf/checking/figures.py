@@ -13,8 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from mjsheaf.checking.check import CheckRecord, Examination
 from mjsheaf.checking.problems import headline
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
-from mjsheaf.plotting import (
+from mjsheaf.show.panels import (
     BLUE,
     MOST_NAMED,
     NORMAL,
@@ -32,6 +31,7 @@ from mjsheaf.plotting import (
     place_names,
     settle,
 )
+from mjsheaf.show.style import AS_USUAL, FigureOptions
 from mjsheaf.system import System
 
 _LARGEST_SPECTRUM = 2000  # eigenvalues; beyond, only the extremes are drawn

@@ -17,7 +17,7 @@ from mjsheaf.cli.options import (
 )
 from mjsheaf.cli.terminal import make_console, print_lines, progress_bars
 from mjsheaf.errors import InputError
-from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
+from mjsheaf.show.style import AS_USUAL, FORMATS, FigureOptions
 
 if TYPE_CHECKING:
     from mjsheaf.checking.check import CheckRecord, Examination
@@ -151,7 +151,7 @@ def _draw(examination: "Examination", figures: FigureOptions, plot: Path) -> lis
     """Draw an examination into files, and return them."""
     from mjsheaf.checking.figures import draw_check
     from mjsheaf.io.files import naming, whole_file
-    from mjsheaf.plotting import write_figure
+    from mjsheaf.show.panels import write_figure
 
     figure = draw_check(examination, figures)
     paths = list(figures.paths(plot))

@@ -15,8 +15,8 @@ from mjsheaf.cli.terminal import print_note
 from mjsheaf.errors import InputError, MjsheafError, raise_first
 
 if TYPE_CHECKING:
-    from mjsheaf.io.figures import FigureOptions
     from mjsheaf.scenario import Scenario
+    from mjsheaf.show.style import FigureOptions
 
 
 Backend = StrEnum("Backend", ["PHYSICS", "IDEAL"])
@@ -92,7 +92,7 @@ def figure_options(formats: str, title: bool) -> "FigureOptions":
     Raises:
         InputError: There is no such format.
     """
-    from mjsheaf.io.figures import FigureOptions
+    from mjsheaf.show.style import FigureOptions
 
     return FigureOptions(tuple(formats.split(",")), title)
 

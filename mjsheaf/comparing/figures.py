@@ -11,8 +11,8 @@ from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
 from mjsheaf.comparing.verdict import CompareRecord
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
-from mjsheaf.plotting import (
+from mjsheaf.results.netcdf import thin
+from mjsheaf.show.panels import (
     BLUE,
     NORMAL,
     RED,
@@ -29,8 +29,8 @@ from mjsheaf.plotting import (
     settle,
     spread_ends,
 )
-from mjsheaf.results.netcdf import thin
-from mjsheaf.runs.figures import mark_times
+from mjsheaf.show.plots import mark_times
+from mjsheaf.show.style import AS_USUAL, FigureOptions
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # colours of the first three variants, which have no effect yet

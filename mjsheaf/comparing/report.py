@@ -18,13 +18,13 @@ from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
 from mjsheaf.errors import PlaceError, joined, select_true, shortened
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.results import summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.law_file import LawFile
+from mjsheaf.show.style import AS_USUAL, FigureOptions
 
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 
@@ -342,8 +342,8 @@ def add_video(published: Published, quality: str | None = None, progress: Progre
     Raises:
         PlaceError: The video cannot be written.
     """
+    from mjsheaf.show.played import film_side_by_side
     from mjsheaf.video.draw import UnwritableError
-    from mjsheaf.video.from_run import film_side_by_side
 
     directory = published.directory
     path = directory / "compare.mp4"

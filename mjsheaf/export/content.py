@@ -14,8 +14,8 @@ import xarray as xr
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.export.solids import solids_of
-from mjsheaf.plotting import groups_of
 from mjsheaf.results.metrics import edge_residuals
+from mjsheaf.show.panels import groups_of
 from mjsheaf.team import Edge
 
 if TYPE_CHECKING:

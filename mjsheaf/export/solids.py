@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.engine import mujoco
-from mjsheaf.page.geometry import kinds_of
+from mjsheaf.show.solids import kinds_of
 from mjsheaf.vehicles.vehicle import Vehicle
 
 

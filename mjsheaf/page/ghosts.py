@@ -12,7 +12,7 @@ import xarray as xr
 
 from mjsheaf.arrays import Array
 from mjsheaf.results.metrics import mean_known
-from mjsheaf.video.from_run import RecordedRun
+from mjsheaf.show.played import RecordedRun
 
 if TYPE_CHECKING:
     from mjsheaf.page.replay import Packer, Scene

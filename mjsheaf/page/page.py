@@ -22,13 +22,13 @@ from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.page.ghosts import Ghost
 from mjsheaf.page.replay import REQUIRED, pack
-from mjsheaf.plotting import groups_of
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
 from mjsheaf.scenario import Scenario
+from mjsheaf.show.panels import groups_of
+from mjsheaf.show.played import RecordedRun, media_of, places_of, seas_of
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.video.film import Medium
 from mjsheaf.video.flow import velocities
-from mjsheaf.video.from_run import RecordedRun, media_of, places_of, seas_of
 from mjsheaf.video.sizes import automatic_scales, list_scales
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def _scene(
     scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, replay: dict[str, Any]
 ) -> dict[str, Any]:
     """Names, groups, shapes, flow and events; places are relative to the replay's origin."""
-    from mjsheaf.page.geometry import kinds_of
+    from mjsheaf.show.solids import kinds_of
 
     system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"
     team, N = system.team, len(system.team.agents)

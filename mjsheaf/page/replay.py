@@ -30,9 +30,9 @@ from mjsheaf.results.dataset import join
 from mjsheaf.results.metrics import edge_residuals
 from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
 from mjsheaf.results.variables import labelled_edges
+from mjsheaf.show.played import RecordedRun
 from mjsheaf.system import Phase
 from mjsheaf.team import Edge
-from mjsheaf.video.from_run import RecordedRun
 
 _TOLERANCE = 2e-4  # largest error of a path, relative to the scene's size
 _FEWEST, _MOST = 400, 3000  # minimum and maximum number of samples

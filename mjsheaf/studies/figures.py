@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.finished import BROKEN
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.yaml import SUFFIXES
-from mjsheaf.plotting import (
+from mjsheaf.results.metrics import MEASURES
+from mjsheaf.show.panels import (
     BLUE,
     HEADING,
     NORMAL,
@@ -35,7 +35,7 @@ from mjsheaf.plotting import (
     plain,
     settle,
 )
-from mjsheaf.results.metrics import MEASURES
+from mjsheaf.show.style import AS_USUAL, FigureOptions
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
 
 Ends = NDArray[np.str_] | None

@@ -18,13 +18,13 @@ from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
-from mjsheaf.io.figures import AS_USUAL
 from mjsheaf.results import make_dataset, summarize
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
+from mjsheaf.show.played import both_films, half_options
+from mjsheaf.show.style import AS_USUAL
 from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames
-from mjsheaf.video.from_run import both_films, half_options
 from mjsheaf.video.overlay import Overlay
 from tests.builders import REPOSITORY, approx, two_boats
 from tests.commands import call
@@ -169,7 +169,7 @@ def test_everything_else_is_there_before_the_video(
         return 1
 
     monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
-    monkeypatch.setattr("mjsheaf.video.from_run.film_side_by_side", film)
+    monkeypatch.setattr("mjsheaf.show.played.film_side_by_side", film)
     for quality in ("draft", "good"):
         option = ["--quality", quality] * (quality != "draft")
         assert call("compare", "midpoint", *SHORT, *option, "--out", out) == 0

@@ -13,9 +13,9 @@ from mjsheaf.loop.trajectory import Log
 from mjsheaf.media import FlowField
 from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario
+from mjsheaf.show.played import media_of
 from mjsheaf.system import Phase, System, on_engine
 from mjsheaf.video.flow import velocities
-from mjsheaf.video.from_run import media_of
 from tests.builders import mixed_scenario
 from tests.page.pages import said_in
 from tests.running import stream_ideal, stream_physics

@@ -17,7 +17,7 @@ from mjsheaf import simulate
 from mjsheaf.page import page as page_module
 from mjsheaf.page.ghosts import Ghost
 from mjsheaf.scenario import load_scenario
-from mjsheaf.video.from_run import film_of, seas_of, video_options
+from mjsheaf.show.played import film_of, seas_of, video_options
 from tests.page.browser import missing, open_browser, open_page
 from tests.page.pages import Made, make_page, positions_of, said_in
 from tests.page.test_page import HOSTILE

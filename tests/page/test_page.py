@@ -18,7 +18,7 @@ from mjsheaf.page.replay import Packer
 from mjsheaf.results.store import open_run
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import load_scenario
-from mjsheaf.video.from_run import film_of, video_options
+from mjsheaf.show.played import film_of, video_options
 from tests.commands import call
 from tests.page.pages import Elements, Made, make_page, positions_of, said_in, series_in
 

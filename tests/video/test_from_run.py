@@ -15,12 +15,12 @@ from mjsheaf.loop import trajectory
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
+from mjsheaf.show.played import film_of, film_run, video_options
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import Frames, Samples
 from mjsheaf.video.flow import velocities
-from mjsheaf.video.from_run import film_of, film_run, video_options
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.scene import Decorator
 

@@ -11,10 +11,10 @@ from PIL import Image
 
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import load_scenario
+from mjsheaf.show.played import video_options
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.film import Frames, Medium, Stage
 from mjsheaf.video.flow import STOPS, colour, largest_speed
-from mjsheaf.video.from_run import video_options
 from mjsheaf.video.legend import Row, add_bars, add_legend, legend_rows
 from mjsheaf.video.overlay import Overlay
 from tests.builders import change_film, make_film, make_model, samples_of

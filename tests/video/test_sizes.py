@@ -10,10 +10,10 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
+from mjsheaf.show.played import both_films, film_of, half_options, video_options
 from mjsheaf.vehicles.loading import SEEN_GROUPS
 from mjsheaf.video import VideoOptions, available_backend
 from mjsheaf.video.draw import Painter
-from mjsheaf.video.from_run import both_films, film_of, half_options, video_options
 from mjsheaf.video.sizes import (
     MAX_GAP_FRACTION,
     MIN_FRACTION,

@@ -13,10 +13,10 @@ from mjsheaf.law.obstacles import points_kept_from
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.media.moving import WITHOUT_MEAN
 from mjsheaf.media.probe import mean_flow
-from mjsheaf.plotting import groups_of
 from mjsheaf.results.metrics import law_in_words, mean_known
 from mjsheaf.results.netcdf import length_of_piece
 from mjsheaf.scenario import Scenario
+from mjsheaf.show.panels import groups_of
 from mjsheaf.team import Team
 from mjsheaf.video.film import (
     UPRIGHT,

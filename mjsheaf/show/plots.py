@@ -13,9 +13,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.io.figures import AS_USUAL, VIEW, FigureOptions
 from mjsheaf.law.obstacles import ObstacleArrays
-from mjsheaf.plotting import (
+from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
+from mjsheaf.results.netcdf import thin
+from mjsheaf.runs.outlines import COLOUR, draw_obstacles, include_obstacles
+from mjsheaf.show.panels import (
     DASHES,
     HEADING,
     LOST,
@@ -40,9 +42,7 @@ from mjsheaf.plotting import (
     settle,
     spread_ends,
 )
-from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
-from mjsheaf.results.netcdf import thin
-from mjsheaf.runs.outlines import COLOUR, draw_obstacles, include_obstacles
+from mjsheaf.show.style import AS_USUAL, VIEW, FigureOptions
 from mjsheaf.team import Team
 
 _WORST = 3  # number of worst agents that are highlighted and named

@@ -26,7 +26,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, FigureOptions
+from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, FigureOptions
 from mjsheaf.team import Team
 
 WIDTH = 7.16
