@@ -14,11 +14,8 @@ from mjsheaf.checking.check import CheckRecord, Examination
 from mjsheaf.checking.problems import headline
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.show.panels import (
-    BLUE,
     MOST_NAMED,
     NORMAL,
-    RED,
-    TARGET,
     TICK,
     WIDTH,
     draw_team,
@@ -31,7 +28,7 @@ from mjsheaf.show.panels import (
     place_names,
     settle,
 )
-from mjsheaf.show.style import AS_USUAL, FigureOptions
+from mjsheaf.show.style import AS_USUAL, BLUE, RED, TARGET, FigureOptions
 from mjsheaf.system import System
 
 _LARGEST_SPECTRUM = 2000  # eigenvalues; beyond, only the extremes are drawn

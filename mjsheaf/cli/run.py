@@ -76,7 +76,7 @@ def run(
     with progress_bars() as bars:
         from mjsheaf.cli.outcome import announcing, print_outcome
         from mjsheaf.runs.publish import execute
-        from mjsheaf.show.played import video_options
+        from mjsheaf.video.film import video_options
 
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
@@ -281,8 +281,8 @@ def video(
     with progress_bars() as bars:
         from mjsheaf.results.store import reopen_run, save_summary
         from mjsheaf.runs.publish import video_entry
-        from mjsheaf.show.played import film_run, video_options
         from mjsheaf.video import available_backend
+        from mjsheaf.video.film import film_run, video_options
 
         with reopen_run(directory) as (scenario, dataset, summary):
             options = video_options(scenario, **changes)

@@ -13,16 +13,13 @@ from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, Budg
 from mjsheaf.comparing.verdict import CompareRecord
 from mjsheaf.results.netcdf import thin
 from mjsheaf.show.panels import (
-    BLUE,
     NORMAL,
-    RED,
     SMALL,
     TICK,
     WIDTH,
     label_axes,
     label_ends,
     legend_below,
-    line_style,
     log_axis,
     new_figure,
     save_figure,
@@ -30,7 +27,7 @@ from mjsheaf.show.panels import (
     spread_ends,
 )
 from mjsheaf.show.plots import mark_times
-from mjsheaf.show.style import AS_USUAL, FigureOptions
+from mjsheaf.show.style import AS_USUAL, BLUE, RED, FigureOptions, line_style
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # colours of the first three variants, which have no effect yet

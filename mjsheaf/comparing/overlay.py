@@ -19,8 +19,7 @@ from mjsheaf.checking.finished import bounds_of_phases
 from mjsheaf.errors import InputError, PlaceError, listed, select_true
 from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.page import page_of
-from mjsheaf.page.ghosts import Ghost
+from mjsheaf.page import Ghost, page_of
 from mjsheaf.page.replay import REQUIRED
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import engine_of, mean_known, phases_in
@@ -32,7 +31,6 @@ from mjsheaf.show.panels import (
     WIDTH,
     label_axes,
     legend_below,
-    line_style,
     log_axis,
     new_figure,
     plain,
@@ -40,7 +38,7 @@ from mjsheaf.show.panels import (
     settle,
 )
 from mjsheaf.show.plots import mark_times
-from mjsheaf.show.style import AS_USUAL, FigureOptions
+from mjsheaf.show.style import AS_USUAL, FigureOptions, line_style
 
 MAX_RUNS = 8
 """Maximum number of runs on one axis; more lines look alike."""

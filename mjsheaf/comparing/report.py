@@ -342,8 +342,8 @@ def add_video(published: Published, quality: str | None = None, progress: Progre
     Raises:
         PlaceError: The video cannot be written.
     """
-    from mjsheaf.show.played import film_side_by_side
     from mjsheaf.video.draw import UnwritableError
+    from mjsheaf.video.film import film_side_by_side
 
     directory = published.directory
     path = directory / "compare.mp4"
@@ -378,7 +378,7 @@ def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, x
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     """Make the page of the run on bodies, with the ideal run as its ghost."""
     from mjsheaf.checking.finished import bounds_of_phases
-    from mjsheaf.page import page_of
+    from mjsheaf.page import Ghost, page_of
 
     phases = scenario.phases
     ideal, physics = _datasets(scenario, comparison)
@@ -393,4 +393,5 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     law = f" --controller {controller}" if controller else ""
     again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
     notes = comparison.record.verdict
-    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ideal=ideal, again=again)
+    twin = Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)
+    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ghosts=[twin], again=again)

@@ -301,8 +301,8 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
     Raises:
         PlaceError: The video cannot be written.
     """
-    from mjsheaf.show.played import film_run
     from mjsheaf.video.draw import UnwritableError
+    from mjsheaf.video.film import film_run
 
     directory = outcome.directory
     path = directory / "video.mp4"
@@ -396,7 +396,7 @@ def save(
         PlaceError: The directory may not be replaced or cannot be written.
     """
     from mjsheaf.progress import shown
-    from mjsheaf.show.played import video_options
+    from mjsheaf.video.film import video_options
 
     require_type("result", result, xr.Dataset, "a Dataset, as mjsheaf.simulate returns it")
     require_path("directory", directory)

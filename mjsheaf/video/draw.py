@@ -24,11 +24,12 @@ from mjsheaf.video.scene import (
     Decorator,
     Renderer,
     enlarge_vehicles,
+    mesh,
     owners_of_geoms,
+    sea_at,
     set_detail,
     vehicle_radius,
 )
-from mjsheaf.video.sea import mesh, sea_at
 
 QUALITY = 6  # imageio's scale from 1 to 10, here x264's constant rate factor 20; 18 looks lossless, 23 is the default
 PRESET = "veryfast"  # rendering is the expensive part, and x264 competes with it for the same cores
@@ -128,7 +129,7 @@ class Painter(AbstractContextManager["Painter"]):
         self._frames = Frames(film, options)
         self.times = self._frames.times
         self.model = copy(model)  # because the size of vehicles and visual settings change
-        enlarge_vehicles(self.model, film.body_id, film.scales(options))
+        enlarge_vehicles(self.model, film.body_id, film.drawn_scales)
         if film.seas:
             self.model.geom(film.surface).group = UNSEEN  # waves are drawn in its place
         radius = vehicle_radius(self.model, film.body_id)
@@ -204,8 +205,9 @@ def _check_fit(film: Film, model: mujoco.MjModel) -> None:
         joint = model.body_jntadr[body] if 0 <= body < model.nbody else -1
         free = joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE.value
         if not free or model.jnt_qposadr[joint] != address:
-            name = [*film.agent_ids, *film.target_ids][vehicle]
-            raise InputError(f"body {body} of {name} must have a free joint at qpos[{address}] in the model")
+            raise InputError(
+                f"body {body} of {film.ids[vehicle]} must have a free joint at qpos[{address}] in the model"
+            )
 
 
 def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:

@@ -19,10 +19,9 @@ from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.runs.publish import execute
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.show.played import film_of
 from mjsheaf.system import Phase
 from mjsheaf.video.camera import View
-from mjsheaf.video.film import Frames, VideoOptions
+from mjsheaf.video.film import Frames, VideoOptions, film_of
 from mjsheaf.video.scene import ABSENT, COMMUNICATION, Decorator, owners_of_geoms
 from tests.builders import mixed_scenario
 

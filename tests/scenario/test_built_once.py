@@ -17,9 +17,9 @@ from mjsheaf.cli.main import main
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
-from mjsheaf.show.played import film_of
 from mjsheaf.studies.job import run_job
 from mjsheaf.vehicles.effects import Effects
+from mjsheaf.video.film import film_of
 from tests.builders import small_plan
 
 TEAM = {

@@ -112,7 +112,7 @@ class TestVideo:
 
     def test_the_model_is_not_changed(self, model: mujoco.MjModel) -> None:
         before = (model.geom_size.copy(), model.vis.map.zfar, model.vis.global_.offwidth)
-        with Painter(make_film(model), model, VideoOptions(width=160, height=120, vehicle_scale=3)) as painter:
+        with Painter(make_film(model, scales=np.full(5, 3.0)), model, SMALL) as painter:
             painter.paint(0)
         np.testing.assert_array_equal(model.geom_size, before[0])
         assert (model.vis.map.zfar, model.vis.global_.offwidth) == before[1:]

@@ -11,12 +11,11 @@ from PIL import Image
 
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import load_scenario
-from mjsheaf.show.played import video_options
+from mjsheaf.show.played import Medium, Stage, largest_speed
+from mjsheaf.show.style import STOPS, speed_colours
 from mjsheaf.video import Film, VideoOptions
-from mjsheaf.video.film import Frames, Medium, Stage
-from mjsheaf.video.flow import STOPS, colour, largest_speed
-from mjsheaf.video.legend import Row, add_bars, add_legend, legend_rows
-from mjsheaf.video.overlay import Overlay
+from mjsheaf.video.film import Frames, video_options
+from mjsheaf.video.overlay import Overlay, Row, add_bars, add_legend, legend_rows
 from tests.builders import change_film, make_film, make_model, samples_of
 from tests.commands import call
 
@@ -28,9 +27,9 @@ def everything() -> Film:
     film = make_film(make_model())
     stages = [Stage(0.0, film.edges, frozenset({1})), Stage(1.0, film.edges[:2], name="join A2")]
     kinds = ["boat", "boat", "drone", "drone", "buoy"]
-    automatic = np.array([1.0, 1.0, 6.0, 6.0, 4.0])
+    scales = np.array([1.0, 1.0, 6.0, 6.0, 4.0])
     names = [f"group {k}" for k in range(12)]
-    return replace(film, stages=stages, kinds=kinds, automatic=automatic, grid=10.0, group_names=names,
+    return replace(film, stages=stages, kinds=kinds, scales=scales, grid=10.0, group_names=names,
                    colours=np.full((12, 3), 0.5))  # fmt: skip
 
 
@@ -55,9 +54,9 @@ def test_every_row_has_a_symbol() -> None:
 def test_the_legend_says_how_much_larger_vehicles_are() -> None:
     words = [row.words for row in rows_of(everything())]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×6: drone", "drawn ×4: buoy"]
-    words = [row.words for row in rows_of(everything(), vehicle_scale=2.0)]
+    words = [row.words for row in rows_of(replace(everything(), scales=np.full(5, 2.0)))]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×2: every vehicle"]
-    words = [row.words for row in rows_of(everything(), vehicle_scale=1.0, vehicle_scales={"A3": 3.0})]
+    words = [row.words for row in rows_of(replace(everything(), scales=np.array([1.0, 1.0, 3.0, 1.0, 1.0])))]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×3: A3"]
 
 
@@ -110,7 +109,7 @@ def test_bars_are_labelled_in_metres_per_second() -> None:
 
 def test_colours_of_two_media_differ_and_show_speed() -> None:
     fraction = np.linspace(0.0, 1.0, 11)
-    scales = [colour(k, fraction) for k in range(len(STOPS))]
+    scales = [speed_colours(k, fraction) for k in range(len(STOPS))]
     assert (np.linalg.norm(scales[0][:, :3] - scales[1][:, :3], axis=1) > 0.4).all()
     for shades in scales:
         assert (np.diff(shades[:, 3]) > 0).all()  # slow ones are fainter

@@ -11,9 +11,8 @@ from PIL import Image
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, Moment
-from mjsheaf.video.overlay import Overlay
+from mjsheaf.video.overlay import WHITE, Overlay, number, shorten, text
 from mjsheaf.video.scene import HEAD_AT, HEADS, Decorator, Lines, enlarge_vehicles, vehicle_radius
-from mjsheaf.video.text import WHITE, number, shorten, text
 from tests.builders import change_film, make_film, make_model, samples_of
 
 VIEW = View(np.zeros(3), 80.0, -60.0, -35.0, 45.0)

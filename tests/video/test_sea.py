@@ -9,10 +9,11 @@ import pytest
 from mjsheaf import simulate
 from mjsheaf.media.waves import WaveArrays, new_wave_state, pack_waves, wave_surface
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.show.played import film_of, seas_of, video_options
+from mjsheaf.show.played import seas_of
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
-from mjsheaf.video.sea import POINTS, mesh
+from mjsheaf.video.film import film_of, video_options
+from mjsheaf.video.scene import POINTS, mesh
 
 WAVES = {"kind": "jonswap", "significant_height": 0.8, "peak_period": 4.0, "direction": 25, "spreading": "cos2"}
 
