@@ -609,7 +609,6 @@ class Scenario(Section):
             links,
             period=period,
             start=self.time.start,
-            seed=self.seed,
             height=height,
             heading=heading,
             feedforward=self.controller.feedforward is not None or any(e.touches("feedforward") for e in events),
@@ -621,9 +620,10 @@ class Scenario(Section):
             law.gain,
             np.where(self._fixed, 0.0, self.target_formation.gain if self.target_formation else 0.0),
             np.array(limits),
-            pack_terms(law.terms, team, period, self.seed, rounds, slopes),
+            pack_terms(law.terms, team, period, rounds, slopes),
             packed_links,
             pack_custom(law.custom, len(team.agents), period),
+            self.seed,
         )
 
     def uses_seed(self, backend: str) -> bool:
