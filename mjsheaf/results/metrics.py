@@ -17,7 +17,7 @@ from mjsheaf.law.obstacles import distances
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.team import Edge, Formation, Team
 from mjsheaf.team.links import KINDS
-from mjsheaf.team.shapes import Path
+from mjsheaf.team.team import Path
 
 if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect

@@ -41,8 +41,7 @@ from mjsheaf.scenario.medium import Disturbances, Flow
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
 from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.team import Anchor, Member, Team
-from mjsheaf.team.edges import PairOrEdge
-from mjsheaf.team.formation import Group
+from mjsheaf.team.edges import Group, PairOrEdge
 from mjsheaf.team.links import Links
 from mjsheaf.vehicles.effects import Effects
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -33,7 +33,7 @@ from mjsheaf.show.panels import (
     settle,
 )
 from mjsheaf.show.style import AS_USUAL, BLUE, RED, FigureOptions, line_style
-from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
+from mjsheaf.studies.plan import Choice, LogUniform, StudyFile
 
 Ends = NDArray[np.str_] | None
 """Description of each run's end."""

@@ -17,7 +17,7 @@ from mjsheaf.media.flow import Source
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
 from mjsheaf.team import Anchor, LinearEdge
-from mjsheaf.team.formation import Explicit
+from mjsheaf.team.edges import Explicit
 
 PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
     (Agent, {"id": "A1", "position": np.array([1, 2])}, {"id": "A1", "position": [1.0, 2.0]}),

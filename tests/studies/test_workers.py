@@ -17,8 +17,17 @@ import psutil
 import pytest
 
 from mjsheaf.studies import run_study
-from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, new_record, run_job
-from mjsheaf.studies.workers import SchedulerError, Workers, local_workers, workers_at
+from mjsheaf.studies.workers import (
+    ForeignWorkerError,
+    Job,
+    JobResult,
+    SchedulerError,
+    Workers,
+    local_workers,
+    new_record,
+    run_job,
+    workers_at,
+)
 from mjsheaf.threads import ONE_THREAD
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import command_line, contents, start
