@@ -173,7 +173,7 @@ def _skip(reason: str, item: Expectation) -> None:
 def _compare(backends: list[str], item: Expectation) -> None:
     """Pass where the scenario runs as it expects on these backends; properties of the report take what was found."""
     from mjsheaf.runs.expecting import expected_law, try_scenario
-    from mjsheaf.scenario.law_file import find_law
+    from mjsheaf.scenario.load import find_law
 
     scenario = item.parent.load()
     start = item.config.invocation_params.dir

@@ -62,7 +62,7 @@ def compare(
     """
     with progress_bars() as bars:
         from mjsheaf.comparing.report import publish
-        from mjsheaf.scenario.law_file import find_law
+        from mjsheaf.scenario.load import find_law
 
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")

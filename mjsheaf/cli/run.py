@@ -111,8 +111,7 @@ def run(
 def _law_of(scenario: str, loaded: "Scenario", controller: str | None, expect: bool) -> "Controller | None":
     """Return the law in Python of a run: that of --controller, else with --expect that of `expect.controller`."""
     from mjsheaf.runs.expecting import expected_law
-    from mjsheaf.scenario.law_file import load_controller
-    from mjsheaf.scenario.load import find_scenario
+    from mjsheaf.scenario.load import find_scenario, load_controller
 
     if controller is not None:
         return load_controller(controller, loaded.seed)
@@ -195,8 +194,7 @@ def expect(
     with progress_bars() as bars:
         from mjsheaf.io.files import require_writable
         from mjsheaf.runs import expecting
-        from mjsheaf.scenario.law_file import find_law, name_law_from
-        from mjsheaf.scenario.load import find_scenario, load_scenario
+        from mjsheaf.scenario.load import find_law, find_scenario, load_scenario, name_law_from
 
         loaded = load_scenario(scenario)
         path = find_scenario(scenario)

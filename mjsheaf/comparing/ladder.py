@@ -56,7 +56,7 @@ from mjsheaf.io.section import FiniteRecord
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.trajectory import Trajectory
 from mjsheaf.runs.simulate import Progress, no_progress
-from mjsheaf.scenario.law_file import LawFile
+from mjsheaf.scenario.load import LawFile
 from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle

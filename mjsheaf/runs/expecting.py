@@ -15,7 +15,7 @@ from mjsheaf.io.yaml import with_field
 from mjsheaf.results.metrics import MEASURES, ROUNDING_ERROR, check_expectation, safety_of, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import LawFile, find_law
+from mjsheaf.scenario.load import LawFile, find_law
 
 BACKEND_ORDER = ("ideal", "physics")
 """Names of measures in an `expect:` block."""

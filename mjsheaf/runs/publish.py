@@ -30,7 +30,7 @@ from mjsheaf.results.netcdf import split, write_and_open
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import same_law
+from mjsheaf.scenario.load import same_law
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
 from mjsheaf.video import VideoOptions, available_backend
 

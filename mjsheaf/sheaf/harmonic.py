@@ -32,10 +32,8 @@ from scipy.sparse.linalg import eigsh
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_jit
-from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, parts
-from mjsheaf.sheaf.cochains import Cochains
-from mjsheaf.sheaf.edges import EdgeSet
-from mjsheaf.sheaf.sections import section_basis
+from mjsheaf.sheaf.edges import Cochains, EdgeSet, parts
+from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, section_basis
 from mjsheaf.threads import one_thread
 
 DIRECT_WORK = 5e8

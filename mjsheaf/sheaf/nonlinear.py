@@ -36,8 +36,8 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.blocks import RANK_TOLERANCE, assembled
-from mjsheaf.sheaf.cochains import Cochains
+from mjsheaf.sheaf.edges import Cochains, assembled
+from mjsheaf.sheaf.sections import RANK_TOLERANCE
 from mjsheaf.sheaf.sheaf import Sheaf
 
 Measure = Literal["position", "range", "bearing"]

@@ -19,8 +19,7 @@ from mjsheaf.io.section import Number, Positive, Section, split_path, validation
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
 from mjsheaf.loop.session import BACKENDS, ENGINES, require_engine
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import LawFile, find_law
-from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
+from mjsheaf.scenario.load import LawFile, find_law, list_scenarios, map_vehicles, read_scenario
 from mjsheaf.studies.workers import Job, Point, versions
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]

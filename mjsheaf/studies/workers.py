@@ -44,8 +44,7 @@ from mjsheaf.results.netcdf import thin
 from mjsheaf.results.store import digest
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.scenario.law_file import LawFile
-from mjsheaf.scenario.load import map_vehicles
+from mjsheaf.scenario.load import LawFile, map_vehicles
 from mjsheaf.system import System
 from mjsheaf.threads import ONE_THREAD, usable_processors
 

@@ -12,7 +12,7 @@ from scipy import sparse
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, SheafError, expected, in_field
 from mjsheaf.sheaf import RANK_TOLERANCE, DirichletProblem, NonlinearSheaf, Sheaf
-from mjsheaf.sheaf.blocks import assembled
+from mjsheaf.sheaf.edges import assembled
 from mjsheaf.sheaf.nonlinear import (
     FREE_MOTION,
     SOLVED_RANK_TOLERANCE,
