@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from benchmarks.measuring import TOPICS, run_bench
-from mjsheaf.cli.terminal import make_console, make_table, progress_bars
+from mjsheaf.cli.options import make_console, make_table, progress_bars
 from mjsheaf.errors import MjsheafError
 
 

@@ -14,9 +14,11 @@ from mjsheaf.cli.options import (
     SetOption,
     TitleOption,
     changes_of,
+    make_console,
+    print_lines,
+    progress_bars,
     require_file_name,
 )
-from mjsheaf.cli.terminal import make_console, print_lines, progress_bars
 from mjsheaf.errors import InputError
 
 if TYPE_CHECKING:

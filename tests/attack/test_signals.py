@@ -89,7 +89,7 @@ def test_a_directory_is_replaced_in_one_step_or_put_back(
 
 OBEYING = """
 import os, signal, sys, time
-from mjsheaf.cli import listing, main
+from mjsheaf.cli import tools, main
 def work(what):
     try:
         os.kill(os.getpid(), {first})
@@ -98,7 +98,7 @@ def work(what):
         for _ in range(20):
             os.kill(os.getpid(), {second})
         print("cleaned")
-listing.schema_of = work
+tools.schema_of = work
 main(["schema"])
 """
 
