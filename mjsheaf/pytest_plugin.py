@@ -78,7 +78,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioF
 def _expects(path: Path) -> bool | None:
     """Return True if a scenario has an `expect:` block, and None for other files, which are ignored."""
     from mjsheaf.errors import ScenarioError
-    from mjsheaf.io.yaml import read_yaml
+    from mjsheaf.files import read_yaml
 
     try:
         text = path.read_bytes().decode("utf-8", errors="replace")

@@ -393,7 +393,7 @@ def expect(
     diverges, it writes nothing (exit code 3).
     """
     with progress_bars() as bars:
-        from mjsheaf.io.files import require_writable
+        from mjsheaf.files import require_writable
         from mjsheaf.runs import expecting
         from mjsheaf.scenario.load import find_law, find_scenario, load_scenario, name_law_from
 

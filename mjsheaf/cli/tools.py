@@ -60,8 +60,7 @@ def list_(
 
 
 def _list_scenarios() -> None:
-    from mjsheaf.io.files import list_studies
-    from mjsheaf.io.yaml import read_yaml
+    from mjsheaf.files import list_studies, read_yaml
     from mjsheaf.scenario import Scenario, list_scenarios
     from mjsheaf.scenario.load import read_scenario
 
@@ -139,7 +138,7 @@ def new(
 
     An existing file is not replaced.
     """
-    from mjsheaf.io.files import naming, write_whole
+    from mjsheaf.files import naming, write_whole
     from mjsheaf.scenario.load import list_scenarios, name_from
 
     path = Path(name if name.endswith((".yaml", ".yml")) else f"{name}.yaml")
@@ -334,7 +333,7 @@ def _new_directory(name: str) -> Path:
 
 def _write(scenario: "Scenario", directory: Path) -> Path:
     """Write a scenario with what it refers to into a new directory, and return that."""
-    from mjsheaf.io.files import naming, whole_directory
+    from mjsheaf.files import naming, whole_directory
     from mjsheaf.runs.publish import write_scenario
 
     with naming(directory):

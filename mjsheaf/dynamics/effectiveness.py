@@ -12,8 +12,8 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import Matrix, Number, Point, Section
 from mjsheaf.jit import jit
+from mjsheaf.section import Matrix, Number, Point, Section
 
 RANK_TOLERANCE = 1e-9
 """A singular value of g at most this much of the largest counts as zero."""

@@ -15,8 +15,8 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.dynamics.curve import Curve, fit_curve
 from mjsheaf.dynamics.recordings import read_positions
 from mjsheaf.errors import InputError, in_field, raise_first
-from mjsheaf.io.section import NonNegative, Number, Point, Positive, Tagged
 from mjsheaf.jit import inline_jit
+from mjsheaf.section import NonNegative, Number, Point, Positive, Tagged
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly

@@ -18,7 +18,7 @@ import xarray as xr
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import naming, whole_directory, whole_file
+from mjsheaf.files import naming, whole_directory, whole_file
 from mjsheaf.results.netcdf import length_of_piece, send, split
 from mjsheaf.results.store import BAG, reopen_run, strange_in_bag
 from mjsheaf.show.played import edges_of, joined, residuals_in

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, visible
-from mjsheaf.io.user_code import describe, in_this_directory
+from mjsheaf.files import describe, in_this_directory
 from mjsheaf.law.sample import Sample, real_numbers
 from mjsheaf.law.terms import Traffic
 from mjsheaf.team import Edge, Team

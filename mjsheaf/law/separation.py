@@ -11,9 +11,9 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.dynamics.motion import Adrift, Motion
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.io.section import Id, Number, Point, Positive, Section, Tagged
 from mjsheaf.law.obstacles import KINDS, ObstacleArrays
 from mjsheaf.law.safety import SafetyArrays
+from mjsheaf.section import Id, Number, Point, Positive, Section, Tagged
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 

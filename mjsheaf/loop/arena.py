@@ -23,7 +23,7 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.dynamics.motion import position_at
 from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import resource_directory
+from mjsheaf.files import resource_directory
 from mjsheaf.jit import inline_jit
 from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
 from mjsheaf.vehicles.body import GRAVITY

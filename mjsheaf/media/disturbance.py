@@ -15,9 +15,9 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit
 from mjsheaf.noise import generator_of
+from mjsheaf.section import NonNegative, Positive, Section
 
 LARGEST_PHASE = 1e7
 """Largest |rate t + phase| in rad for which the sine of the loops is a sine; it is bounded beyond."""

@@ -7,9 +7,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import jit
 from mjsheaf.media.disturbance import Bounds
+from mjsheaf.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.vehicles.vectors import triple
 
 

@@ -16,8 +16,7 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError
-from mjsheaf.io.files import is_part_of, whole_directory, write_whole
-from mjsheaf.io.yaml import SUFFIXES
+from mjsheaf.files import SUFFIXES, is_part_of, whole_directory, write_whole
 from mjsheaf.results.netcdf import open_dataset
 from mjsheaf.show.style import names_of
 

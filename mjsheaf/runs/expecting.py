@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mjsheaf.errors import InputError, NotUniqueError, RankError, select_true
-from mjsheaf.io.files import replace_file
-from mjsheaf.io.yaml import with_field
+from mjsheaf.files import replace_file, with_field
 from mjsheaf.results.metrics import MEASURES, ROUNDING_ERROR, check_expectation, safety_of, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario

@@ -14,12 +14,10 @@ from pydantic import ValidationError
 from mjsheaf.arguments import require_mapping
 from mjsheaf.dynamics.motion import Recorded
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion, visible
-from mjsheaf.io.files import confined, resource_directory
-from mjsheaf.io.section import plain, split_path, validation_problems
-from mjsheaf.io.user_code import describe, execute_file, in_this_directory
-from mjsheaf.io.yaml import parse_yaml, read_yaml
+from mjsheaf.files import confined, describe, execute_file, in_this_directory, parse_yaml, read_yaml, resource_directory
 from mjsheaf.law.controller import Controller
 from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
+from mjsheaf.section import plain, split_path, validation_problems
 from mjsheaf.team.edges import edge_from_pair
 
 

@@ -18,7 +18,6 @@ from mjsheaf.dynamics import ControlEffectiveness, Motion
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError, in_field, shortened, visible
-from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.law.curved import bound_slopes
 from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.law import LawArrays, pack_law, with_seed
@@ -40,6 +39,7 @@ from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
+from mjsheaf.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import Group, PairOrEdge

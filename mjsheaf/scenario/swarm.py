@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import Id, NonNegative, Number, Point, Positive, Section
+from mjsheaf.section import Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.sheaf.nonlinear import Measure
 
 Edges = set[tuple[int, int]]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.finished import BROKEN
-from mjsheaf.io.yaml import SUFFIXES
+from mjsheaf.files import SUFFIXES
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.panels import (
     HEADING,

@@ -14,12 +14,11 @@ from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_va
 
 from mjsheaf.arguments import require_mapping, require_type
 from mjsheaf.errors import InputError, ScenarioError, in_field, joined
-from mjsheaf.io.files import confined, digest_of, list_studies
-from mjsheaf.io.section import Number, Positive, Section, split_path, validation_problems
-from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
+from mjsheaf.files import SUFFIXES, confined, digest_of, list_studies, parse_yaml, read_yaml
 from mjsheaf.loop.session import BACKENDS, ENGINES, require_engine
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import LawFile, find_law, list_scenarios, map_vehicles, read_scenario
+from mjsheaf.section import Number, Positive, Section, split_path, validation_problems
 from mjsheaf.studies.workers import Job, Point, versions
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]

@@ -16,7 +16,7 @@ import pandas as pd
 import pyarrow as pa
 
 from mjsheaf._version import __version__
-from mjsheaf.io.yaml import parse_yaml
+from mjsheaf.files import parse_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.show.style import AS_USUAL, FigureOptions

@@ -32,8 +32,6 @@ from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import Ending, bound_ahead, bound_of_run, ending_of_run, judge
 from mjsheaf.errors import InputError, NotUniqueError
-from mjsheaf.io.norms import PER_AGENT_RMS
-from mjsheaf.io.section import finite
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.media import disturbance
 from mjsheaf.remember import remember_last
@@ -45,6 +43,7 @@ from mjsheaf.results.store import digest
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import LawFile, map_vehicles
+from mjsheaf.section import PER_AGENT_RMS, finite
 from mjsheaf.system import System
 from mjsheaf.threads import ONE_THREAD, usable_processors
 

@@ -22,7 +22,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field
-from mjsheaf.io.section import Id, Matrix, Number, Point, Positive, Section, Tagged
+from mjsheaf.section import Id, Matrix, Number, Point, Positive, Section, Tagged
 from mjsheaf.sheaf.nonlinear import Measure, desired_value
 from mjsheaf.team.links import Link, RangeBearing
 

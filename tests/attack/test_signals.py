@@ -21,8 +21,8 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from mjsheaf.io import files as whole
-from mjsheaf.io.files import whole_directory, whole_file, write_whole
+from mjsheaf import files as whole
+from mjsheaf.files import whole_directory, whole_file, write_whole
 from mjsheaf.results import open_run
 from mjsheaf.results.store import FILES
 from tests.builders import REPOSITORY

@@ -21,7 +21,7 @@ import xarray as xr
 import yaml
 
 import mjsheaf as package
-from mjsheaf.io.files import list_studies
+from mjsheaf.files import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.runs.expecting import Trial, loose
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario

@@ -14,7 +14,7 @@ import mjsheaf
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.report import report_text
 from mjsheaf.errors import InputError
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.runs.expecting import expected_law, try_scenario
 from mjsheaf.runs.publish import account_of
 from mjsheaf.scenario import Scenario, load_scenario

@@ -12,7 +12,7 @@ import pytest
 from mjsheaf import load_scenario, simulate, simulate_many
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.loop.session import require_simulable
 from mjsheaf.runs.expecting import try_scenario
 from mjsheaf.studies import load_plan

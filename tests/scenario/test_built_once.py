@@ -14,7 +14,7 @@ import mjsheaf.scenario.scenario as building
 import mjsheaf.team as teams
 import mjsheaf.vehicles.loading as loading
 from mjsheaf.cli.main import main
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.studies.workers import run_job

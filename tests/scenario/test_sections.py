@@ -11,11 +11,11 @@ import pytest
 
 from mjsheaf.dynamics import ControlEffectiveness, Lissajous, Waypoints
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import Section
 from mjsheaf.media import Disturbance, FlowField
 from mjsheaf.media.flow import Source
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
+from mjsheaf.section import Section
 from mjsheaf.team import Anchor, LinearEdge
 from mjsheaf.team.edges import Explicit
 

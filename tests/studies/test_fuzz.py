@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjsheaf.errors import InputError
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies import Plan, Point, load_plan
 from mjsheaf.studies.directory import open_directory

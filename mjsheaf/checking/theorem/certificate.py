@@ -50,8 +50,8 @@ from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, e
 from mjsheaf.checking.topology.connecting import label_parts, unsensed_targets
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
 from mjsheaf.errors import first_true, select_true
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.theorem import Rho, Theorem, theorem_1
+from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread

@@ -23,7 +23,7 @@ from scipy import linalg, sparse
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import select_true
-from mjsheaf.io.section import Record
+from mjsheaf.section import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.edges import parts
 from mjsheaf.sheaf.nonlinear import SOLVED_RANK_TOLERANCE, StationaryProblem
