@@ -468,16 +468,23 @@ def _certified_null_space(W: Array, forest: Forest, G: float, rtol: float) -> Ar
 
     G bounds the forest's G in the component; see `certified_sections`.
     """
-    square = np.vstack([W, np.zeros((max(W.shape[1] - len(W), 0), W.shape[1]))])
-    _, s, V = np.linalg.svd(np.linalg.qr(square, mode="r"))
-    null = s <= rtol * forest.norm_low
-    above = float(s[~null].min(initial=np.inf))
+    null = np.zeros((0, W.shape[1]))
+    above = np.inf
+    clean = sparse.csr_array(np.where(np.abs(W) > ROUNDING * np.abs(W).max(), W, 0.0))
+    for _, columns, part in parts(sparser_rows(clean)):  # so that null directions of the axes stay apart
+        square = np.vstack([part.toarray(), np.zeros((max(len(columns) - part.shape[0], 0), len(columns)))])
+        _, s, V = np.linalg.svd(np.linalg.qr(square, mode="r"))
+        zero = s <= rtol * forest.norm_low
+        above = min(above, float(s[~zero].min(initial=np.inf)))
+        own = np.zeros((np.count_nonzero(zero), W.shape[1]))
+        own[:, columns] = V[zero]
+        null = np.vstack([null, own])
     # Of x = P r + G y orthogonal to the null part, what of P r is not null is at most
     # (1 + |delta| |G|) |y| / above, and the rest at most 2 |G| |y|.
     inverse = float((1.0 + forest.norm_high * G) / above + 2.0 * G)
     enough = _BOUND_MARGIN * rtol * forest.norm_high
-    weak = inverse * enough > 1.0 or (null.any() and inverse * _SECTION_ACCURACY * forest.norm_high > 1.0)
-    return None if weak else V[null]
+    weak = inverse * enough > 1.0 or (len(null) > 0 and inverse * _SECTION_ACCURACY * forest.norm_high > 1.0)
+    return None if weak else null
 
 
 def _slots(edges: EdgeSet, forest: Forest, chosen: BoolArray) -> IntArray:
