@@ -57,7 +57,7 @@ def test_killed_ten_times(tmp_path: Path) -> None:
     out, choose = tmp_path / "out", random.Random(6)
     before: dict[str, tuple[int, int]] = {}
     running = start("sweep", *ASKED, "--out", out)
-    kills, early_ends = 0, 0
+    kills, early_ends, killed_workers = 0, 0, 0
     while kills < KILLS:
         known = len(ended(out))
         early = choose.random() < 0.3
@@ -86,6 +86,7 @@ def test_killed_ten_times(tmp_path: Path) -> None:
         except ProcessLookupError:
             continue
         kills += 1
+        killed_workers += what == "worker"
         if what == "command":
             running.communicate()
         now = ended(out)
@@ -99,6 +100,13 @@ def test_killed_ten_times(tmp_path: Path) -> None:
         raise AssertionError(errors)
     now = ended(out)
     assert {name: now.get(name) for name in before} == before
+    # Runs of killed workers are lost, no others; repeated, they are what they would have been.
+    lost = {p.name for p in out.glob("runs/0*.json") if json.loads(p.read_text())["status"] == "lost"}
+    assert len(lost) <= killed_workers
+    again = start("sweep", *ASKED, "--out", out, "--retry-failed")
+    _, errors = again.communicate(timeout=200)
+    assert again.returncode == 0, errors
+    assert {name for name, file in ended(out).items() if file != now[name]} == lost
     assert contents(out) == expected
 
 
