@@ -194,8 +194,3 @@ class CheckRecord(PartRecord):
     notes: list[str] = Field(
         default_factory=list, description="values in the files that look like mistakes, in sentences"
     )
-
-    @property
-    def imperfect_links(self) -> bool:
-        """True if links delay, lose or disturb measurements, or have a range."""
-        return self.links is not None and not self.links.exact
