@@ -95,7 +95,7 @@ def _law(system: System, gain: float, terms: Terms) -> System:
     """The system under another law."""
     gains = system.law.gain.copy()
     gains[: len(system.team.agents)] = gain
-    packed = pack_terms(terms, system.team, system.grid.period, 0)
+    packed = pack_terms(terms, system.team, system.grid.period)
     return replace(system, gain=gain, law=system.law._replace(gain=gains, terms=packed))
 
 

@@ -18,11 +18,11 @@ from mjsheaf.cli.options import (
 )
 from mjsheaf.cli.terminal import make_console, print_lines, progress_bars
 from mjsheaf.errors import InputError
-from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
 
 if TYPE_CHECKING:
     from mjsheaf.checking.examination import Examination
     from mjsheaf.law.theorem import Rho
+    from mjsheaf.show.style import FigureOptions
 
 
 def check(
@@ -107,12 +107,14 @@ def check(
         raise NotHeldError(f"{scenario}: {'; '.join(reasons_of(record))}")
 
 
-def _figures_of(plot: Path | None, formats: str | None, title: bool) -> FigureOptions:
+def _figures_of(plot: Path | None, formats: str | None, title: bool) -> "FigureOptions":
     """Return the formats of the plot, that of its name first, and its other options.
 
     Raises:
         InputError: The name or a format is not one of figures, or formats are given without a plot.
     """
+    from mjsheaf.show.style import AS_USUAL, FORMATS, FigureOptions
+
     if plot is None and formats is not None:
         raise InputError(f"--format {formats}: no plot to write; expected --plot FILE too")
     if plot is None:
@@ -139,11 +141,11 @@ def _rho_of(text: str | None) -> "Rho | None":
         raise InputError(f"--rho {text}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
 
 
-def _draw(examination: "Examination", figures: FigureOptions, plot: Path) -> list[Path]:
+def _draw(examination: "Examination", figures: "FigureOptions", plot: Path) -> list[Path]:
     """Draw an examination into files, and return them."""
     from mjsheaf.checking.figures import draw_check
     from mjsheaf.io.files import naming, whole_file
-    from mjsheaf.plotting import write_figure
+    from mjsheaf.show.panels import write_figure
 
     figure = draw_check(examination, figures)
     paths = list(figures.paths(plot))

@@ -21,8 +21,7 @@ from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import Phase
 from mjsheaf.video.camera import View
-from mjsheaf.video.film import Frames, VideoOptions
-from mjsheaf.video.from_run import film_of
+from mjsheaf.video.film import Frames, VideoOptions, film_of
 from mjsheaf.video.scene import ABSENT, COMMUNICATION, Decorator, owners_of_geoms
 from tests.builders import mixed_scenario
 
