@@ -11,8 +11,8 @@ from mjsheaf._version import __version__
 if TYPE_CHECKING:
     from mjsheaf import envs
     from mjsheaf.checking import check
-    from mjsheaf.law.controller import Controller, PerAgent
     from mjsheaf.law.custom import register
+    from mjsheaf.law.in_python import Controller, PerAgent
     from mjsheaf.loop.session import Session
     from mjsheaf.loop.world import World
     from mjsheaf.runs.many import simulate_many
@@ -31,7 +31,7 @@ _HOME = {
     "simulate": "mjsheaf.runs.simulate",
     "simulate_many": "mjsheaf.runs.many",
     "check": "mjsheaf.checking",
-    "medium": "mjsheaf.media.probe",
+    "medium": "mjsheaf.media.medium",
     "Session": "mjsheaf.loop.session",
     "World": "mjsheaf.loop.world",
     "load_vehicle": "mjsheaf.vehicles.loading",
@@ -39,8 +39,8 @@ _HOME = {
     "plot": "mjsheaf.runs.showing",
     "replay": "mjsheaf.runs.showing",
     "register": "mjsheaf.law.custom",
-    "Controller": "mjsheaf.law.controller",
-    "PerAgent": "mjsheaf.law.controller",
+    "Controller": "mjsheaf.law.in_python",
+    "PerAgent": "mjsheaf.law.in_python",
 }
 
 __all__ = [

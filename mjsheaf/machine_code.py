@@ -36,7 +36,7 @@ SOURCES = (
     "noise.py",
     "parts.py",
     "sheaf/*.py",
-    "dynamics/*.py",
+    "paths.py",
     "media/*.py",
     "law/*.py",
     "vehicles/*.py",

@@ -9,22 +9,21 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.dynamics.effectiveness import EffectivenessArrays
-from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.law import ControlArrays, LawArrays, edges_of
 from mjsheaf.law.law import new_control
 from mjsheaf.law.obstacles import ObstacleArrays
 from mjsheaf.law.safety import SafetyArrays
-from mjsheaf.law.separation import Safety, pack_safety
-from mjsheaf.law.station import Station, no_station
-from mjsheaf.media import FlowField, disturbance
-from mjsheaf.media.disturbance import Bounds
+from mjsheaf.law.separation import Safety, Station, no_station, pack_safety
+from mjsheaf.media import FlowField
+from mjsheaf.media import varying as disturbance
 from mjsheaf.media.flow import AXIS, CENTRE
 from mjsheaf.media.gusts import Exposure
-from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
-from mjsheaf.media.moving import Parts, bounds_of
+from mjsheaf.media.medium import MediumArrays, Parts, bounds_of, pack_medium, pack_parts
+from mjsheaf.media.varying import Bounds
+from mjsheaf.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.team import Team
+from mjsheaf.vehicles.allocation import EffectivenessArrays
 from mjsheaf.vehicles.effects import Effects, capability_of, embody, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 

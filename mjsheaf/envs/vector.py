@@ -20,7 +20,7 @@ from mjsheaf.envs.episode import named_edges, scaled
 from mjsheaf.envs.flat import FlatEpisode
 from mjsheaf.envs.gym import TeamEnv
 from mjsheaf.errors import InputError
-from mjsheaf.law.sample import View
+from mjsheaf.law.in_python import View
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import Loop
 from mjsheaf.loop.worlds import Worlds

@@ -26,7 +26,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
-from mjsheaf.dynamics.motion import MotionArrays, add_reference
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.law.curved import compare, pack_kinds
 from mjsheaf.law.custom import add_custom, carry_custom, names_of, new_custom_memory
@@ -53,6 +52,7 @@ from mjsheaf.law.terms import (
     remember,
     require_symmetric,
 )
+from mjsheaf.paths import MotionArrays, add_reference
 from mjsheaf.team import Edge, Member, Team
 
 

@@ -14,10 +14,9 @@ import numpy as np
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError, UnstableError
-from mjsheaf.law.controller import Controller, Law, controller_of
 from mjsheaf.law.custom import naming_terms
+from mjsheaf.law.in_python import Controller, Law, Sample, View, controller_of
 from mjsheaf.law.law import ControlArrays, Memory, carry, new_control
-from mjsheaf.law.sample import Sample, View
 from mjsheaf.law.terms import Traffic
 from mjsheaf.loop.trajectory import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, on_engine, phases_of

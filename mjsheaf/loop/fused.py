@@ -26,11 +26,10 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Room
 from mjsheaf.jit import INTERPRETED, inline_jit, jit, on_stack
-from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes
+from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes, pack_motion
 from mjsheaf.loop.bodies import kinds_of
 from mjsheaf.loop.engine import Recorder
 from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, begin_span, first_bad
-from mjsheaf.loop.motion import pack_motion
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.tiers import Tiered
 

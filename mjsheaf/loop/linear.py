@@ -19,7 +19,7 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, lay_out
 from mjsheaf.engine import mujoco, quiet
 from mjsheaf.law import ControlArrays
-from mjsheaf.law.station import no_station
+from mjsheaf.law.separation import no_station
 from mjsheaf.loop.arena import compose
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.loop import AUTOPILOT, Bodies, Params, controlled_positions, new_loop

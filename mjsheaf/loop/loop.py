@@ -13,15 +13,23 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
 from mjsheaf.jit import inline_jit
-from mjsheaf.law.controller import Controller
+from mjsheaf.law.in_python import Controller
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
-from mjsheaf.law.station import Station, keep_station
+from mjsheaf.law.separation import Station, keep_station
 from mjsheaf.loop.bodies import Fleet, pack_fleet
 from mjsheaf.loop.engine import Engine, Recorder
 from mjsheaf.loop.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
-from mjsheaf.media.disturbance import HarmonicArrays
-from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
-from mjsheaf.media.moving import Parts, unknown_flow
+from mjsheaf.media.medium import (
+    MediumArrays,
+    MediumState,
+    Parts,
+    advance,
+    hold,
+    medium_velocity,
+    new_state,
+    unknown_flow,
+)
+from mjsheaf.media.varying import HarmonicArrays
 from mjsheaf.system import Phase, System
 from mjsheaf.tiers import Tiered
 from mjsheaf.vehicles.actuators import ANGLE

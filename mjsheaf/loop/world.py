@@ -15,13 +15,12 @@ from mjsheaf.arrays import Array, IntArray, Room
 from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import external, inline_jit, jit, on_stack
-from mjsheaf.law.controller import Controller, Law
+from mjsheaf.law.in_python import Controller, Law
 from mjsheaf.loop.arena import Arena, compose, movers_of, place_obstacles
-from mjsheaf.loop.block import ALONE, command_alone
+from mjsheaf.loop.block import ALONE, at, attitude, command_alone
 from mjsheaf.loop.bodies import apply_wrench, turn_gears
 from mjsheaf.loop.engine import Commanded, Recorder
 from mjsheaf.loop.loop import HUGE, Bodies, ClosedLoop, begin_span, record
-from mjsheaf.loop.motion import at, attitude
 from mjsheaf.media.medium import advance
 from mjsheaf.system import System
 from mjsheaf.tiers import Tiered
@@ -139,7 +138,7 @@ class World(ClosedLoop):
 
         Args:
             scenario: a Scenario, the System that one describes, or the phases of a run.
-            controller: a law in Python in place of the agents' own; see `mjsheaf.law.controller`.
+            controller: a law in Python in place of the agents' own; see `mjsheaf.law.in_python`.
             commanded: True if `add_to_command` gives the agents' whole command, in place of their own law; 'thrust' if
                 it gives the commands of their actuators, in place of law and autopilot.
             visible: False for a model without the geoms that are only to be seen: the same motion to the bit, sooner.

@@ -26,7 +26,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import Bounds, sine
+from mjsheaf.media.varying import Bounds, sine
 from mjsheaf.noise import generator_of
 
 GRAVITY = 9.81

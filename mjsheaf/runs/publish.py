@@ -39,7 +39,7 @@ _FLOWS = "flows"  # folder of the files of gridded flow
 
 if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
-    from mjsheaf.law.controller import Controller
+    from mjsheaf.law.in_python import Controller
     from mjsheaf.system import Phase, System
 
 

@@ -12,11 +12,9 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
+from mjsheaf import paths as motions
 from mjsheaf.arguments import require_seed
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.dynamics import ControlEffectiveness, Motion
-from mjsheaf.dynamics import effectiveness as effectivenesses
-from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.law.curved import bound_slopes
@@ -24,8 +22,7 @@ from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.law import LawArrays, pack_law, with_seed
 from mjsheaf.law.links import pack_links
 from mjsheaf.law.rounds import pack_rounds
-from mjsheaf.law.separation import Safety
-from mjsheaf.law.station import Station
+from mjsheaf.law.separation import Safety, Station
 from mjsheaf.law.terms import (
     Drift,
     Feedforward,
@@ -36,6 +33,7 @@ from mjsheaf.law.terms import (
     pack_terms,
 )
 from mjsheaf.noise import generator_of
+from mjsheaf.paths import Motion
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.scenario.medium import Disturbances, Flow
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
@@ -44,6 +42,8 @@ from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import PairOrEdge
 from mjsheaf.team.formation import Group
 from mjsheaf.team.links import Links
+from mjsheaf.vehicles import allocation as effectivenesses
+from mjsheaf.vehicles.allocation import ControlEffectiveness
 from mjsheaf.vehicles.effects import Effects
 from mjsheaf.vehicles.vehicle import Vehicle
 

@@ -19,7 +19,7 @@ from mjsheaf.errors import InputError, NotUniqueError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
 from mjsheaf.loop.session import moved_by, require_simulable
-from mjsheaf.media import disturbance
+from mjsheaf.media import varying as disturbance
 from mjsheaf.remember import remember_last
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase

@@ -11,8 +11,7 @@ import xarray as xr
 
 from mjsheaf.law.obstacles import points_kept_from
 from mjsheaf.law.safety import SafetyArrays
-from mjsheaf.media.moving import WITHOUT_MEAN
-from mjsheaf.media.probe import mean_flow
+from mjsheaf.media.medium import WITHOUT_MEAN, mean_flow
 from mjsheaf.plotting import groups_of
 from mjsheaf.results.metrics import law_in_words, mean_known
 from mjsheaf.results.netcdf import length_of_piece

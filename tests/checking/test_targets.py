@@ -14,9 +14,8 @@ from mjsheaf.checking.theorem.constants import coarser, difference_along
 from mjsheaf.checking.theorem.flow_bounds import bound_slopes
 from mjsheaf.checking.theorem.targets import Carrier, Cells, follow_targets
 from mjsheaf.checking.topology.cohomology import spectrum_of
-from mjsheaf.dynamics import Lissajous, Waypoints
-from mjsheaf.dynamics.motion import Motion, pack, reference_bounds
-from mjsheaf.media.disturbance import evaluate
+from mjsheaf.media.varying import evaluate
+from mjsheaf.paths import Lissajous, Motion, Waypoints, pack, reference_bounds
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import field_of, flow_jacobian
 from tests.checking.adversarial import adversarial_scenario

@@ -14,8 +14,7 @@ from scipy.interpolate import CubicSpline
 import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.checking.slips import slips_of
-from mjsheaf.dynamics.curve import MAX_DEVIATION, fit_curve
-from mjsheaf.dynamics.motion import Recorded, pack, reference_bounds
+from mjsheaf.paths import MAX_DEVIATION, Recorded, fit_curve, pack, reference_bounds
 
 
 def off_track(t: Array, places: Array) -> Array:

@@ -12,8 +12,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mjsheaf.dynamics import Lissajous, Motion, Waypoints, motion
+from mjsheaf import paths as motion
 from mjsheaf.errors import InputError
+from mjsheaf.paths import Lissajous, Motion, Waypoints
 
 Array = NDArray[np.float64]
 

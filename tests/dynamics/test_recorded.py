@@ -13,9 +13,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import mjsheaf
-from mjsheaf.dynamics.motion import Recorded, Waypoints, add_reference, pack, reference_bounds
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.yaml import read_yaml
+from mjsheaf.paths import Recorded, Waypoints, add_reference, pack, reference_bounds
 
 SCENARIO: dict[str, Any] = {
     "time": {"end": 4},

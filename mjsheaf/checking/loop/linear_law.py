@@ -28,12 +28,12 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.dynamics.motion import MotionArrays
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.jit import jit
 from mjsheaf.law.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_control, new_memory
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.law.rounds import RoundArrays
+from mjsheaf.paths import MotionArrays
 from mjsheaf.tiers import tiered
 
 INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")

@@ -16,7 +16,7 @@ from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.law import disagreement
-from mjsheaf.media.probe import mean_flow
+from mjsheaf.media.medium import mean_flow
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle

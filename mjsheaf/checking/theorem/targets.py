@@ -28,15 +28,14 @@ from scipy import sparse
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.law.law import ControlArrays, evaluate_law, new_control, new_memory, pack_edges
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
-from mjsheaf.media import disturbance
-from mjsheaf.media.medium import MediumArrays, moving_velocity
-from mjsheaf.media.moving import of_kind
+from mjsheaf.media import varying as disturbance
+from mjsheaf.media.medium import MediumArrays, moving_velocity, of_kind
 from mjsheaf.media.waves import WaveArrays
+from mjsheaf.paths import MotionArrays, add_reference, reference_bounds
 from mjsheaf.remember import remember_last
 from mjsheaf.system import System
 from mjsheaf.tiers import tiered

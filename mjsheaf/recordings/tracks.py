@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.dynamics.selection import Rows, Selection, arrange
 from mjsheaf.errors import InputError, in_field, listed
 from mjsheaf.io.cf import decoded, open_netcdf
 from mjsheaf.io.units import factor
+from mjsheaf.recordings.selection import Rows, Selection, arrange
 
 if TYPE_CHECKING:
     import xarray as xr

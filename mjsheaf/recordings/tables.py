@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.dynamics.selection import Rows, Selection, arrange
 from mjsheaf.errors import InputError, in_field, listed, shortened
 from mjsheaf.io.units import factor
+from mjsheaf.recordings.selection import Rows, Selection, arrange
 
 _COLUMNS = {
     "t": "t time times timestamp timestamps stamp datetime date_time basedatetime date_time_utc time_utc utc_time",
