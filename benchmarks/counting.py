@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.loop.fused import advance_block
+from mjsheaf.loop.log import Log
 from mjsheaf.loop.loop import Loop, run_law
-from mjsheaf.loop.trajectory import Log
 
 _STEPS = 20  # physics steps while operations are counted
 

@@ -3,7 +3,7 @@
 A target moves by p' = w(p) + v(t) + pull (r(t) - p) - gain (L_T p - c_T)_k + omega(t), with r' = v. With pull = 0 this
 is the paper's: the flow carries the target away from its reference. The consensus term is the law's and is not here.
 
-The curve through recorded positions: a cubic spline (not-a-knot), unless that leaves the track.
+The curve through recorded positions is a cubic spline (not-a-knot), unless that leaves the track.
 
 A spline through uneven samples can swing far off them: two messages 50 us apart whose positions differ by 1 cm give it
 a slope of 200 m/s. So each piece is compared with its chord. Let c_j be the length of chord j, h_j its duration, and
@@ -28,9 +28,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Tagged
-from mjsheaf.jit import inline_jit
 from mjsheaf.recordings.positions import read_positions
 
 if TYPE_CHECKING:
@@ -411,7 +411,7 @@ class Static(Tagged):
 Motion = Annotated[Lissajous | Waypoints | Recorded | Fixed | Adrift | Static, Field(discriminator="kind")]
 
 
-def pack(
+def pack_motions(
     motions: list[Motion | None],
     positions: Array,
     start: float,

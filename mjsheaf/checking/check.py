@@ -35,6 +35,7 @@ from mjsheaf.checking.theorem.certificate import (
     obstacle_of_team,
 )
 from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.theorem.theorem import Rho, RhoLike, as_rho
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
 from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
@@ -44,7 +45,6 @@ from mjsheaf.checking.trial import MAX_VEHICLE_STEPS, TrialRecord, try_mission
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.law.theorem import Rho, RhoLike, as_rho
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.system import Phase, System, during, phases_of

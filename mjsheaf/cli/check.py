@@ -21,7 +21,7 @@ from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
 
 if TYPE_CHECKING:
     from mjsheaf.checking.check import CheckRecord, Examination
-    from mjsheaf.law.theorem import Rho
+    from mjsheaf.checking.theorem.theorem import Rho
 
 
 def check(
@@ -137,7 +137,7 @@ def _rho_of(text: str | None) -> "Rho | None":
     Raises:
         InputError: The text is not a polynomial with coefficients of at least 0.
     """
-    from mjsheaf.law.theorem import as_rho
+    from mjsheaf.checking.theorem.theorem import as_rho
 
     if text is None:
         return None

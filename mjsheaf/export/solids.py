@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.engine import mujoco
+from mjsheaf.mujoco_import import mujoco
 from mjsheaf.page.geometry import kinds_of
 from mjsheaf.vehicles.vehicle import Vehicle
 

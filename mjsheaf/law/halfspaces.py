@@ -21,7 +21,7 @@ one plus `_THICKNESS`, or 0 if that is negative. The minimum is then a Lipschitz
 
 import numpy as np
 
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit
 
 _ROUNDING = 1e-13  # m/s, for velocities and bounds of about 1: a constraint is violated beyond it
 _PARALLEL = 1e-20  # square of the sine of the angle between two planes, below which they do not meet

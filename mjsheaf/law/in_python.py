@@ -1,6 +1,4 @@
-"""Local information at a sample: the record that laws in Python, environments and viewers read.
-
-The door for laws in Python: one call a control period, in place of the agents' own law, on both backends.
+"""Laws in Python: one call a control period, in place of the agents' own law, on both backends.
 
 A law is a callable `law(t, sample)` that returns the agents' velocities relative to the medium, shape (N, 3), m/s; it
 may have a method `reset(team, rng)`, called before the first sample. `sample` holds what agents may know, and apart

@@ -6,7 +6,7 @@ and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
     deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.law.links`)
-    compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.curved`)
+    compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.edges`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python commands
     custom      terms that users registered (see `mjsheaf.law.custom`)
@@ -26,9 +26,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.law.curved import compare, pack_kinds
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.custom import add_custom, carry_custom, names_of, new_custom_memory
+from mjsheaf.law.edges import compare, pack_kinds
 from mjsheaf.law.links import (
     LinkArrays,
     LinkedRows,

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Take
+from mjsheaf.compile.jit import as_records, inline_jit, jit
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.jit import as_records, inline_jit, jit
-from mjsheaf.law.curved import disturb
+from mjsheaf.law.edges import disturb
 from mjsheaf.noise import normal_of, stream_of, uniforms
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods

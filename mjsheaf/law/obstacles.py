@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.paths import MotionArrays, position_at
 
 SPHERE, CAPSULE, BOX, HALF_SPACE = 0, 1, 2, 3

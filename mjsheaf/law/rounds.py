@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray, Take
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import in_field
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.law.curved import slope
+from mjsheaf.law.edges import slope
 from mjsheaf.law.links import distance, linked_edges, next_state, require_held
 from mjsheaf.noise import uniforms
 from mjsheaf.team import Team

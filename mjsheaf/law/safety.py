@@ -40,7 +40,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, Take
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.halfspaces import nearest_within
 from mjsheaf.law.obstacles import ObstacleArrays, distance_from
 from mjsheaf.vehicles.vectors import square_of, subtract, triple

@@ -1,9 +1,8 @@
 """The section `safety` of a scenario, and its arrays for compiled code: see `mjsheaf.law.safety`.
 
-Station keeping: vehicles that have yet to join hold their position, each by itself.
-
-Vehicle v at x commands gain (position - x) - w relative to the medium, whose velocity w it measures there: over
-ground it returns to its position at the rate of the gain. The speed is limited as the vehicle's commands are.
+Station keeping is the other part: vehicles that have yet to join hold their position, each by itself. Vehicle v at x
+commands gain (position - x) - w relative to the medium, whose velocity w it measures there: over ground it returns to
+its position at the rate of the gain. The speed is limited as the vehicle's commands are.
 
 The gain is 1 / (4 (tau + h)), at most MAX_GAIN, with the time constant tau of the body and the control period h: the
 loop of position and velocity is then critically damped or slower.
@@ -16,15 +15,14 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from mjsheaf import paths as motions
 from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.io.section import Id, Number, Point, Positive, Section, Tagged
-from mjsheaf.jit import inline_jit
 from mjsheaf.law.obstacles import KINDS, ObstacleArrays
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.law.terms import limit_speed
-from mjsheaf.paths import Adrift, Motion
+from mjsheaf.paths import Adrift, Motion, pack_motions, reference_bounds
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 
@@ -326,9 +324,9 @@ def pack_obstacles(safety: Safety, height: float, start: float, end: float) -> O
         axes[k] = x, y, np.cross(x, y)
     dimensions = [len(one.place) for one in some]
     with in_field("safety.obstacles"):
-        motion = motions.pack([one.motion for one in some], places, start, dimensions, end)
+        motion = pack_motions([one.motion for one in some], places, start, dimensions, end)
     kinds = np.array([KINDS.index(one.kind) for one in some], dtype=np.int64)
-    return ObstacleArrays(kinds, axes, size, motions.reference_bounds(motion, parts=_PARTS)[0], motion)
+    return ObstacleArrays(kinds, axes, size, reference_bounds(motion, parts=_PARTS)[0], motion)
 
 
 MAX_GAIN = 1.0

@@ -24,10 +24,10 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.law.curved import Slopes, slope
+from mjsheaf.law.edges import Slopes, slope
 from mjsheaf.law.rounds import (
     FEEDFORWARD,
     NEWTON,

@@ -12,7 +12,7 @@ Most loops over lanes are straight arithmetic, without calls and branches, and L
 What happens rarely is done afterwards, lane by lane: efforts beyond their limits, large turns in a step. Vehicles that
 turn their thrusters, have rudders, are lost, or are commanded from outside are always alone.
 
-The step of a rigid body on a free joint, as MuJoCo takes it: see `fused`.
+A rigid body on a free joint takes the step that MuJoCo takes: see `fused`.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.jit import as_records, inline_jit, lanes_for, on_stack
+from mjsheaf.compile.jit import as_records, inline_jit, lanes_for, on_stack
 from mjsheaf.loop.bodies import (
     BLOCK,
     MIN_ALIKE,

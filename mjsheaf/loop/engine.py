@@ -18,7 +18,7 @@ from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.in_python import Controller, Law, Sample, View, controller_of
 from mjsheaf.law.law import ControlArrays, Memory, carry, new_control
 from mjsheaf.law.terms import Traffic
-from mjsheaf.loop.trajectory import Log, Trajectory, pieces_of
+from mjsheaf.loop.log import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, on_engine, phases_of
 
 if TYPE_CHECKING:

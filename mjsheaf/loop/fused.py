@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Room
-from mjsheaf.jit import INTERPRETED, inline_jit, jit, on_stack
+from mjsheaf.compile.jit import INTERPRETED, inline_jit, jit, on_stack
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes, pack_motion
 from mjsheaf.loop.bodies import kinds_of
 from mjsheaf.loop.engine import Recorder
 from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, begin_span, first_bad
 from mjsheaf.media.medium import advance as advance_medium
-from mjsheaf.tiers import Tiered
 
 _MOST_NUMBERS = 50_000  # of a loop whose vehicles Python commands: some 150 vehicles
 _WORTH_A_THREAD = 25_000  # vehicles times steps between two evaluations of the law: a round takes 0.2 ms

@@ -1,7 +1,7 @@
 """Loop on bodies: the law at its period, the measurements and commands of each vehicle, and the samples.
 
-An engine moves the bodies: MuJoCo (see `world`), or our own function (see `fused`). The whole step is compiled code.
-Samples are recorded inside the loop, into arrays allocated once.
+An engine moves the bodies: MuJoCo (see `mujoco_engine`), or our own function (see `fused`). The whole step is compiled
+code. Samples are recorded inside the loop, into arrays allocated once.
 """
 
 from abc import abstractmethod
@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
-from mjsheaf.jit import inline_jit
+from mjsheaf.compile.jit import inline_jit
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.law.separation import Station, keep_station
 from mjsheaf.loop.bodies import Fleet, pack_fleet
 from mjsheaf.loop.engine import Engine, Recorder
-from mjsheaf.loop.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
+from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.media.medium import (
     MediumArrays,
     MediumState,
@@ -31,7 +32,6 @@ from mjsheaf.media.medium import (
 )
 from mjsheaf.media.varying import HarmonicArrays
 from mjsheaf.system import Phase, System
-from mjsheaf.tiers import Tiered
 from mjsheaf.vehicles.actuators import ANGLE
 
 HUGE = 1e10

@@ -199,7 +199,7 @@ def engine_of(
         from mjsheaf.loop.fused import Fused
 
         return Fused(run, controller=controller, commanded=commanded, scenario=scenario)
-    from mjsheaf.loop.world import World
+    from mjsheaf.loop.mujoco_engine import World
 
     return World(scenario or run, controller=controller, commanded=commanded, visible=visible)
 

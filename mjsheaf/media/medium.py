@@ -3,14 +3,14 @@
 `MediumArrays` holds the parameters, which nothing changes during a phase of a run; `MediumState` holds all that
 depends on time. A loop calls `hold` at each sample, `advance` once for each time and range of vehicles, and then
 `medium_velocity` and `surface_about` at as many points as it likes. A medium that moves is a part of both, of a kind in
-`mjsheaf.media.medium`; no loop changes. Vehicles are advanced in ranges by several threads at once, so that the state
+`KINDS`; no loop changes. Vehicles are advanced in ranges by several threads at once, so that the state
 of each vehicle is its own. It is a function of time alone: at any time, a run can continue with a new state.
 
-Media that move, for compiled code: a tuple of parts, each a named tuple of the type of its kind.
+What moves is a tuple of parts, each a named tuple of the type of its kind. A kind is a row of `KINDS`: compiled
+functions of its parameters and its state; see `mjsheaf.compile.parts`.
 
-A kind is a row of `KINDS`: compiled functions of its parameters and its state; see `mjsheaf.parts`.
-
-The medium of a scenario, to be looked at: velocities and surface at any times and places, as a run meets them.
+`medium` returns the medium of a scenario, to be looked at: velocities and surface at any times and places, as a run
+meets them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,8 +23,9 @@ from numpy.typing import ArrayLike
 
 from mjsheaf.arguments import require_scenario
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
+from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.compile.parts import for_each, has_any
 from mjsheaf.errors import InputError, expected, in_field
-from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import (
@@ -64,7 +65,6 @@ from mjsheaf.media.varying import (
     varying_velocity,
 )
 from mjsheaf.media.waves import WaveArrays, bound_waves, new_wave_state, pack_waves, wave_surface, wave_velocity
-from mjsheaf.parts import for_each, has_any
 from mjsheaf.vehicles.vectors import add
 
 if TYPE_CHECKING:

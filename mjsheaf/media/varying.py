@@ -1,6 +1,6 @@
-"""Analytic flow in time: tides, a flow that sets in, and vortices that move.
+"""Analytic flow in time: tides, a flow that sets in, vortices that move, and disturbances.
 
-Bounded, continuous, seeded disturbances omega_i(t), the paper's Assumption 3, and bounds of all that moves.
+The disturbances omega_i(t) are bounded, continuous and seeded, as the paper's Assumption 3 has them:
 
 omega(t) = bound * sum_k a_k d_k sin(2 pi nu_k t + phi_k) with unit directions d_k and weights a_k that sum to 1, so
 that |omega(t)| <= bound for all t. Frequencies, phases and directions are drawn once from the seed and the vehicle's
@@ -16,9 +16,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
-from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import generator_of
 from mjsheaf.vehicles.vectors import triple
 

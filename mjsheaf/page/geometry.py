@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.engine import mujoco
-from mjsheaf.loop.arena import compose
+from mjsheaf.mujoco_import import mujoco
+from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.loading import SEEN_GROUPS
 from mjsheaf.vehicles.vehicle import Vehicle
 

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from mjsheaf.arrays import Array
-from mjsheaf.engine import mujoco
 from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres, points_kept_from
+from mjsheaf.mujoco_import import mujoco
 from mjsheaf.system import System
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from mjsheaf.law.in_python import Controller, Law
     from mjsheaf.loop.engine import Engine
-    from mjsheaf.loop.trajectory import Trajectory
+    from mjsheaf.loop.log import Trajectory
     from mjsheaf.system import Phase, System
 
 Progress = Callable[[str, int, int], None]
@@ -97,7 +97,7 @@ def stream(
         only: Names of the variables to collect; all unless given.
     """
     from mjsheaf.law.in_python import controller_of
-    from mjsheaf.loop.trajectory import samples_in_piece
+    from mjsheaf.loop.log import samples_in_piece
     from mjsheaf.system import phases_of
 
     called = controller_of(controller, phases_of(run)[0].system, seed)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.compile.jit import allocating_jit, inline_jit, jit
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import SheafError
-from mjsheaf.jit import allocating_jit, inline_jit, jit
-from mjsheaf.tiers import Tiered
 
 
 @dataclass(frozen=True)

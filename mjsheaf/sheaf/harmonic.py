@@ -31,8 +31,9 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.compile.jit import allocating_jit, jit
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import SheafError
-from mjsheaf.jit import allocating_jit, jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, parts
 from mjsheaf.sheaf.cochains import Cochains
 from mjsheaf.sheaf.edges import (
@@ -47,7 +48,6 @@ from mjsheaf.sheaf.edges import (
     ranges,
 )
 from mjsheaf.sheaf.sections import section_basis
-from mjsheaf.tiers import Tiered
 
 DIRECT_WORK = 5e8
 """Largest states * bandwidth^2 of a direct solution: a tenth of a second, once."""

@@ -18,10 +18,10 @@ import numpy as np
 from scipy import sparse
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.jit import allocating_jit, inline_jit, jit
+from mjsheaf.compile.jit import allocating_jit, inline_jit, jit
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, ROUNDING, assembled, largest_singular_value, sparse_null_space
 from mjsheaf.sheaf.edges import EdgeTable, coboundary_matrix, product, ranges
-from mjsheaf.tiers import Tiered
 
 _LEAST_CONDITION = 1e-3  # of maps that may carry a value on along a forest
 _MOST_OPEN = 64  # free directions of one component; with more of them the small problem is not small

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Matrix, Number, Point, Section
-from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.actuators import ANGLE, FIXED, WEAK_SIDE
 from mjsheaf.vehicles.vectors import subtract, triple
 

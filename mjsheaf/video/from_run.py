@@ -34,7 +34,7 @@ from mjsheaf.video.sea import Sea
 from mjsheaf.video.sizes import MOMENTS, automatic_scales
 
 if TYPE_CHECKING:
-    from mjsheaf.engine import mujoco
+    from mjsheaf.mujoco_import import mujoco
     from mjsheaf.system import Phase
 
 DRAFT_FPS = 15
@@ -114,7 +114,7 @@ def film_of(
         dataset: Data of the run, in memory or an open file. They are read frame by frame.
         phases: Phases of the scenario, if they were built already.
     """
-    from mjsheaf.loop.world import arena_of
+    from mjsheaf.loop.mujoco_engine import arena_of
 
     phases = scenario.phases if phases is None else phases
     system = phases[0].system

@@ -16,17 +16,17 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.comparing.compare import compare
+from mjsheaf.compile.jit import on_stack
+from mjsheaf.compile.tiers import _as_records, in_python
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.jit import on_stack
 from mjsheaf.loop import block
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.fused import Fused, advance_block
-from mjsheaf.loop.trajectory import Log
-from mjsheaf.loop.world import apply_forces
+from mjsheaf.loop.log import Log
+from mjsheaf.loop.mujoco_engine import apply_forces
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
 from mjsheaf.system import on_engine
-from mjsheaf.tiers import _as_records, in_python
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import DATA, POWERED, RAFT, altered, find, make_scenario, mixed_scenario, refused
 

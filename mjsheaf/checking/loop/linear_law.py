@@ -28,13 +28,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.compile.jit import jit
+from mjsheaf.compile.tiers import tiered
 from mjsheaf.errors import UndecidedError, listed
-from mjsheaf.jit import jit
 from mjsheaf.law.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_control, new_memory
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.law.rounds import RoundArrays
 from mjsheaf.paths import MotionArrays
-from mjsheaf.tiers import tiered
 
 INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 """Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the

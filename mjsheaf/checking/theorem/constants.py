@@ -35,8 +35,8 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
+from mjsheaf.checking.theorem.theorem import disturbance_bound
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.law.theorem import disturbance_bound
 from mjsheaf.media import varying as disturbance
 from mjsheaf.media.gridded import GridArrays
 from mjsheaf.media.gusts import FrozenArrays, GustArrays

@@ -28,7 +28,9 @@ from scipy import sparse
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.compile.remember import remember_last
+from mjsheaf.compile.tiers import tiered
 from mjsheaf.law.law import ControlArrays, evaluate_law, new_control, new_memory, pack_edges
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
@@ -36,9 +38,7 @@ from mjsheaf.media import varying as disturbance
 from mjsheaf.media.medium import MediumArrays, moving_velocity, of_kind
 from mjsheaf.media.waves import WaveArrays
 from mjsheaf.paths import MotionArrays, add_reference, reference_bounds
-from mjsheaf.remember import remember_last
 from mjsheaf.system import System
-from mjsheaf.tiers import tiered
 
 _FIRST_CELLS = 50  # of a call that follows the targets; later calls fill more
 MOST_STEPS = 1_500_000

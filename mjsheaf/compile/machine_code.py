@@ -28,13 +28,13 @@ _logger = logging.getLogger("mjsheaf")
 _BEGUN = time.time()
 _HASH = 16  # bytes of a hash
 _KEPT = 30 * 86400.0  # age at which files of other versions are removed, s
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 SOURCES = (
-    "jit.py",
-    "linking.py",
+    "compile/jit.py",
+    "compile/linking.py",
     "system.py",
     "noise.py",
-    "parts.py",
+    "compile/parts.py",
     "sheaf/*.py",
     "paths.py",
     "media/*.py",
@@ -171,7 +171,7 @@ def source_hash(path: Path) -> str:
 
     It is 'changed' if one of them changed after this process began, or is no file.
     """
-    reached, pending = set(), {path, _PACKAGE / "jit.py"}
+    reached, pending = set(), {path, _PACKAGE / "compile/jit.py"}
     while pending:
         file = pending.pop()
         reached.add(file)
