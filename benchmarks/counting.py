@@ -1,7 +1,7 @@
 """How many operations the fused engine's step takes: its own functions, run on numbers that count.
 
 With NUMBA_DISABLE_JIT=1 in the environment the interpreter runs what is otherwise compiled. As a program this reads a
-pickled loop and its MOTIONs, and prints what `count` returns, as JSON.
+pickled loop and its RIGIDs, and prints what `count` returns, as JSON.
 """
 
 import json

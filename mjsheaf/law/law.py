@@ -384,16 +384,16 @@ def _end_link(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, befor
 
 
 @inline_jit
-def evaluate_law(control, t, x, drift, memory):
+def evaluate_law(control, t, x, carried, memory):
     """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m.
 
-    `drift` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
+    `carried` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
     """
     law, stages, edges = control.law, control.stages, control.law.edges
     V = x.shape[0]
-    navigate(stages.terms, law, x, drift, memory.command, memory.terms)
+    navigate(stages.terms, law, x, carried, memory.command, memory.terms)
     measure(edges, x, memory.y)
-    deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
+    deliver(stages.links, law, t, x, carried is not None, memory.y, memory.terms, memory.links)
     compare(edges.kinds, edges, memory.y, memory.compared)
     pull_back(edges, memory.compared, memory.residual)
     for v in range(V):

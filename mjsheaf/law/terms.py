@@ -83,7 +83,7 @@ class Odometry(Section):
     noise: NonNegative = Field(
         0.0, description="standard deviation of each coordinate of the displacement, at each sample [m]"
     )
-    bias: float = Field(0.0, ge=-1e9, le=1e9, description="drift of each coordinate [m/s]")
+    bias: float = Field(0.0, ge=-1e9, le=1e9, description="growth of the error of each coordinate [m/s]")
 
 
 class Terms(NamedTuple):
@@ -118,7 +118,8 @@ class TermArrays(NamedTuple):
         steepest: Largest 1 / |z| with which rounds count bearing edges, shape (C + S,), 1/m; empty without such edges.
         fresh: True if rounds of newton begin with 0 at every sample.
         feedforward, newton: rounds; 0 without.
-        measured, drift: share of a new measurement that the filters of target velocity and drift take; drift 0 without.
+        measured, drift: share of a new measurement that the filters of target velocity and medium velocity
+            take; drift 0 without.
         lead: Lead of feedforward, in samples, shape (N,).
         settled: samples on the same edges after which an agent's feedforward leads.
         integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
@@ -178,7 +179,7 @@ class TermMemory(NamedTuple):
         x: Positions at that sample, shape (V, 3), m; an agent knows only their difference to its present position.
         moved: displacement since then by odometry, shape (V, 3), m.
         walked: the sum of that since the start, shape (V, 3), m.
-        seen: drift since then, as measured, shape (V, 3), m/s.
+        seen: velocity of the medium since then, as measured, shape (V, 3), m/s.
         v: the solution of H v = B p', shape (V, 3), m/s.
         delta: the solution of H delta = -eta, shape (V, 3), m.
         drift: the observer's, shape (V, 3), m/s.
@@ -451,14 +452,14 @@ def solve(edges, terms, rounds, b, y, x, memory):
 
 
 @jit
-def navigate(stage, law, x, drift, command, memory):
+def navigate(stage, law, x, carried, command, memory):
     """Write what agents see of their own motion since the sample before.
 
     Args:
         stage: () where the law has no terms.
         law: the law.
         x: positions, shape (V, 3), m.
-        drift: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
+        carried: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
             the part of the displacement that the command does not explain.
         command: since the sample before, as limited, shape (V, 3), m/s.
         memory: see TermMemory.
@@ -475,10 +476,10 @@ def navigate(stage, law, x, drift, command, memory):
             wrong = terms.noise * error[i] + terms.bias * h
             memory.moved[v, i] = x[v, i] - memory.x[v, i] + wrong
             memory.walked[v, i] += memory.moved[v, i]
-            if drift is None:
+            if carried is None:
                 memory.seen[v, i] = memory.moved[v, i] / h - command[v, i]
             else:
-                memory.seen[v, i] = drift[v, i] + wrong / h
+                memory.seen[v, i] = carried[v, i] + wrong / h
 
 
 @jit

@@ -62,7 +62,7 @@ from mjsheaf.vehicles.vectors import (
 from mjsheaf.vehicles.vehicle import Vehicle
 
 # How a kind moves; body axes, about the origin of the body frame.
-MOTION = np.dtype(
+RIGID = np.dtype(
     [
         ("inverse", "f8", (6, 6)),  # of the matrix in `fused`
         ("inertia", "f8", (3, 3)),  # J, kg m^2
@@ -81,16 +81,16 @@ NEARLY_UNIT = 1e-8
 """Distance from 1 of a quaternion's square up to which one step of Newton's method makes it 1."""
 
 
-def pack_motion(vehicles: Sequence[Vehicle], timestep: float) -> NDArray[np.void]:
-    """Return a MOTION for each kind of vehicle, for steps of `timestep`, s."""
-    motion = np.zeros(len(vehicles), MOTION)
-    for one, vehicle in zip(motion, vehicles, strict=True):
+def pack_rigid(vehicles: Sequence[Vehicle], timestep: float) -> NDArray[np.void]:
+    """Return a RIGID for each kind of vehicle, for steps of `timestep`, s."""
+    rigid = np.zeros(len(vehicles), RIGID)
+    for one, vehicle in zip(rigid, vehicles, strict=True):
         taken = vehicle.joint_damping
         one["inverse"] = np.linalg.inv(vehicle.rigid_mass + timestep * np.diag(taken))
         one["inertia"], one["damping"] = vehicle.inertia, taken[3:]
         one["weight"], one["weight_moment"] = vehicle.weight - vehicle.ballast, vehicle.weight_moment
         one["mass_moment"] = vehicle.mass * vehicle.centre_of_mass
-    return as_records(motion)
+    return as_records(rigid)
 
 
 @inline_jit
@@ -141,7 +141,7 @@ def move(one, h, b, i):
     """Take MuJoCo's step in a lane of a block, except for the turn, and write whether its state is good.
 
     Args:
-        one: MOTION of the vehicle; the force and moment in the block are in addition to its weight.
+        one: RIGID of the vehicle; the force and moment in the block are in addition to its weight.
         h: Timestep, s.
         b, i: Block and lane of the vehicle; see `block`.
     """
@@ -534,10 +534,10 @@ def _act(kind, thrusters, lanes, b, effort, activation, own):
 
 
 @inline_jit
-def _take_step(fleet, motion, h, first, last, lanes, k, b, effort, activation, own, qpos, qvel, bad):
+def _take_step(fleet, rigid, h, first, last, lanes, k, b, effort, activation, own, qpos, qvel, bad):
     """Take step k, of h, with commands that were just made; return False, and write to `bad`, if a vehicle is bad."""
     number = fleet.bodies[first].kind
-    kind, one = fleet.kinds[number], motion[number]
+    kind, one = fleet.kinds[number], rigid[number]
     _act(kind, fleet.thrusters[kind.thruster :], lanes, b, effort, activation, own)
     all_good = True
     for v in range(first, last):
@@ -554,7 +554,7 @@ def _take_step(fleet, motion, h, first, last, lanes, k, b, effort, activation, o
 
 
 @inline_jit
-def advance_alone(loop, motion, first, last, step, count, log, row, bad):
+def advance_alone(loop, rigid, first, last, step, count, log, row, bad):
     """Move vehicles one after the other; see `fused.advance_block`."""
     params, state = loop
     fleet, h = params.fleet, params.timestep
@@ -569,7 +569,7 @@ def advance_alone(loop, motion, first, last, step, count, log, row, bad):
             ctrl, act = state.ctrl[body.actuator :], state.act[body.state :]
             effort, activation = ctrl[:, None], act[:, None]
             all_good &= _take_step(
-                fleet, motion, h, v, v + 1, 1, k, b, effort, activation, act, state.qpos, state.qvel, bad
+                fleet, rigid, h, v, v + 1, 1, k, b, effort, activation, act, state.qpos, state.qvel, bad
             )
             if b.good[0] > 0.0:
                 _scatter(body, b, 0, state.qpos, state.qvel)
@@ -650,7 +650,7 @@ def _write_commands(fleet, ctrl, first, last, effort):
 
 
 @inline_jit
-def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
+def advance_lanes(loop, rigid, first, last, step, count, log, row, bad):
     """Move vehicles for which `fits_lanes` holds; see `fused.advance_block`."""
     params, state = loop
     fleet, medium, h = params.fleet, params.medium, params.timestep
@@ -685,7 +685,7 @@ def advance_lanes(loop, motion, first, last, step, count, log, row, bad):
             _write_commands(fleet, state.ctrl, first, last, effort)
             record(loop, log, row, first, last)
         all_good = _take_step(
-            fleet, motion, h, first, last, lanes, k, b, effort, activation, None, state.qpos, state.qvel, bad
+            fleet, rigid, h, first, last, lanes, k, b, effort, activation, None, state.qpos, state.qvel, bad
         )
         if not all_good:
             break

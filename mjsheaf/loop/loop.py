@@ -116,7 +116,7 @@ class State(NamedTuple):
         ctrl: Commands of all actuators, shape (A,).
         act: Activations of the actuators with a lag.
         x: Positions that the law sees, padded, shape (V, 3), m.
-        drift: Velocity of the medium as each vehicle measures it, shape (V, 3), m/s.
+        carried: Velocity of the medium as each vehicle measures it, shape (V, 3), m/s.
         medium: State of the medium.
         memory: Memory of the law.
     """
@@ -127,7 +127,7 @@ class State(NamedTuple):
     ctrl: Array
     act: Array
     x: Array
-    drift: Array
+    carried: Array
     medium: MediumState
     memory: Memory
 
@@ -179,12 +179,12 @@ def run_law(loop, t):
         for v in range(bodies.shape[0]):
             w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
             for i in range(3):
-                state.drift[v, i] = w[i]
+                state.carried[v, i] = w[i]
     attitude = memory.links.attitude
     for v in range(attitude.shape[0]):
         for i in range(4):
             attitude[v, i] = state.qpos[bodies[v].qpos + 3 + i]
-    evaluate_law(params.control, t, state.x, state.drift, memory)
+    evaluate_law(params.control, t, state.x, state.carried, memory)
     for v in range(bodies.shape[0]):
         if params.station.holds[v]:
             advance(params.medium, t, v, v + 1, state.medium)
@@ -292,8 +292,8 @@ def new_loop(params: Params, bodies: Callable[[Room], Bodies], room: Room) -> Lo
     V, law = len(params.fleet.bodies), params.control.law
     steps, moved = room.take(1), bodies(room)
     memory = new_memory(law, V, room)
-    x, drift = room.take((V, 3)), room.take((V, 3))
-    return Loop(params, State(steps, *moved, x, drift, new_state(params.medium, room.take), memory))
+    x, carried = room.take((V, 3)), room.take((V, 3))
+    return Loop(params, State(steps, *moved, x, carried, new_state(params.medium, room.take), memory))
 
 
 def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: Controller | None = None) -> str:

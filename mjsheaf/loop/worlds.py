@@ -24,13 +24,13 @@ from mjsheaf.system import System
 
 
 @jit
-def take_periods(loop, row, motion, goal, nothing, values, alive, bad, squares):
+def take_periods(loop, row, rigid, goal, nothing, values, alive, bad, squares):
     """Take one control period in every world that is alive, and measure at its end.
 
     Args:
         loop: A loop of the worlds' team, whose own numbers lie in `row`.
         row: Numbers of one world, shape (n,).
-        motion: A MOTION for each kind of vehicle.
+        rigid: A RIGID for each kind of vehicle.
         goal: Goal of the errors; see `scores`.
         nothing: Log without samples.
         values: Rows of the worlds, shape (W, n).
@@ -43,7 +43,7 @@ def take_periods(loop, row, motion, goal, nothing, values, alive, bad, squares):
             continue
         for k in range(row.shape[0]):
             row[k] = values[w, k]
-        if take_period(loop, motion, nothing, bad[w]):
+        if take_period(loop, rigid, nothing, bad[w]):
             square_errors(goal, loop.state.x, squares[w])
         for k in range(row.shape[0]):
             values[w, k] = row[k]
@@ -64,11 +64,11 @@ def begin_periods(loop, row, values, which):
 
 
 @inline_jit
-def take_period(loop, motion, nothing, bad):
+def take_period(loop, rigid, nothing, bad):
     """Take the next control period, and evaluate the law at its end.
 
     Args:
-        loop, motion, nothing: See `take_periods`.
+        loop, rigid, nothing: See `take_periods`.
         bad: Time at which each vehicle diverged, shape (V,).
 
     Returns:
@@ -79,7 +79,7 @@ def take_period(loop, motion, nothing, bad):
     unlook(float(k), memory.held, memory.kept)
     for _ in range(params.per_sample // params.per_law):
         run_law(loop, params.start + k * params.timestep)
-        if not advance_blocks(loop, motion, 0, B, k, params.per_law, nothing, -1, bad):
+        if not advance_blocks(loop, rigid, 0, B, k, params.per_law, nothing, -1, bad):
             return False
         k += params.per_law
     look(float(k), memory.held, memory.kept)
@@ -149,11 +149,11 @@ class Worlds:
         if not runs:
             raise InputError("no run; expected one or more")
         first, system = runs[0], runs[0].system
-        shared, self._motion = _shared(first.params()), first.compiled[1]
+        shared, self._rigid = _shared(first.params()), first.compiled[1]
         for w, run in enumerate(runs):
             _require_world(run)
             _require_same(w, _shared(run.params()), shared)
-            _require_same(w, run.compiled[1], self._motion, "motion")
+            _require_same(w, run.compiled[1], self._rigid, "rigid")
             _require_same(w, run.system.team.members, system.team.members, "team")
             _require_same(w, run.system.grid, system.grid, "time")
         W = len(runs)
@@ -215,7 +215,7 @@ class Worlds:
         system = self._runs[0].system
         with naming_terms(system.law.custom, system.team, self._loop.state.memory.evaluated):
             of_worlds = self.values, alive, self._bad, self.squares
-            take_periods(self._loop, self._row, self._motion, self._goal, self._nothing, *of_worlds)
+            take_periods(self._loop, self._row, self._rigid, self._goal, self._nothing, *of_worlds)
         found = {}
         for w in np.flatnonzero((self._bad != NEVER).any(axis=1) & alive).tolist():
             vehicle = int(np.argmin(self._bad[w]))
