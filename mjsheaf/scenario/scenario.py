@@ -252,21 +252,14 @@ Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
 """How many times larger than life something is drawn."""
 
 
-def scales_of(
-    scale: float | None,
-    named: Mapping[str, float],
-    ids: Sequence[str],
-    kinds: Sequence[str],
-    automatic: float | Array = np.nan,
-) -> Array:
-    """Compute how many times larger than life each vehicle is drawn, shape (V,).
+def scales_of(scale: float | None, named: Mapping[str, float], ids: Sequence[str], kinds: Sequence[str]) -> Array:
+    """Compute how many times larger than life each vehicle is drawn, shape (V,); NaN where nothing says it.
 
     Args:
-        scale: Scale of every vehicle that `named` does not name; None for `automatic`.
+        scale: Scale of every vehicle that `named` does not name, or None.
         named: Scales by id, or by kind of vehicle; an id overrides its kind.
         ids: Name of each vehicle.
         kinds: Kind of each vehicle.
-        automatic: Scale of each vehicle that neither `scale` nor `named` gives, shape (V,) or a number.
 
     Raises:
         InputError: A name in `named` is no vehicle's.
@@ -276,8 +269,7 @@ def scales_of(
         known = shortened(", ".join(visible(name) for name in dict.fromkeys([*kinds, *ids])))
         raise InputError(f"vehicle_scales.{visible(unknown[0])}: there is none of this name; expected one of {known}")
     given = [named.get(name, named.get(kind, scale)) for name, kind in zip(ids, kinds, strict=True)]
-    chosen = np.array([np.nan if each is None else each for each in given], dtype=np.float64)
-    return np.where(np.isnan(chosen), automatic, chosen)
+    return np.array(given, dtype=np.float64)  # None becomes NaN
 
 
 class Scene(Section):
@@ -319,7 +311,9 @@ class Video(Section):
     quality: Literal["good", "draft"] = Field(
         "good", description="draft: drawn quickly, coarse and with hard edges, at most 15 frames a second"
     )
-    legend: bool = Field(True, description="a panel next to the scene explains colours, lines and arrows")
+    legend: Literal[True] = Field(
+        True, description="a panel next to the scene always explains colours, lines and arrows"
+    )
 
     @property
     def eye(self) -> tuple[float, float]:
