@@ -11,7 +11,6 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.law import ControlArrays, LawArrays, edges_of
-from mjsheaf.law.law import new_control
 from mjsheaf.law.obstacles import ObstacleArrays
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.law.separation import Safety, Station, no_station, pack_safety
@@ -252,7 +251,7 @@ class System:
     @cached_property
     def control(self) -> ControlArrays:
         """The law and the references for compiled code."""
-        return new_control(self._with_safety(self.law, np.zeros(len(self.planar))), self.motion)
+        return ControlArrays(self._with_safety(self.law, np.zeros(len(self.planar))), self.motion)
 
     @cached_property
     def control_of_bodies(self) -> ControlArrays:
@@ -263,7 +262,7 @@ class System:
         if terms.lead.any():
             tau = np.array([vehicle.reduced_model().tau[0] for vehicle in self.vehicles[: terms.agents]])
             law = law._replace(terms=terms._replace(lead=terms.lead * (1.0 + tau / terms.period)))
-        return new_control(self._with_safety(law, self.safety_margins) if self.safety else law, self.motion)
+        return ControlArrays(self._with_safety(law, self.safety_margins) if self.safety else law, self.motion)
 
     def _with_safety(self, law: LawArrays, margins: Array) -> LawArrays:
         """Return a law that keeps vehicles apart as the scenario demands, by margins (V,) in m more."""

@@ -98,7 +98,7 @@ def seeded_of(params: Params) -> Seeded:
 
 def with_seeded(params: Params, seeded: Seeded) -> Params:
     """Return constants with others of those that depend on the seed."""
-    law, motion, _ = params.control
+    law, motion = params.control
     control = params.control._replace(law=law._replace(seed=seeded.seed), motion=motion._replace(origin=seeded.origin))
     medium = params.medium._replace(harmonics=seeded.harmonics, parts=seeded.parts)
     return params._replace(control=control, medium=medium)

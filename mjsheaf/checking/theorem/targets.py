@@ -31,7 +31,7 @@ from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered
-from mjsheaf.law.law import ControlArrays, evaluate_law, new_control, new_memory, pack_edges
+from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
 from mjsheaf.media import varying as disturbance
@@ -527,7 +527,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
         harmonics=disturbance.pack(system.harmonics[N:]),
         parts=tuple(part._replace(met=part.met[N:]) for part in medium.parts),
     )
-    return new_control(alone, motion._replace(**own)), around, system.initial[N:].copy()
+    return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
 def _rates(
