@@ -17,7 +17,7 @@ HASHES = """
 import sys
 from pathlib import Path
 from mjsheaf.compile import machine_code
-root = Path(machine_code.__file__).resolve().parent
+root = Path(machine_code.__file__).resolve().parents[1]
 for name in sys.argv[1:]:
     print(machine_code.source_hash(root / name))
 """
@@ -62,7 +62,7 @@ def test_an_edit_of_the_decorator_makes_all_code_stale(tmp_path: Path) -> None:
 
 def test_imports_are_found_as_the_parser_finds_them() -> None:
     """Oracle: Python's own parser, on every file with compiled functions."""
-    package = Path(machine_code.__file__).resolve().parent
+    package = Path(machine_code.__file__).resolve().parents[1]
     for path in sorted(path for pattern in machine_code.SOURCES for path in package.glob(pattern)):
         nodes = [node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ImportFrom)]
         ours = [node for node in nodes if not node.level and str(node.module).split(".")[0] == "mjsheaf"]

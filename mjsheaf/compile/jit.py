@@ -29,9 +29,8 @@ try:
     from numba.extending import intrinsic, lower_builtin, type_callable
     from numba.extending import overload as overload
 
-    from mjsheaf.compile.machine_code import StoredCode
-    from mjsheaf.compile.waiting import is_waiting as is_waiting
-    from mjsheaf.compile.waiting import keep_code
+    from mjsheaf.compile.machine_code import StoredCode, keep_code
+    from mjsheaf.compile.machine_code import is_waiting as is_waiting
 except ValueError:  # numba reads its environment variables as it is imported
     raise InputError(
         f"NUMBA_NUM_THREADS: {os.environ.get('NUMBA_NUM_THREADS', '')[:40]!r}; expected a whole number from 1 on"
