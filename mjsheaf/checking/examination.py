@@ -42,8 +42,8 @@ from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
 from mjsheaf.checking.topology.mending import plan_augmentation
 from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.norms import per_agent
 from mjsheaf.scenario import Scenario
+from mjsheaf.section import per_agent
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team
 from mjsheaf.threads import one_thread

@@ -17,8 +17,7 @@ from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology
 from mjsheaf.checking.topology.mending import Augmentation
 from mjsheaf.checking.topology.rigidity import Rigidity
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 
 
 class RegionSummary(Record):

@@ -18,10 +18,15 @@ from mjsheaf.cli.options import (
     TitleOption,
     VideoOption,
     figure_options,
+    make_console,
+    make_table,
     prepare,
+    print_lines,
+    print_note,
+    progress_bars,
+    saying_what_is_kept,
 )
-from mjsheaf.cli.outcome import describe_files
-from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars, saying_what_is_kept
+from mjsheaf.cli.run import describe_files
 from mjsheaf.errors import UnstableError, in_field
 
 if TYPE_CHECKING:
@@ -62,7 +67,7 @@ def compare(
     """
     with progress_bars() as bars:
         from mjsheaf.comparing.report import publish
-        from mjsheaf.scenario.law_file import find_law
+        from mjsheaf.scenario.load import find_law
 
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")

@@ -19,7 +19,7 @@ from mjsheaf.results.dataset import law_of
 from mjsheaf.runs.diagnostics import examine_terms
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import LawFile
+from mjsheaf.scenario.load import LawFile
 from mjsheaf.system import Phase, phases_of
 
 

@@ -14,8 +14,8 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, changed_systems, ladder_of, run_ablation, span_of_phase
 from mjsheaf.comparing.measures import Role, ScopeRecord, Span, middle_of, vehicles_by_role, whole_run
-from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.scenario.law_file import LawFile
+from mjsheaf.scenario.load import LawFile
+from mjsheaf.section import Finite, FiniteRecord
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles

@@ -11,8 +11,8 @@ from mjsheaf.checking.finished import Ending
 from mjsheaf.comparing.ladder import Run, Variant, changed_systems, run_ablation
 from mjsheaf.comparing.measures import TEAM, ErrorsRecord, saturation_of
 from mjsheaf.comparing.ringing import RingingRecord, gain_limits
-from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
+from mjsheaf.section import Finite, FiniteRecord
 from mjsheaf.system import Phase, System
 
 _FACTORS = (2.0, 4.0)  # multiples of the present gain that are tried

@@ -52,11 +52,11 @@ from mjsheaf.comparing.measures import (
     whole_run,
 )
 from mjsheaf.comparing.recording import Recording, record_run
-from mjsheaf.io.section import FiniteRecord
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.log import Trajectory
 from mjsheaf.runs.simulate import Progress, no_progress
-from mjsheaf.scenario.law_file import LawFile
+from mjsheaf.scenario.load import LawFile
+from mjsheaf.section import FiniteRecord
 from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle

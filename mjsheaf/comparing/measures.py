@@ -8,10 +8,9 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
-from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.loop.log import Trajectory
 from mjsheaf.results import metrics
+from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
 from mjsheaf.system import System
 
 Role = Literal["agents", "targets"]

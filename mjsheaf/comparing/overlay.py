@@ -17,8 +17,6 @@ from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import bounds_of_phases
 from mjsheaf.errors import InputError, PlaceError, listed, select_true
-from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
-from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.page import Ghost, page_of
 from mjsheaf.page.replay import REQUIRED
 from mjsheaf.results.dataset import law_of
@@ -27,6 +25,7 @@ from mjsheaf.results.netcdf import thin
 from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
+from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
 from mjsheaf.show.panels import (
     WIDTH,
     label_axes,

@@ -23,7 +23,7 @@ from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import LawFile
+from mjsheaf.scenario.load import LawFile
 from mjsheaf.show.style import AS_USUAL, FigureOptions
 
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut

@@ -30,10 +30,10 @@ from scipy import linalg
 from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
 from mjsheaf.comparing.measures import positions_at_q_star
-from mjsheaf.io.section import FiniteRecord
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.session import engine_of
 from mjsheaf.media import FlowField
+from mjsheaf.section import FiniteRecord
 from mjsheaf.system import STILL, System
 from mjsheaf.vehicles.effects import Effects, capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -18,7 +18,7 @@ from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
 from mjsheaf.comparing.ringing import RingingRecord
 from mjsheaf.errors import joined
-from mjsheaf.io.section import Finite, FiniteRecord
+from mjsheaf.section import Finite, FiniteRecord
 
 _LOWER_GAIN = ", or a lower controller.gain"  # advice for laws that have one
 _CHANGE = {

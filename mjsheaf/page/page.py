@@ -18,11 +18,11 @@ from pydantic_core import to_json
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import naming, write_whole
-from mjsheaf.io.section import LARGEST
+from mjsheaf.files import naming, write_whole
 from mjsheaf.page.replay import REQUIRED, Ghost, pack
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
 from mjsheaf.scenario import Scenario
+from mjsheaf.section import LARGEST
 from mjsheaf.show.played import Played, has_bodies, played
 from mjsheaf.show.solids import kinds_of
 from mjsheaf.show.style import list_scales

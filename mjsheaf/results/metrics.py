@@ -11,13 +11,12 @@ import xarray as xr
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.io.norms import PER_AGENT_RMS
-from mjsheaf.io.section import finite
 from mjsheaf.law.obstacles import distances
 from mjsheaf.law.safety import SafetyArrays
+from mjsheaf.section import PER_AGENT_RMS, finite
 from mjsheaf.team import Edge, Formation, Team
 from mjsheaf.team.links import KINDS
-from mjsheaf.team.shapes import Path
+from mjsheaf.team.team import Path
 
 if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect

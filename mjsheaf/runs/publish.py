@@ -19,18 +19,17 @@ from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
-from mjsheaf.io.files import naming, write_whole
-from mjsheaf.io.section import LARGEST
-from mjsheaf.io.yaml import SUFFIXES, dump_yaml
+from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
+from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.netcdf import split, write_and_open
-from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import same_law
+from mjsheaf.scenario.load import same_law
+from mjsheaf.section import LARGEST
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
 from mjsheaf.video import VideoOptions, available_backend
 

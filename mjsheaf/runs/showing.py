@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import naming, write_whole
+from mjsheaf.files import naming, write_whole
 from mjsheaf.results import store, thinned
 from mjsheaf.runs.publish import account_of, scenario_of, shown_bound
 from mjsheaf.scenario import Scenario

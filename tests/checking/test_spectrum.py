@@ -88,8 +88,7 @@ def test_lanczos_agrees_with_the_dense_answer(
     dense = spectrum_of(swarm(3, spatial=spatial, weak=weak, name=name))
     assert dense.method == "dense"
     monkeypatch.setattr("mjsheaf.checking.topology.cohomology.DENSE_STATES", 12)
-    for module in ("blocks", "sections"):
-        monkeypatch.setattr(f"mjsheaf.sheaf.{module}.DENSE_COLUMNS", 12)
+    monkeypatch.setattr("mjsheaf.sheaf.sections.DENSE_COLUMNS", 12)
     large = swarm(3, spatial=spatial, weak=weak, name=name)
     found = spectrum_of(large)
     assert found.method.startswith("shift-invert Lanczos to 1e-08 on components over 12 states (the largest has 40)")

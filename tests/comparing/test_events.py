@@ -16,7 +16,7 @@ from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.compare import Comparison
 from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.video.film import both_films, half_options

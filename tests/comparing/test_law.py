@@ -14,11 +14,11 @@ import mjsheaf
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.report import report_text
 from mjsheaf.errors import InputError
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.runs.expecting import expected_law, try_scenario
 from mjsheaf.runs.publish import account_of
 from mjsheaf.scenario import Scenario, load_scenario
-from mjsheaf.scenario.law_file import find_law, load_controller, same_law
+from mjsheaf.scenario.load import find_law, load_controller, same_law
 from tests.builders import two_boats
 from tests.commands import answer_of, call
 

@@ -20,7 +20,7 @@ from mjsheaf.checking.loop import directed
 from mjsheaf.checking.loop.linked_law import LinkedLaw
 from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 
 MOST_STATES = 900  # of a matrix whose eigenvalues are found
 MOST_WORK = 3e10  # modes times states cubed, of eigenvalues or of covariances

@@ -40,11 +40,10 @@ from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.errors import UndecidedError, listed, raise_first
-from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.media.varying import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
+from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record, per_agent
 from mjsheaf.system import System
 
 _MOST_NUMBERS = 20_000_000  # samples times states that are looked at

@@ -15,8 +15,7 @@ from mjsheaf.checking.loop.linked_law import LinkedLaw
 from mjsheaf.checking.loop.loss import SecondMoments
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, stationary
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.norms import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Norm, per_agent
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Finite, Norm, Record, per_agent
 from mjsheaf.team import Team
 
 _MAX_ITERATIONS = 8  # of the fixed point of frames that noise turns

@@ -26,9 +26,8 @@ from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.terms import TermArrays
+from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 from mjsheaf.system import System
 from mjsheaf.team import Team
 from mjsheaf.team.links import KINDS

@@ -30,7 +30,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.delay import MOST_STATES, team_loop
 from mjsheaf.checking.loop.linked_law import LinkedLaw
 from mjsheaf.errors import UndecidedError, raise_first
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 
 _MOST_MOMENTS = 60_000  # numbers in the second moments with bursts, delay, newton or integral
 _MOST_BURSTS = 8  # channels with bursts

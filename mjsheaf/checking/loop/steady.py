@@ -28,11 +28,10 @@ from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.errors import UndecidedError, raise_first, select_true
-from mjsheaf.io.norms import PER_AGENT_RMS, Norm
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.media.varying import evaluate
+from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of

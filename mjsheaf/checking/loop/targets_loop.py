@@ -20,7 +20,7 @@ from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import listed
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 
 _DENSE = 600  # rows of S whose eigenvalues are all computed

@@ -50,7 +50,7 @@ from mjsheaf.checking.theorem.theorem import Rho, Theorem, theorem_1
 from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.topology.connecting import label_parts, unsensed_targets
 from mjsheaf.errors import first_true, select_true
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread

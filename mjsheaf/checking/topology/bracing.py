@@ -22,7 +22,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 from mjsheaf.sheaf.nonlinear import FREE_MOTION, SOLVED_RANK_TOLERANCE, Measure, NonlinearEdge, linear_maps
 from mjsheaf.team import Team
 from mjsheaf.team.edges import LinearEdge

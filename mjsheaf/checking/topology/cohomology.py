@@ -23,18 +23,18 @@ from scipy import linalg, sparse
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import select_true
-from mjsheaf.io.section import Record
+from mjsheaf.section import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.sheaf.blocks import (
+from mjsheaf.sheaf.edges import parts
+from mjsheaf.sheaf.nonlinear import SOLVED_RANK_TOLERANCE, StationaryProblem
+from mjsheaf.sheaf.sections import (
     DENSE_COLUMNS,
     largest_singular_value,
-    parts,
     shifted_factor,
     smallest_eigenvectors,
     sparse_null_space,
     sparser_rows,
 )
-from mjsheaf.sheaf.nonlinear import SOLVED_RANK_TOLERANCE, StationaryProblem
 from mjsheaf.team import GROUND, Edge, Team
 from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
 

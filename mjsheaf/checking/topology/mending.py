@@ -24,7 +24,7 @@ from scipy.sparse import csgraph
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.topology.cohomology import agent_coboundary, smallest_eigenvalue
-from mjsheaf.io.section import Record
+from mjsheaf.section import Record
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.null_modes import null_mode_basis
 

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.topology.bracing import Bracing, plan_bracing
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.nonlinear import SOLVED_RANK_TOLERANCE
 from mjsheaf.team import Team

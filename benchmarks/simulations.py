@@ -7,7 +7,7 @@ from time import perf_counter, thread_time
 import numpy as np
 
 import mjsheaf
-from mjsheaf.bench import WANTED, Row, at_least, at_most, best, elapsed, informs, swarm, timed
+from benchmarks.measuring import WANTED, Row, at_least, at_most, best, elapsed, informs, swarm, timed
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.mujoco_engine import World
 from mjsheaf.loop.session import engine_of

@@ -1,6 +1,17 @@
-"""NetCDF files by the CF conventions: attributes that are text, packed values and missing data. xarray reads them."""
+"""Data made by others: netCDF by the CF conventions, units, and the plane about an origin.
+
+Of CF: attributes that are text, packed values and missing data; xarray reads the files. Units are as CF and UDUNITS
+write them: 'm s-1', 'm/s', 'knots', 'millibars'; pint reads them.
+
+The plane in which longitude and latitude become x and y is equirectangular. It is an affine map, so that cells of a
+grid stay rectangles:
+
+    x = R cos(lat_0) (lon - lon_0),   y = R (lat - lat_0),   R = 6,371,000 m.
+"""
 
 import hashlib
+import math
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,8 +19,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, listed, shortened
-from mjsheaf.io.files import open_regular
+from mjsheaf.files import open_regular
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,3 +136,53 @@ def decoded(part: "xr.DataArray") -> "xr.DataArray":
         fill = _FILLS.get(f"{raw.dtype.kind}{raw.dtype.itemsize}")
         missing |= False if fill is None else raw == np.asarray(fill).astype(raw.dtype)
     return (unpacked.where(~missing) if missing.any() else unpacked).rename(part.name)
+
+
+_OF_NO_LENGTH = re.compile(r"(common_|leap_)?(months?|years?|yr?)$", re.IGNORECASE)
+
+
+def factor(unit: object, into: str) -> float:
+    """Return what values in a unit are multiplied by to be in another.
+
+    Months and years are none, as they have no fixed length.
+
+    Raises:
+        InputError: It is no unit, or one of something else.
+    """
+    from cf_xarray.units import units  # slow to import
+
+    text = " ".join(str(unit).split())
+    if into == "m s-1" and text.lower() in ("m/s", "ms-1"):  # the second would be 1/ms
+        text = into
+    try:
+        if not text or "since" in text or isinstance(unit, int | float) or _OF_NO_LENGTH.match(text):
+            raise ValueError
+        return float(units.Quantity(1.0, units.Unit(text)).to(into).magnitude)
+    except Exception:  # of the parser, which raises many kinds on what is no unit
+        raise InputError(f"the unit is {shortened(repr(unit), 50)}; expected {into} or what converts to it") from None
+
+
+def converts(unit: object, into: str) -> bool:
+    """Return True if values in a unit can be converted to another; see `factor`."""
+    try:
+        return factor(unit, into) > 0.0
+    except InputError:
+        return False
+
+
+EARTH = 6_371_000.0
+"""Mean radius of the earth, m."""
+
+
+def to_plane(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
+    """Return x and y, m, of places in degrees; longitudes count within half a turn of the origin's.
+
+    Raises:
+        InputError: The origin is no place between the poles.
+    """
+    lat, lon = origin
+    if not (abs(lat) <= 90.0 and abs(lon) <= 360.0):
+        raise InputError(f"origin: ({lat:g}, {lon:g}) is no place; expected latitude and longitude in degrees")
+    turned = (longitude.astype(np.float64) - lon + 180.0) % 360.0 - 180.0
+    x = math.radians(1.0) * EARTH * math.cos(math.radians(lat)) * turned
+    return np.asarray(x), np.asarray(math.radians(1.0) * EARTH * (latitude.astype(np.float64) - lat))

@@ -1,17 +1,41 @@
-"""`mjsheaf list`, `mjsheaf new`, `mjsheaf schema` and `mjsheaf bench`."""
+"""`mjsheaf list`, `new`, `schema`, `export` and `view`."""
 
 import json
+import math
 import os
 import re
 import shlex
+import webbrowser
+from contextlib import ExitStack
+from itertools import chain, count
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mjsheaf.cli.options import require_file_name
-from mjsheaf.cli.terminal import make_console, make_table, print_lines, progress_bars
-from mjsheaf.errors import InputError, in_field, raise_first, shortened
+from mjsheaf.cli.options import (
+    Backend,
+    BackendOption,
+    Engine,
+    EngineOption,
+    McapOption,
+    Ros2Option,
+    SeedOption,
+    SetOption,
+    changes_of,
+    formats_of,
+    make_console,
+    make_table,
+    print_lines,
+    progress_bars,
+    require_file_name,
+    saying_what_is_kept,
+)
+from mjsheaf.cli.run import require_outside_of_runs
+from mjsheaf.errors import InputError, in_field, shortened
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
 
 _ROOM = 40.0  # m around the origin that the vehicles of the new scenario need
 _LEAST_DURATION = 1.0  # s
@@ -36,8 +60,7 @@ def list_(
 
 
 def _list_scenarios() -> None:
-    from mjsheaf.io.files import list_studies
-    from mjsheaf.io.yaml import read_yaml
+    from mjsheaf.files import list_studies, read_yaml
     from mjsheaf.scenario import Scenario, list_scenarios
     from mjsheaf.scenario.load import read_scenario
 
@@ -115,18 +138,16 @@ def new(
 
     An existing file is not replaced.
     """
-    from mjsheaf.io.files import naming, write_whole
+    from mjsheaf.files import naming, write_whole
     from mjsheaf.scenario.load import list_scenarios, name_from
 
     path = Path(name if name.endswith((".yaml", ".yml")) else f"{name}.yaml")
-    raise_first(
-        InputError,
-        {
-            f"{shortened(name)!r}: expected a name, such as mine": not re.fullmatch(r"\w[\w .+-]*", path.stem),
-            f"{path}: exists already; expected another name": path.exists() or path.is_symlink(),
-            f"{name}: is the name of an included scenario; expected another name": name in list_scenarios(),
-        },
-    )
+    if not re.fullmatch(r"\w[\w .+-]*", path.stem):
+        raise InputError(f"{shortened(name)!r}: expected a name, such as mine")
+    if path.exists() or path.is_symlink():
+        raise InputError(f"{path}: exists already; expected another name")
+    if name in list_scenarios():
+        raise InputError(f"{name}: is the name of an included scenario; expected another name")
     require_file_name("NAME", path, ".yaml", ".yml")
     template = Path(__file__).parents[1] / "scenario" / "template.yaml"
     text = template.read_text(encoding="utf-8").replace("{file}", path.name).replace("{name}", name_from(path))
@@ -197,48 +218,141 @@ def schema_of(what: str) -> dict[str, Any]:
     return found
 
 
-def bench(
-    topics: Annotated[
-        list[str] | None, typer.Argument(metavar="[TOPIC]...", help="Topics to measure.", show_default="all")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print figures and table as JSON.")] = False,
-    full: Annotated[
-        bool, typer.Option("--full", help="More repetitions and larger sizes; takes minutes more.")
-    ] = False,
-    peers: Annotated[
-        str | None,
+def export(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a finished run.")],
+    mcap: McapOption = False,
+    ros2: Ros2Option = False,
+    out: Annotated[
+        Path | None,
         typer.Option(
-            metavar="PYTHON",
-            help="Python interpreter with crazyflow or gym-pybullet-drones installed.",
-            show_default="this one",
+            metavar="PATH",
+            help="File to write with --mcap, directory to write with --ros2.",
+            show_default="DIR/run.mcap, DIR/run_ros2",
         ),
     ] = None,
 ) -> None:
-    """Measure speed on this machine, with a reference next to each number; takes about two minutes.
+    """Export a finished run as a log that other tools read, without simulating.
 
-    Topics: ideal, loop, fused, threads, assembly, sheaf; in mjsheaf's source tree also startup, peers, hardware,
-    video and memory.
+    The log has the pose of every vehicle, the scene with edges coloured by residual, desired positions and flow, errors
+    and commands, events as messages, and the scenario. `run --mcap` writes the same file during a run.
     """
-    with progress_bars(lines=None if as_json else "stdout") as bars:
-        from mjsheaf.bench import run_bench
+    formats = formats_of(mcap, ros2)
+    one_place = f"--out {out}: names one place; expected only one of --mcap and --ros2 with it"
+    if not formats:
+        raise InputError("export: expected --mcap, --ros2 or both")
+    if out is not None and len(formats) > 1:
+        raise InputError(one_place)
+    with progress_bars("exporting the run"):
+        from mjsheaf.export import FORMATS, export_run
 
-        found = run_bench(topics, short=not full, peers=peers, progress=bars)
-    if as_json:
-        print(json.dumps(found, indent=2))
+        if out is not None:
+            _require_place(out, directory / FORMATS[formats[0]].name, mcap)
+        paths = [export_run(directory, name, out) for name in formats]
+    print_lines(*paths)
+
+
+def _require_place(out: Path, own: Path, mcap: bool) -> None:
+    """Refuse a path that cannot be written, or lies in the directory of another run.
+
+    Raises:
+        InputError: The path is one.
+    """
+    if mcap:
+        require_file_name("--out", out, ".mcap")
+    elif not out.parent.is_dir():
+        raise InputError(f"--out {out}: there is no directory {out.parent}")
+    require_outside_of_runs(out, own)
+
+
+def view(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|DIR", help="A scenario as for `mjsheaf run`, or the directory of a finished run."
+        ),
+    ],
+    backend: BackendOption = Backend.PHYSICS,
+    overrides: SetOption = None,
+    seed: SeedOption = None,
+    engine: EngineOption = Engine.MUJOCO,
+    speed: Annotated[
+        float, typer.Option(help="Initial speed in simulated seconds per second; 0 for as fast as possible.")
+    ] = 1.0,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New directory for the recorded scenario.", show_default="runs/NAME-live"),
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0 takes a free one.")] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+) -> None:
+    """Run a scenario in the browser: pause, set speed, gain and flow, lose agents, cut links. Or open a finished run.
+
+    The page is served on 127.0.0.1 only, to one client, at an address with a random token. Closing it ends the
+    command. What you do is recorded as the `events:` of a scenario that reproduces the session bit for bit.
+    """
+    if Path(source).is_dir():
+        _open_finished(Path(source), browser)
         return
-    machine = found["machine"]
-    title = f"mjsheaf {machine['mjsheaf']} on {machine['processors']} processors, MuJoCo {machine['mujoco']}"
-    figures = ("ours", "reference", "ratio")
-    headings = ("", "", *figures, "required", "met", "reference is")
-    table = make_table(*headings, numbers=figures, fixed=headings[:-1], title=title, box=None, padding=(0, 1))
-    topic = ""
-    for row in found["rows"]:
-        numbers = ("-" if row[name] is None else f"{row[name]:.3g}" for name in figures)
-        met = {True: "yes", False: "NO", None: ""}[row["met"]]
-        first = "" if row["topic"] == topic else row["topic"]
-        table.add_row(first, row["what"], *numbers, row["wanted"], met, row["note"])
-        topic = row["topic"]
-    console = make_console()
-    if not console.is_terminal:
-        console.width = 150  # columns
-    console.print(table)
+    with ExitStack() as loading:
+        loading.enter_context(progress_bars("preparing the run"))
+        from mjsheaf.live.live import SPEEDS
+        from mjsheaf.live.live import view as view_live
+        from mjsheaf.scenario.load import load_scenario
+
+        if speed != 0.0 and speed not in SPEEDS:
+            raise InputError(f"--speed {speed:g}: expected 0 or one of {', '.join(f'{s:g}' for s in SPEEDS)}")
+        if out is not None and out.exists():
+            raise InputError(f"--out {out}: exists; expected the name of a new directory")
+        loaded = load_scenario(source, changes_of(overrides, seed))
+        kept = ["nothing was written"]
+
+        def announce(url: str) -> None:
+            loading.close()
+            print_lines(f"open in a browser: {url}", "the run starts when the page opens and ends when it is closed")
+            if browser:
+                webbrowser.open(url)
+
+        def record(scenario: "Scenario") -> None:
+            directory = _write(scenario, out or _new_directory(f"{loaded.name}-{backend}-live"))
+            other = "" if engine is Engine.MUJOCO else f" --engine {engine}"
+            again = f"mjsheaf run {directory / 'scenario.yaml'} --backend {backend}{other}"
+            number = len(scenario.events) - len(loaded.events)
+            kept[0] = f"{number} event{'' if number == 1 else 's'} recorded; the session again: {again}"
+
+        pace = speed or math.inf
+        with in_field(source), saying_what_is_kept(lambda: kept[0]):
+            view_live(loaded, str(backend), engine=str(engine), port=port, speed=pace, opened=announce, recorded=record)
+    print_lines(kept[0])
+
+
+def _new_directory(name: str) -> Path:
+    """Return a directory in runs/ that does not exist."""
+    names = chain([name], (f"{name}-{number}" for number in count(2)))
+    return next(path for path in (Path("runs") / own for own in names) if not path.exists())
+
+
+def _write(scenario: "Scenario", directory: Path) -> Path:
+    """Write a scenario with what it refers to into a new directory, and return that."""
+    from mjsheaf.files import naming, whole_directory
+    from mjsheaf.runs.publish import write_scenario
+
+    with naming(directory):
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        with whole_directory(directory) as fresh:
+            write_scenario(scenario, fresh)
+    return directory
+
+
+def _open_finished(directory: Path, browser: bool) -> None:
+    """Open the page of a finished run; write it first if it is missing."""
+    from mjsheaf.page import write_page_again
+    from mjsheaf.results.store import open_run
+
+    path = directory / "report.html"
+    with open_run(directory):
+        pass
+    if not path.is_file():
+        path = write_page_again(directory)
+    print_lines(f"open in a browser: {path}")
+    if browser:
+        webbrowser.open(path.resolve().as_uri())

@@ -2,12 +2,19 @@
 
 A section defines the fields of a part of a file. Consistency with the rest of the file is checked when the section
 builds its part of a system.
+
+Errors of a team have two norms, m:
+
+    per_agent_rms   root mean square over the agents, sqrt(|e|^2 / N): headlines, and errors of runs
+    team_norm       |e|, the norm over the whole team: bounds of certificates
+
+A bound R on |e| bounds the RMS over N agents by R / sqrt(N).
 """
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -326,3 +333,20 @@ def finite(x: float | None) -> float | None:
 
 Finite = Annotated[float | None, BeforeValidator(finite)]
 """A number, or null; see `finite`."""
+
+
+Norm = Literal["per_agent_rms", "team_norm"]
+
+PER_AGENT_RMS: Literal["per_agent_rms"] = "per_agent_rms"
+TEAM_NORM: Literal["team_norm"] = "team_norm"
+
+OF_TEAM = "which norm the errors of this record are, but for fields `..._per_agent`, which are the RMS over agents"
+"""Description of the field `norm` of a record of certificates."""
+
+OF_NONE = "none of the errors is a norm over the whole team: the tracking error is the RMS over agents"
+"""Description of the field `norm` of a record of measured errors."""
+
+
+def per_agent(size: float | None, agents: int) -> float | None:
+    """Return the RMS over agents of errors whose norm over the whole team is given, m; None stays None."""
+    return None if size is None else size / math.sqrt(agents)

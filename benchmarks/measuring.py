@@ -1,4 +1,4 @@
-"""`mjsheaf bench`: the speed of mjsheaf on this machine, each figure next to its reference or bound.
+"""The speed of mjsheaf on this machine, each figure next to its reference or bound.
 
 Other processes can only make wall times longer, so the minimum of many repetitions is reported. Work of a single thread
 is measured in its processor time, which excludes other processes. A ratio of two times comes from alternating
@@ -7,12 +7,10 @@ repetitions, so that both have the same clock frequency and the same load from o
 
 import os
 import platform
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.metadata import version
-from pathlib import Path
 from time import perf_counter, thread_time
 from typing import Any, TypeVar
 
@@ -24,23 +22,18 @@ T = TypeVar("T")
 
 TOPICS = {
     "startup": "benchmarks.processes",
-    "ideal": "mjsheaf.bench.simulations",
-    "loop": "mjsheaf.bench.simulations",
-    "fused": "mjsheaf.bench.simulations",
-    "threads": "mjsheaf.bench.simulations",
+    "ideal": "benchmarks.simulations",
+    "loop": "benchmarks.simulations",
+    "fused": "benchmarks.simulations",
+    "threads": "benchmarks.simulations",
     "peers": "benchmarks.peers",
     "hardware": "benchmarks.hardware",
-    "assembly": "mjsheaf.bench.simulations",
-    "sheaf": "mjsheaf.bench.sheaf",
+    "assembly": "benchmarks.simulations",
+    "sheaf": "benchmarks.sheaf",
     "video": "benchmarks.processes",
     "memory": "benchmarks.processes",
 }
-"""Modules of the topics, each with a function `topic(short) -> list[Row]`; `short` makes fewer repetitions.
-
-`benchmarks` is part of the source tree and is not installed with the package.
-"""
-
-_SOURCE_TREE = Path(__file__).resolve().parents[2]
+"""Modules of the topics, each with a function `topic(short) -> list[Row]`; `short` makes fewer repetitions."""
 
 WANTED = {
     "startup": 0.3,
@@ -52,7 +45,7 @@ WANTED = {
     "fused threads": 0.65,
     "speed-up": 0.9,
     "assembly": 6.0,
-    "sheaf": 2.0,
+    "sheaf": 0.3,
     "grid growth": 1.1,
     "video": 1.15,
     "memory": 1.15,
@@ -77,7 +70,7 @@ WANTED = {
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table of `mjsheaf bench`.
+    """A row of the table.
 
     Attributes:
         topic: Topic of the measurement.
@@ -159,7 +152,7 @@ def run_bench(
     """Measure the speed of this machine.
 
     Args:
-        topics: Names out of TOPICS; None takes all that are installed.
+        topics: Names out of TOPICS; None takes all.
         short: True for the short version of each topic, about two minutes in all.
         peers: Python with peer libraries installed, for the topic `peers`; None takes this one.
         progress: Callback, called with the name of the topic, the topics done and the number of topics.
@@ -168,47 +161,23 @@ def run_bench(
         `machine`; `short`; `figures`: measured values of each topic by quantity; `rows`: the `Row`s.
 
     Raises:
-        InputError: A topic is unknown or not installed, `peers` is given without its topic, or its Python measures
-            nothing.
+        InputError: A topic is unknown, `peers` is given without its topic, or its Python measures nothing.
     """
-    chosen = _choose(topics)
+    for topic in topics or ():
+        if topic not in TOPICS:
+            raise InputError(f"unknown topic {topic!r}; expected {', '.join(TOPICS)}")
+    chosen = [topic for topic in TOPICS if topic in (topics or TOPICS)]
     if peers is not None and "peers" not in chosen:
         raise InputError(f"--peers {peers}: requires the topic peers; expected it among the topics")
     options = {"peers": {"python": peers}}
     rows: list[Row] = []
     for done, topic in enumerate(chosen):
         progress("measuring", done, len(chosen))
-        rows += _load(topic)(short, **options.get(topic, {}))
+        measure: Callable[..., list[Row]] = getattr(import_module(TOPICS[topic]), topic)
+        rows += measure(short, **options.get(topic, {}))
     progress("measuring", len(chosen), len(chosen))
     figures = {topic: {row.what: row.ours for row in rows if row.topic == topic} for topic in chosen}
     return {"machine": machine(), "short": short, "figures": figures, "rows": [asdict(row) for row in rows]}
-
-
-def _choose(topics: Sequence[str] | None) -> list[str]:
-    """Return the topics to measure, in the order of TOPICS; None takes all that are installed.
-
-    Raises:
-        InputError: A topic is unknown, or not installed.
-    """
-    available = [topic for topic, module in TOPICS.items() if _is_available(module)]
-    for topic in topics or ():
-        if topic not in available:
-            fault = f"topic {topic!r} needs mjsheaf's source tree" if topic in TOPICS else f"unknown topic {topic!r}"
-            raise InputError(f"{fault}; expected {', '.join(available)}")
-    return [topic for topic in available if topic in (topics or available)]
-
-
-def _is_available(module: str) -> bool:
-    """Return True if a module of TOPICS is installed or in the source tree."""
-    return module.startswith("mjsheaf.") or (_SOURCE_TREE / f"{module.replace('.', '/')}.py").exists()
-
-
-def _load(topic: str) -> Callable[..., list[Row]]:
-    """Return the function that measures a topic."""
-    if str(_SOURCE_TREE) not in sys.path and not TOPICS[topic].startswith("mjsheaf."):
-        sys.path.append(str(_SOURCE_TREE))
-    measure: Callable[..., list[Row]] = getattr(import_module(TOPICS[topic]), topic)
-    return measure
 
 
 def machine() -> dict[str, Any]:

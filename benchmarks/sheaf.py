@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.measuring import WANTED, Row, at_least, at_most, best, informs, timed
 from mjsheaf.arrays import Array
-from mjsheaf.bench import WANTED, Row, at_least, at_most, best, informs, timed
 from mjsheaf.sheaf import Sheaf
 
 PUBLISHED_MS = {"coboundary": 0.34, "laplacian": 0.36, "harmonic_extension": 1.1, "nearest_global_section": 451.0}
