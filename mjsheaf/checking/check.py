@@ -25,6 +25,14 @@ from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.problems import Problem, TriedFix, problems_of, untried_of
 from mjsheaf.checking.proposals import Proposal, propose
+from mjsheaf.checking.repairs import (
+    Augmentation,
+    Rigidity,
+    describe_edges,
+    plan_augmentation,
+    rigidity_of,
+    suggest_edges,
+)
 from mjsheaf.checking.separation import SafetyRecord, safety_record
 from mjsheaf.checking.slips import drifts_of, slips_of
 from mjsheaf.checking.theorem.certificate import (
@@ -37,9 +45,6 @@ from mjsheaf.checking.theorem.certificate import (
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
-from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
-from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
-from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
 from mjsheaf.checking.trial import MAX_VEHICLE_STEPS, TrialRecord, try_mission
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
@@ -534,7 +539,7 @@ def _examine_one(
     links = link_answers(system, path)
     targets = with_bodies(targets_loop(system), system, path)
     rigidity = _rigidity(system, original)
-    mending = None if system.team.free or system.team.stressed else plan_augmentation(system.team)
+    mending = None if system.team.free or system.team.stressed else plan_augmentation(system.team, system.initial)
     edges = suggest_edges(system.team, system.initial)
     record = CheckRecord(
         scenario=system.name,
