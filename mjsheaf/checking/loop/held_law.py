@@ -530,18 +530,6 @@ def _stability(loop: Loop) -> dict[str, Any]:
     }
 
 
-def largest_integral(system: System) -> float:
-    """Return the smallest k_I, 1/s^2, with which the held integral diverges; 0 without terms.
-
-    For an eigenvalue lambda of H, the held loop of e and z has the determinant 1 - h (k1 lambda - h k_I lambda). With
-    the Newton direction and exact rounds it is 1 - h (k1 - h k_I lambda). Both are below 1 only for smaller k_I.
-    """
-    terms = system.law.terms
-    if not terms.agents:
-        return 0.0
-    return system.gain / (terms.period * (system.largest_eigenvalue if terms.newton else 1.0))
-
-
 def _noise(system: System, loop: Loop) -> float:
     """See LawLoop: what odometry adds by way of sensed targets and of the agent itself, at most."""
     if not system.law.extended:
