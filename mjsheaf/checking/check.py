@@ -14,8 +14,8 @@ from pydantic import Field
 
 from mjsheaf.arguments import require_number, require_scenario
 from mjsheaf.arrays import Array
+from mjsheaf.checking.fragility import Fragility, fragility
 from mjsheaf.checking.loop.body_loop import medium_on_path
-from mjsheaf.checking.loop.directed import held_eigenvalues, zero_of
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord, predict_rms
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import LinkRecord, link_answers
@@ -35,6 +35,7 @@ from mjsheaf.checking.repairs import (
 )
 from mjsheaf.checking.separation import SafetyRecord, safety_record
 from mjsheaf.checking.slips import drifts_of, slips_of
+from mjsheaf.checking.spectrum import RelativeCohomology, held_eigenvalues, spectrum_of, zero_of
 from mjsheaf.checking.theorem.certificate import (
     Assumption,
     Certificate,
@@ -44,7 +45,6 @@ from mjsheaf.checking.theorem.certificate import (
 )
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
-from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
 from mjsheaf.checking.trial import MAX_VEHICLE_STEPS, TrialRecord, try_mission
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
+from mjsheaf.checking.loop.linear_law import because_of
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS
-from mjsheaf.checking.loop.modelled import because_of
 from mjsheaf.checking.standoff import MOSTLY
 from mjsheaf.errors import listed
 from mjsheaf.io.section import Finite, Record

@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.topology.cohomology import agent_coboundary, smallest_eigenvalue
+from mjsheaf.checking.spectrum import agent_coboundary, smallest_eigenvalue
 from mjsheaf.errors import listed
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.sheaf import RANK_TOLERANCE

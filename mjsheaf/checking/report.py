@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking.check import CheckRecord, ExplainedCohomology, PhaseRecord, TheoremSummary
+from mjsheaf.checking.fragility import Fragility
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.loop.link_noise import NoiseAnswer
@@ -18,7 +19,6 @@ from mjsheaf.checking.loop.targets_loop import TargetsLoop
 from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.separation import SafetyRecord
-from mjsheaf.checking.topology.cohomology import Fragility
 from mjsheaf.checking.trial import TrialRecord
 
 Row = tuple[str, str, str]

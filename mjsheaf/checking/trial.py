@@ -13,9 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.finished import ROUNDING, ending_of_run
+from mjsheaf.checking.finished import MIN_DURATION, MIN_SPEED, ROUNDING, ending_of_run, find_stuck
 from mjsheaf.checking.separation import TooClose, too_close_in
-from mjsheaf.checking.stuck import MIN_DURATION, MIN_SPEED, find_stuck
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record

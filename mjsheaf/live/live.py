@@ -12,8 +12,8 @@ import xarray as xr
 
 from mjsheaf.checking.loop.body_loop import body_loop, medium_on_path
 from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.targets import follow_targets
-from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.errors import InputError, MjsheafError, UndecidedError
 from mjsheaf.live.actions import MAX_FACTOR, Recorder, flow_values
 from mjsheaf.live.frames import Frames, outlook

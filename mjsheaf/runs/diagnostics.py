@@ -7,7 +7,7 @@
     medium        flow and disturbance are faster than a vehicle can move
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time
-    stuck         an agent does not move for 5 s although it is commanded to (see `stuck`)
+    stuck         an agent does not move for 5 s although it is commanded to (see `finished`)
     terms         with terms of the law, commands jump, or are at velocity limits, or thrusters saturate
     changing      the team's error has not converged at the end; approaching: it still falls
     close         vehicles closer than their size while contacts are off
@@ -28,8 +28,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.finished import HeldBound, RunBound
-from mjsheaf.checking.stuck import Stuck, find_stuck
+from mjsheaf.checking.finished import Stuck, find_stuck
+from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.errors import joined
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of

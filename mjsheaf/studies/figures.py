@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.finished import BROKEN
+from mjsheaf.checking.theorem.of_run import BROKEN
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.plotting import (

@@ -14,7 +14,8 @@ import xarray as xr
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, bound_ahead, bound_of_run, ending_of_run, judge
+from mjsheaf.checking.finished import Ending, ending_of_run, judge
+from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.errors import InputError, NotUniqueError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
@@ -277,7 +278,7 @@ def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | No
 
 
 def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.page import page_of
 
     phases = scenario.phases

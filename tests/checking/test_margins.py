@@ -9,7 +9,7 @@ from scipy.linalg import eigvals
 
 import mjsheaf
 from mjsheaf.checking.loop.margins import body_margin, hold_margin
-from mjsheaf.checking.topology.cohomology import spectrum_of
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.scenario import scenario_from_mapping
 from tests.commands import call
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 
 from mjsheaf.checking.repairs import Augmentation, plan_augmentation, suggest_edges
-from mjsheaf.checking.topology.cohomology import explain
+from mjsheaf.checking.spectrum import explain
 from mjsheaf.team import Edge, Team, anchor, restriction_maps
 from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
 from tests.strategies import exact_rank, examples, shared_teams, whole_number_teams

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mjsheaf import World, load_scenario, simulate
-from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of_run
+from mjsheaf.checking.finished import ending_of_run
+from mjsheaf.checking.theorem.of_run import bound_of_run, held_bound_of_run
 from mjsheaf.engine import mujoco
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjsheaf.checking.loop.margins import body_margin
-from mjsheaf.checking.topology.cohomology import spectrum_of
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.ringing import fit_roots, least_damped, ringing_of, second_order, usable_gain
 from mjsheaf.scenario import Scenario

@@ -30,15 +30,13 @@ from pydantic import Field
 from scipy.fft import irfft, next_fast_len, rfft
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.directed import held_eigenvalues
-from mjsheaf.checking.loop.linear_law import model_of
-from mjsheaf.checking.loop.modelled import require_model, terms_without_bound, unmodelled_parts
+from mjsheaf.checking.loop.linear_law import model_of, require_model, terms_without_bound, unmodelled_parts
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
 from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
 from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier
-from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.errors import UndecidedError, listed, raise_first
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
@@ -163,8 +161,8 @@ def loop_of(system: System) -> Loop:
     """The held loop of a system's law.
 
     Raises:
-        UndecidedError: a part of the law is not modelled (see `modelled`), the law is continuous, something is free, H
-            is too large for its eigenvalues, or rounds can be delayed or lost.
+        UndecidedError: A part of the law is not modelled (see `linear_law`), the law is continuous, something is free,
+            H is too large for its eigenvalues, or rounds can be delayed or lost.
     """
     require_model(system)
     if not system.team.symmetric and system.grid.continuous:

@@ -9,9 +9,15 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.checking.loop.delay import DelayAnswer, delay_answer, largest_delay_of_all, papers_answer
-from mjsheaf.checking.loop.directed import continuous_delay_margin, held_eigenvalues, largest_gain
+from mjsheaf.checking.loop.delay import (
+    DelayAnswer,
+    continuous_delay_margin,
+    delay_answer,
+    largest_delay_of_all,
+    papers_answer,
+)
 from mjsheaf.checking.loop.held_law import common_delay, loop_of
+from mjsheaf.checking.loop.linear_law import require_model
 from mjsheaf.checking.loop.link_noise import NoiseAnswer, noise_answer
 from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
@@ -23,9 +29,9 @@ from mjsheaf.checking.loop.linked_law import (
     perfect_links,
 )
 from mjsheaf.checking.loop.loss import LossAnswer, loss_answer
-from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.loop.sampled_loop import largest_gain
+from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
 from mjsheaf.checking.theorem.targets import TargetPath
-from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.errors import UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record

@@ -9,10 +9,10 @@ from scipy import linalg
 from mjsheaf.arrays import Array
 from mjsheaf.checking.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.checking.loop.body_loop import BodyLoop, held_modes, loop_on_path
+from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import Difference, velocities_along
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.law import disagreement

@@ -22,7 +22,6 @@ from numpy.polynomial.chebyshev import chebroots
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.directed import largest_gain
 from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearController, LinearLaw
 from mjsheaf.jit import jit
 from mjsheaf.loop.linear import LinearVehicle
@@ -74,6 +73,23 @@ def delayed(plant: LinearVehicle, periods: int) -> LinearVehicle:
 def ideal_vehicle(period: float, axes: int = 1) -> LinearVehicle:
     """Return an agent on ideal kinematics, whose position moves as commanded over a period, s."""
     return LinearVehicle(np.zeros((0, 0)), np.zeros((0, axes)), np.zeros((axes, 0)), period * np.eye(axes))
+
+
+def largest_gain(values: NDArray[Any], period: float, delay: int = 0) -> float | None:
+    """Return the gain from which on the paper's held law is unstable, 1/s; None if it is at any gain.
+
+    With k1 h |lambda| = 2 sin(theta / 2), see `largest_delay`, that is min 2 sin(theta / 2) / (h |lambda|), which is
+    2 min Re(lambda) / (h |lambda|^2) without delay.
+
+    Args:
+        values: Eigenvalues of H, shape (L,).
+        period: h, s.
+        delay: Delay of all measurements, m periods.
+    """
+    if not len(values) or not (values.real > 0.0).all():
+        return None
+    half = (0.5 * np.pi - np.abs(np.angle(values))) / (2 * delay + 1)
+    return float((2.0 * np.sin(half) / np.abs(values)).min() / period)
 
 
 @dataclass(frozen=True)

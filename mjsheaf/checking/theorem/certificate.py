@@ -34,6 +34,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.repairs import label_parts, unsensed_targets
+from mjsheaf.checking.spectrum import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.theorem.constants import (
     FARTHEST,
     Constants,
@@ -47,7 +48,6 @@ from mjsheaf.checking.theorem.constants import (
 )
 from mjsheaf.checking.theorem.flow_bounds import singular_points
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
 from mjsheaf.errors import first_true, select_true
 from mjsheaf.io.section import Finite, Record

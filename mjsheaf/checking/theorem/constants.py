@@ -33,9 +33,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
-from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.law.theorem import disturbance_bound
 from mjsheaf.media import disturbance
 from mjsheaf.media.disturbance import evaluate
