@@ -15,13 +15,12 @@ from pydantic import Field
 from mjsheaf.arguments import require_number, require_scenario
 from mjsheaf.arrays import Array
 from mjsheaf.checking.fragility import Fragility, fragility
-from mjsheaf.checking.loop.body_loop import medium_on_path
+from mjsheaf.checking.loop.body_loop import medium_on_path, with_bodies
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord, predict_rms
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import LinkRecord, link_answers
 from mjsheaf.checking.loop.margins import Margins, margins
 from mjsheaf.checking.loop.steady import SteadyError, steady_error
-from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.problems import Problem, TriedFix, problems_of, untried_of
 from mjsheaf.checking.proposals import Proposal, propose
