@@ -144,9 +144,11 @@ def every_smallest_set(team: Team, size: int) -> Iterator[float]:
     names = [f"give {a.id} a sensor ({'xyz'[axis]})" for a in team.agents for axis in range(a.dimension)]
     names += [f"let {a} sense {t}" for a in team.agent_ids for t in team.target_ids]
     names += [f"let {a} talk to {b}" for a, b in itertools.combinations(team.agent_ids, 2)]
-    for chosen in itertools.combinations(names, size):
-        if repaired(team, list(chosen)).dirichlet.unique:
-            yield length(team, list(chosen))
+    delta = coboundary(team)
+    for chosen in itertools.combinations(zip(names, candidate_rows(team), strict=True), size):
+        rows = np.vstack([delta, *(C for _, C in chosen)])
+        if np.linalg.matrix_rank(rows) == delta.shape[1]:
+            yield length(team, [name for name, _ in chosen])
 
 
 @pytest.mark.parametrize(
