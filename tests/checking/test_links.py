@@ -557,13 +557,13 @@ def resting_bearing(away: list[float], **controller: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("away", [[-77.7, -65.8, -76.0], [30.0, 5.0, 95.0], slow([60.0, 10.0, -90.0])])
 def test_range_bearing_noise_in_space_is_estimated_from_above(away: list[float]) -> None:
-    """Within 10 % of runs in which q* rests, so that noise alone turns the agent."""
+    """It is at most sqrt(2) times that of runs; if q* rests, noise alone turns the agent."""
     squares = []
     for seed in range(2):
         run = simulate(load_scenario(resting_bearing(away) | {"seed": seed}), backend="ideal")
         squares.append(float((run.tracking_error.values[200:] ** 2).mean()))
     noise = check(load_scenario(resting_bearing(away)), trial=False)["links"]["noise"]
-    assert 0.98 < noise["error"] / np.sqrt(np.mean(squares)) < 1.1
+    assert 0.98 < noise["error"] / np.sqrt(np.mean(squares)) < np.sqrt(2.0)
 
 
 # -- loss --------------------------------------------------------------------------------------------------------------

@@ -43,8 +43,8 @@ class NoiseAnswer(Record):
     command: Finite = Field(None, description="RMS of the commands of the team, 2-norm, m/s; null: see reason")
     agents: list[AgentNoise] = Field(description="each agent, in order; empty where there is no answer")
     linearised: bool = Field(
-        description="noise of range and bearing is linearised along q*; in space this makes an upper estimate, within "
-        "10 % where lines of sight are not steep to the bodies"
+        description="noise of range and bearing is linearised along q*; in space this makes an upper estimate, "
+        "by 1 % where lines of sight are level in the bodies' frames, by a factor sqrt(2) at most"
     )
     reason: str = Field(description="why a number is missing, or empty")
 
