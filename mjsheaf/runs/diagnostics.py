@@ -469,27 +469,28 @@ def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Terms
         at_limit=at_limit / (rest * terms.agents),
         saturated=saturated / rest if bodies else None,
     )
-    return replace(found, warnings=tuple(_harm(system, found)))
+    warning = _harm(system, found)
+    return replace(found, warnings=(warning,) if warning else ())
 
 
-def _harm(system: System, found: TermsInRun) -> list[str]:
-    """Compose warnings about the terms."""
+def _harm(system: System, found: TermsInRun) -> str:
+    """Compose a warning about the terms; empty for a healthy run."""
     on = joined(found.on)
-    warnings = []
+    saturated = found.saturated or 0.0
     if found.jump > max(MAX_JUMP * found.commanded, MIN_JUMP):
-        warnings.append(
+        return (
             f"with {on}, commands jump by {found.jump:.3g} m/s RMS from sample to sample "
             f"({100 * found.jump / found.commanded:.0f}% of the commanded speed): lower controller.gain "
             f"({system.gain:g} 1/s) or the terms' own gains, or raise their filters; see mjsheaf check"
         )
     if found.at_limit > MAX_SHARE:
-        warnings.append(
+        return (
             f"agents are at their velocity limit for {100 * found.at_limit:.0f}% of the second half, so {on} cannot "
             "act: raise velocity_limit, or slow the targets"
         )
-    if (found.saturated or 0.0) > MAX_SHARE:
-        warnings.append(
-            f"agents' thrusters are at a limit for {100 * (found.saturated or 0.0):.0f}% of the second half, with "
-            f"{on}: lower controller.gain or velocity_limit, or slow the targets"
+    if saturated > MAX_SHARE:
+        return (
+            f"agents' thrusters are at a limit for {100 * saturated:.0f}% of the second half, with {on}: lower "
+            "controller.gain or velocity_limit, or slow the targets"
         )
-    return warnings
+    return ""
