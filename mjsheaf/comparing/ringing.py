@@ -28,7 +28,6 @@ from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
 from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.io.section import FiniteRecord
@@ -40,6 +39,9 @@ from mjsheaf.vehicles.effects import Effects, capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Complex = NDArray[np.complex128]
+
+LARGEST_SECOND_ORDER = 600
+"""Largest n_q for which eigenvalues of the second-order system of unlike bodies are computed."""
 
 _SHARE_OF_ABILITY = 0.2  # maximum fraction of speed or thrust that the displacement commands
 _LARGEST_DISPLACEMENT = 0.5  # m
