@@ -13,9 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.finished import ROUNDING, ending_of_run
+from mjsheaf.checking.finished import MIN_DURATION, MIN_SPEED, ROUNDING, ending_of_run, find_stuck
 from mjsheaf.checking.separation import TooClose, too_close_in
-from mjsheaf.checking.stuck import MIN_DURATION, MIN_SPEED, find_stuck
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.loop.log import samples_in_piece
 from mjsheaf.loop.session import engine_of, moved_by, require_simulable

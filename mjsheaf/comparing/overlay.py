@@ -15,7 +15,7 @@ from pydantic import Field
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import bounds_of_phases
+from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError, PlaceError, listed, select_true
 from mjsheaf.page import Ghost, page_of
 from mjsheaf.page.replay import REQUIRED

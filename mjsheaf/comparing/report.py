@@ -377,7 +377,7 @@ def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, x
 
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     """Make the page of the run on bodies, with the ideal run as its ghost."""
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.page import Ghost, page_of
 
     phases = scenario.phases

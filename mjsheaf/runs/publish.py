@@ -37,7 +37,7 @@ _TERMS = "terms"  # folder of the files of registered terms, next to those of ve
 _FLOWS = "flows"  # folder of the files of gridded flow
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.finished import HeldBound, RunBound
+    from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
     from mjsheaf.law.in_python import Controller
     from mjsheaf.system import Phase, System
 
@@ -343,9 +343,9 @@ def account_of(
     scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, timings: Timings | None = None
 ) -> Account:
     """Compute the errors, bounds and notes of a run from its data, in memory or in an open file."""
-    from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.checking.separation import too_close_in
     from mjsheaf.checking.slips import slips_of
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
 
     timings = timings or Timings()
@@ -540,7 +540,7 @@ def plot_again(
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
 
     with store.reopen_run(directory) as (scenario, dataset, _), TemporaryDirectory() as drawing:
         phases, drawn = scenario.phases, thinned(dataset)

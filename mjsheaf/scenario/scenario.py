@@ -14,7 +14,6 @@ from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from mjsheaf.arguments import require_seed
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.loop import disturbance
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.edges import bound_slopes
@@ -32,6 +31,7 @@ from mjsheaf.law.terms import (
     pack_terms,
 )
 from mjsheaf.media import Disturbance, FlowField
+from mjsheaf.media import varying as disturbance
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
 from mjsheaf.paths import Fixed, Motion, pack_motions

@@ -24,16 +24,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.directed import matrix_of
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay
-from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, without_memory
-from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
 from mjsheaf.checking.loop.sampled_loop import closed, delayed, ideal_vehicle
-from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.loop.targets_loop import TargetsLoop, TargetsOnBodies, stiffness, targets_loop
+from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import TargetPath
-from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.media.medium import WITHOUT_MEAN
@@ -681,3 +679,61 @@ def _least_damped(modes: Modes, own: Array, period: float, system: System) -> Sw
 
 def _logarithms(factors: NDArray[Any]) -> NDArray[np.complex128]:
     return np.log(np.where(factors != 0.0, factors, 1e-300).astype(np.complex128))
+
+
+# -- the targets' own law ----------------------------------------------------------------------------------------------
+#
+# Each target's vehicle is linearised about the equilibrium in which it holds station in the mean flow along its path,
+# and all are closed through u = -S p: see `targets_loop` for S.
+
+
+def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
+    """Return the loop with what the targets' vehicles make of it, along a path."""
+    moves = loop.rate > 0.0 and system.team.targets
+    return loop.model_copy(update={"bodies": _on_bodies(system, path)}) if moves else loop
+
+
+@one_thread
+def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
+    """Close the targets' law through their vehicles, in the mean flow along their path."""
+    S = stiffness(system).toarray()
+    owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
+    try:
+        period, timestep, steps = sampling_of(system)
+        models = _target_models(system, path, timestep, steps)
+        block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
+        loop = TeamLoop([block], np.zeros(0), period)
+        modes = loop.modes(1.0)
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
+    return TargetsOnBodies(stable=loop.is_stable(1.0, modes), spectral_radius=modes.radius, reason="")
+
+
+def _target_models(system: System, path: TargetPath, timestep: float, steps: int) -> list[LinearVehicle]:
+    """Return the linear vehicle of each target, in the mean velocity of the medium relative to its path.
+
+    If the path is unknown or diverges, the vehicle is linearised in the medium where the target begins.
+
+    Raises:
+        UndecidedError: one has none.
+    """
+    N = len(system.team.agents)
+    span = float(path.time[-1] - path.time[0])
+    bounded = path.cells is not None and targets_loop(system).stable
+    positions = path.positions[:, N:] if bounded else system.initial[None, N:]
+    medium = -(positions[-1] - positions[0]) / span
+    for k in range(len(medium)):
+        medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
+    stations = [station_in(system, N + k, medium[k]) for k in range(len(medium))]
+    keys = list(map(key_of, stations))
+    unlike = dict(zip(keys, stations, strict=True))
+    if len(unlike) > LARGEST_WHOLE:
+        raise UndecidedError("too many unlike targets")
+    found = dict(zip(unlike, linearise(list(unlike.values()), system.control, timestep, steps), strict=True))
+    models = []
+    for id_, key in zip(system.team.target_ids, keys, strict=True):
+        model = found[key]
+        if isinstance(model, str):
+            raise UndecidedError(f"the vehicle of {id_} cannot hold station on its path: {model}")
+        models.append(model)
+    return models
