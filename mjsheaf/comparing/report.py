@@ -3,10 +3,9 @@
 from dataclasses import dataclass, replace
 from functools import partial
 from io import StringIO
-from itertools import accumulate, groupby
+from itertools import accumulate
 from pathlib import Path
 
-import xarray as xr
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
 from rich.padding import Padding
@@ -14,6 +13,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from mjsheaf.comparing.compare import Comparison, compare
+from mjsheaf.comparing.gains import MIN_DAMPING
 from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
@@ -48,7 +48,8 @@ _BEFORE_EFFECTS = {
 _AFTER_EFFECTS = {"interaction_m": "interaction", "all_m": "as given"}
 """Fields of a budget in the order of its table, with their labels."""
 
-_SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2, "law": 3, "links": 4, "engine": 5}
+_SECTIONS = [("ideal", "part"), ("base", "alone"), ("all", "without"), ("law",), ("links",), ("limit",), ("engine",)]
+"""Kinds of variants in each section of the ladder."""
 
 
 def report(record: CompareRecord) -> Group:
@@ -120,8 +121,8 @@ def _gains(record: CompareRecord) -> list[Group]:
 
 def _ladder(record: CompareRecord) -> Group:
     table = _table("variant", "tracking", "formation", "settles (s)", "distance", "second half", "who, when", "limited")
-    for _, rungs in groupby(record.ladder, key=lambda rung: _SECTION[rung.kind]):
-        for rung in rungs:
+    for kinds in _SECTIONS:
+        for rung in [rung for rung in record.ladder if rung.kind in kinds]:
             bold = rung.kind in ("ideal", "all") and rung.status == "finished"
             table.add_row(rung.label, *_cells(rung), style="bold" if bold else None)
         table.add_section()
@@ -228,24 +229,20 @@ def _millimetres(value: float | None) -> str:
 
 
 def _ringing(record: CompareRecord) -> Group | Text:
-    r = record.ringing
-    if r is None:
-        why = f"the law is {record.law}" if record.controller else "the team has too many states"
-        return Text(f"\nringing: not examined, {why}")
-    table = _table("", "damping ratio", "frequency (rad/s)", "overshoot")
-    ratio, held = f"{r.predicted_damping_ratio:.3f}", f"{r.predicted_damping_ratio_held:.3f}"
-    table.add_row("predicted from inertia", ratio, _number(r.predicted_frequency_rad_s), f"{r.predicted_overshoot:.1%}")
-    if held != ratio:
-        table.add_row("predicted with the law's hold", held, "", "")
-    for m in r.measured:
-        found = "no oscillation" if m.damping_ratio is None else f"{m.damping_ratio:.3f}"
-        found = found if m.status == "finished" else "BLOWS UP"
-        table.add_row(f"bodies {m.bodies}", found, _number(m.frequency_rad_s), f"{m.overshoot:.1%}")
-    overdamped = "; no mode is predicted to oscillate" if r.overdamped else ""
-    note = f"the prediction includes M / (M k_v + D) only: no lag of thrusters and no turning{overdamped}"
+    ringing = record.ringing
+    if ringing is None or ringing.least_damped is None:
+        why = f"the law is {record.law}" if record.controller else record.loop.reason if record.loop else "undecided"
+        return Text(f"\nringing: not examined; {why}")
+    mode = ringing.least_damped
+    table = _table("vehicles' loop", "usable gain (1/s)")
+    gains = {"as given": ringing.usable_gain} | {f"without {name}": gain for name, gain in ringing.without.items()}
+    for name, gain in gains.items():
+        table.add_row(name, "no limit" if gain is None else f"{gain:.3g}")
     when = "" if record.ringing_phase is None else f", phase {record.ringing_phase}"
-    title = f"ringing: the least damped mode (about {r.agent}{when}), released from rest with everything else at rest"
-    return _under(title, table, note)
+    about = f"about {mode.agent or 'all agents'}{when}"
+    title = f"ringing: the least damped mode ({about}) has the damping ratio {mode.damping:.3f} at {mode.frequency:.3g}"
+    note = f"the gain is usable while every mode has a damping ratio of {MIN_DAMPING}: it overshoots by 37% at most"
+    return _under(f"{title} rad/s", table, note)
 
 
 def _speeds(record: CompareRecord) -> Group:
@@ -347,10 +344,10 @@ def add_video(published: Published, quality: str | None = None, progress: Progre
 
     directory = published.directory
     path = directory / "compare.mp4"
-    datasets = _datasets(published.scenario, published.comparison)
+    ideal, physics = (published.comparison.runs[key].dataset for key in ("ideal", "all"))
     drawing = partial(progress, "drawing video")
     try:
-        _, reason = draw_video(partial(film_side_by_side, published.scenario, *datasets, path, drawing, quality))
+        _, reason = draw_video(partial(film_side_by_side, published.scenario, ideal, physics, path, drawing, quality))
     except UnwritableError as error:
         raise PlaceError(f"{error}; {directory} is complete except for its video") from error
     if not reason:
@@ -367,21 +364,13 @@ def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
     plot_convergence(comparison.record, folder / "convergence", figures)
 
 
-def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, xr.Dataset]:
-    """Return the runs on ideal kinematics and on the bodies as given."""
-    return (
-        comparison.runs["ideal"].recording.dataset("ideal", scenario.seed),
-        comparison.runs["all"].recording.dataset("physics", scenario.seed),
-    )
-
-
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     """Make the page of the run on bodies, with the ideal run as its ghost."""
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.page import page_of
 
     phases = scenario.phases
-    ideal, physics = _datasets(scenario, comparison)
+    ideal, physics = (comparison.runs[key].dataset for key in ("ideal", "all"))
     finished = physics.attrs["status"] == "finished"
     summary = {
         "final": summarize(scenario.system.team, physics),

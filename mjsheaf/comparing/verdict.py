@@ -1,11 +1,10 @@
-"""Contents of compare.json, and the verdict in sentences: how much bodies cost, and what to change.
+"""Contents of compare.json, and the verdict in sentences: the cause of each error, its size, and what to change.
 
 Errors, distances and their parts are in m, times in s, speeds in m/s. A value is null if it is undefined, infinite, or
 from a run that blew up. Each part is defined by the module that computes it.
 """
 
-from itertools import chain, product
-from math import floor, inf, log10
+from math import floor, log10
 from typing import NamedTuple
 
 from pydantic import Field
@@ -13,11 +12,10 @@ from pydantic import Field
 from mjsheaf.checking.finished import ROUNDING
 from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
-from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, GainTrialRecord
+from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, RingingRecord
 from mjsheaf.comparing.ladder import RungRecord, display_name
-from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
-from mjsheaf.comparing.ringing import RingingRecord
-from mjsheaf.errors import joined
+from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
+from mjsheaf.errors import joined, listed
 from mjsheaf.io.section import Finite, FiniteRecord
 
 _LOWER_GAIN = ", or a lower controller.gain"  # advice for laws that have one
@@ -29,22 +27,13 @@ _CHANGE = {
     "underactuation": "vehicles with thrust along every axis, or slower turns of what they follow",
     "contacts": "more room between vehicles",
 }
-_RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
+"""Fix for each effect."""
+
 _UNSETTLED = {
     "growing": "its error DIVERGES",
     "circling": "it ends in a limit cycle",
     "stuck": "an agent does not move although it is commanded to (see the notes of mjsheaf run)",
 }
-_LEAST_BODY_SHARE = 0.05  # fraction of the error; bodies that add less are not reported as its cause
-_LEAST_CAUSE_SHARE = 0.25  # fraction of the error that bodies add; a single effect below it is not a cause
-_LEAST_NAMED_SHARE = 0.01  # fraction of the error; smaller parts are named together
-_LEAST_Q_STAR_SHARE = 0.5  # fraction of the error; if q* itself has more, the sheaf is the cause
-_LEAST_SATURATION = 0.01  # fraction of the time at a limit of velocity or thrust; less is not reported
-_LARGEST_PERCENTAGE = 10.0  # ratio to the ideal error; larger ones are given as a multiple, not a percentage
-_LARGEST_MULTIPLE = 1000.0  # ratio to the ideal error; above it the ideal error is negligible
-_RINGING_DAMPING = 0.2  # damping ratio below which the team rings
-_LARGE_TRACKING = 0.1  # tracking error as a fraction of the formation's size
-_GAIN_ROOM = 1.05  # ratio of the usable to the present gain above which raising the gain is advised
 LIMITED_BY = {
     "inertia": "inertia",
     "lag": "the lag of thrusters",
@@ -53,7 +42,15 @@ LIMITED_BY = {
     "links": "the age of measurements (links.delay)",
     "loop": "the loop of the vehicles",
 }
-_MOST_GROUPS = 6  # maximum number of groups that get a sentence each
+"""What limits the gain, in words."""
+
+_RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
+_MIN_BODY_FRACTION = 0.05  # of the error; bodies that add less are not reported as its cause
+_MIN_CAUSE_FRACTION = 0.25  # of the error, or of the part that bodies add; a smaller part is not a cause
+_MIN_NAMED_FRACTION = 0.01  # of the error; smaller parts are named together
+_MIN_Q_STAR_FRACTION = 0.5  # of the error; if q* itself has more, the sheaf is the cause
+_MIN_DAMPING = 0.2  # damping ratio below which the team rings
+_MIN_GAIN_ROOM = 1.05  # ratio of the usable to the present gain above which raising the gain is advised
 
 
 class LoopRecord(FiniteRecord):
@@ -96,18 +93,16 @@ class CompareRecord(FiniteRecord):
         default_factory=list, description="warnings about the terms in the scenario as given, as `run` notes them"
     )
     usable_gain: float | None = Field(
-        description="largest k1 at which neither the hold nor the bodies ring, 1/s, from the least damped mode; null "
-        "if every gain is usable, or the law is in Python"
+        description="largest k1 at which the vehicles' loop neither rings nor is unstable, 1/s; null if every gain is "
+        "usable, or if the loop is undecided, or if the law is in Python"
     )
     gains: GainRecord | None = Field(None, description="what limits the gain; null under a law in Python")
-    loop: LoopRecord | None = Field(
-        None, description="loop in the worst phase; null if the ideal run blew up, or under a law in Python"
-    )
+    loop: LoopRecord | None = Field(None, description="loop in the worst phase; null under a law in Python")
     time_s: float = Field(description="length of the run")
     formation_size_m: Finite = Field(description="RMS over edges inside groups of their desired length")
     ladder: list[RungRecord]
     budgets: list[BudgetRecord]
-    ringing: RingingRecord | None = Field(description="null for teams of too many states, or under a law in Python")
+    ringing: RingingRecord | None = Field(description="null where the loop is undecided, or under a law in Python")
     ringing_phase: int | None = Field(None, description="number of the phase of `ringing`; null without events")
     convergence: ConvergenceRecord
     velocity_limit: VelocityLimitRecord | None = Field(None, description="null where no agent has one")
@@ -142,28 +137,26 @@ class CompareRecord(FiniteRecord):
         """The error that matters: the formation error, or that of tracking in a team without formations."""
         return TRACKING if self.rung("ideal").errors[TEAM].late.formation_error is None else FORMATION
 
-    @property
-    def large_tracking_error(self) -> float:
-        """Tracking error that is large compared with the formation, m; infinite without formations."""
-        return inf if self.formation_size_m is None else _LARGE_TRACKING * self.formation_size_m
+    def error(self, key: str, scope: str, measure: str) -> float | None:
+        """Return an error of a variant over the second half, m; None if it is unknown, or if there is no such variant.
 
-    def limit_costs(self, scope: str, measure: str, run: str) -> float | None:
-        """Return how much the velocity limit adds to an error of run 'ideal' or 'all' over the second half, m.
-
-        None if that is unknown.
+        Args:
+            key: Key of the variant.
+            scope: 'team' or the name of a group.
+            measure: Field of `ErrorsRecord`.
         """
-        if self.velocity_limit is None:
-            return None
-        now = self.rung(run).errors[scope].error(measure)
-        without = self.velocity_limit.run(run).errors_without[scope].error(measure)
-        return None if now is None or without is None else now - without
+        rung = next((rung for rung in self.ladder if rung.key == key), None)
+        return None if rung is None else rung.errors[scope].error(measure)
+
+    def saved_by(self, key: str, scope: str, measure: str) -> float:
+        """Return how much smaller an error of the scenario as given is in another variant, m; 0 if unknown."""
+        now, then = self.error("all", scope, measure), self.error(key, scope, measure)
+        return 0.0 if now is None or then is None else now - then
 
 
 def levers_of(record: CompareRecord, phase: PhaseRecord) -> list[str]:
     """Return the sentences about a phase, the most important first."""
-    alone = phase_alone(record, phase)
-    parts = (_of_the_whole, _groups, _tracking, _velocity_limit)
-    return [sentence for part in parts for sentence in part(alone)]
+    return _errors(phase_alone(record, phase))
 
 
 def phase_alone(record: CompareRecord, phase: PhaseRecord) -> CompareRecord:
@@ -175,58 +168,49 @@ def phase_alone(record: CompareRecord, phase: PhaseRecord) -> CompareRecord:
     return record.model_copy(update=own)
 
 
-class _Lever(NamedTuple):
-    """Dominant cause of an error: its name, its contribution, and a fix, which may be empty."""
+class _Cause(NamedTuple):
+    """Cause of an error: its name with its size, and a fix, which may be empty."""
 
-    kind: str
-    why: str
-    cure: str
+    name: str
+    fix: str
 
     def __str__(self) -> str:
-        return f"{self.kind}: {self.why}" + (f"; {self.cure}" if self.cure else "")
+        return f"{self.name}: {self.fix}" if self.fix else self.name
 
 
 def verdict_of(record: CompareRecord) -> list[str]:
     """Compose the sentences of the verdict, the most important first."""
-    harmful = (_harmful_terms,) if _harmful_terms(record) else ()
-    law = (
-        () if harmful else (_terms, _links, _groups, _tracking, _gain, _velocity_limit)
-    )  # advice that applies only if the terms do not make the error larger
-    # Harmful terms come first: they explain why a team does not converge.
-    parts = (*harmful, _unsettled, _of_the_whole, *law, _speeds, _saturation, _ringing)
-    return [sentence for part in parts for sentence in part(record)]
+    harmful = _harmful_terms(record)  # they come first, as they explain why a team does not converge
+    parts = (_errors,) if harmful else (_errors, _alternatives)
+    sentences = [sentence for part in (_unsettled, *parts, _gain, _speeds) for sentence in part(record)]
+    return [*harmful, *sentences]
 
 
 def _unsettled(record: CompareRecord) -> list[str]:
     """Report a team that does not converge in the scenario as given, or whose loop is unstable."""
-    what, loop = _UNSETTLED.get(record.rung("all").ending or ""), record.loop
+    loop = record.loop
+    causes = [_UNSETTLED.get(record.rung("all").ending or "", "")]
     if loop is not None and loop.stable is False:
-        most = loop.largest_gain
-        limit = "" if most is None else f" at gains above {most:.3g} 1/s: lower controller.gain"
-        what = (f"{what}; " if what else "") + f"the loop of its vehicles is unstable{limit}"
-    return [f"the team does not converge: {what}"] if what else []
+        largest = loop.largest_gain
+        limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
+        causes.append(f"the loop of its vehicles is unstable{limit}")
+    told = "; ".join(filter(None, causes))
+    return [f"the team does not converge: {told}"] if told else []
 
 
-def _of_the_whole(record: CompareRecord) -> list[str]:
-    """Report how much bodies cost, and the dominant cause of the error."""
+def _errors(record: CompareRecord) -> list[str]:
+    """Report each error of the team as the sum of its parts, with its dominant cause and a fix."""
     if record.rung("all").status != "finished":
         return _blown_up(record)
-    budget = record.budget(TEAM, record.measure, "late")
-    if budget.ideal_m is None or budget.all_m is None:
+    if record.budget(TEAM, record.measure, "late").ideal_m is None:
         return ["the ideal run blows up, so nothing can be compared with it"]
-    error = f"{display_name(record.measure)}, {RMS_OVER[record.measure]} and the second half"
-    if budget.all_m <= ROUNDING:
-        ideal = f"{budget.ideal_m:.3g} m" if budget.ideal_m > ROUNDING else "zero to rounding"
-        return [f"{error}: ideal {ideal}, as given zero to rounding: nothing to gain"]
-    cost = budget.all_m - budget.ideal_m
-    tracking = record.budget(TEAM, TRACKING, "late")
-    headline = [] if record.measure == TRACKING else [f"parts of the tracking error: {_sum_of_parts(tracking)}"]
-    return [
-        *headline,
-        f"dominant cause of the {display_name(record.measure)}: {_lever(record, TEAM)}",
-        f"{error}: {_sum_of_parts(budget)}; "
-        f"bodies {'add' if cost >= 0 else 'remove'} {abs(cost):.2g} m ({_relative(budget.ideal_m, budget.all_m)})",
-    ]
+    sentences = []
+    for measure in dict.fromkeys((TRACKING, record.measure)):
+        budget = record.budget(TEAM, measure, "late")
+        cause = _cause(record, measure)
+        parts = f"{display_name(measure)}: {_sum_of_parts(budget)}"
+        sentences.append(f"{parts}; dominant cause: {cause}" if cause else f"{parts}: nothing to gain")
+    return sentences
 
 
 def _sum_of_parts(budget: BudgetRecord) -> str:
@@ -234,14 +218,14 @@ def _sum_of_parts(budget: BudgetRecord) -> str:
     if budget.ideal_m is None or budget.all_m is None:
         return "unknown"
     if budget.all_m <= ROUNDING:
-        return "zero to rounding"
+        return "zero to rounding on bodies"
     decimals = 2 - floor(log10(budget.all_m))
     whole = round(budget.all_m, decimals)
     parts = {"targets as bodies": budget.targets_m, "agents as bodies": budget.agents_m}
     parts |= {display_name(item.effect): item.alone_m for item in budget.effects}
     named = {"on ideal kinematics": round(budget.ideal_m, decimals)}
     for name, added in parts.items():
-        if added is not None and abs(added) >= _LEAST_NAMED_SHARE * whole:
+        if added is not None and abs(added) >= _MIN_NAMED_FRACTION * whole:
             named[name] = round(added, decimals)
     rest = round(whole - sum(named.values()), decimals)
     if rest:
@@ -254,122 +238,64 @@ def _blown_up(record: CompareRecord) -> list[str]:
     """Report a scenario that blows up, and the effects without which it does not."""
     stable = [r for r in record.ladder if r.kind == "without" and r.status == "finished"]
     names = " or without ".join(display_name(r.effect or "") for r in stable)
-    lever = f"dominant cause: it is stable without {names}" if stable else "no single effect is the cause"
-    return [f"the scenario as given blows up ({record.rung('all').message})", lever]
+    cause = f"dominant cause: it is stable without {names}" if stable else "no single effect is the cause"
+    return [f"the scenario as given blows up ({record.rung('all').message})", cause]
 
 
-def _harmful_terms(record: CompareRecord) -> list[str]:
-    """Warn if the team would track better under the paper's law alone, and say why."""
-    cost = None if record.controller else _costs_of_terms(record)
-    if cost is None or cost[1] - cost[0] <= max(_LEAST_BODY_SHARE * cost[0], ROUNDING):
-        return record.harm
-    gist = f"tracking error {cost[1]:.3g} m as given, {cost[0]:.3g} m under the paper's law alone"
-    return [f"WARNING: the error is larger with {joined(record.terms)}: {gist}", *record.harm]
+def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
+    """Return the dominant cause of an error of the team; None if the error is unknown or zero.
 
-
-def _terms(record: CompareRecord) -> list[str]:
-    """Report how much the terms of the law reduce the error."""
-    cost = _costs_of_terms(record)
-    if cost is None:
-        return []
-    ideal = [record.rung(key).errors[TEAM].error(TRACKING) for key in ("ideal-terms", "ideal")]
-    known = "" if None in ideal else f", ideal {ideal[0]:.3g} -> {ideal[1]:.3g} m"
-    instead = f"{record.controller} instead of the paper's law at the scenario's gain"
-    what = instead if record.controller else joined(record.terms)
-    return [f"{what}: tracking error {cost[0]:.3g} -> {cost[1]:.3g} m as given{known}"]
-
-
-def _links(record: CompareRecord) -> list[str]:
-    """Report how much links add to the error if they are not perfect."""
-    if not any(rung.kind == "links" for rung in record.ladder):
-        return []
-    found = [
-        (record.rung(f"{key}-links").errors[TEAM].error(TRACKING), record.rung(key).errors[TEAM].error(TRACKING))
-        for key in ("all", "ideal")
-    ]
-    costs = [
-        f"{perfect:.3g} -> {now:.3g} m {name}"
-        for (perfect, now), name in zip(found, ("as given", "ideal"), strict=True)
-        if perfect is not None and now is not None
-    ]
-    return [f"links as given instead of perfect ones: tracking error {', '.join(costs)}"] if costs else []
-
-
-def _costs_of_terms(record: CompareRecord) -> tuple[float, float] | None:
-    """Return the tracking errors under the paper's law alone and with the terms, RMS over the second half, m.
-
-    None if the law has no terms, or if one of the runs blew up.
+    It is the sheaf if q* itself has half of the error; else what removes the most of it: perfect links or no velocity
+    limit, if that is a quarter of the error, or an effect of bodies, if that is a quarter of what bodies add; else the
+    law, or the bodies as a whole.
     """
-    if not record.terms and record.controller is None:
-        return None
-    without, now = (record.rung(key).errors[TEAM].error(TRACKING) for key in ("all-terms", "all"))
-    return None if without is None or now is None else (without, now)
-
-
-def _relative(ideal: float, now: float) -> str:
-    """Describe an error relative to the ideal run's: as a percentage or a multiple, or in words if that is near 0."""
-    if now > _LARGEST_MULTIPLE * ideal:
-        return "nearly all of it"
-    if now > _LARGEST_PERCENTAGE * ideal:
-        return f"{now / ideal:.2g} times the ideal"
-    return f"{100.0 * (now - ideal) / max(ideal, 1e-12):+.1f}%"
-
-
-def _ranked(budget: BudgetRecord) -> list[tuple[float, str]]:
-    """Return the reduction in error from removing each effect, m, and its name; the largest first."""
-    return sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
-
-
-def _lever(record: CompareRecord, scope: str) -> _Lever | None:
-    """Return the dominant cause of the error of the team or a group; None if it is unknown or the error is zero."""
-    budget = record.budget(scope, record.measure, "late")
+    budget = record.budget(TEAM, measure, "late")
     if budget.ideal_m is None or budget.all_m is None or budget.all_m <= ROUNDING:
         return None
-    floor = budget.at_q_star_m
-    if floor is not None and floor >= _LEAST_Q_STAR_SHARE * budget.all_m:
-        return _Lever(
-            "the sheaf, not the law or the vehicles",
-            f"q* itself is {floor:.3g} m out of formation (now {budget.all_m:.3g} m)",
-            "give the edges between groups an `offset`, or increase the weights of sensing and formation edges",
-        )
-    now = f"{budget.all_m:.3g} m now, {budget.ideal_m:.3g} m ideal"
-    effects = _ranked(budget)
-    limit = record.limit_costs(scope, record.measure, "all") or 0.0
-    if 0.0 < limit >= _LEAST_CAUSE_SHARE * budget.all_m and limit >= max(effects, default=(limit, ""))[0]:
-        without = f"without it the error would be {_left(budget, limit)} ({now})"
-        return _Lever("the velocity limit", without, _raise_limit(record))
-    cost = budget.all_m - budget.ideal_m
-    if cost <= _LEAST_BODY_SHARE * budget.all_m:
-        return _Lever("the law, not the vehicles", now, _law(record, "more sensing agents", "slower targets"))
-    return _lever_of_bodies(budget, _changes(record), cost, now)
+    if (budget.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * budget.all_m:
+        return _cause_in_sheaf(record, budget)
+    added = budget.all_m - budget.ideal_m
+    least = _MIN_CAUSE_FRACTION * budget.all_m
+    changes = _changes(record)
+    causes = [(record.saved_by("all-links", TEAM, measure), least, "links", "better links (links.noise, loss, delay)")]
+    if record.velocity_limit is not None:
+        saved = record.saved_by("all-limit", TEAM, measure)
+        causes.append((saved, least, "the velocity limit", _raise_limit(record.velocity_limit)))
+    if added > _MIN_BODY_FRACTION * budget.all_m:
+        for item in budget.effects:
+            least_of_bodies = _MIN_CAUSE_FRACTION * added
+            causes.append((item.give_back_m or 0.0, least_of_bodies, display_name(item.effect), changes[item.effect]))
+    ranked = sorted((cause for cause in causes if cause[0] >= max(cause[1], ROUNDING)), reverse=True)
+    if ranked:
+        saved, _, name, fix = ranked[0]
+        others = [cause for cause in ranked[1:2] if cause[0] >= 0.5 * saved]
+        then = "".join(f"; or {_without(budget, x, other)}: {remedy}" for x, _, other, remedy in others)
+        return _Cause(_without(budget, saved, name), f"{fix}{then}")
+    if added <= _MIN_BODY_FRACTION * budget.all_m:
+        return _Cause("the law, not the vehicles", _change_of_law(record))
+    part, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
+    if part >= _MIN_CAUSE_FRACTION * added:
+        return _Cause(f"the time constant tau of the {who}, which add {part:.2g} m with ideal thrusters", "")
+    return _Cause(f"no single effect, as bodies add {added:.2g} m together", "see the interaction in the budget")
 
 
-def _lever_of_bodies(budget: BudgetRecord, changes: dict[str, str], cost: float, now: str) -> _Lever:
-    """Return the dominant cause of the error that bodies add.
-
-    Args:
-        budget: Budget of the error.
-        changes: Advice for each effect.
-        cost: Part that bodies add, m.
-        now: The error in words.
-    """
-    effects = _ranked(budget)
-    if effects and effects[0][0] >= _LEAST_CAUSE_SHARE * cost:
-        most, effect = effects[0]
-        others = [(x, other) for x, other in effects[1:2] if x >= 0.5 * most]
-        then = "".join(f"; {_left(budget, x)} without {display_name(e)} instead: {changes[e]}" for x, e in others)
-        without = f"without it the error would be {_left(budget, most)} ({now})"
-        return _Lever(display_name(effect), without, f"{changes[effect]}{then}")
-    share, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
-    if share >= _LEAST_CAUSE_SHARE * cost:
-        why = f"with ideal thrusters they already add {share:.2g} m ({now})"
-        return _Lever(f"time constant tau of the {who}", why, "")
-    return _Lever("no single effect", f"bodies add {cost:.2g} m together ({now})", "see the interaction in the budget")
+def _cause_in_sheaf(record: CompareRecord, budget: BudgetRecord) -> _Cause:
+    """Blame the sheaf for an error that q* itself has, and name the groups that are out of formation."""
+    groups = []
+    for scope in record.scopes[1:]:
+        own = record.budget(scope, budget.measure, "late")
+        if (own.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * max(own.all_m or 0.0, ROUNDING):
+            groups.append(scope)
+    where = f" in {listed(groups)}" if 0 < len(groups) < len(record.scopes) - 1 else ""
+    return _Cause(
+        f"the sheaf, not the law or the vehicles, as q* itself is {budget.at_q_star_m:.3g} m out of formation{where}",
+        "give the edges between groups an `offset`, or increase the weights of sensing and formation edges",
+    )
 
 
-def _left(budget: BudgetRecord, given_back: float) -> str:
-    """Return the error that is left without a part of it: such parts overlap and do not add up."""
-    return f"{max((budget.all_m or 0.0) - given_back, 0.0):.3g} m"
+def _without(budget: BudgetRecord, saved: float, name: str) -> str:
+    """Name a cause, and the error that is left without it: such parts overlap and do not add up."""
+    return f"{name} ({max((budget.all_m or 0.0) - saved, 0.0):.3g} m without)"
 
 
 def _changes(record: CompareRecord) -> dict[str, str]:
@@ -378,189 +304,93 @@ def _changes(record: CompareRecord) -> dict[str, str]:
     return {effect: change.removesuffix(ignored) for effect, change in _CHANGE.items()}
 
 
-def _law(record: CompareRecord, *others: str) -> str:
-    """Advise how to lower the ideal run's error: a higher gain up to the usable one, or `others`."""
+def _change_of_law(record: CompareRecord) -> str:
+    """Advise how to lower the ideal run's error: a higher gain up to the usable one, or slower targets."""
     if record.gain is None:
-        return _either(f"another law than {record.law}", *others)
+        return f"another law than {record.law}, or slower targets"
     room = record.usable_gain
-    if room is not None and room <= _GAIN_ROOM * record.gain:
-        why = f" by {LIMITED_BY[limit.effect]}" if (limit := _lowest_limit(record)) else ""
-        return f"{_either(*others)} (a higher gain rings, above {room:.2g} 1/s{why})"
-    upto = "" if room is None else f" (up to {room:.2g} 1/s without ringing)"
-    return _either(f"a higher controller.gain{upto}", *others)
+    if room is None:
+        return "a higher controller.gain, more sensing agents, or slower targets"
+    if room > _MIN_GAIN_ROOM * record.gain:
+        return f"a higher controller.gain (up to {room:.2g} 1/s), more sensing agents, or slower targets"
+    return f"more sensing agents, or slower targets (a higher gain rings, above {room:.2g} 1/s)"
+
+
+def _harmful_terms(record: CompareRecord) -> list[str]:
+    """Warn if the team would track better under the paper's law alone, and say why."""
+    without, now = record.error("all-terms", TEAM, TRACKING), record.error("all", TEAM, TRACKING)
+    harmful = without is not None and now is not None and now - without > max(_MIN_BODY_FRACTION * without, ROUNDING)
+    if record.controller or not harmful:
+        return record.harm
+    gist = f"tracking error {now:.3g} m as given, {without:.3g} m under the paper's law alone"
+    return [f"WARNING: the error is larger with {joined(record.terms)}: {gist}", *record.harm]
+
+
+def _alternatives(record: CompareRecord) -> list[str]:
+    """Report the tracking error under the paper's law alone, over perfect links, and without a velocity limit."""
+    law = "under the paper's law at the scenario's gain"
+    if record.terms:
+        law = f"without {joined(record.terms)}"
+    names = {"terms": law, "links": "over perfect links", "limit": "without the velocity limit"}
+    told = []
+    for suffix, name in names.items():
+        ideal, bodies = (record.error(f"{key}-{suffix}", TEAM, TRACKING) for key in ("ideal", "all"))
+        saved = abs(record.saved_by(f"all-{suffix}", TEAM, TRACKING))
+        if bodies is not None and saved > max(_MIN_BODY_FRACTION * bodies, ROUNDING):
+            told.append(f"{bodies:.3g} m {name}" + ("" if ideal is None else f" (ideal {ideal:.3g} m)"))
+    now = record.error("all", TEAM, TRACKING)
+    return [f"tracking error {now:.3g} m as given: {', '.join(told)}"] if told else []
+
+
+def _raise_limit(limit: VelocityLimitRecord) -> str:
+    """Advise the limit that suffices: the largest speed commanded in the second half of the ideal run without one."""
+    return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
+
+
+def _gain(record: CompareRecord) -> list[str]:
+    """Report what limits the gain; and how the team rings, if it does."""
+    limit = _lowest_limit(record)
+    if record.gain is None or limit is None:
+        return []
+    mode = record.ringing.least_damped if record.ringing else None
+    rings = mode is not None and mode.damping < _MIN_DAMPING
+    now = f"gain {record.gain:g} 1/s: "
+    if mode is not None and rings:
+        who = f" of the mode about {mode.agent}" if mode.agent else ""
+        now += f"the team rings, with the damping ratio {mode.damping:.2g}{who}; "
+    if limit.kind == "unstable":
+        return [f"{now}the vehicles' loop is unstable above {limit.gain:.2g} 1/s"]
+    about = f", mode about {limit.agent}" if limit.agent and not rings else ""
+    cure = f"; lower controller.gain, or {_RINGING_CURES[limit.effect]}" if limit.effect in _RINGING_CURES else ""
+    return [
+        f"{now}above {limit.gain:.2g} 1/s the damping ratio is below 0.3, limited by {LIMITED_BY[limit.effect]}{about}"
+        + (cure or "; lower controller.gain" if rings else "")
+    ]
 
 
 def _lowest_limit(record: CompareRecord) -> GainLimitRecord | None:
     return record.gains.limits[0] if record.gains and record.gains.limits else None
 
 
-def _gain(record: CompareRecord) -> list[str]:
-    """Report what limits the gain, and the errors of runs at higher gains."""
-    limit = _lowest_limit(record)
-    if record.gain is None or record.gains is None or limit is None:
-        return []
-    whose = f" of the mode about {limit.agent}" if limit.agent else ""
-    what = f"the vehicles' loop is unstable above {limit.gain:.2g} 1/s"
-    if limit.kind == "rings":
-        cause = LIMITED_BY[limit.effect]
-        what = f"above {limit.gain:.2g} 1/s the team rings: the damping{whose} is limited by {cause}"
-    told = [f"gain {record.gain:g} 1/s: {what}"]
-    if len(record.gains.trials) > 1:
-        now, *higher = map(_measured, record.gains.trials)
-        told.append(f"a higher gain, measured on the bodies: {', '.join(higher)}; now {now}")
-    return told
-
-
-def _measured(trial: GainTrialRecord) -> str:
-    if trial.late.tracking_error is None:
-        return f"{trial.gain:.3g} 1/s blows up"
-    endings = {"growing": ", diverging", "circling": ", in a limit cycle", "stuck": ", stuck"}
-    unsettled = endings.get(trial.ending or "", "")
-    limited = "" if trial.saturated is None else f" with thrusters at a limit {100 * trial.saturated:.0f}% of the time"
-    return f"{trial.gain:.3g} 1/s: tracking error {trial.late.tracking_error:.3g} m RMS{limited}{unsettled}"
-
-
-def _either(*choices: str) -> str:
-    return ", or ".join(filter(None, [", ".join(choices[:-1]), choices[-1]]))
-
-
-def _groups(record: CompareRecord) -> list[str]:
-    """Report the dominant cause in each group where it differs from the team's; a fix that is the same is left out."""
-    of_team = _lever(record, TEAM)
-    known = {scope: lever for scope in record.scopes[1:] if (lever := _lever(record, scope)) is not None}
-    if of_team is None or all(lever.kind == of_team.kind for lever in known.values()):
-        return []
-    largest = sorted(known, key=lambda scope: -(record.budget(scope, record.measure, "late").all_m or 0.0))
-    return [
-        f"{scope}: {lever}" if lever.cure != of_team.cure else f"{scope}: {lever.kind}: {lever.why}"
-        for scope, lever in known.items()
-        if scope in largest[:_MOST_GROUPS]
-    ]
-
-
-def _tracking(record: CompareRecord) -> list[str]:
-    """Attribute the tracking error to the law or the bodies.
-
-    It is reported if it is large compared with the formation, or if the ideal run has at least half of it and it
-    exceeds the formation error.
-    """
-    if record.measure == TRACKING or record.rung("all").status != "finished":
-        return []
-    budget = record.budget(TEAM, TRACKING, "late")
-    now = budget.all_m
-    ideal = budget.ideal_m
-    other = record.budget(TEAM, record.measure, "late").all_m
-    if now is None or ideal is None or other is None:
-        return []
-    mostly_ideal = ideal >= 0.5 * now
-    cause = _lag_of_law(record, ideal) if mostly_ideal else _cause_in_bodies(budget, now)
-    told = f"tracking error {now:.3g} m, of that {min(ideal, now):.3g} m in the ideal run: {cause}"
-    return [told] if now >= record.large_tracking_error or (mostly_ideal and now >= other) else []
-
-
-def _lag_of_law(record: CompareRecord, ideal: float) -> str:
-    """Attribute the tracking error of the ideal run, m, to the velocity limit and the law."""
-    limit = record.limit_costs(TEAM, TRACKING, "ideal") or 0.0
-    of_limit = f"{limit:.2g} m from the velocity limit, the rest from " if limit >= _LEAST_CAUSE_SHARE * ideal else ""
-    return f"{of_limit}the law's lag; {_law(record, 'slower targets')}"
-
-
-def _cause_in_bodies(budget: BudgetRecord, now: float) -> str:
-    """Attribute the rest of the tracking error, m, to the effect whose removal reduces it most."""
-    most, effect = next(iter(_ranked(budget)), (0.0, ""))
-    notable = most >= _LEAST_BODY_SHARE * now
-    first = f", mainly {display_name(effect)}: without it the error would be {_left(budget, most)}" if notable else ""
-    return f"the rest is due to bodies{first}"
-
-
-def _velocity_limit(record: CompareRecord) -> list[str]:
-    """Report the fraction of time that agents spend at the law's velocity limit, and the errors without it."""
-    limit = record.velocity_limit
-    if limit is None or max(run.share_at_limit for run in limit.runs) < _LEAST_SATURATION:
-        return []
-    measures = dict.fromkeys((record.measure, TRACKING))
-    errors = list(chain.from_iterable(_with_and_without(record, measure) for measure in measures))
-    costs = [record.limit_costs(TEAM, measure, run.run) or 0.0 for measure, run in product(measures, limit.runs)]
-    raised = f": {_raise_limit(record)}" if max(costs) > ROUNDING else ""
-    without = f"; without it {', '.join(errors)}{raised}" if errors else ""
-    limits = " to ".join(dict.fromkeys([f"{limit.lowest_m_s:.3g}", f"{limit.highest_m_s:.3g}"]))
-    ideal = 100 * limit.run("ideal").share_at_limit
-    whole = 100 * limit.run("all").share_at_limit
-    return [
-        f"agents are at their velocity limit ({limits} m/s) {ideal:.0f}% of the second half of the ideal run, "
-        f"{whole:.0f}% as given{without}"
-    ]
-
-
-def _with_and_without(record: CompareRecord, measure: str) -> list[str]:
-    """Describe one error with and without the velocity limit if the difference is notable."""
-    found = [
-        (record.rung(run).errors[TEAM].error(measure), record.limit_costs(TEAM, measure, run), name)
-        for run, name in (("ideal", "ideal"), ("all", "as given"))
-    ]
-    known = [(now, less, name) for now, less, name in found if now is not None and less is not None]
-    told = " and ".join(f"{now:.3g} -> {now - less:.3g} m {name}" for now, less, name in known)
-    notably = any(abs(less) > max(_LEAST_BODY_SHARE * now, ROUNDING) for now, less, _ in known)
-    return [f"{display_name(measure)} {told}"] if notably else []
-
-
-def _raise_limit(record: CompareRecord) -> str:
-    """Advise the limit that suffices: the largest speed commanded in the second half of the ideal run without one."""
-    limit = record.velocity_limit
-    assert limit is not None  # some agent has one
-    return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
-
-
 def _speeds(record: CompareRecord) -> list[str]:
     """Report vehicles commanded beyond their speed; for bodies without limits, beyond that of any real vehicle."""
-    fastest, sentences = {f.moves_in: f for f in record.fastest}, []
+    fastest = {f.moves_in: f for f in record.fastest}
+    what = "motion and gain" if record.gain is not None else "motion and commands"
+    sentences = []
     for d in record.demands:
         if d.run != "ideal":
             continue
         asked = f"{d.role} of kind {d.vehicle} are commanded up to {d.asked_m_s:.3g} m/s ({d.who} at {d.time_s:.4g} s)"
-        if d.least_speed_m_s is not None:
-            if d.asked_m_s > d.least_speed_m_s:
-                slower = "; none is slow enough"
-                if d.least_speed_m_s > 0.0:
-                    slower = f"; slow the motion{_and_gain(record)} {d.asked_m_s / d.least_speed_m_s:.2g} times"
-                sentences.append(
-                    f"{asked}, beyond their {d.least_speed_m_s:.3g} m/s (at full thrust in the slowest direction) for "
-                    f"{100 * d.share_beyond:.0f}% of the time: tuning does not help{slower}"
-                )
-        elif (best := fastest.get(d.moves_in)) is not None and d.asked_m_s > best.speed_m_s:
+        best = fastest.get(d.moves_in)
+        if d.least_speed_m_s is not None and d.asked_m_s > d.least_speed_m_s:
+            slower = f"slow {what} {d.asked_m_s / d.least_speed_m_s:.2g} times" if d.least_speed_m_s else "none is slow"
             sentences.append(
-                f"{asked}; the fastest real vehicle of mjsheaf in {d.moves_in}, {best.vehicle}, reaches "
-                f"{best.speed_m_s:.3g} m/s: none can follow unless motion{_and_gain(record)} are slowed "
-                f"{d.asked_m_s / best.speed_m_s:.2g} times, and the ladder ends at ideal thrusters"
+                f"{asked}, beyond their {d.least_speed_m_s:.3g} m/s (at full thrust in the slowest direction) for "
+                f"{100 * d.share_beyond:.0f}% of the time: {slower}"
+            )
+        elif d.least_speed_m_s is None and best is not None and d.asked_m_s > best.speed_m_s:
+            sentences.append(
+                f"{asked}; the fastest real vehicle in {d.moves_in}, {best.vehicle}, reaches {best.speed_m_s:.3g} m/s: "
+                f"slow {what} {d.asked_m_s / best.speed_m_s:.2g} times"
             )
     return sentences
-
-
-def _and_gain(record: CompareRecord) -> str:
-    return " and gain" if record.gain is not None else " and commands"
-
-
-def _saturation(record: CompareRecord) -> list[str]:
-    total = next((s.share for s in record.rung("all").saturation if not s.vehicle), 0.0)
-    return [f"agents' thrusters are at a limit {100 * total:.1f}% of the time"] if total >= 0.01 else []
-
-
-def _ringing(record: CompareRecord) -> list[str]:
-    """Report a team that rings before it comes to rest, and how to change that."""
-    ringing = record.ringing
-    if ringing is None or not ringing.measured:
-        return []
-    measured = ringing.measured[0].damping_ratio
-    if measured is None or measured >= _RINGING_DAMPING:
-        return []
-    if measured < 0.0:
-        return [f"the least damped mode (about {ringing.agent}) DIVERGES: lower controller.gain"]
-    predicted = ringing.predicted_damping_ratio_held
-    why = "" if measured > 0.7 * predicted else f", predicted {predicted:.2g} from inertia and the law's hold"
-    late = f" without the measurements' delay of {ringing.delay_s:.3g} s" if why and ringing.delay_s else ""
-    _, blamed = ringing.largest_rise
-    cure = f", or {_RINGING_CURES[blamed]}" if blamed in _RINGING_CURES else ""
-    return [
-        f"it rings: damping ratio {measured:.2g} of the mode about {ringing.agent}{why}{late}; "
-        f"lower controller.gain{cure}"
-    ]

@@ -31,7 +31,7 @@ def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
         period, timestep, steps = sampling_of(system)
         models = _models(system, path, timestep, steps)
         block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
-        loop = TeamLoop([block], np.zeros(0), period)
+        loop = TeamLoop([block], period)
         modes = loop.modes(1.0)
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
