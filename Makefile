@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 TESTS := $(VENV)/.tests
+LOOPS := compiled-mujoco compiled-fused compiled-ideal
 DEMO := runs/paper-physics
 
 # uv where it is installed and finds the packages, otherwise pip; both take the tested versions. Python compiles modules
@@ -15,7 +16,7 @@ install = { { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)
 	|| $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
 	--editable '$(1)'; } $(if $(PYTHONDONTWRITEBYTECODE),&& { $(BIN)/python -m compileall -q -j 0 $(VENV)/lib mjsheaf >/dev/null || true; })
 
-.PHONY: demo test test-ci test-all lint compiled docs clean bundle check-bundle
+.PHONY: demo test test-ci test-all lint compiled $(LOOPS) docs clean bundle check-bundle
 
 # EXTRAS='[dev,docs]' installs all that others below need, too, at once.
 $(STAMP): pyproject.toml constraints.txt
@@ -47,20 +48,21 @@ lint: $(TESTS)
 	$(BIN)/mypy
 	$(BIN)/python tools/budget.py
 
-# Machine code of the loops that many tests run, by one process: workers that need the same wait for one another.
-compiled: $(TESTS)
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compiled
+# Machine code of the loops that many tests run, by one process a loop: workers that need the same wait for one another.
+$(LOOPS): compiled-%: $(TESTS)
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compiled $*
+compiled: $(LOOPS)
 
 # Two workers, one BLAS thread each: the tests are written for two cores. Modules of tests are kept as pytest has
 # rewritten them, which takes a third of collecting.
 PYTEST = PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
 
 test: $(TESTS)
-	@$(MAKE) --no-print-directory -j 2 --output-sync lint compiled
+	@$(MAKE) --no-print-directory -j 2 --output-sync compiled lint
 	$(PYTEST) -m "not slow"
 
-# What continuous integration runs, after lint.
-test-ci: compiled
+# What continuous integration runs, after lint and compiled.
+test-ci: $(TESTS)
 	$(PYTEST) -m "not long"
 
 # Besides the long ones, hypothesis tries five times as many examples, and the long studies every random case, from a

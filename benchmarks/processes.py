@@ -138,7 +138,7 @@ def time_video(end: float) -> None:
     import mjsheaf
     from mjsheaf.runs.publish import execute
     from mjsheaf.video.draw import Painter
-    from mjsheaf.video.from_run import film_of, video_options
+    from mjsheaf.video.film import film_of, video_options
 
     scenario = mjsheaf.load_scenario("paper", {"time.end": min(end, 49.99)})
     film, model = film_of(scenario, mjsheaf.simulate(scenario))

@@ -1,7 +1,7 @@
-"""Types of arrays: numbers in SI units, numbers of things, and yes or no."""
+"""Types of arrays: numbers in SI units, numbers of things, and yes or no; and arrays that are parts of one array."""
 
-from collections.abc import Iterable
-from typing import Annotated, Any, TypeVar
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 T = TypeVar("T")
-OWN = "of each world"
-Own = Annotated[T, OWN]
-"""Field of a compiled struct that every world has for itself, of those that step together; they share the others.
-
-There its arrays have a first axis more, which counts worlds: see `mjsheaf.loop.rows`.
-"""
+Take = Callable[[Any], Array]
+"""Called with a shape, as np.zeros; returns zeros."""
 
 
 def freeze(values: Iterable[Any]) -> None:
@@ -24,3 +20,49 @@ def freeze(values: Iterable[Any]) -> None:
     for value in values:
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
+
+
+class Room:
+    """One array whose parts are handed out one after another.
+
+    Attributes:
+        values: The array, shape (n,); None while numbers are only counted.
+        taken: How many numbers have been handed out.
+    """
+
+    def __init__(self, values: Array | None = None) -> None:
+        self.values = values
+        self.taken = 0
+
+    def take(self, shape: Any) -> Array:
+        """Return the next part as an array of a shape."""
+        first = self.taken
+        self.taken += int(np.prod(shape))
+        return np.zeros(shape) if self.values is None else self.values[first : self.taken].reshape(shape)
+
+    def since(self, first: int) -> Array:
+        """Return all that has been handed out after the first numbers, in one piece."""
+        return np.zeros(self.taken - first) if self.values is None else self.values[first : self.taken]
+
+
+def lay_out(make: Callable[[Room], T]) -> tuple[Array, T]:
+    """Make something whose arrays are parts of one new array, and return both."""
+    count = Room()
+    make(count)
+    values = np.zeros(count.taken)
+    return values, make(Room(values))
+
+
+def mapped(function: Callable[[Any], Any], tree: Any) -> Any:
+    """Return a tree of tuples with another value in the place of each leaf."""
+    if not isinstance(tree, tuple):
+        return function(tree)
+    make = getattr(type(tree), "_make", tuple)
+    return make(mapped(function, part) for part in tree)
+
+
+def leaves_of(tree: Any) -> list[Any]:
+    """Return the leaves of a tree of tuples in order."""
+    leaves: list[Any] = []
+    mapped(leaves.append, tree)
+    return leaves

@@ -29,6 +29,7 @@ from mjsheaf.loop.loop import AUTOPILOT, STOPPED
 from mjsheaf.media import disturbance
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.show.played import Samples
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
 from mjsheaf.system import System
@@ -36,7 +37,6 @@ from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
 from mjsheaf.video import Film
-from mjsheaf.video.film import Samples
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]

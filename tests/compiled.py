@@ -1,22 +1,24 @@
-"""Compile the loops that many tests run, in one process: `python -m tests.compiled`.
+"""Compile the loops that many tests run, in one process for each engine: `python -m tests.compiled ideal|mujoco|fused`.
 
 Scenarios that ship, for a few periods: they have every kind of edge, link, term, medium and vehicle. It takes seconds
 where machine code is on the disk.
 """
 
+import sys
+
 from mjsheaf import load_scenario, simulate
 from mjsheaf.scenario import list_scenarios
 
-ENGINES = (("ideal", "mujoco"), ("physics", "mujoco"), ("physics", "fused"))
+LOOPS = {"ideal": ("ideal", "mujoco"), "mujoco": ("physics", "mujoco"), "fused": ("physics", "fused")}
 
 
-def main() -> None:
+def main(loop: str) -> None:
+    backend, engine = LOOPS[loop]
     for name in list_scenarios():
-        for backend, engine in ENGINES:
-            scenario = load_scenario(name, {"time.end": 0.1, "events": [], "physics.contacts": False})
-            if scenario.expect.refused is None:
-                simulate(scenario, backend, engine=engine)
+        scenario = load_scenario(name, {"time.end": 0.1, "events": [], "physics.contacts": False})
+        if scenario.expect.refused is None:
+            simulate(scenario, backend, engine=engine)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1])

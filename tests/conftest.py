@@ -93,7 +93,7 @@ def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
 def drawn(monkeypatch: pytest.MonkeyPatch) -> "list[Figure]":
     """The figures that are written meanwhile, in place of their files."""
     figures: list[Figure] = []
-    monkeypatch.setattr("mjsheaf.plotting.write_figure", lambda figure, file, form: figures.append(figure))
+    monkeypatch.setattr("mjsheaf.show.panels.write_figure", lambda figure, file, form: figures.append(figure))
     return figures
 
 

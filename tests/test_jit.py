@@ -42,7 +42,7 @@ def test_an_edit_makes_stale_the_code_of_its_callers_alone(tmp_path: Path) -> No
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", "models", "scenarios"))
     before = hashes(package)
     assert len(set(before.values())) == len(FILES)
-    source = package / "control" / "terms.py"
+    source = package / "law" / "terms.py"
     source.write_text(source.read_text() + "\n# an edit\n")
     after = hashes(package)
     changed = {name for name in FILES if after[name] != before[name]}

@@ -131,9 +131,9 @@ def test_an_edit_while_a_process_runs(tmp_path: Path, program: str) -> None:
     package = tmp_path / "mjsheaf"
     ignored = shutil.ignore_patterns("__pycache__", "models", "scenarios")
     shutil.copytree(Path(mjsheaf.__file__).parent, package, ignore=ignored)
-    callee = package / "control" / "zz_f.py"
+    callee = package / "law" / "zz_f.py"
     callee.write_text(CALLEE)
-    (package / "control" / "zz_g.py").write_text(CALLER)
+    (package / "law" / "zz_g.py").write_text(CALLER)
     environment = {**os.environ, "PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
     environment |= {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
 

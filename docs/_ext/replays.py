@@ -26,7 +26,7 @@ RUN_AS = {
 """Scenarios that are refused as they stand: with which option, and override, their page shows a run."""
 
 _RUN_BY = ("mujoco", "numpy", "scipy", "numba", "matplotlib")
-_PICTURE = {"width": 720, "height": 406, "fps": 1, "quality": "good", "legend": False}
+_PICTURE: dict[str, Any] = {"width": 900, "height": 406, "fps": 1, "quality": "good"}
 _MOMENT = 0.4  # of the run, that the picture shows
 
 
@@ -80,14 +80,15 @@ def make(name: str) -> None:
 def _draw(scenario: Any, dataset: Any, path: Path) -> None:
     """One frame of the run's video; nothing where no OpenGL is there to draw with."""
     from mjsheaf.video.draw import Painter
-    from mjsheaf.video.from_run import film_of, video_options
+    from mjsheaf.video.film import film_of, video_options
     from mjsheaf.video.gl import available_backend
 
     if available_backend()[0] is None:
         return
     film, model = film_of(scenario, dataset)
     with Painter(film, model, video_options(scenario, **_PICTURE)) as painter:
-        painter.draw(int(_MOMENT * len(painter.times)))().convert("RGB").save(path, quality=82)
+        frame = painter.draw(int(_MOMENT * len(painter.times)))()
+        frame.crop((frame.width - 720, 0, *frame.size)).save(path, quality=82)
 
 
 def _is_fresh(name: str) -> bool:

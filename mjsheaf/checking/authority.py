@@ -25,8 +25,6 @@ _WAYS = (
     ("pitch down", "pitch up"),
     ("turn to port", "turn to starboard"),
 )
-_FALLS = 0.25  # fraction of the needed turning below which a multirotor falls once it leans to its limit
-_POSITION_SHARE = 0.25  # gain of a law over the rate of the velocity loop: critically damped
 
 
 class Authority(NamedTuple):
@@ -120,7 +118,7 @@ class Shortfall(NamedTuple):
     sentence: str
 
 
-def shortfalls_of(vehicle: Vehicle) -> list[Shortfall]:
+def shortfalls_of(vehicle: Vehicle, *, falling: float = 0.25) -> list[Shortfall]:
     """Find what a multirotor that leans cannot do of what its description asks, the gravest first.
 
     Turning: a lean of theta_max asks its attitude loop for omega^2 theta_max, which few vehicles have. They need
@@ -141,6 +139,10 @@ def shortfalls_of(vehicle: Vehicle) -> list[Shortfall]:
 
     Thrust: a lean of theta_max at constant height takes weight / cos(theta_max). A vehicle with less leans less,
     and is slower, but does not fall: its force is scaled to its thrust.
+
+    Args:
+        vehicle: The vehicle.
+        falling: Fraction of the needed turning below which it falls once it leans to its limit.
     """
     steering = vehicle.steering
     if not isinstance(steering, ThrustVector):
@@ -151,7 +153,7 @@ def shortfalls_of(vehicle: Vehicle) -> list[Shortfall]:
     available = {axis: _available_turning(vehicle, row) for axis, row in (("roll", 3), ("pitch", 4))}
     axis = min(available, key=available.__getitem__)
     if available[axis] < needed:
-        falls = available[axis] < _FALLS * needed
+        falls = available[axis] < falling * needed
         outcome = "it turns over and falls once it leans to its limit" if falls else "it may turn over and fall"
         sentence = (
             f"{vehicle.name} can turn by {available[axis]:.3g} rad/s^2 about its {axis} axis while it carries its "
@@ -178,7 +180,8 @@ def _needed_turning(vehicle: Vehicle, tilt: float) -> float:
     d = float(vehicle.drag[:2].max()) / vehicle.mass
     total = vehicle.rate + d
     half = 0.5 * (vehicle.rate - lead * d * d)
-    y = (half + math.sqrt(half * half + lead * _POSITION_SHARE * total * total * d)) / lead
+    # A law is critically damped with a gain of a quarter of the rate of the velocity loop.
+    y = (half + math.sqrt(half * half + 0.25 * lead * total * total * d)) / lead
     return 0.25 * math.pi * y * tilt
 
 

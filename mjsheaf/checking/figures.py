@@ -10,16 +10,13 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from mjsheaf.checking.check import CheckRecord, Examination
+from mjsheaf.checking.examination import Examination
 from mjsheaf.checking.problems import headline
+from mjsheaf.checking.record import CheckRecord
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
-from mjsheaf.plotting import (
-    BLUE,
+from mjsheaf.show.panels import (
     MOST_NAMED,
     NORMAL,
-    RED,
-    TARGET,
     TICK,
     WIDTH,
     draw_team,
@@ -32,6 +29,7 @@ from mjsheaf.plotting import (
     place_names,
     settle,
 )
+from mjsheaf.show.style import AS_USUAL, BLUE, RED, TARGET, FigureOptions
 from mjsheaf.system import System
 
 _LARGEST_SPECTRUM = 2000  # eigenvalues; beyond, only the extremes are drawn

@@ -5,63 +5,26 @@ ok if it is empty and the trial found nothing.
 """
 
 import math
-from collections import Counter
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
-
-from pydantic import Field
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS
 from mjsheaf.checking.loop.modelled import because_of
-from mjsheaf.checking.standoff import MOSTLY
+from mjsheaf.checking.record import CheckRecord, PartRecord, Problem
+from mjsheaf.checking.separation import MOSTLY, SafetyRecord
 from mjsheaf.errors import listed
-from mjsheaf.io.section import Finite, Record
-
-if TYPE_CHECKING:
-    from mjsheaf.checking.check import CheckRecord, PartRecord
-    from mjsheaf.checking.loop.margins import SpeedDemand
-    from mjsheaf.checking.separation import SafetyRecord
 
 _FIXES = {
     1: "give singular parts of the flow a `core` radius",
     2: "give this vehicle thrusters, or `steering`, that push along every axis",
     4: "as for assumption 2",
 }
+_UNITS = {"controller.gain": " 1/s", "safety.rate": " 1/s", "controller.velocity_limit": " m/s"}
 _RESERVE = 0.5  # fraction of the largest gain that is proposed
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
-_LEAST_DELIVERY = 1e-3  # fraction of the measurements that arrive, of links that deliver fewer
-_LATEST = 7.0 / 16.0 * math.pi  # phase at the crossover above which a loop over links is undecided, rad
-_MAX_DEFICIT = 0.5  # m: distance behind q* at the end that still counts as keeping up
 
 
-class TriedFix(Record):
-    """A fix that was tried on bodies."""
-
-    ok: bool = Field(description="nothing failed")
-    tracking_error: Finite = Field(description="with it, RMS over agents and the second half, m; null: none")
-    without: Finite = Field(description="the same without it, m; null: none")
-    problem: str = Field(description="what still failed, or empty")
-
-
-class Problem(Record):
-    """A reason why a check is not ok."""
-
-    kind: str = Field(
-        description="assumption_1 to assumption_7, rigid, place, undecided, held_law, links, bodies, targets, turning, "
-        "flow, gusts, slow, limited, unsafe, room, or untried"
-    )
-    what: str = Field(description="what is wrong, in a few words")
-    why: str = Field("", description="the reason, with numbers, or empty")
-    fix: str = Field("", description="the smallest change that removes it, or empty")
-    changes: dict[str, Any] = Field({}, description="fields of the scenario that the fix sets, as for --set")
-    additions: dict[str, list[Any]] = Field({}, description="entries that the fix adds to lists of the scenario")
-    tried: TriedFix | None = Field(None, description="the fix, tried on bodies; null if it was not")
-
-    def __str__(self) -> str:
-        return f"{self.what}: {self.why}" if self.why else self.what
-
-
-def problems_of(part: "PartRecord", *, stable: bool) -> list[Problem]:
+def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
     """Return why the analysis of a team and its law is not ok.
 
     Args:
@@ -77,22 +40,23 @@ def problems_of(part: "PartRecord", *, stable: bool) -> list[Problem]:
     ]
 
 
-def untried_of(record: "CheckRecord") -> list[Problem]:
+def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) -> list[Problem]:
     """Return what the analysis leaves undecided and a trial decides.
 
-    That is the loop of boats that have no linear model, and of slow vehicles over links that delay or lose much.
+    That is the loop of boats that have no linear model, and of slow vehicles over links that delay or lose much: more
+    than by the largest phase at the crossover, rad.
     """
     parts: list[PartRecord] = [record, *record.phases]
     for part in parts:
         bodies = part.margins.bodies
-        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > _LATEST
+        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > largest
         if bodies.stable is None and undecided:
             what = "the vehicles' loop is undecided, and the mission was not tried"
             return [Problem(kind="untried", what=what, why=bodies.reason)]
     return []
 
 
-def reasons_of(record: "CheckRecord") -> list[str]:
+def reasons_of(record: CheckRecord) -> list[str]:
     """Return why a check is not ok, in sentences; a refused run adds nothing to what the analysis found."""
     found = [str(problem) for problem in record.problems]
     tried = [] if record.trial is None else record.trial.problems
@@ -113,15 +77,15 @@ def describe_tried(problem: Problem) -> str:
     return f"{error}." if tried.ok else f"{error}, but {tried.problem}."
 
 
-def headline(record: "CheckRecord") -> str:
+def headline(record: CheckRecord) -> str:
     """Return a check in one sentence: OK or NOT OK, and why."""
     if not record.ok:
         first = {problem.kind: problem.what for problem in reversed(record.problems)}
         kinds = dict.fromkeys(problem.kind for problem in record.problems)
         tried = reasons_of(record)[len(record.problems) :]
         return "NOT OK: " + "; ".join([*(first[kind] for kind in kinds), *tried])
-    counts = Counter(a.verdict for a in record.assumptions)
-    every = "all 7 assumptions hold" if counts["holds"] == 7 else "all assumptions that apply hold"
+    all_hold = all(a.verdict == "holds" for a in record.assumptions)
+    every = "all 7 assumptions hold" if all_hold else "all assumptions that apply hold"
     every += ", the formation is rigid" if record.theorem.holds is None and record.rigidity.rigid else ""
     on_vehicles = " and on the vehicles" if record.margins.bodies.stable else ""
     stable = f", the loop is stable on ideal kinematics{on_vehicles}" if record.law.stable else ""
@@ -134,7 +98,7 @@ def headline(record: "CheckRecord") -> str:
     return f"OK: {every}{stable}{outcome}"
 
 
-def _of_assumptions(part: "PartRecord") -> Iterator[Problem]:
+def _of_assumptions(part: PartRecord) -> Iterator[Problem]:
     """Yield the assumptions that do not hold; of a team that Theorem 1 is not about, those on topology."""
     for a in part.assumptions:
         if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6)):
@@ -149,7 +113,7 @@ def _of_assumptions(part: "PartRecord") -> Iterator[Problem]:
             )
 
 
-def _fix_of_assumption(part: "PartRecord", number: int) -> tuple[str, dict[str, list[Any]]]:
+def _fix_of_assumption(part: PartRecord, number: int) -> tuple[str, dict[str, list[Any]]]:
     """Return the smallest change that makes an assumption hold, in words and as additions; empty if there is none."""
     plan = part.relative_cohomology.mending
     if number == 5:
@@ -163,7 +127,7 @@ def _fix_of_assumption(part: "PartRecord", number: int) -> tuple[str, dict[str, 
     return _FIXES.get(number, ""), {}
 
 
-def _of_shape(part: "PartRecord", *, stable: bool) -> Iterator[Problem]:
+def _of_shape(part: PartRecord, *, stable: bool) -> Iterator[Problem]:
     """Yield why a team that Theorem 1 is not about does not, or may not, hold its shape."""
     shape = part.rigidity
     if shape.localizable is None and shape.rigid is not True:
@@ -182,7 +146,7 @@ def _of_shape(part: "PartRecord", *, stable: bool) -> Iterator[Problem]:
         yield Problem(kind="undecided", what="the law is undecided", why=part.law.reason)
 
 
-def _of_loops(part: "PartRecord") -> Iterator[Problem]:
+def _of_loops(part: PartRecord) -> Iterator[Problem]:
     """Yield the loops that are undecided or unstable."""
     law = part.law
     links = part.links
@@ -191,40 +155,26 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
     late = min(late, bodies.largest_gain or math.inf)
     if law.unmodelled:
         yield Problem(kind="undecided", what=f"the law is undecided, {because_of(law.unmodelled)}")
-    if law.stable is False:
-        gains = law.stable_gains
-        if gains is None:
-            yield Problem(kind="held_law", what="the held law is unstable at any controller.gain")
-        else:
-            gain = _round(gains[0] + _RESERVE * (min(gains[1], late) - gains[0]))
-            why = f"controller.gain is stable between {gains[0]:.3g} and {gains[1]:.3g} 1/s"
-            fix = f"set controller.gain to {gain:g} 1/s"
-            yield Problem(
-                kind="held_law", what="the held law is unstable", why=why, fix=fix, changes={"controller.gain": gain}
-            )
+    if law.stable is False and law.stable_gains is None:
+        yield Problem(kind="held_law", what="the held law is unstable at any controller.gain")
+    elif law.stable is False and law.stable_gains is not None:
+        low, high = law.stable_gains
+        why = f"controller.gain is stable between {low:.3g} and {high:.3g} 1/s"
+        yield _of_gain("held_law", "the held law is unstable", why, low + _RESERVE * (min(high, late) - low))
     if links is not None and links.stable is False and not (links.exact and law.stable is False):
         known = links.delay_margin is not None and not links.delay.stable
         why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
         mends = links.loss is None and links.delay.largest_gain is not None  # a lower gain alone
-        changes = {"controller.gain": _round(_RESERVE * late)} if mends else {}
-        fix = f"set controller.gain to {changes['controller.gain']:g} 1/s" if changes else "lower controller.gain"
-        fix += ", or use links with less delay and loss"
-        yield Problem(kind="links", what=UNSTABLE_LINKS, why=why, fix=fix, changes=changes)
+        another = ", or use links with less delay and loss"
+        yield _of_gain("links", UNSTABLE_LINKS, why, _RESERVE * late if mends else None, another)
     if bodies.stable is False:
-        largest = bodies.largest_gain
-        if largest is None:
-            yield Problem(kind="bodies", what=bodies.verdict(), fix="lower controller.gain")
-        else:
-            gain = _round(_RESERVE * late)
-            fix = f"set controller.gain to {gain:g} 1/s"
-            yield Problem(kind="bodies", what=bodies.verdict(), fix=fix, changes={"controller.gain": gain})
-    if bodies.stable is None and bodies.stable_over_exact_links is False:
-        what = "the vehicles' loop is unstable, even if links were exact"
-        yield Problem(kind="bodies", what=what, fix="lower controller.gain")
-    elif bodies.stable is None and not part.law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
-        what = "the vehicles' loop is unstable over its links"
+        yield _of_gain("bodies", bodies.verdict(), gain=_RESERVE * late if bodies.largest_gain is not None else None)
+    elif bodies.stable is None and bodies.stable_over_exact_links is False:
+        yield _of_gain("bodies", "the vehicles' loop is unstable, even if links were exact")
+    elif bodies.stable is None and not law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
         why = "measurements are too old for vehicles that are as slow"
-        yield Problem(kind="bodies", what=what, why=why, fix="lower controller.gain, or use links with less delay")
+        what = "the vehicles' loop is unstable over its links"
+        yield _of_gain("bodies", what, why, another=", or use links with less delay")
     for name, (taken, top) in part.margins.slow_targets.items():
         yield Problem(
             kind="targets",
@@ -237,7 +187,19 @@ def _of_loops(part: "PartRecord") -> Iterator[Problem]:
         yield Problem(kind="targets", what=part.targets.verdict())
 
 
-def _late_phase(part: "PartRecord", tau: float) -> float:
+def _of_gain(kind: str, what: str, why: str = "", gain: float | None = None, another: str = "") -> Problem:
+    """Return a problem that a gain in 1/s removes, None where it is not known, or another change."""
+    changes = {} if gain is None else {"controller.gain": _round(gain)}
+    fix = describe_changes(changes) if changes else "lower controller.gain"
+    return Problem(kind=kind, what=what, why=why, fix=fix + another, changes=changes)
+
+
+def describe_changes(changes: Mapping[str, float]) -> str:
+    """Describe the fields that a fix sets."""
+    return " and ".join(f"set {name} to {value:g}{_UNITS.get(name, '')}" for name, value in changes.items())
+
+
+def _late_phase(part: PartRecord, tau: float) -> float:
     """Return by how much delay and inertia turn the fastest mode at its crossover, rad; 0 where it is not known.
 
     Of vehicles that follow a command with the time constant tau, s, the loop k1 lambda e^(-s d) / (s (1 + tau s)) has
@@ -249,7 +211,7 @@ def _late_phase(part: "PartRecord", tau: float) -> float:
     if links is None or hold is None or links.delay.delay is None or links.exact or tau <= 0.0:
         return 0.0
     lost = 1.0 - min((share for share in links.delivery.values() if share is not None), default=1.0)
-    delay = links.delay.delay + hold.period * (0.5 + lost / max(1.0 - lost, _LEAST_DELIVERY))
+    delay = links.delay.delay + hold.period * (0.5 + lost / max(1.0 - lost, 1e-3))
     rate = part.theorem.gain * part.theorem.lambda_max
     crossover = math.sqrt((math.sqrt(1.0 + (2.0 * tau * rate) ** 2) - 1.0) / 2.0) / tau
     return math.atan(crossover * tau) + crossover * delay
@@ -260,7 +222,7 @@ def _round(gain: float) -> float:
     return float(f"{gain:.2g}")
 
 
-def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
+def _of_speeds(part: PartRecord) -> Iterator[Problem]:
     """Yield that agents fall behind their places, as their vehicles or their velocity limits are too slow."""
     falling = part.margins.falling
     if falling:
@@ -268,8 +230,8 @@ def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
         yield Problem(
             kind="turning", what=f"{names} cannot turn as fast as leaning takes", why=next(iter(falling.values()))
         )
-    slow = [demand for demand in part.margins.speed if (demand.deficit or 0.0) > _MAX_DEFICIT]
-    yield from _of_slow(slow, part)
+    slow = list(_of_slow(part))
+    yield from slow
     carried = part.disturbance.carried_off
     if part.margins.bodies.obstacle == "overpowered" and not slow:
         yield Problem(kind="flow", what="a vehicle cannot hold its place in the flow", why=part.margins.bodies.reason)
@@ -284,44 +246,34 @@ def _of_speeds(part: "PartRecord") -> Iterator[Problem]:
         )
 
 
-def _of_slow(slow: "list[SpeedDemand]", part: "PartRecord") -> Iterator[Problem]:
-    """Yield that some agents are slower than their places to the end: by their vehicles, or by velocity limits."""
-    tops = {demand.agent: _top_speed(demand) for demand in part.margins.speed}
-    limits = {demand.agent: math.inf if demand.limit is None else demand.limit for demand in part.margins.speed}
+def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
+    """Yield that some agents are slower than their places to the end: by their vehicles, or by velocity limits.
+
+    An agent that is no farther behind than `deficit`, m, counts as keeping up.
+    """
     for limited in (False, True):
-        some = [demand for demand in slow if limited == (limits[demand.agent] < tops[demand.agent])]
-        if not some:
+        alike = [demand for demand in part.margins.speed if demand.limited == limited]
+        slow = [demand for demand in alike if (demand.deficit or 0.0) > deficit]
+        if not slow:
             continue
-        worst = max(some, key=lambda demand: demand.deficit or 0.0)
-        speed = (limits if limited else tops)[worst.agent]
-        limit = _round(_SPARE * max(demand.steady or 0.0 for demand in some))
-        raised = limited and limit <= min(tops[demand.agent] for demand in some)
-        at_times = [
-            demand
-            for demand in part.margins.speed
-            if (demand.steady or 0.0) > (limits if limited else tops)[demand.agent]
-            and limited == (limits[demand.agent] < tops[demand.agent])
-        ]
+        worst = max(slow, key=lambda demand: demand.deficit or 0.0)
+        limit = _round(_SPARE * max(demand.steady or 0.0 for demand in slow))
+        raised = limited and limit <= min(demand.top_speed for demand in slow)
+        changes = {"controller.velocity_limit": limit} if raised else {}
+        at_times = sum((demand.steady or 0.0) > demand.largest for demand in alike)
         limiting = "its velocity limit is" if limited else "the top speed of its vehicle is"
         yield Problem(
             kind="limited" if limited else "slow",
-            what=f"{len(at_times)} of {len(part.disturbance.agents)} agents are slower than their places "
-            f"({speed:.3g} of {worst.steady:.3g} m/s)",
+            what=f"{at_times} of {len(part.disturbance.agents)} agents are slower than their places "
+            f"({worst.largest:.3g} of {worst.steady:.3g} m/s)",
             why=f"{worst.agent} stays {worst.deficit:.3g} m or more behind: relative to the medium, q* moves at up to "
-            f"{worst.steady:.3g} m/s, and {limiting} {speed:.3g} m/s",
-            fix=f"set controller.velocity_limit to {limit:g}" if raised else "slow targets, or faster vehicles",
-            changes={"controller.velocity_limit": limit} if raised else {},
+            f"{worst.steady:.3g} m/s, and {limiting} {worst.largest:.3g} m/s",
+            fix=describe_changes(changes) or "slow targets, or faster vehicles",
+            changes=changes,
         )
 
 
-def _top_speed(demand: "SpeedDemand") -> float:
-    """Return the top speed of an agent's vehicle, m/s; infinite if its thrusters have no limits."""
-    if demand.able is None or demand.able_forward is None:
-        return math.inf
-    return max(demand.able, demand.able_forward)
-
-
-def _of_room(safety: "SafetyRecord", period: float) -> Iterator[Problem]:
+def _of_room(safety: SafetyRecord, period: float) -> Iterator[Problem]:
     """Yield that the formation leaves less room than the safety filter keeps, at most samples.
 
     A rate is proposed up to the inverse of the control period in s, beyond which nothing is guaranteed.
@@ -344,7 +296,7 @@ def _of_room(safety: "SafetyRecord", period: float) -> Iterator[Problem]:
     worst = max(kept, key=lambda one: one.kept - one.desired)
     agent, other = worst.pair
     rates = [one.rate for one in kept if one.rate is not None]
-    enough = min(_round(_SPARE * max(rates)), 1.0 / period) if len(rates) == len(kept) else None
+    changes = {"safety.rate": min(_round(_SPARE * max(rates)), 1.0 / period)} if len(rates) == len(kept) else {}
     others = "" if len(kept) == 1 else f", and {len(kept) - 1} more pairs"
     yield Problem(
         kind="room",
@@ -352,6 +304,6 @@ def _of_room(safety: "SafetyRecord", period: float) -> Iterator[Problem]:
         f"{worst.desired:.3g} m",
         why=f"that is the standoff at safety.rate {safety.rate:g} 1/s with the stopping distances of bodies, at "
         f"{worst.time:.6g} s{others}",
-        fix=f"set safety.rate to {enough:g} 1/s" if enough else "a larger formation, or a smaller safety.distance",
-        changes={"safety.rate": enough} if enough else {},
+        fix=describe_changes(changes) or "a larger formation, or a smaller safety.distance",
+        changes=changes,
     )

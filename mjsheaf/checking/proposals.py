@@ -15,12 +15,6 @@ from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
 from mjsheaf.system import System
 
-_ROUNDS = (1, 2, 3, 5, 8, 13)
-_GAINS = (1.0, 2.0, 5.0, 10.0)  # times the scenario's
-_RESERVE = 2.0  # factor by which the gain can grow without instability
-_FILTER = 0.1  # s, of the drift's observer
-_MOST_NUMBERS = 3_000_000  # samples times states
-
 
 class Proposal(Record):
     """A law whose bound on ideal kinematics is at most the desired radius, and its cost."""
@@ -28,21 +22,40 @@ class Proposal(Record):
     controller: dict[str, object] = Field(
         description="fields of the scenario's controller to set; null takes a term away, others stay as they are"
     )
-    bound: float = Field(description="on |e| at samples of the second half of the run, without speed limits, m")
+    bound: float = Field(description="on |e| at samples of the second half, without speed limits, m")
     bound_per_agent: float = Field(description="`bound` as RMS over agents, bound / sqrt(N), m")
     norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
-    certified: bool = Field(description="whether no speed limit can be met, so that the bound is the run's")
-    command: Finite = Field(description="no agent's command exceeds it over the second half of the run, m/s")
-    stable_on_bodies: bool | None = Field(description="whether the loop of the real vehicles is too; null: undecided")
-    exchanges: float = Field(description="rounds of exchange between neighbours a second")
-    numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
-    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry, at most, 1/s")
+    certified: bool = Field(description="no speed limit can be met, so that the bound is the run's")
+    command: Finite = Field(description="bound on each agent's command over the second half, m/s")
+    stable_on_bodies: bool | None = Field(description="the loop of the real vehicles is stable too; null: undecided")
+    exchanges: float = Field(description="rounds of exchange a second")
+    numbers: float = Field(description="numbers that an agent sends a second, on average")
+    noise: Finite = Field(description="bound on the RMS noise of commands per noise of odometry, 1/s")
 
 
-def propose(system: System, certificate: Certificate, radius: float) -> list[Proposal]:
-    """The cheapest of each kind of law whose bound is at most the radius, m: the smallest gain, then fewest rounds.
+def propose(
+    system: System,
+    certificate: Certificate,
+    radius: float,
+    *,
+    gains: Sequence[float] = (1.0, 2.0, 5.0, 10.0),
+    rounds: Sequence[int] = (1, 2, 3, 5, 8, 13),
+    filtering: float = 0.1,
+    most: int = 3_000_000,
+) -> list[Proposal]:
+    """Find the cheapest of each kind of law whose bound is at most the radius: the smallest gain, then fewest rounds.
 
-    None where nothing can be decided, where links are not exact, or where the run is long.
+    The kinds are the paper's law; feedforward; Newton's direction too; drift and extrapolation too. None is proposed
+    where nothing can be decided, where links are not exact, or where the run is long.
+
+    Args:
+        system: System under its law.
+        certificate: Its certificate.
+        radius: Desired bound on |e|, m.
+        gains: Gains that are tried, times the scenario's.
+        rounds: Rounds of exchange that are tried.
+        filtering: Filter of the drift's observer, s.
+        most: Largest number of samples times states.
     """
     try:
         loop_of(system)  # where it is undecided, as with rounds that can be delayed or lost, so are its variants
@@ -51,49 +64,46 @@ def propose(system: System, certificate: Certificate, radius: float) -> list[Pro
     if (
         system.team.linearised_at is not None
         or len(system.law.links.table)
-        or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS
+        or system.grid.steps * system.team.dirichlet.H.shape[0] > most
     ):
         return []
     odometry = Odometry(noise=system.law.terms.noise, bias=system.law.terms.bias)
-    return [proposal for kind in range(4) if (proposal := _cheapest(system, certificate, radius, kind, odometry))]
-
-
-def _cheapest(
-    system: System, certificate: Certificate, radius: float, kind: int, odometry: Odometry
-) -> Proposal | None:
-    """Of one kind; None where none of those tried does it."""
-    rounds = _ROUNDS if kind else (0,)
-    for gain in (factor * system.gain for factor in _GAINS):
-        laws = [_law(system, gain, _terms(kind, r, odometry)) for r in rounds]
-        # More rounds leave less, or nearly so: the first number that does it is found by halves.
-        first = bisect_left(laws, True, key=lambda law: _keeps(law, certificate, radius))
-        if first < len(laws):
-            fields, on_bodies = _terms(kind, rounds[first], odometry), loop_on_path(laws[first], certificate).stable
-            return _proposal(gain, fields, system.law.term_names, law_loop(laws[first], certificate), on_bodies)
-    return None
-
-
-def _terms(kind: int, rounds: int, odometry: Odometry) -> Terms:
-    """The paper's law; feedforward; newton too; drift and extrapolation too."""
-    forward = Feedforward(rounds=rounds, extrapolate=kind == 3) if kind else None
-    drift = Drift(filter=_FILTER) if kind == 3 else None
-    newton = Newton(rounds=rounds) if kind > 1 else None
-    return Terms(feedforward=forward, newton=newton, drift=drift, odometry=odometry)
+    proposals = []
+    for kind in range(4):
+        terms = [
+            Terms(
+                feedforward=Feedforward(rounds=r, extrapolate=kind == 3) if kind else None,
+                newton=Newton(rounds=r) if kind > 1 else None,
+                drift=Drift(filter=filtering) if kind == 3 else None,
+                odometry=odometry,
+            )
+            for r in (rounds if kind else [1])
+        ]
+        for gain in (factor * system.gain for factor in gains):
+            laws = [_law(system, gain, each) for each in terms]
+            # More rounds leave less, or nearly so: the first number that does it is found by halves.
+            first = bisect_left(laws, True, key=lambda law: _keeps(law, certificate, radius))
+            if first < len(laws):
+                on_bodies = loop_on_path(laws[first], certificate).stable
+                found = law_loop(laws[first], certificate)
+                proposals.append(_proposal(gain, terms[first], system.law.term_names, found, on_bodies))
+                break
+    return proposals
 
 
 def _law(system: System, gain: float, terms: Terms) -> System:
     """The system under another law."""
     gains = system.law.gain.copy()
     gains[: len(system.team.agents)] = gain
-    packed = pack_terms(terms, system.team, system.grid.period, 0)
+    packed = pack_terms(terms, system.team, system.grid.period)
     return replace(system, gain=gain, law=system.law._replace(gain=gains, terms=packed))
 
 
-def _keeps(system: System, certificate: Certificate, radius: float) -> bool:
-    """Return True if the law's bound is at most the radius, m, and its gain well inside the stable range."""
+def _keeps(system: System, certificate: Certificate, radius: float, *, reserve: float = 2.0) -> bool:
+    """Return True if the law's bound is at most the radius, m, and `reserve` times its gain is stable."""
     try:
         loop = loop_of(system)
-        stable = max(loop.radius, replace(loop, gain=_RESERVE * loop.gain).radius) < 1.0
+        stable = max(loop.radius, replace(loop, gain=reserve * loop.gain).radius) < 1.0
         return stable and envelope(system, certificate).late() <= radius
     except UndecidedError:
         return False

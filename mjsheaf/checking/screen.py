@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from textwrap import wrap
 
-from mjsheaf.checking.check import CheckRecord, TheoremSummary
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.steady import SteadyError
-from mjsheaf.checking.problems import Problem, describe_tried, headline
+from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.proposals import Proposal
+from mjsheaf.checking.record import CheckRecord, TheoremSummary
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.topology.cohomology import Fragility
 from mjsheaf.checking.trial import TrialRecord
@@ -20,71 +20,66 @@ WIDTH = 100
 """Largest width of a line."""
 
 _MAX_LINES_OF_THE_HEADLINE = 6
-_MAX_LINES_OF_A_PROBLEM = 8
 _MAX_NOTES = 4
 _MAX_DRIFTS = 8
 _LABEL = 22
 
 
-def screen(record: CheckRecord, name: str | None = None, *, pending: bool = False) -> list[str]:
+def screen(record: CheckRecord, name: str | None = None, *, pending: bool = False, whole: bool = False) -> list[str]:
     """Return the answer as lines of text.
 
     Args:
         record: Record of the check.
         name: Scenario as the user named it, for a last line on the whole report; None where that is not at hand.
         pending: True while the mission is being tried: a verdict of OK is still open.
+        whole: True for all of each text, False for what fits on a screen.
     """
     verdict = "no problem found by analysis" if pending and record.ok else headline(record)
-    head = _cut(_wrapped(f"{record.scenario}: {verdict}", ""), _MAX_LINES_OF_THE_HEADLINE)
-    numbers = ["", *_numbers(record)]
-    notes = [line for note in record.notes[:_MAX_NOTES] for line in _cut(_wrapped(f"note: {note}", "  "), 2)]
-    ending = [] if name is None else ["", f"mjsheaf check {name} --full prints the whole report."]
-    rest = [*numbers, *([""] if notes else []), *notes, *ending]
-    lines = list(head)
+    rest = [""]
+    for label, text in _numbers(record):
+        rest += _cut(_wrapped(text, " " * _LABEL, f"{label:<{_LABEL}}"), 3, whole)
+    notes = record.notes if whole else record.notes[:_MAX_NOTES]
+    rest += [""] if notes else []
+    for note in notes:
+        rest += _cut(_wrapped(f"note: {note}", "  "), 2, whole)
+    rest += [] if name is None else ["", f"mjsheaf check {name} --full prints the whole report."]
+    lines = _cut(_wrapped(f"{record.scenario}: {verdict}", ""), _MAX_LINES_OF_THE_HEADLINE, whole)
     for k, problem in enumerate(record.problems):
-        block = ["", *_told(problem, pending=pending)[:_MAX_LINES_OF_A_PROBLEM]]
+        tried = "" if pending else describe_tried(problem)
+        block = ["", *_wrapped(problem.what[0].upper() + problem.what[1:] + ".", "  ", "  ")]
+        block += _cut(_wrapped(f"Why: {problem.why}.", "      ", "    "), 3, whole) if problem.why else []
+        block += _cut(_wrapped(f"Fix: {problem.fix}. {tried}", "      ", "    "), 4, whole) if problem.fix else []
         more = ["", f"... and {len(record.problems) - k} more problems"]
-        if len(lines) + len(block) + len(more) + len(rest) > MAX_LINES:
+        if not whole and len(lines) + len(block) + len(more) + len(rest) > MAX_LINES:
             lines += more
             break
         lines += block
     return lines + rest
 
 
-def _told(problem: Problem, *, pending: bool) -> list[str]:
-    """Return a problem with its reason, and its fix with what came of it unless that is pending."""
-    lines = _wrapped(problem.what[0].upper() + problem.what[1:] + ".", "  ", "  ")
-    if problem.why:
-        lines += _cut(_wrapped(f"Why: {problem.why}.", "      ", "    "), 3)
-    if problem.fix:
-        tried = "" if pending else describe_tried(problem)
-        lines += _cut(_wrapped(f"Fix: {problem.fix}. {tried}", "      ", "    "), 4)
-    return lines
-
-
-def _numbers(record: CheckRecord) -> Iterator[str]:
-    """Yield the rows with the numbers that matter."""
+def _numbers(record: CheckRecord) -> Iterator[tuple[str, str]]:
+    """Yield label and text of the rows with the numbers that matter."""
     as_if = "" if record.steady.exact_links else ", as if links were exact"
-    yield from _row("tracking error", _error(record.steady, as_if))
+    yield "tracking error", _error(record.steady, as_if)
     if record.disturbance.rms != 0.0:
-        yield from _row("gusts and waves", _moved(record.disturbance))
+        yield "gusts and waves", _moved(record.disturbance)
     largest = {"ideal kinematics": record.law.largest_gain, "the vehicles": record.margins.bodies.largest_gain}
     if record.links is not None and record.links.delay.delay and record.links.loss is None:
         largest["ideal kinematics over its links"] = record.links.delay.largest_gain
     known = ", ".join(f"{gain:.4g} 1/s on {where}" for where, gain in largest.items() if gain is not None)
-    yield from _row("largest gain", f"{known or 'not known'}; the gain is {record.theorem.gain:.4g} 1/s")
+    yield "largest gain", f"{known or 'not known'}; the gain is {record.theorem.gain:.4g} 1/s"
     margin = None if record.links is None else record.links.delay_margin
-    yield from _row("delay margin", "not known" if margin is None else f"{margin:.3g} s, equal on all links")
-    yield from _row("better law", _better(record.proposals, record.theorem.wanted_radius, as_if))
-    yield from _row("Theorem 1", _theorem(record.theorem))
+    yield "delay margin", "not known" if margin is None else f"{margin:.3g} s, equal on all links"
+    yield "better law", _better(record.proposals, record.theorem.wanted_radius, as_if)
+    yield "Theorem 1", _theorem(record.theorem)
     if record.safety is not None:
-        yield from _row("separation", _separation(record.safety))
+        yield "separation", _separation(record.safety)
     if record.drifts:
         far = ", ".join(f"{name} {distance:.3g} m" for name, distance in list(record.drifts.items())[:_MAX_DRIFTS])
-        yield from _row("targets adrift", f"the flow carries them: {far}")
-    yield from _row("fragility", _fragile(record.fragility))
+        yield "targets adrift", f"the flow carries them: {far}"
+    yield "fragility", _fragile(record.fragility)
     if record.trial is not None:
-        yield from _row("trial on bodies", _trial(record.trial))
+        yield "trial on bodies", _trial(record.trial)
 
 
 def _theorem(theorem: TheoremSummary) -> str:
@@ -178,16 +173,18 @@ def _better(proposals: list[Proposal], radius: float, as_if: str) -> str:
     if not usable:
         return f"none can be certified to keep the error below {radius:g} m; terms of the law may still reduce it"
     best = min(usable, key=lambda p: p.bound_per_agent)
-    fields = ", ".join(f"{key}: {_value(value)}" for key, value in best.controller.items() if value is not None)
+    fields = ", ".join(f"{key}: {in_yaml(value)}" for key, value in best.controller.items() if value is not None)
     cost = f", {best.exchanges:.4g} exchanges per second" if best.exchanges else ""
     return f"{fields} (error at most {best.bound_per_agent:.3g} m, RMS over agents{as_if}{cost})"
 
 
-def _value(value: object) -> str:
-    """Return a value as in a scenario file, without fields that have their default 0 or false."""
+def in_yaml(value: object) -> str:
+    """Return a value as in a scenario file, of a mapping without fields that have their default 0 or false."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_value(inner)}" for key, inner in value.items() if inner) + "}"
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else f"{value}"
+        return "{" + ", ".join(f"{key}: {in_yaml(inner)}" for key, inner in value.items() if inner) + "}"
+    if isinstance(value, bool | None):
+        return {True: "true", False: "false", None: "null"}[value]
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def _listed(ids: list[str]) -> str:
@@ -196,13 +193,9 @@ def _listed(ids: list[str]) -> str:
     return shown if len(ids) <= 3 else f"{shown} and {more}"
 
 
-def _row(label: str, text: str) -> list[str]:
-    return _cut(_wrapped(text, " " * _LABEL, f"{label:<{_LABEL}}"), 3)
-
-
-def _cut(lines: list[str], most: int) -> list[str]:
-    """Return the first lines; the last one ends in '...' if some are left out."""
-    return lines if len(lines) <= most else [*lines[: most - 1], f"{lines[most - 1][: WIDTH - 4]} ..."]
+def _cut(lines: list[str], most: int, whole: bool) -> list[str]:
+    """Return the first lines, or the whole of them; the last one ends in '...' if some are left out."""
+    return lines if whole or len(lines) <= most else [*lines[: most - 1], f"{lines[most - 1][: WIDTH - 4]} ..."]
 
 
 def _wrapped(text: str, indent: str, first: str = "") -> list[str]:

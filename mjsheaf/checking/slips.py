@@ -1,10 +1,7 @@
-"""Warnings about valid but suspicious values: angles in radians, static targets in a flow, uneven recordings.
+"""Notes on a scenario's files: static targets in a flow, uneven recordings, what a vehicle cannot do or leaves out.
 
-`check`, `run` and `list --vehicles` print them, also about vehicles that cannot do what their description asks of them,
-see `mjsheaf.checking.authority`, and what is left out of their files.
+`check`, `run` and `list --vehicles` print them.
 """
-
-import math
 
 import numpy as np
 
@@ -14,18 +11,14 @@ from mjsheaf.errors import listed
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.probe import mean_flow
-from mjsheaf.scenario.scenario import Agent, Scenario, Target
-from mjsheaf.vehicles.steering import ThrustVector
+from mjsheaf.scenario.scenario import Scenario
 from mjsheaf.vehicles.vehicle import Vehicle
-
-_LEAST_TILT = 2.0  # degrees; a multirotor that tilts less hardly moves, and 2 rad would not be a tilt
 
 
 def slips_of(scenario: Scenario) -> list[str]:
-    """Return a warning for each suspicious value in a scenario and its vehicles, in sentences."""
+    """Return the notes on a scenario and its vehicles, in sentences."""
     vehicles = {id(vehicle): vehicle for vehicle in scenario.system.vehicles}
     return [
-        *_headings(scenario),
         *_static_in_flow(scenario),
         *_uneven_paths(scenario),
         *_flows_of_files(scenario),
@@ -34,18 +27,11 @@ def slips_of(scenario: Scenario) -> list[str]:
 
 
 def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
-    """Return a warning for each suspicious value in a vehicle's description, in sentences."""
+    """Return what a vehicle cannot do of what its description asks, and what is left out of its file, in sentences."""
     slips = [shortfall.sentence for shortfall in shortfalls_of(vehicle)]
     if vehicle.left_out:
         slips.append(f"left out of {vehicle.path.name}: {listed(vehicle.left_out)}")
-    if not isinstance(vehicle.steering, ThrustVector) or vehicle.steering.largest_tilt >= _LEAST_TILT:
-        return slips
-    tilt = vehicle.steering.largest_tilt
-    return [
-        *slips,
-        f"steering.largest_tilt of {vehicle.name} is {tilt:g} degrees, so that it hardly leans; "
-        f"{tilt:g} rad are {math.degrees(tilt):.3g} degrees",
-    ]
+    return slips
 
 
 def _flows_of_files(scenario: Scenario) -> list[str]:
@@ -60,18 +46,6 @@ def _flows_of_files(scenario: Scenario) -> list[str]:
     ]
 
 
-def _headings(scenario: Scenario) -> list[str]:
-    """Headings that look like radians: within a turn in rad, and at least half of those that are not whole numbers."""
-    members: list[Agent | Target] = [*scenario.agents, *scenario.targets]
-    broken = {m.id: m.heading for m in members if m.heading is not None and not m.heading.is_integer()}
-    small = {name: heading for name, heading in broken.items() if abs(heading) <= 2.0 * math.pi + 0.01}
-    if 2 * len(small) < len(broken) or not small:  # headings all around are degrees, and some of them are small
-        return []
-    heading = next(iter(small.values()))
-    example = f"{heading:g} rad are {math.degrees(heading):.4g} degrees"
-    return [f"headings are in degrees, and of {listed(small)} they look like radians: {example}"]
-
-
 def _uneven_paths(scenario: Scenario) -> list[str]:
     """Return what differs from a spline through all samples, for each target with a recorded path."""
     pairs = zip(scenario.targets, scenario.target_motions, strict=True)
@@ -79,15 +53,11 @@ def _uneven_paths(scenario: Scenario) -> list[str]:
     return [f"recorded path of {name}: {curve.note}" for name, curve in curves.items() if curve.note]
 
 
-_STEPS = 200  # of the estimate of a drift
-_STAYS = 1e-3  # m; a target that drifts less stays
-
-
-def drifts_of(scenario: Scenario) -> dict[str, float]:
+def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> dict[str, float]:
     """Estimate how far the flow carries each target without a motion or a pull by the end of the run, m.
 
-    The targets move with the mean medium, without gusts, waves and disturbance, up to where it is known. Those that
-    stay are left out.
+    The targets move with the mean medium, without gusts, waves and disturbance, up to where it is known, in a number
+    of steps. Those that drift by less than `least`, m, are left out.
     """
     phases, N = scenario.phases, len(scenario.agents)
     free = [k for k, motion in enumerate(scenario.target_motions) if _is_free(motion)]
@@ -96,7 +66,7 @@ def drifts_of(scenario: Scenario) -> dict[str, float]:
         return {}
     v = N + np.array(free)
     x = first.initial[v].copy()
-    times = np.linspace(grid.start, grid.start + grid.steps * grid.period, _STEPS + 1)
+    times = np.linspace(grid.start, grid.start + grid.steps * grid.period, steps + 1)
     h = float(times[1] - times[0])
     for t in times[:-1]:
         system = [phase for phase in phases if phase.time <= t + 1e-9][-1].system
@@ -108,7 +78,7 @@ def drifts_of(scenario: Scenario) -> dict[str, float]:
             step = h * mean_flow(system, vehicle, float(t) + 0.5 * h, np.where(known[:, None], middle, x[own]))
             x[own] += np.where(np.isfinite(step) & known[:, None], step, 0.0)
     away = np.linalg.norm(x - first.initial[v], axis=1)
-    return {scenario.targets[k].id: float(far) for k, far in zip(free, away, strict=True) if far > _STAYS}
+    return {scenario.targets[k].id: float(far) for k, far in zip(free, away, strict=True) if far > least}
 
 
 def _is_free(motion: Motion | None) -> bool:

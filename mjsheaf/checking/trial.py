@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.finished import ROUNDING, ending_of_run
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.checking.stuck import MIN_DURATION, MIN_SPEED, find_stuck
@@ -53,28 +53,8 @@ _JUDGED = (
     "safety_violation",
 )
 _MIN_SAMPLES = 8  # of a phase whose end is judged
-_ROUNDING = 1e-6  # m, of distances
-_CLOSER = 1.1  # times the distance that a pair lacks at the start
 _OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
-_AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
-_SHORTFALL = 0.2  # fraction of the commanded velocity that a vehicle does not make, above which it is at a limit
-_GROWTH = 1.5  # mean error of the last quarter over that about the middle, above which it has grown
-_FASTER = 2.0  # growth of one quarter over that of the last, above which the error grows without bound
-_SPEEDS_UP = 1.1  # mean speed of q* in the last quarter over that of the third, above which a target speeds up
-_SLOW = 1.1  # mean error of the last quarter over that of the second, above which steady growth counts
-_STILL = 0.05  # RMS motion of q* over that of an agent about it, below which q* rests
-_UNDECAYED = 0.95  # amplitude of the last quarter over that of the third, above which an oscillation does not decay
-_RESONANCE = 3.0  # times the motion by a disturbance alone, below which an oscillation may be due to it
-_REVERSALS = 4  # in the second half, from which on a motion is an oscillation
-_MIN_COMMAND = 0.1  # m/s, below which an agent counts as commanded to stay
-_MIN_SHARE = 0.65  # part of its commanded velocity that an agent makes unless it is short of it
-_MIN_HEADWAY = 0.15  # fraction of the commanded speed that an agent makes in its direction
-_APPROACHING = 0.9  # mean error of the last quarter over that of the third, below which an agent approaches
-_AT_REST = 1e-3  # mean disagreement over mean tracking error, below which a law is at rest
-_FAR = 3.0  # times the error that the analysis foresees
-_FAR_BY = 1.0  # m: further than that
-_SMALL = 0.2  # m: errors that grow by less do not count
-_STEADY = 0.9  # of the growth of one quarter over the last: growth that slows down by more is a transient
+_FAR_BY = 1.0  # m: errors and motions that count
 
 
 class TrialProblem(Record):
@@ -85,9 +65,9 @@ class TrialProblem(Record):
         "far_off, or expectation"
     )
     text: str = Field(description="a sentence with agent, time and number")
-    agent: str | None = Field(description="id of the agent with the worst value; null for the team")
-    time: Finite = Field(description="when, s; null where that has no meaning")
-    number: Finite = Field(description="severity in m; null where the text has it alone")
+    agent: str | None = Field(None, description="id of the agent with the worst value; null for the team")
+    time: Finite = Field(None, description="when, s; null where that has no meaning")
+    number: Finite = Field(None, description="severity in m; null where the text has it alone")
 
 
 class TrialRecord(Record):
@@ -147,7 +127,7 @@ def try_mission(
 
 def _refused(error: Exception) -> TrialRecord:
     """Return the record of a trial that an error ends."""
-    problem = TrialProblem(kind="refused", text=f"the run is refused: {error}", agent=None, time=None, number=None)
+    problem = TrialProblem(kind="refused", text=f"the run is refused: {error}")
     return TrialRecord(ok=False, seconds=0.0, complete=False, tracking_error=None, ending=None, problems=[problem])
 
 
@@ -201,29 +181,36 @@ def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, i
     return _Run(data, samples == end or data.attrs["status"] != "finished", initial, closest)
 
 
-def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterator[TrialProblem]:
-    """Yield why a run fails, the most important first."""
+def _problems(
+    scenario: Scenario, phases: Sequence[Phase], run: _Run, *, closer: float = 1.1, rounding: float = 1e-6
+) -> Iterator[TrialProblem]:
+    """Yield why a run fails, the most important first.
+
+    Args:
+        scenario: The scenario.
+        phases: Its phases.
+        run: The run.
+        closer: A pair fails that comes closer by more than this times the distance that it lacks at the start.
+        rounding: Error of distances, m.
+    """
     data = run.data
     team = phases[0].system.team
     end = float(data["time"][-1])
     if data.attrs["status"] != "finished":
-        yield TrialProblem(kind="blow_up", text=data.attrs["message"], agent=None, time=end, number=None)
+        yield TrialProblem(kind="blow_up", text=data.attrs["message"], time=end)
         return
     safety = safety_of(data)
     for pair, worst in sorted(run.closest.items(), key=lambda item: item[1].gap):
         start = run.initial[pair].gap if pair in run.initial else 0.0  # these vehicles may have to stop first
-        if worst.gap < _CLOSER * start - _ROUNDING:
+        if worst.gap < closer * start - rounding:
             who = " and ".join(pair)
             text = f"{who} come {-worst.gap:.3g} m closer than the required distance at t = {worst.time:.6g} s"
             yield TrialProblem(kind="too_close", text=text, agent=pair[0], time=worst.time, number=-worst.gap)
             break
-    off = dict(zip(team.agent_ids, np.nan_to_num(data["tracking_error"].values[-1]).tolist(), strict=True))
-    deadlocked = sorted(safety["deadlocked"] if safety else [], key=off.__getitem__, reverse=True)
-    if deadlocked:
-        first = deadlocked[0]
-        who = _are(first, len(deadlocked) - 1)
-        text = f"{who} deadlocked: the safety filter keeps {first} {off[first]:.3g} m off at t = {end:.6g} s"
-        yield TrialProblem(kind="deadlock", text=text, agent=first, time=end, number=off[first])
+    off = np.nan_to_num(data["tracking_error"].values[-1])
+    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else [])
+    words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
+    yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
     stuck = [one for one in find_stuck(phases, data) if one.end >= end and one.error > ROUNDING]
     if stuck:
         first = team.agent_ids[stuck[0].agent]
@@ -247,14 +234,57 @@ def _problems(scenario: Scenario, phases: Sequence[Phase], run: _Run) -> Iterato
             if not check["met"] and check["measure"] != "refused":
                 value = "none" if check["found"] is None else f"{check['found']:.4g} m"
                 text = f"expect.physics.{check['measure']} is {value} at t = {end:.6g} s, bound {check['bound']:g} m"
-                yield TrialProblem(kind="expectation", text=text, agent=None, time=end, number=check["found"])
+                yield TrialProblem(kind="expectation", text=text, time=end, number=check["found"])
 
 
-def _diverging(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
+def _failing(
+    kind: str, ids: Sequence[str], failed: BoolArray, severity: Array, time: float, words: str, **numbers: Array
+) -> Iterator[TrialProblem]:
+    """Yield one problem for all agents that fail, or nothing.
+
+    Args:
+        kind: Kind of the problem.
+        ids: Ids of the agents, length N.
+        failed: True for those that fail, shape (N,).
+        severity: Sizes of the problem, m, shape (N,); the text is about the agent with the largest one.
+        time: When, s.
+        words: What follows "A is" and "A and 2 others are", with `{name}`, `{number}`, `{time}` and the other numbers.
+        numbers: Other numbers of each agent, shape (N,).
+    """
+    if failed.any():
+        worst = int(np.where(failed, severity, -np.inf).argmax())
+        others = {key: values[worst] for key, values in numbers.items()}
+        number = float(severity[worst])
+        told = words.format(name=ids[worst], number=number, time=time, **others)
+        text = f"{_are(ids[worst], int(failed.sum()) - 1)} {told}"
+        yield TrialProblem(kind=kind, text=text, agent=ids[worst], time=time, number=number)
+
+
+def _diverging(
+    system: System,
+    last: "xr.Dataset",
+    *,
+    growth: float = 1.5,
+    faster: float = 2.0,
+    speeds_up: float = 1.1,
+    slow: float = 1.1,
+    steady: float = 0.9,
+    small: float = 0.2,
+) -> Iterator[TrialProblem]:
     """Yield agents whose error grows to the end of the last phase while they are at a limit, or ever faster.
 
     An error that grows is no fault by itself: it also follows a target that speeds up. Neither is one that an event
     ends, such as the end of a shadow.
+
+    Args:
+        system: System of the last phase.
+        last: Its data.
+        growth: Mean error of the last quarter over that about the middle, above which it has grown.
+        faster: Growth of one quarter over that of the last, above which the error grows without bound.
+        speeds_up: Mean speed of q* in the last quarter over that of the third, above which a target speeds up.
+        slow: Mean error of the last quarter over that of the second, above which steady growth counts.
+        steady: Growth of one quarter over that of the last; growth that slows down by more is a transient.
+        small: Errors that grow by less do not count, m.
     """
     errors = last["tracking_error"].values
     time = last["time"].values
@@ -265,29 +295,45 @@ def _diverging(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
     eighth = len(errors) // 8
     middle = errors[len(errors) // 2 - eighth : len(errors) // 2 + eighth + 1].mean(axis=0)
     limited = _limited(system, last)
-    steadily = (third > second) & (fourth - third > _STEADY * (third - second)) & (fourth > _SLOW * second + _SMALL)
-    grown = (fourth > _GROWTH * middle + _SMALL) | steadily
-    faster = (third > second) & (fourth - third > _FASTER * (third - second)) & (fourth > _GROWTH * middle + _FAR_BY)
+    rises = (third > second) & (fourth - third > steady * (third - second)) & (fourth > slow * second + small)
+    grown = (fourth > growth * middle + small) | rises
+    runs_away = (third > second) & (fourth - third > faster * (third - second)) & (fourth > growth * middle + _FAR_BY)
     speeds = [np.linalg.norm(np.diff(q, axis=0), axis=2).mean(axis=0) for q in np.array_split(q_star, 4)]
-    faster &= speeds[3] <= _SPEEDS_UP * speeds[2]  # else the error follows the target
-    failed = np.flatnonzero((limited > _OFTEN) & grown | faster)
-    if not len(failed):
-        return
-    worst, name, who = _worst_of(system, failed, fourth)
-    at_limit = limited[worst] > _OFTEN
-    limits = f"at a limit of its vehicle or its speed for {100.0 * limited[worst]:.0f} % of the second half"
-    text = (
-        f"{who} left behind: the mean error of {name} grows from {middle[worst]:.3g} m about the middle to "
-        f"{fourth[worst]:.3g} m in the last quarter, up to t = {time[-1]:.6g} s" + (f", {limits}" if at_limit else "")
+    runs_away &= speeds[3] <= speeds_up * speeds[2]  # else the error follows the target
+    at_limit = limited > _OFTEN
+    failed = at_limit & grown | runs_away
+    words = (
+        "left behind: the mean error of {name} grows from {middle:.3g} m about the middle to {number:.3g} m in the "
+        "last quarter, up to t = {time:.6g} s"
     )
-    kind = "saturated" if at_limit else "diverging"
-    yield TrialProblem(kind=kind, text=text, agent=name, time=float(time[-1]), number=float(fourth[worst]))
+    kind = "diverging"
+    if failed.any() and at_limit[np.where(failed, fourth, -np.inf).argmax()]:
+        kind = "saturated"
+        words += ", at a limit of its vehicle or its speed for {limited:.0f} % of the second half"
+    end = float(time[-1])
+    yield from _failing(kind, system.team.agent_ids, failed, fourth, end, words, middle=middle, limited=100.0 * limited)
 
 
-def _without_headway(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
+def _without_headway(
+    system: System,
+    last: "xr.Dataset",
+    *,
+    least: float = 0.1,
+    headway: float = 0.15,
+    share: float = 0.65,
+    approaching: float = 0.9,
+) -> Iterator[TrialProblem]:
     """Yield agents that move, but not where they are commanded to, or too little, and do not get nearer.
 
     Boats that circle about their places are such agents, and drones whose commands jump faster than they can lean.
+
+    Args:
+        system: System of the last phase.
+        last: Its data.
+        least: Commanded speed below which an agent counts as commanded to stay, m/s.
+        headway: Fraction of the commanded speed that an agent makes in its direction.
+        share: Part of its commanded velocity that an agent makes unless it is short of it.
+        approaching: Mean error of the last quarter over that of the third, below which an agent approaches.
     """
     duration = 0.25 * float(last["time"][-1] - last["time"][0])
     if last.sizes["time"] < _MIN_SAMPLES or duration < MIN_DURATION:
@@ -302,26 +348,41 @@ def _without_headway(system: System, last: "xr.Dataset") -> Iterator[TrialProble
         for values in (np.nan_to_num(quarter["velocity_command"].values), made)
     )
     size = np.linalg.norm(command, axis=2)
-    headway = ((made * command).sum(axis=2) / np.where(size > 0.0, size, 1.0)).mean(axis=0)
+    towards = ((made * command).sum(axis=2) / np.where(size > 0.0, size, 1.0)).mean(axis=0)
     commanded = size.mean(axis=0)
-    idle = (headway < _MIN_HEADWAY * commanded) & (fourth > 2.0 * _FAR_BY) & (fourth > _APPROACHING * third)
-    share = (made * command).sum(axis=(0, 2)) / np.maximum((command**2).sum(axis=(0, 2)), ROUNDING)
-    short = (share < _MIN_SHARE) & (fourth > 3.0 * _FAR_BY) & (fourth > third)
-    failed = np.flatnonzero((commanded > _MIN_COMMAND) & (idle | short))
-    if len(failed):
-        time = float(last["time"][-1])
-        worst, name, who = _worst_of(system, failed, fourth)
-        text = (
-            f"{who} without headway: {name} is commanded {commanded[worst]:.3g} m/s and makes "
-            f"{headway[worst]:.3g} m/s of it, {fourth[worst]:.3g} m off to the end at t = {time:.6g} s"
-        )
-        yield TrialProblem(kind="stuck", text=text, agent=name, time=time, number=float(fourth[worst]))
+    idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & (fourth > approaching * third)
+    part = (made * command).sum(axis=(0, 2)) / np.maximum((command**2).sum(axis=(0, 2)), ROUNDING)
+    short = (part < share) & (fourth > 3.0 * _FAR_BY) & (fourth > third)
+    failed = (commanded > least) & (idle | short)
+    words = (
+        "without headway: {name} is commanded {commanded:.3g} m/s and makes {towards:.3g} m/s of it, {number:.3g} m "
+        "off to the end at t = {time:.6g} s"
+    )
+    end = float(last["time"][-1])
+    ids = system.team.agent_ids
+    yield from _failing("stuck", ids, failed, fourth, end, words, commanded=commanded, towards=towards)
 
 
-def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
+def _circling(
+    system: System,
+    last: "xr.Dataset",
+    *,
+    still: float = 0.05,
+    undecayed: float = 0.95,
+    resonance: float = 3.0,
+    least: int = 4,
+) -> Iterator[TrialProblem]:
     """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing drives them.
 
     A bounded disturbance of d m/s moves an agent by d / omega m at a frequency of omega rad/s.
+
+    Args:
+        system: System of the last phase.
+        last: Its data.
+        still: RMS motion of q* over that of an agent about it, below which q* rests.
+        undecayed: Amplitude of the last quarter over that of the third, above which an oscillation does not decay.
+        resonance: Times the motion by a disturbance alone, below which an oscillation may be due to it.
+        least: Reversals in the second half from which on a motion is an oscillation.
     """
     if last.sizes["time"] < _MIN_SAMPLES or system.moving:
         return
@@ -333,79 +394,86 @@ def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
     reversals = (np.diff(np.sign(widest), axis=0) != 0.0).sum(axis=0)
     span = 0.5 * float(last["time"][-1] - last["time"][0])
     shaken = system.largest_disturbance[: len(fourth)] * span / (np.pi * np.maximum(reversals, 1))
-    driven = np.sqrt(q_star[-len(half) :].var(axis=0).sum(axis=1)) > _STILL * fourth
-    driven |= fourth < _RESONANCE * shaken
-    circling = np.flatnonzero((fourth > _FAR_BY) & (fourth > _UNDECAYED * third) & (reversals >= _REVERSALS) & ~driven)
-    if len(circling):
-        time = float(last["time"][-1])
-        worst, name, who = _worst_of(system, circling, fourth)
-        text = (
-            f"{who} in a limit cycle: {name} oscillates by {fourth[worst]:.3g} m RMS to the end at "
-            f"t = {time:.6g} s, and nothing drives it"
-        )
-        yield TrialProblem(kind="limit_cycle", text=text, agent=name, time=time, number=float(fourth[worst]))
+    driven = np.sqrt(q_star[-len(half) :].var(axis=0).sum(axis=1)) > still * fourth
+    driven |= fourth < resonance * shaken
+    failed = (fourth > _FAR_BY) & (fourth > undecayed * third) & (reversals >= least) & ~driven
+    words = "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and nothing "
+    words += "drives it"
+    yield from _failing("limit_cycle", system.team.agent_ids, failed, fourth, float(last["time"][-1]), words)
 
 
 def _fallen(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield the aircraft that is below the surface at the end of the last phase, and began above it."""
+    """Yield the aircraft that are below the surface at the end of the last phase, and began above it."""
     height = system.bodies.surface_height
     heights = np.nan_to_num(last["agent_height"].values[-1], nan=height)
     flying = np.array([agent.dimension == 3 for agent in system.team.agents])
     flying &= system.initial[: len(flying), 2] > height
     fallen = np.where(flying & (system.bodies.surface != "none"), height - heights, 0.0)
-    v = int(fallen.argmax())
-    if fallen[v] > _FAR_BY:
-        name, time = system.team.agent_ids[v], float(last["time"][-1])
-        text = f"{name} is {fallen[v]:.3g} m below the surface at t = {time:.6g} s"
-        yield TrialProblem(kind="fallen", text=text, agent=name, time=time, number=float(fallen[v]))
+    words = "below the surface at t = {time:.6g} s: {name} by {number:.3g} m"
+    yield from _failing("fallen", system.team.agent_ids, fallen > _FAR_BY, fallen, float(last["time"][-1]), words)
 
 
 def _carried_targets(system: System, data: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield the fixed target that is carried farthest from its place."""
+    """Yield the fixed targets that are carried from their places."""
     N = len(system.team.agents)
     if system.waiting is None or not system.waiting.holds[N:].any():
         return
     places = np.nan_to_num(data["target_position"].values[-1])
     away = np.where(system.waiting.holds[N:], np.linalg.norm(places - system.waiting.position[N:], axis=1), 0.0)
-    k = int(away.argmax())
-    if away[k] > _FAR_BY:
-        name, end = system.team.target_ids[k], float(data["time"][-1])
-        text = f"{name} is fixed, and is {away[k]:.3g} m from its place at t = {end:.6g} s: its vehicle cannot hold it"
-        yield TrialProblem(kind="target", text=text, agent=name, time=end, number=float(away[k]))
+    words = "fixed, and carried off: {name} is {number:.3g} m from its place, which its vehicle cannot hold"
+    yield from _failing("target", system.team.target_ids, away > _FAR_BY, away, float(data["time"][-1]), words)
 
 
 def _far_off(
-    phases: Sequence[Phase], data: "xr.Dataset", error: float, foreseen: float | None
+    phases: Sequence[Phase],
+    data: "xr.Dataset",
+    error: float,
+    foreseen: float | None,
+    *,
+    far: float = 3.0,
+    at_rest: float = 1e-3,
 ) -> Iterator[TrialProblem]:
-    """Yield that the error is far beyond what the analysis foresees, in m, or that a law that is local rests elsewhere.
+    """Yield that the error is far beyond what the analysis foresees, or that a law that is local rests elsewhere.
 
     A law with range or bearing edges rests where its disagreement is 0, which may be far from q*.
+
+    Args:
+        phases: Phases of the run.
+        data: The run.
+        error: Its tracking error, m.
+        foreseen: The error that the analysis foresees, m; None if it is not known.
+        far: Times that error.
+        at_rest: Mean disagreement over mean tracking error, below which a law is at rest.
     """
     system, last = of_phase(phases, data, -1)
-    limited = _limited(system, last)
-    v = int(limited.argmax())
     time = float(last["time"][-1])
-    size = f"the error is {error:.3g} m (RMS over agents, second half)"
-    if foreseen is not None and error > _FAR * foreseen + _FAR_BY:
-        text = f"{size}, and the analysis foresees {foreseen:.3g} m"
-        name = None
-        if limited[v] > _OFTEN:
-            name = system.team.agent_ids[v]
+    if foreseen is not None and error > far * foreseen + _FAR_BY:
+        limited = _limited(system, last)
+        v = int(limited.argmax())
+        text = f"the error is {error:.3g} m (RMS over agents, second half), and the analysis foresees {foreseen:.3g} m"
+        name = system.team.agent_ids[v] if limited[v] > _OFTEN else None
+        if name is not None:
             text += f": {name} is at a limit of its vehicle or its speed for {100.0 * limited[v]:.0f} % of that time"
         yield TrialProblem(kind="far_off", text=text, agent=name, time=time, number=error)
     elif not phases[-1].system.team.linear:
         quarter = slice(-max(1, last.sizes["time"] // 4), None)
         disagreement, away = (np.nanmean(last[name].values[quarter]) for name in ("disagreement", "tracking_error"))
-        if away > _FAR_BY and disagreement < _AT_REST * away:
+        if away > _FAR_BY and disagreement < at_rest * away:
             text = f"the team rests {away:.3g} m from q* (mean over agents), in another equilibrium of the law"
-            yield TrialProblem(kind="far_off", text=text, agent=None, time=time, number=float(away))
+            yield TrialProblem(kind="far_off", text=text, time=time, number=float(away))
 
 
-def _limited(system: System, data: "xr.Dataset") -> Array:
+def _limited(system: System, data: "xr.Dataset", *, nearly: float = 1.0 - 1e-9, shortfall: float = 0.2) -> Array:
     """Return the fraction of the second half for which each agent is at a limit, shape (N,).
 
     That is: a thruster saturates, the command is at the velocity limit, or the vehicle, averaged over the second half,
     makes less of its commanded velocity than it should, as one whose tilt is limited.
+
+    Args:
+        system: System of the run.
+        data: The run.
+        nearly: Fraction of the velocity limit at which a command is at it.
+        shortfall: Fraction of the commanded velocity that a vehicle at a limit does not make.
     """
     half = slice(data.sizes["time"] // 2, None)
     command, velocity, flow, saturation = (
@@ -413,23 +481,16 @@ def _limited(system: System, data: "xr.Dataset") -> Array:
         for name in ("velocity_command", "agent_velocity", "agent_flow", "agent_saturation")
     )
     limit = system.law.limit[: command.shape[1]]
-    at_limit = (saturation > 0.0) | (np.linalg.norm(command, axis=2) >= _AT_LIMIT * limit)
+    at_limit = (saturation > 0.0) | (np.linalg.norm(command, axis=2) >= nearly * limit)
     planar = np.isnan(data["velocity_command"].values[0, :, 2])
     made = velocity - flow
     made[:, planar, 2] = 0.0
     commanded = np.linalg.norm(command.mean(axis=0), axis=1)
     missing = np.linalg.norm((command - made).mean(axis=0), axis=1)
-    short = (commanded > MIN_SPEED) & (missing > _SHORTFALL * commanded)
+    short = (commanded > MIN_SPEED) & (missing > shortfall * commanded)
     return np.where(short, 1.0, at_limit.mean(axis=0))
 
 
 def _are(name: str, others: int) -> str:
     """Return a name with the number of others and the verb, as a sentence about them begins."""
     return f"{name} and {others} other{'s' if others > 1 else ''} are" if others else f"{name} is"
-
-
-def _worst_of(system: System, failed: IntArray, severity: Array) -> tuple[int, str, str]:
-    """Return the number and id of the agent that fails worst, and the beginning of a sentence about all that fail."""
-    worst = int(failed[int(severity[failed].argmax())])
-    name = system.team.agent_ids[worst]
-    return worst, name, _are(name, len(failed) - 1)

@@ -1,5 +1,6 @@
 """`mjsheaf check`."""
 
+import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,11 +18,11 @@ from mjsheaf.cli.options import (
 )
 from mjsheaf.cli.terminal import make_console, print_lines, progress_bars
 from mjsheaf.errors import InputError
-from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.check import CheckRecord, Examination
+    from mjsheaf.checking.examination import Examination
     from mjsheaf.law.theorem import Rho
+    from mjsheaf.show.style import FigureOptions
 
 
 def check(
@@ -62,7 +63,7 @@ def check(
     """Check whether a mission can work, and try it; if not, name the agents responsible and suggest a fix.
 
     Decides the paper's assumptions and predicts the tracking error, the largest stable gain and the delay margin. With
-    --full it also prints the constants and bounds of Theorem 1, the sampled loop over its links, and better laws.
+    --full it also prints every number of the record under its name in --json.
 
     At the end the mission is run once on bodies, without files. OK means that the assumptions hold, and that it worked
     when tried.
@@ -72,7 +73,6 @@ def check(
     mission failed when it was tried. Errors are the RMS over agents, in metres.
     """
     figures = _figures_of(plot, formats, title)
-    import json
 
     with progress_bars("loading", lines=None):
         from mjsheaf.checking import examine_scenario
@@ -90,37 +90,31 @@ def check(
         record = untried(record)
     else:
         above = [] if as_json or full else [*screen(record, pending=True), ""]
-        with progress_bars("trying the mission", lines=None if as_json else "stderr", above=above) as report:
-            record = try_out(record, loaded, partial(report, "trying the mission"))
-    examination = replace(examination, record=record)
+        with progress_bars("trying the mission", lines=None if as_json else "stderr", above=above) as bar:
+            record = try_out(record, loaded, partial(bar, "trying the mission"))
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
+    elif full:
+        from mjsheaf.checking.report import WIDTH, report
+
+        make_console(WIDTH).print(report(record))
     else:
-        _print_record(record, scenario, full=full)
-    drawn = [] if plot is None else _draw(examination, figures, plot)
+        print_lines(*screen(record, scenario))
+    drawn = [] if plot is None else _draw(replace(examination, record=record), figures, plot)
     if not as_json:
         print_lines(*drawn)
     if not record.ok:
         raise NotHeldError(f"{scenario}: {'; '.join(reasons_of(record))}")
 
 
-def _print_record(record: "CheckRecord", scenario: str, *, full: bool) -> None:
-    """Print the answer, or the whole report."""
-    from mjsheaf.checking.report import report
-    from mjsheaf.checking.screen import screen
-
-    if full:
-        make_console().print(report(record))
-    else:
-        print_lines(*screen(record, scenario))
-
-
-def _figures_of(plot: Path | None, formats: str | None, title: bool) -> FigureOptions:
+def _figures_of(plot: Path | None, formats: str | None, title: bool) -> "FigureOptions":
     """Return the formats of the plot, that of its name first, and its other options.
 
     Raises:
         InputError: The name or a format is not one of figures, or formats are given without a plot.
     """
+    from mjsheaf.show.style import AS_USUAL, FORMATS, FigureOptions
+
     if plot is None and formats is not None:
         raise InputError(f"--format {formats}: no plot to write; expected --plot FILE too")
     if plot is None:
@@ -147,11 +141,11 @@ def _rho_of(text: str | None) -> "Rho | None":
         raise InputError(f"--rho {text}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
 
 
-def _draw(examination: "Examination", figures: FigureOptions, plot: Path) -> list[Path]:
+def _draw(examination: "Examination", figures: "FigureOptions", plot: Path) -> list[Path]:
     """Draw an examination into files, and return them."""
     from mjsheaf.checking.figures import draw_check
     from mjsheaf.io.files import naming, whole_file
-    from mjsheaf.plotting import write_figure
+    from mjsheaf.show.panels import write_figure
 
     figure = draw_check(examination, figures)
     paths = list(figures.paths(plot))

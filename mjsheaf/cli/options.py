@@ -15,8 +15,8 @@ from mjsheaf.cli.terminal import print_note
 from mjsheaf.errors import InputError, MjsheafError, raise_first
 
 if TYPE_CHECKING:
-    from mjsheaf.io.figures import FigureOptions
     from mjsheaf.scenario import Scenario
+    from mjsheaf.show.style import FigureOptions
 
 
 Backend = StrEnum("Backend", ["PHYSICS", "IDEAL"])
@@ -56,14 +56,6 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(help="Seed of disturbances and of random initial conditions.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Directory for the results.")]
 VideoOption = Annotated[bool, typer.Option("--video/--no-video", help="Draw a video.")]
-LegendOption = Annotated[
-    bool | None,
-    typer.Option(
-        "--legend/--no-legend",
-        help="Explain colours, lines and arrows in a panel next to the scene.",
-        show_default="as the scenario says: legend",
-    ),
-]
 QualityOption = Annotated[
     Literal["good", "draft"] | None,
     typer.Option(
@@ -100,7 +92,7 @@ def figure_options(formats: str, title: bool) -> "FigureOptions":
     Raises:
         InputError: There is no such format.
     """
-    from mjsheaf.io.figures import FigureOptions
+    from mjsheaf.show.style import FigureOptions
 
     return FigureOptions(tuple(formats.split(",")), title)
 

@@ -15,7 +15,6 @@ from mjsheaf.cli.options import (
     Engine,
     EngineOption,
     FormatOption,
-    LegendOption,
     McapOption,
     NotHeldError,
     OutOption,
@@ -61,7 +60,6 @@ def run(
     allow_drift: _DriftFlag = False,
     controller: ControllerOption = None,
     quality: QualityOption = None,
-    legend: LegendOption = None,
     formats: FormatOption = "png",
     title: TitleOption = True,
     engine: EngineOption = Engine.MUJOCO,
@@ -78,14 +76,14 @@ def run(
     with progress_bars() as bars:
         from mjsheaf.cli.outcome import announcing, print_outcome
         from mjsheaf.runs.publish import execute
-        from mjsheaf.video.from_run import video_options
+        from mjsheaf.video.film import video_options
 
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
         if expect and getattr(loaded.expect, backend) is None and loaded.expect.refused is None:
             raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
         law = _law_of(scenario, loaded, controller, expect)
-        options = video_options(loaded, quality=quality, legend=legend) if video else None
+        options = video_options(loaded, quality=quality) if video else None
         with _as_expected(scenario, loaded.expect.refused if expect else None):
             outcome = execute(
                 loaded,
@@ -273,29 +271,18 @@ def video(
         float | None, typer.Option(help="Distance of the camera, m; by default it keeps the team in view.")
     ] = None,
     trail: Annotated[float | None, typer.Option(help="Length of the trails, s.")] = None,
-    vehicle_scale: Annotated[
-        str | None,
-        typer.Option(
-            "--scale",
-            metavar="S|NAME=S,...",
-            help="Scale factor of the drawn vehicles, for all or by name of an agent, target or kind of vehicle: "
-            "2,wamv=1.",
-        ),
-    ] = None,
     quality: QualityOption = None,
-    legend: LegendOption = None,
 ) -> None:
     """Redraw the video of a finished run, without simulating.
 
     Options that are not given come from the scenario of the run.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
-    changes |= {"vehicle_scale": None} if vehicle_scale is None else _scales(vehicle_scale)
     with progress_bars() as bars:
         from mjsheaf.results.store import reopen_run, save_summary
         from mjsheaf.runs.publish import video_entry
         from mjsheaf.video import available_backend
-        from mjsheaf.video.from_run import film_run, video_options
+        from mjsheaf.video.film import film_run, video_options
 
         with reopen_run(directory) as (scenario, dataset, summary):
             options = video_options(scenario, **changes)
@@ -310,21 +297,6 @@ def video(
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print_lines(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
-
-
-def _scales(text: str) -> dict[str, Any]:
-    """Return the video options that --scale sets; they replace those of the scenario.
-
-    Raises:
-        InputError: The text is neither a number nor NAME=NUMBER.
-    """
-    try:
-        parts = [part.rpartition("=") for part in text.split(",")]
-        named = {name: float(number) for name, equals, number in parts if equals}
-        whole = [float(number) for _, equals, number in parts if not equals]
-        return {"vehicle_scales": named} | ({"vehicle_scale": whole[0]} if whole else {})
-    except ValueError:
-        raise InputError(f"--scale {text}: expected a number, NAME=NUMBER, or several such as 2,wamv=1") from None
 
 
 def report(

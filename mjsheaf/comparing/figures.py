@@ -10,26 +10,23 @@ import numpy as np
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
 from mjsheaf.comparing.verdict import CompareRecord
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
-from mjsheaf.plotting import (
-    BLUE,
+from mjsheaf.results.netcdf import thin
+from mjsheaf.show.panels import (
     NORMAL,
-    RED,
     SMALL,
     TICK,
     WIDTH,
     label_axes,
     label_ends,
     legend_below,
-    line_style,
     log_axis,
     new_figure,
     save_figure,
     settle,
     spread_ends,
 )
-from mjsheaf.results.netcdf import thin
-from mjsheaf.runs.figures import mark_times
+from mjsheaf.show.plots import mark_times
+from mjsheaf.show.style import AS_USUAL, BLUE, RED, FigureOptions, line_style
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # colours of the first three variants, which have no effect yet

@@ -18,30 +18,28 @@ from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import bounds_of_phases
 from mjsheaf.errors import InputError, PlaceError, listed, select_true
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.page import page_of
-from mjsheaf.page.ghosts import Ghost
+from mjsheaf.page import Ghost, page_of
 from mjsheaf.page.replay import REQUIRED
-from mjsheaf.plotting import (
+from mjsheaf.results.dataset import law_of
+from mjsheaf.results.metrics import engine_of, phases_in
+from mjsheaf.results.netcdf import thin
+from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging
+from mjsheaf.runs.simulate import Progress, no_progress
+from mjsheaf.scenario import Scenario
+from mjsheaf.show.panels import (
     WIDTH,
     label_axes,
     legend_below,
-    line_style,
     log_axis,
     new_figure,
     plain,
     save_figure,
     settle,
 )
-from mjsheaf.results.dataset import law_of
-from mjsheaf.results.metrics import engine_of, phases_in
-from mjsheaf.results.netcdf import thin
-from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging
-from mjsheaf.runs.figures import mark_times
-from mjsheaf.runs.simulate import Progress, no_progress
-from mjsheaf.scenario import Scenario
+from mjsheaf.show.plots import mark_times
+from mjsheaf.show.style import AS_USUAL, FigureOptions, line_style
 
 MAX_RUNS = 8
 """Maximum number of runs on one axis; more lines look alike."""

@@ -18,13 +18,13 @@ from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
 from mjsheaf.errors import PlaceError, joined, select_true, shortened
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.results import summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.law_file import LawFile
+from mjsheaf.show.style import AS_USUAL, FigureOptions
 
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 
@@ -340,7 +340,7 @@ def add_video(published: Published, quality: str | None = None, progress: Progre
         PlaceError: The video cannot be written.
     """
     from mjsheaf.video.draw import UnwritableError
-    from mjsheaf.video.from_run import film_side_by_side
+    from mjsheaf.video.film import film_side_by_side
 
     directory = published.directory
     path = directory / "compare.mp4"
@@ -367,7 +367,7 @@ def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     """Make the page of the run on bodies, with the ideal run as its ghost."""
     from mjsheaf.checking.finished import bounds_of_phases
-    from mjsheaf.page import page_of
+    from mjsheaf.page import Ghost, page_of
 
     phases = scenario.phases
     ideal, physics = (comparison.runs[key].dataset for key in ("ideal", "all"))
@@ -382,4 +382,5 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     law = f" --controller {controller}" if controller else ""
     again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
     notes = comparison.record.verdict
-    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ideal=ideal, again=again)
+    twin = Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)
+    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ghosts=[twin], again=again)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array, IntArray, Own
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.dynamics.curve import Curve, fit_curve
 from mjsheaf.dynamics.recordings import read_positions
 from mjsheaf.errors import InputError, in_field, raise_first
@@ -34,7 +34,7 @@ class MotionArrays(NamedTuple):
     """
 
     pull: Array
-    origin: Own[Array]
+    origin: Array
     amplitude: Array
     rate: Array
     phase: Array

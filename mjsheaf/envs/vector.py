@@ -23,7 +23,6 @@ from mjsheaf.errors import InputError
 from mjsheaf.law.sample import View
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import Loop
-from mjsheaf.loop.rows import Rows
 from mjsheaf.loop.worlds import Worlds
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
@@ -41,64 +40,41 @@ class Gathering:
         fixed: Values of numbers that do not change, NaN for others, shape (n,).
     """
 
-    def __init__(self, episode: FlatEpisode, rows: Rows) -> None:
+    def __init__(self, episode: FlatEpisode, columns: Loop) -> None:
         """Find the places of an episode's observations.
 
         Args:
             episode: One of the runs.
-            rows: The rows of all runs.
+            columns: Columns of the worlds; see `Worlds`.
         """
-        self._rows = rows
-        self._columns: list[tuple[int, int, float]] = []  # source, flag of reception or -1, fixed value
-        state: Any = rows.loop.state
-        loop: Loop = rows.loop_of(0)
-        view = View(episode.world.system.team, loop.params.control.law)
-        self._edges = dict(zip(named_edges(view.edges), view.places, strict=True))
-        self._links = dict.fromkeys(self._edges, -1)
-        linked = [key for key, is_linked in zip(self._edges, view.linked, strict=True) if is_linked]
-        heard = self._column_of(state.memory.links.heard) if linked else 0
-        self._links |= {key: heard + int(link) for key, link in zip(linked, view.links, strict=True)}
+        found: list[tuple[float, float, float]] = []  # source, flag of reception or -1, fixed value
+        state = columns.state
+        view = View(episode.world.system.team, columns.params.control.law)
+        names = list(named_edges(view.edges))
+        places = dict(zip(names, view.places, strict=True))
+        linked = [name for name, is_linked in zip(names, view.linked, strict=True) if is_linked]
+        flags = dict.fromkeys(names, -1.0) | dict(zip(linked, state.memory.links.heard[view.links], strict=True))
         for i, name in enumerate(episode.agents):
-            for part in episode.parts:
-                self._add(part, i, episode.keys[name], state)
-        source, heard_at, fixed = zip(*self._columns, strict=True) if self._columns else ((), (), ())
-        self.source: IntArray = np.array(source, dtype=np.int64)
-        self.linked: BoolArray = np.array(heard_at, dtype=np.int64) >= 0
-        self.heard: IntArray = np.array(heard_at, dtype=np.int64)[self.linked]
-        self.fixed: Array = np.array(fixed, dtype=np.float64)
+            velocity = state.qvel[6 * i : 6 * i + 6]
+            fields = {
+                "measurements": [
+                    (y, flags[key], np.nan) for key in episode.keys[name] for y in state.memory.y[places[key]]
+                ],
+                "received": [(0, flags[key], 1.0) for key in episode.keys[name]],
+                "attitude": [(column, -1, np.nan) for column in state.qpos[7 * i + 3 : 7 * i + 7]],
+                "velocity": [(column, -1, np.nan) for column in velocity[:3]],
+                "angular_velocity": [(column, -1, np.nan) for column in velocity[3:]],
+                "present": [(0, -1, 1.0)],
+            }
+            found += [number for part in episode.parts for number in fields[part]]
+        source, heard, fixed = np.array(found).reshape(-1, 3).T
+        self.source: IntArray = source.astype(np.int64)
+        self.linked: BoolArray = heard >= 0.0
+        self.heard: IntArray = heard[self.linked].astype(np.int64)
+        self.fixed: Array = fixed
 
-    def _column_of(self, values: Array) -> int:
-        """Return the first column of an own array of the worlds."""
-        rows = self._rows.values
-        return int(values.ctypes.data - rows.ctypes.data) // rows.itemsize
-
-    def _add(self, part: str, i: int, keys: Sequence[Any], state: Any) -> None:
-        """Add a part of the observation of agent i, which measures at edges with these keys."""
-        at = self._column_of
-        if part == "measurements":
-            y = at(state.memory.y)
-            for key in keys:
-                place = self._edges[key]
-                self._columns += [(y + k, self._links[key], np.nan) for k in range(place.start, place.stop)]
-        elif part == "received":
-            self._columns += [(0, self._links[key], 1.0) for key in keys]
-        elif part == "present":
-            self._columns.append((0, -1, 1.0))
-        else:
-            first, size = {
-                "attitude": (at(state.qpos) + 7 * i + 3, 4),
-                "velocity": (at(state.qvel) + 6 * i, 3),
-                "angular_velocity": (at(state.qvel) + 6 * i + 3, 3),
-            }[part]
-            self._columns += [(first + k, -1, np.nan) for k in range(size)]
-
-    def observations(self, which: BoolArray) -> Array:
-        """Return the observations in some worlds at their last sample, shape (K, n).
-
-        Args:
-            which: True for each of the K worlds, shape (W,).
-        """
-        values = self._rows.values[: len(which)][which]
+    def observations(self, values: Array) -> Array:
+        """Return the observations in worlds with these numbers, shape (K, n), at their last sample, shape (K, m)."""
         found = np.where(np.isnan(self.fixed), values[:, self.source], self.fixed)
         found[:, self.linked] *= values[:, self.heard] > 0.0
         return cast(Array, found)
@@ -132,12 +108,16 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self._observations = np.stack([one.observe() for one in self.envs])
         episode = first.episode
         self._bounds = np.hstack(list(episode.bounds.values()))
-        self._agent = np.repeat(np.arange(len(episode.agents)), episode.dimensions)
-        self._axis = np.concatenate([np.arange(n) for n in episode.dimensions.tolist()])
+        agent = np.repeat(np.arange(len(episode.agents)), episode.dimensions)
+        axis = np.concatenate([np.arange(n) for n in episode.dimensions.tolist()])
         self._worlds: Worlds | None = None
         with suppress(InputError):  # they are stepped one after the other
             self._worlds = Worlds([cast(Fused, one.episode.world) for one in self.envs])
-            self._gathering = Gathering(episode, self._worlds.rows)
+            columns = self._worlds.columns
+            self._gathering = Gathering(episode, columns)
+            self._commands = columns.state.memory.supplied[agent, axis].astype(np.int64)
+            if episode.action == "thrust":
+                self._commands = columns.state.ctrl[: self._shape[1]].astype(np.int64)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -183,7 +163,7 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             except InputError:  # a seed changes what worlds share
                 self._worlds = None
             else:
-                self._observations[began] = self._gathering.observations(began)
+                self._observations[began] = self._gathering.observations(self._worlds.values[began])
         for k, seed in seeds.items():
             if self._worlds is None:
                 self._episode(k).reset(seed)
@@ -256,18 +236,13 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Return the same as `_take_one_by_one`."""
         worlds = self._worlds
         assert worlds is not None, "the runs are stepped one by one"
-        state = worlds.rows.loop.state
-        given = np.clip(scaled(actions, self._bounds), *self._bounds)
-        if self.envs[0].episode.action == "thrust":
-            state.ctrl[: self.num_envs, : given.shape[1]] = given
-        else:
-            state.memory.supplied[: self.num_envs, self._agent, self._axis] = given
+        worlds.values[:, self._commands] = np.clip(scaled(actions, self._bounds), *self._bounds)
         broken = np.zeros(self.num_envs, dtype=np.bool_)
         for k, message in worlds.step(alive).items():
             self.envs[k].episode.message = message
             broken[k] = True
         good = alive & ~broken
-        self._observations[good] = self._gathering.observations(good)
+        self._observations[good] = self._gathering.observations(worlds.values[good])
         return np.where(alive, -worlds.squares.sum(axis=1), 0.0), broken
 
     def close_extras(self, **kwargs: Any) -> None:

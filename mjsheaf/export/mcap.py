@@ -18,8 +18,8 @@ from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.export.content import PALETTE, TOPICS, WORLD, Content, Moment
-from mjsheaf.export.solids import Solid
+from mjsheaf.export.log import ARROW, HALF_OPEN, PALETTE, TOPICS, WORLD, LogSink, Moment
+from mjsheaf.show.solids import Part
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -30,82 +30,77 @@ MAX_FIELDS = 4000
 
 _FIELD = descriptor_pb2.FieldDescriptorProto
 _MANTISSA = 2.0**12  # steps of the mantissa of errors and commands
-_HALF_OPEN = 0.6  # opacity of desired positions
 _TURNS = 2.0**6  # steps of the components of an arrow's quaternion, and of the mantissa of its length
-_ARROW = (0.25, 0.8, 0.95, 0.9)  # colour of arrows, RGBA
 _EDGE = 2.0  # width of an edge, pixels
 
 
-class Mcap:
+class Mcap(LogSink):
     """Sink that writes one MCAP file."""
 
     def __init__(self, path: Path, scenario: "Scenario", phases: "Sequence[Phase]", attachment: Path) -> None:
         """Write to `path`; `attachment` is the scenario's file, read at the end."""
+        super().__init__(scenario, phases, attachment)
         self._file = path.open("wb")
-        self._scenario, self._phases, self._attachment = scenario, phases, attachment
         self._writer = Writer(self._file)
-        self._last, self._status = Timestamp(), ("", "")
-        self._failed = True
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
         """Prepare the content; nothing is written before the first sample."""
-        self._content = Content(self._scenario, self._phases, variables, attrs["backend"] == "physics")
-        self._kinds = make_messages(self._content.labels, self._content.vectors)
-        self._begun = False
+        super().open(variables, attrs)
+        self._kinds = make_messages(self.labels, self.vectors)
 
     def write(self, chunk: xr.Dataset) -> None:
         """Write the samples of a chunk."""
-        self._failed = True
-        rounded = {name: (chunk[name].dims, _significant(chunk[name].values)) for name in self._content.labels}
-        for moment in self._content.moments(chunk.assign(rounded)):
-            stamp = Timestamp()
-            stamp.FromNanoseconds(moment.time)
-            self._last = stamp
-            if not self._begun:
-                self._begun = True
-                self._send("/vehicles", self._vehicles(stamp), stamp)
-            self._send("/tf", self._transforms(moment, stamp), stamp)
-            self._send("/scene", self._scene(moment, stamp), stamp)
-            for topic, kind in self._kinds.items():
-                self._send(f"/{topic}", self._values(kind, moment.values), stamp)
-            for words in moment.log:
-                self._log(log_pb2.Log.INFO, words)
-        self._status = chunk.attrs["status"], chunk.attrs["message"]
-        self._failed = False
+        super().write(
+            chunk.assign({name: (chunk[name].dims, _significant(chunk[name].values)) for name in self.labels})
+        )
+
+    def write_moment(self, moment: Moment) -> None:
+        """Write poses, scene and values of a sample."""
+        self._send("/tf", self._transforms(moment))
+        self._send("/scene", self._scene(moment))
+        for topic, kind in self._kinds.items():
+            self._send(f"/{topic}", self._values(kind, moment.values))
+
+    def write_log(self, level: str, words: str) -> None:
+        """Write a message, of level INFO or ERROR, at the time of the last sample."""
+        number = log_pb2.Log.Level.Value(level)
+        self._send("/log", log_pb2.Log(timestamp=self._stamp, level=number, message=words, name="mjsheaf"))
 
     def close(self) -> None:
         """Write the end of the log, the scenario and the index, if every sample could be written."""
         try:
-            if not self._failed:
-                if self._status[0] == "unstable":
-                    self._log(log_pb2.Log.ERROR, self._status[1])
-                self._writer.add_attachment(0, 0, "scenario.yaml", "application/yaml", self._attachment.read_bytes())
+            if not self.failed:
+                self.write_end()
+                self._writer.add_attachment(0, 0, "scenario.yaml", "application/yaml", self.attachment.read_bytes())
                 self._writer.finish()
         finally:
             self._file.close()
 
-    def _send(self, topic: str, message: Any, stamp: Timestamp) -> None:
-        time = stamp.ToNanoseconds()
-        self._writer.write_message(topic, message, time, time)
+    @property
+    def _stamp(self) -> Timestamp:
+        """Time of the last sample."""
+        stamp = Timestamp()
+        stamp.FromNanoseconds(self.last)
+        return stamp
 
-    def _log(self, level: Any, words: str) -> None:
-        message = log_pb2.Log(timestamp=self._last, level=level, message=words, name="mjsheaf")
-        self._send("/log", message, self._last)
+    def _send(self, topic: str, message: Any) -> None:
+        """Write a message at the time of the last sample."""
+        self._writer.write_message(topic, message, self.last, self.last)
 
-    def _transforms(self, moment: Moment, stamp: Timestamp) -> Any:
+    def _transforms(self, moment: Moment) -> Any:
         """Return the poses of all vehicles, except those that are not finite."""
-        message = transforms_pb2.FrameTransforms()
+        message, stamp = transforms_pb2.FrameTransforms(), self._stamp
         finite: BoolArray = np.asarray(np.isfinite(moment.poses).all(axis=1))
-        for frame, pose, valid in zip(self._content.frames, moment.poses.tolist(), finite, strict=True):
+        for frame, pose, valid in zip(self.frames, moment.poses.tolist(), finite, strict=True):
             if valid:
                 own = message.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame)
                 _set_point(own.translation, pose)
                 _set_quaternion(own.rotation, pose[3:])
         return message
 
-    def _scene(self, moment: Moment, stamp: Timestamp) -> Any:
+    def _scene(self, moment: Moment) -> Any:
         """Return edges, desired positions and arrows; each of them replaces the one before."""
-        message = scene_pb2.SceneUpdate()
+        message, stamp = scene_pb2.SceneUpdate(), self._stamp
         edges = message.entities.add(frame_id=WORLD, id="edges", timestamp=stamp)
         goals = message.entities.add(frame_id=WORLD, id="goals", timestamp=stamp)
         for level in np.unique(moment.levels).tolist():
@@ -120,16 +115,15 @@ class Mcap:
             ball = goals.spheres.add()
             _set_point(ball.pose.position, place)
             ball.pose.orientation.w = 1.0
-            _set_point(ball.size, [2.0 * float(self._content.radii[owner])] * 3)
-            _set_colour(ball.color, [*self._content.colours[owner], _HALF_OPEN])
+            _set_point(ball.size, [2.0 * float(self.radii[owner])] * 3)
+            _set_colour(ball.color, [*self.colours[owner], HALF_OPEN])
         self._add_arrows(message, moment)
         return message
 
     def _add_arrows(self, scene: Any, moment: Moment) -> None:
         """Add the arrow of each vehicle's flow, in the vehicle's frame: its start need not be written."""
         arrows = [
-            scene.entities.add(frame_id=frame, id=f"flow {frame}", frame_locked=True).arrows
-            for frame in self._content.frames
+            scene.entities.add(frame_id=frame, id=f"flow {frame}", frame_locked=True).arrows for frame in self.frames
         ]
         turns = Rotation.from_quat(moment.poses[moment.drifting, 3:])
         quaternions, lengths = turn_along(turns.inv().apply(moment.flow))
@@ -137,16 +131,16 @@ class Mcap:
             arrow = arrows[vehicle].add(shaft_length=0.75 * length, head_length=0.25 * length)
             arrow.shaft_diameter, arrow.head_diameter = 0.0625, 0.1875
             _set_quaternion(arrow.pose.orientation, quaternion)
-            _set_colour(arrow.color, _ARROW)
+            _set_colour(arrow.color, ARROW)
 
-    def _vehicles(self, stamp: Timestamp) -> Any:
-        """Return the shapes of all vehicles, which move with their frames."""
+    def write_vehicles(self) -> None:
+        """Write the shapes of all vehicles, which move with their frames."""
         message = scene_pb2.SceneUpdate()
-        for frame, solids in zip(self._content.frames, self._content.solids, strict=True):
-            entity = message.entities.add(frame_id=frame, id=frame, frame_locked=True, timestamp=stamp)
+        for frame, solids in zip(self.frames, self.solids, strict=True):
+            entity = message.entities.add(frame_id=frame, id=frame, frame_locked=True, timestamp=self._stamp)
             for solid in solids:
                 _add_solid(entity, solid)
-        return message
+        self._send("/vehicles", message)
 
     def _values(self, kind: Any, values: Mapping[str, Array]) -> Any:
         """Return the values of the variables of one topic at a sample."""
@@ -211,7 +205,7 @@ def _significant(values: Array, steps: float = _MANTISSA) -> Array:
         return np.asarray(np.ldexp(np.rint(mantissa * steps) / steps, exponent))
 
 
-def _add_solid(entity: Any, solid: Solid) -> None:
+def _add_solid(entity: Any, solid: Part) -> None:
     """Add a solid to an entity of the scene."""
     places = {"sphere": entity.spheres, "box": entity.cubes, "cylinder": entity.cylinders}
     shape = places.get(solid.shape, entity.triangles).add()

@@ -17,9 +17,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.export.content import PALETTE, TOPICS, WORLD, Content, Moment
-from mjsheaf.export.solids import Solid
+from mjsheaf.export.log import ARROW, HALF_OPEN, PALETTE, TOPICS, WORLD, LogSink, Moment
 from mjsheaf.results.store import BAG
+from mjsheaf.show.solids import Part
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -60,8 +60,6 @@ _LATCHED = Qos(
     QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _ZERO, _ZERO,
     QosLiveliness.AUTOMATIC, _ZERO, False,
 )  # fmt: skip
-_HALF_OPEN = 0.6  # opacity of desired positions
-_ARROW = (0.25, 0.8, 0.95, 0.9)  # colour of arrows, RGBA
 # Of an MCAP file (mcap.dev/spec), bytes:
 _CRC_OF_CHUNK = 1 + 8 + 3 * 8  # after opcode, length, start, end and size
 _HEAD_OF_DATA = 4 + 4 + len("zstd") + 8  # from the CRC to the data: itself, the compression, the length
@@ -70,77 +68,65 @@ _END = 2 * 8 + _CRC_AND_MAGIC  # from the start of the summary's address in the 
 _HERE = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
-class Ros2Bag:
+class Ros2Bag(LogSink):
     """Sink that writes the files of one bag into a directory."""
 
     def __init__(self, path: Path, scenario: "Scenario", phases: "Sequence[Phase]", attachment: Path) -> None:
         """Write to the directory `path`; `attachment` is the scenario's file, which is copied at the end."""
-        self._path, self._scenario, self._phases, self._attachment = path, scenario, phases, attachment
+        super().__init__(scenario, phases, attachment)
+        self._path = path
         path.mkdir(exist_ok=True)
         self._folder = TemporaryDirectory(prefix=".bag.", dir=path)
         self._bag = Path(self._folder.name) / BAG
         self._writer = Writer(self._bag, version=9, storage_plugin=StoragePlugin.MCAP)
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._connections: dict[str, Any] = {}
-        self._last, self._status = 0, ("", "")
-        self._failed = True
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
         """Prepare the content and the topics."""
-        self._content = Content(self._scenario, self._phases, variables, attrs["backend"] == "physics")
+        super().open(variables, attrs)
         self._writer.open()
-        self._begun = False
 
-    def write(self, chunk: xr.Dataset) -> None:
-        """Write the samples of a chunk."""
-        self._failed = True
-        for moment in self._content.moments(chunk):
-            self._last = moment.time
-            header = _Type["header"](_stamp(moment.time), WORLD)
-            if not self._begun:
-                self._begun = True
-                self._send("/vehicles", "markers", self._vehicles(header.stamp), latched=True)
-            self._send("/tf", "tf", self._transforms(moment, header))
-            self._send("/scene", "markers", self._scene(moment, header))
-            for topic, names in TOPICS.items():
-                for name in (name for name in names if name in moment.values):
-                    self._send(f"/{topic}/{name}", "values", self._values(name, moment.values[name]))
-            for words in moment.log:
-                self._log("INFO", words)
-        self._status = chunk.attrs["status"], chunk.attrs["message"]
-        self._failed = False
+    def write_moment(self, moment: Moment) -> None:
+        """Write poses, scene and values of a sample."""
+        header = _Type["header"](_stamp(moment.time), WORLD)
+        self._send("/tf", "tf", self._transforms(moment, header))
+        self._send("/scene", "markers", self._scene(moment, header))
+        for topic, names in TOPICS.items():
+            for name in (name for name in names if name in moment.values):
+                self._send(f"/{topic}/{name}", "values", self._values(name, moment.values[name]))
+
+    def write_log(self, level: str, words: str) -> None:
+        """Write a message, of level INFO or ERROR, at the time of the last sample."""
+        kind = _Type["log"]
+        self._send("/rosout", "log", kind(_stamp(self.last), getattr(kind, level), "mjsheaf", words, "", "", 0))
 
     def close(self) -> None:
         """Write the end of the log and the index, and add the scenario, if every sample could be written."""
         with self._folder:
-            if self._failed:
+            if self.failed:
                 self._writer.abort()
                 return
-            if self._status[0] == "unstable":
-                self._log("ERROR", self._status[1])
+            self.write_end()
             self._writer.close()
             _write_checksums(self._bag / f"{BAG}.mcap")
             for file in self._bag.iterdir():
                 file.replace(self._path / file.name)
-            (self._path / "scenario.yaml").write_bytes(self._attachment.read_bytes())
+            (self._path / "scenario.yaml").write_bytes(self.attachment.read_bytes())
 
     def _send(self, topic: str, kind: str, message: Any, *, latched: bool = False) -> None:
-        """Write a message at the time of the present sample."""
+        """Write a message at the time of the last sample."""
         if topic not in self._connections:
             profiles = [_LATCHED] if latched else []
             self._connections[topic] = self._writer.add_connection(
                 topic, _SHORT[kind], typestore=_STORE, offered_qos_profiles=profiles
             )
-        self._writer.write(self._connections[topic], self._last, _STORE.serialize_cdr(message, _SHORT[kind]))
-
-    def _log(self, level: str, words: str) -> None:
-        kind = _Type["log"]
-        self._send("/rosout", "log", kind(_stamp(self._last), getattr(kind, level), "mjsheaf", words, "", "", 0))
+        self._writer.write(self._connections[topic], self.last, _STORE.serialize_cdr(message, _SHORT[kind]))
 
     def _transforms(self, moment: Moment, header: Any) -> Any:
         """Return the poses of all vehicles, except those that are not finite."""
         finite: BoolArray = np.asarray(np.isfinite(moment.poses).all(axis=1))
-        rows = zip(self._content.frames, moment.poses.tolist(), finite, strict=True)
+        rows = zip(self.frames, moment.poses.tolist(), finite, strict=True)
         transforms = [
             _Type["stamped"](
                 header, frame, _Type["transform"](_Type["vector"](*pose[:3]), _Type["quaternion"](*pose[3:]))
@@ -160,29 +146,29 @@ class Ros2Bag:
             lines.colors = colours
             markers.append(lines)
         for owner, goal in zip(moment.owners.tolist(), moment.goals.tolist(), strict=True):
-            size = [2.0 * float(self._content.radii[owner])] * 3
-            colour = [*self._content.colours[owner], _HALF_OPEN]
+            size = [2.0 * float(self.radii[owner])] * 3
+            colour = [*self.colours[owner], HALF_OPEN]
             pose = [*goal, *_HERE[3:]]
             markers.append(_marker(header, "goals", owner, _MARKER.SPHERE, pose=pose, scale=size, colour=colour))
         for vehicle, flow in zip(moment.drifting.tolist(), moment.flow, strict=True):
             start = moment.poses[vehicle, :3]
             points = _points(np.array([start, start + flow]))
             shape = [0.0625, 0.1875, 0.0]
-            markers.append(_marker(header, "flow", vehicle, _MARKER.ARROW, scale=shape, colour=_ARROW, points=points))
+            markers.append(_marker(header, "flow", vehicle, _MARKER.ARROW, scale=shape, colour=ARROW, points=points))
         return _Type["markers"](markers)
 
-    def _vehicles(self, stamp: Any) -> Any:
-        """Return the shapes of all vehicles, which move with their frames."""
+    def write_vehicles(self) -> None:
+        """Write the shapes of all vehicles, which move with their frames."""
         markers = []
-        for frame, solids in zip(self._content.frames, self._content.solids, strict=True):
-            header = _Type["header"](stamp, frame)
+        for frame, solids in zip(self.frames, self.solids, strict=True):
+            header = _Type["header"](_stamp(self.last), frame)
             markers += [_solid(header, frame, k, solid) for k, solid in enumerate(solids)]
-        return _Type["markers"](markers)
+        self._send("/vehicles", "markers", _Type["markers"](markers), latched=True)
 
     def _values(self, name: str, values: Array) -> Any:
         """Return the values of a variable at a sample; the label of the first dimension lists the columns' names."""
         rows = np.atleast_1d(np.asarray(values, np.float64))
-        labels = [",".join(self._content.labels[name]), *[""] * (rows.ndim - 1)]
+        labels = [",".join(self.labels[name]), *[""] * (rows.ndim - 1)]
         strides = [int(np.prod(rows.shape[k:])) for k in range(rows.ndim)]
         dimensions = [_Type["dimension"](*row) for row in zip(labels, rows.shape, strides, strict=True)]
         return _Type["values"](_Type["layout"](dimensions, 0), rows.ravel())
@@ -207,7 +193,7 @@ def _write_checksums(path: Path) -> None:
         file.write(struct.pack("<I", crc))
 
 
-def _solid(header: Any, frame: str, number: int, solid: Solid) -> Any:
+def _solid(header: Any, frame: str, number: int, solid: Part) -> Any:
     """Return the marker of a vehicle's solid."""
     marker = _marker(
         header, frame, number, _SHAPES[solid.shape], pose=solid.pose.tolist(), scale=solid.size.tolist(),

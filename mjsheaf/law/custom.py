@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, Take
 from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.io.files import digest_of
 from mjsheaf.io.section import Section
@@ -287,15 +287,9 @@ def names_of(terms: Sequence[Any]) -> tuple[str, ...]:
     return tuple(type(term).__name__[len(_PREFIX) : -17] for term in terms)
 
 
-def size_of_custom(terms: Sequence[Any]) -> int:
-    """Return how many numbers the registered terms of a law remember of each vehicle."""
-    return sum(_of_kind[type(term).__name__].memory for term in terms)
-
-
-def split_custom(flat: Array, terms: Sequence[Any], V: int) -> tuple[Array, ...]:
-    """Return views of the numbers that each term remembers of V vehicles, shape (V, m) each."""
-    ends = V * np.cumsum([_of_kind[type(term).__name__].memory for term in terms])
-    return tuple(own.reshape(V, -1) for own, _ in zip(np.split(flat, ends), terms, strict=False))
+def new_custom_memory(terms: Sequence[Any], V: int, take: Take) -> tuple[Array, ...]:
+    """Return what each term remembers of V vehicles before the first sample, shape (V, m) each."""
+    return tuple(take((V, _of_kind[type(term).__name__].memory)) for term in terms)
 
 
 def carry_custom(old: Sequence[Any], kept: Sequence[Array], new: Sequence[Any], memory: Sequence[Array]) -> None:

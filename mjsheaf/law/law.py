@@ -25,11 +25,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
 from mjsheaf.dynamics.motion import MotionArrays, add_reference
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.law.curved import compare, pack_kinds
-from mjsheaf.law.custom import add_custom, carry_custom, names_of, size_of_custom, split_custom
+from mjsheaf.law.custom import add_custom, carry_custom, names_of, new_custom_memory
 from mjsheaf.law.links import (
     LinkArrays,
     LinkedRows,
@@ -37,9 +37,9 @@ from mjsheaf.law.links import (
     carry_heading,
     carry_link,
     deliver,
-    size_of_link_memory,
-    split_link_memory,
+    new_link_memory,
 )
+from mjsheaf.law.rounds import new_lines
 from mjsheaf.law.safety import SafetyMemory, is_restrained, keep_apart, new_safety_memory
 from mjsheaf.law.terms import (
     TermArrays,
@@ -49,10 +49,9 @@ from mjsheaf.law.terms import (
     integrate,
     limit_speed,
     navigate,
+    new_term_memory,
     remember,
     require_symmetric,
-    size_of_memory,
-    split_memory,
 )
 from mjsheaf.team import Edge, Member, Team
 
@@ -98,16 +97,18 @@ class LawArrays(NamedTuple):
         links: what happens to measurements.
         custom: terms that users registered, of the types that `mjsheaf.law.custom` makes.
         safety: SafetyArrays of what keeps vehicles apart; () where nothing does.
+        seed: Seed of the random numbers of links and terms, shape (1,).
     """
 
     edges: EdgeArrays
-    gain: Own[Array]
-    limit: Own[Array]
+    gain: Array
+    limit: Array
     supplied: int
     terms: TermArrays
     links: LinkArrays
     custom: tuple[Any, ...] = ()
     safety: Any = ()
+    seed: IntArray = np.zeros(1, dtype=np.int64)
 
     @property
     def term_names(self) -> tuple[str, ...]:
@@ -175,7 +176,7 @@ class ControlArrays(NamedTuple):
 
 def with_seed(law: LawArrays, seed: int) -> LawArrays:
     """Return a law whose links and terms draw from another seed."""
-    return law._replace(links=law.links._replace(seed=seed), terms=law.terms._replace(seed=seed))
+    return law._replace(seed=np.array([seed]))
 
 
 def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
@@ -185,10 +186,10 @@ def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
 
 
 class Memory(NamedTuple):
-    """State of the onboard computers between samples: views of one array, which is saved with the state.
+    """State of the onboard computers between samples: parts of one array.
 
     Attributes:
-        flat: all of it.
+        flat: All that the array has of a run's state: this memory, and the parts that were taken before it.
         y: Delivered measurements, -b where nothing is received, shape (m,), m.
         residual: eta of the agents by these, L_T p - c_T of the targets, padded, shape (V, 3), m.
         command: commanded velocities, limited, shape (V, 3), m/s.
@@ -219,42 +220,46 @@ class Memory(NamedTuple):
     evaluated: Array
 
 
-def new_memory(law: LawArrays, V: int) -> Memory:
-    """The memory of a law of V vehicles before its first sample: zeros."""
-    m, own = len(law.edges.b), size_of_custom(law.custom)
-    shipped, under_way = size_of_memory(law.terms, law.edges.first, V)
-    links = size_of_link_memory(law.links, m)
-    apart = m if law.edges.kinds else 0
-    held = 3 * V + shipped + V * own + links
-    sizes = [m, apart, 3 * V, 3 * V, held, under_way, law.links.size]
-    flat = np.zeros(sum(sizes))
-    y, compared, residual, supplied, numbers, rounds, line, _ = np.split(flat, np.cumsum(sizes))
-    command, terms, custom, received = np.split(numbers, np.cumsum([3 * V, shipped, V * own]))
+def new_memory(law: LawArrays, V: int, room: Room | None = None) -> Memory:
+    """The memory of a law of V vehicles before its first sample: zeros, out of a room or of an array of their own."""
+    if room is None:
+        return lay_out(lambda room: new_memory(law, V, room))[1]
+    m, first, take = len(law.edges.b), law.edges.first, room.take
+    y = take(m)
+    compared = take(m) if law.edges.kinds else y
+    residual, supplied = take((V, 3)), take((V, 3))
+    lines, line = new_lines(law.terms.rounds, first, take), take(law.links.size)
+    before = room.taken
+    command = take((V, 3))
+    terms = new_term_memory(law.terms, first, V, lines, take)
+    custom = new_custom_memory(law.custom, V, take)
+    links = new_link_memory(law.links, m, line, take)
+    held = room.since(before)
     return Memory(
-        flat=flat,
+        flat=room.since(0),
         y=y,
-        residual=residual.reshape(V, 3),
-        command=command.reshape(V, 3),
-        supplied=supplied.reshape(V, 3),
-        held=numbers,
-        kept=np.zeros(1 + held),
-        terms=split_memory(terms, rounds, law.terms, law.edges.first, V),
-        links=split_link_memory(received, line, law.links, m),
-        custom=split_custom(custom, law.custom, V),
-        compared=compared if law.edges.kinds else y,
-        safety=new_safety_memory(law.safety, V),
-        evaluated=np.zeros(3),
+        residual=residual,
+        command=command,
+        supplied=supplied,
+        held=held,
+        kept=take(1 + len(held)),
+        terms=terms,
+        links=links,
+        custom=custom,
+        compared=compared,
+        safety=new_safety_memory(law.safety, V, take),
+        evaluated=take(3),
     )
 
 
-def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory:
-    """The memory of the same vehicles under the law of a phase that begins at a sample.
+def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int, new: Memory | None = None) -> Memory:
+    """The memory of the same vehicles under the law of a phase that begins at a sample, `new` if that is given.
 
     Vehicles keep what they hold of themselves. An edge that remains keeps what was measured on it, received over it and
     is under way on it. An agent without edges, which is lost or has yet to join, forgets v and delta.
     """
     V = len(memory.command)
-    new = new_memory(law, V)
+    new = new or new_memory(law, V)
     for name in ("residual", "command", "supplied"):
         getattr(new, name)[:] = getattr(memory, name)
     carry_custom(old.custom, memory.custom, law.custom, new.custom)
@@ -386,7 +391,7 @@ def evaluate_law(control, t, x, drift, memory):
     """
     law, stages, edges = control.law, control.stages, control.law.edges
     V = x.shape[0]
-    navigate(stages.terms, law.terms, x, drift, memory.command, memory.terms)
+    navigate(stages.terms, law, x, drift, memory.command, memory.terms)
     measure(edges, x, memory.y)
     deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
     compare(edges.kinds, edges, memory.y, memory.compared)
@@ -511,6 +516,7 @@ def pack_law(
     terms: TermArrays | None = None,
     links: LinkArrays | None = None,
     custom: tuple[Any, ...] = (),
+    seed: int = 0,
 ) -> LawArrays:
     """Assemble the law of a team.
 
@@ -522,12 +528,14 @@ def pack_law(
         terms: beyond the paper's law.
         links: Links of its edges; exact unless given.
         custom: registered terms.
+        seed: Seed of the run.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.broadcast_to(target_gain, len(team.targets))])
     terms = terms or TermArrays()
     if team.directed:
         require_symmetric(terms)
-    return LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or LinkArrays(), custom)
+    law = LawArrays(edges_of(team), gains, limits.astype(float), 0, terms, links or LinkArrays(), custom)
+    return with_seed(law, seed)
 
 
 def edges_of(team: Team) -> EdgeArrays:

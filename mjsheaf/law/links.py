@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray, Own
+from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.jit import as_records, inline_jit, jit
 from mjsheaf.law.curved import disturb
@@ -63,7 +63,6 @@ class LinkArrays(NamedTuple):
         size: Length of LinkMemory.line.
         odometry: True if agents store how they moved since they sensed a target, for feedforward.
         start, period: time of sample 0 and between samples, s.
-        seed: Seed of the run.
         record: True if measurements are recorded.
     """
 
@@ -75,7 +74,6 @@ class LinkArrays(NamedTuple):
     odometry: bool = False
     start: float = 0.0
     period: float = 1.0
-    seed: Own[int] = 0
     record: bool = False
 
     def selected(self, rows: IntArray) -> "LinkArrays":
@@ -112,20 +110,11 @@ class LinkMemory(NamedTuple):
     line: Array
 
 
-def size_of_link_memory(links: LinkArrays, m: int) -> int:
-    """Count the numbers that the links of edges with m numbers hold, without their delay lines."""
-    if not len(links.of):
-        return 0
-    return 3 * len(links.table) + m * (1 + 2 * links.odometry) + 7 * len(links.facing)
-
-
-def split_link_memory(held: Array, line: Array, links: LinkArrays, m: int) -> LinkMemory:
-    """Return views of the numbers that links hold, which `size_of_link_memory` counts, and of their delay lines."""
+def new_link_memory(links: LinkArrays, m: int, line: Array, take: Take) -> LinkMemory:
+    """Return what links of edges with m numbers hold before the first sample, with a delay line for all of them."""
     L, V, m = len(links.table), len(links.facing), m if len(links.of) else 0
-    sizes = [L, L, L, m, m * links.odometry, m * links.odometry, 4 * V]
-    heard, state, last, y, walked, velocity, attitude, before = np.split(held, np.cumsum(sizes))
-    attitude, before = attitude.reshape(V, 4), before.reshape(V, 3)
-    return LinkMemory(heard, state, last, y, walked, velocity, attitude, before, line)
+    walked = m * links.odometry
+    return LinkMemory(take(L), take(L), take(L), take(m), take(walked), take(walked), take((V, 4)), take((V, 3)), line)
 
 
 class LinkedRows(NamedTuple):
@@ -245,7 +234,6 @@ def pack_links(
     *,
     period: float,
     start: float = 0.0,
-    seed: int = 0,
     height: float = 0.0,
     heading: Array | None = None,
     feedforward: bool = False,
@@ -258,7 +246,6 @@ def pack_links(
         links: those of all and of each kind.
         period: the control period, s; 0 where the law is continuous.
         start: Start of the run, s.
-        seed: Seed of the run.
         height: Height of the surface on which planar vehicles move, m.
         heading: initial, of all vehicles, shape (V,), rad.
         feedforward: True if the law has feedforward, in any phase of the run.
@@ -291,7 +278,6 @@ def pack_links(
         odometry=feedforward,
         start=start,
         period=period,
-        seed=seed,
         record=bool(links.record),
     )
 
@@ -387,16 +373,16 @@ def send(law, link, k, n, slot, x, y, terms, memory):
     tail, head = law.edges.tail[link.edge], law.edges.head[link.edge]
     lost, draw = False, (0.5, 0.5, 0.5, 0.5)
     if link.random:
-        draw = uniforms(links.seed, link.stream, n, 0)
+        draw = uniforms(law.seed[0], link.stream, n, 0)
     if link.bursts:
-        chance = uniforms(links.seed, link.stream, n, 1)[0]
+        chance = uniforms(law.seed[0], link.stream, n, 1)[0]
         memory.state[k] = next_state(memory.state[k], chance, link.to_bad, link.to_good, link.bad)
     if link.lossy:
         lost = draw[0] < (link.loss_bad if memory.state[k] == 2.0 else link.loss_good)
     lost |= is_beyond_range(links, link, x, tail, head)
     slot[0] = 0.0 if lost else n + 1.0
     if not lost:
-        sense(links, link, law.edges, first, end, n, draw, memory.attitude, tail, y)
+        sense(law, link, first, end, n, draw, memory.attitude, tail, y)
         for r in range(first, end):
             slot[1 + r - first] = y[r]
         if link.moves > 0 and law.terms.agents > 0:
@@ -506,8 +492,9 @@ def distance(x, x_lift, y, y_lift):
 
 
 @inline_jit
-def sense(links, link, edges, first, end, n, draw, attitude, tail, y):
+def sense(law, link, first, end, n, draw, attitude, tail, y):
     """Add the errors of sample n to the measurement y[first:end] of an edge; of `draw` (4,) the last three are used."""
+    edges = law.edges
     if disturb(edges.kinds, link, edges, first, end, draw, y):
         return
     if link.bearing:
@@ -518,19 +505,19 @@ def sense(links, link, edges, first, end, n, draw, attitude, tail, y):
             tilt = link.bearing_noise * normal_of(draw[3])
             perceive_space(edges.F_tail[first:end], attitude[tail], far, angle, tilt, y[first:end])
     elif link.noise > 0.0:
-        add_noise(links, link, n, draw, y[first:end])
+        add_noise(law.seed[0], link, n, draw, y[first:end])
     if link.bias != 0.0:
         for r in range(first, end):
             y[r] += link.bias
 
 
 @inline_jit
-def add_noise(links, link, n, draw, y):
+def add_noise(seed, link, n, draw, y):
     """Add white noise to the measurement y of an edge: three numbers of `draw` (4,), then four of each further draw."""
     for r in range(y.shape[0]):
         word = (r + 1) % 4
         if r > 0 and word == 0:
-            draw = uniforms(links.seed, link.stream, n, 2 + (r - 3) // 4)
+            draw = uniforms(seed, link.stream, n, 2 + (r - 3) // 4)
         y[r] += link.noise * normal_of(draw[word])
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, Take
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import square_of, subtract, triple
 
@@ -23,7 +23,7 @@ _FEW = 32  # vehicles that lie in one cell, which is quicker than several
 class Cells(NamedTuple):
     """A grid of cells; all of its arrays are scratch space, and what is found with them does not depend on it.
 
-    They hold whole numbers as float64, as arrays do that every world has for itself.
+    They hold whole numbers as float64, as all that is part of the one array of a run.
 
     Attributes:
         places: Positions of all vehicles in one space, shape (V, 3), m.
@@ -46,18 +46,18 @@ class Cells(NamedTuple):
     found: Array
 
 
-def new_cells(V: int) -> Cells:
+def new_cells(V: int, take: Take = np.zeros) -> Cells:
     """Return room for the cells of V vehicles; none at all for none."""
     some = V > 0
     return Cells(
-        places=np.zeros((V, 3)),
-        corner=np.zeros(3 * some),
-        shape=np.zeros(4 * some),
-        cell=np.zeros(V),
-        start=np.zeros((2 * V + 1) * some),
-        order=np.zeros(V),
-        sorted=np.zeros((V, 3)),
-        found=np.zeros(V),
+        places=take((V, 3)),
+        corner=take(3 * some),
+        shape=take(4 * some),
+        cell=take(V),
+        start=take((2 * V + 1) * some),
+        order=take(V),
+        sorted=take((V, 3)),
+        found=take(V),
     )
 
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.errors import in_field
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.law.curved import slope
@@ -112,25 +112,20 @@ class RoundMemory(NamedTuple):
     first: IntArray
 
 
-def size_of_round_memory(rounds: RoundArrays, first: IntArray) -> tuple[int, int]:
-    """Count the numbers that are held, and those of messages under way, for edges whose numbers begin at `first`."""
-    C = len(rounds.streams)
-    m = int(first[C])
-    return 5 * C + 4 * m, (rounds.delay + 1) * 4 * (C + m)
-
-
-def split_round_memory(held: Array, under_way: Array, rounds: RoundArrays, first: IntArray) -> RoundMemory:
-    """Return views of the numbers that `size_of_round_memory` counts."""
+def new_lines(rounds: RoundArrays, first: IntArray, take: Take) -> tuple[Array, Array]:
+    """Return `stamps` and `line` of a RoundMemory before the first sample; edges' numbers begin at `first`."""
     C, slots = len(rounds.streams), rounds.delay + 1
-    m = int(first[C])
-    state, arrived, last, _ = np.split(held, np.cumsum([C, 4 * C, 4 * m]))
-    stamps, line = np.split(under_way, [slots * 4 * C])
+    return take((slots, 2, 2, C)), take((slots, 2, 2, int(first[C])))
+
+
+def new_round_memory(rounds: RoundArrays, first: IntArray, lines: tuple[Array, Array], take: Take) -> RoundMemory:
+    """Return the memory of rounds before the first sample, with the messages under way of `new_lines`."""
+    C = len(rounds.streams)
     return RoundMemory(
-        state,
-        arrived.reshape(2, 2, C),
-        last.reshape(2, 2, m),
-        stamps.reshape(slots, 2, 2, C),
-        line.reshape(slots, 2, 2, m),
+        take(C),
+        take((2, 2, C)),
+        take((2, 2, int(first[C]))),
+        *lines,
         np.ascontiguousarray(rounds.streams),
         np.ascontiguousarray(first[: C + 1]),
     )

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.arrays import Array, BoolArray, Take
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.law.halfspaces import nearest_within
 from mjsheaf.law.neighbours import Cells, find_near, new_cells, sort_into_cells
@@ -112,11 +112,12 @@ class SafetyMemory(NamedTuple):
     cells: Cells
 
 
-def new_safety_memory(safety: Any, V: int) -> SafetyMemory:
+def new_safety_memory(safety: Any, V: int, take: Take) -> SafetyMemory:
     """Return the memory of V vehicles; empty where there is nothing to keep."""
     if not safety:
-        return SafetyMemory(np.zeros((V, 0)), np.zeros((0, 5)), np.zeros(0), new_cells(0))
-    return SafetyMemory(np.zeros((V, 4)), np.zeros((V + len(safety.obstacles.kind), 5)), np.zeros(V), new_cells(V))
+        return SafetyMemory(take((V, 0)), take((0, 5)), take(0), new_cells(0, take))
+    rows = V + len(safety.obstacles.kind)
+    return SafetyMemory(take((V, 4)), take((rows, 5)), take(V), new_cells(V, take))
 
 
 @jit

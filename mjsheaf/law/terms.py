@@ -23,7 +23,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.arrays import Array, BoolArray, IntArray, Take
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit, jit
@@ -34,9 +34,8 @@ from mjsheaf.law.rounds import (
     RoundArrays,
     RoundMemory,
     carry_rounds,
+    new_round_memory,
     relax,
-    size_of_round_memory,
-    split_round_memory,
 )
 from mjsheaf.noise import normals, stream_of
 from mjsheaf.team import Team
@@ -124,7 +123,6 @@ class TermArrays(NamedTuple):
         settled: samples on the same edges after which an agent's feedforward leads.
         integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
         noise, bias: Noise and bias of odometry, m and m/s.
-        seed: Seed of its random numbers.
         streams: Random streams, by the id of each agent, shape (N, 2).
         rounds: links over which rounds go.
     """
@@ -146,7 +144,6 @@ class TermArrays(NamedTuple):
     largest: float = np.inf
     noise: float = 0.0
     bias: float = 0.0
-    seed: Own[int] = 0
     streams: IntArray = np.zeros((0, 2), dtype=np.int64)
     rounds: RoundArrays = RoundArrays()
 
@@ -210,23 +207,21 @@ class TermMemory(NamedTuple):
     rounds: RoundMemory
 
 
-def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> tuple[int, int]:
-    """Count the numbers that the terms of V vehicles store, whose edges' numbers begin at `first` (E + 1,).
+def new_term_memory(terms: TermArrays, first: IntArray, V: int, lines: tuple[Array, Array], take: Take) -> TermMemory:
+    """Return what the terms of V vehicles remember before the first sample.
 
-    Returns:
-        Numbers that change from sample to sample, and numbers of messages under way, each of which is written once.
+    Args:
+        terms: The terms.
+        first: Where the numbers of each edge begin, shape (E + 1,).
+        V: Number of vehicles.
+        lines: Messages under way; see `mjsheaf.law.rounds.new_lines`.
+        take: Returns zeros of a shape.
     """
-    held, line = size_of_round_memory(terms.rounds, first)
-    return (1 + 3 * int(first[-1]) + 34 * V + held, line) if terms.agents else (0, 0)
-
-
-def split_memory(flat: Array, under_way: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
-    """Return views of the numbers that terms store; `size_of_memory` counts them."""
-    m, V = (int(first[-1]), V) if terms.agents else (0, 0)
-    ends = np.cumsum([1, m, m, m, V, 33 * V])
-    clock, y, rate, age, since, vehicles, held = np.split(flat, np.minimum(ends, len(flat)))
-    sent = split_round_memory(held, under_way, terms.rounds, first)
-    return TermMemory._make((clock, y, rate, age, since, *vehicles.reshape(11, V, 3), sent))
+    any = int(terms.agents > 0)
+    m, V = any * int(first[-1]), any * V
+    by_number, by_vehicle = [take(m) for _ in range(3)], [take(V), *(take((V, 3)) for _ in range(11))]
+    sent = new_round_memory(terms.rounds, first, lines, take)
+    return TermMemory._make([take(any), *by_number, *by_vehicle, sent])
 
 
 def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolArray) -> None:
@@ -279,7 +274,6 @@ def pack_terms(
     terms: Terms,
     team: Team,
     period: float,
-    seed: int,
     rounds: RoundArrays | None = None,
     slopes: Slopes | None = None,
 ) -> TermArrays:
@@ -289,7 +283,6 @@ def pack_terms(
         terms: the terms.
         team: the team.
         period: between samples, s; with terms it is positive.
-        seed: Seed of the run.
         rounds: links over which they go; perfect ones unless given.
         slopes: Bounds on H, which rounds of a team with range or bearing edges need.
     """
@@ -303,7 +296,6 @@ def pack_terms(
         period=period,
         sensing=(first, first + len(team.sensing)),
         lead=np.zeros(len(team.agents)),
-        seed=seed,
         streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(-1, 2),
     )
     packed = _with_amounts(packed, terms)
@@ -459,12 +451,12 @@ def solve(edges, terms, rounds, b, y, x, memory):
 
 
 @jit
-def navigate(stage, terms, x, drift, command, memory):
+def navigate(stage, law, x, drift, command, memory):
     """Write what agents see of their own motion since the sample before.
 
     Args:
         stage: () where the law has no terms.
-        terms: the terms.
+        law: the law.
         x: positions, shape (V, 3), m.
         drift: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
             the part of the displacement that the command does not explain.
@@ -473,11 +465,12 @@ def navigate(stage, terms, x, drift, command, memory):
     """
     if len(stage) == 0 or memory.clock[0] == 0.0:
         return
+    terms = law.terms
     h = terms.period
     for v in range(terms.agents):
         error = (0.0, 0.0, 0.0, 0.0)
         if terms.noise > 0.0:
-            error = normals(terms.seed, terms.streams[v], int(memory.clock[0]), 0)
+            error = normals(law.seed[0], terms.streams[v], int(memory.clock[0]), 0)
         for i in range(terms.dimension[v]):
             wrong = terms.noise * error[i] + terms.bias * h
             memory.moved[v, i] = x[v, i] - memory.x[v, i] + wrong
@@ -523,9 +516,8 @@ def _exchange(stage, law, term, x, b, y, found, memory):
         solve(law.edges, terms, rounds, b, y, found, memory)
     else:
         first, n = 0 if term == NEWTON else terms.newton, int(memory.clock[0])
-        sent = memory.rounds
-        steep = terms.steepest
-        relax(law.edges, terms.rounds, steep, terms.seed, n, term, rounds, first, b, y, found, x, sent, memory.residue)
+        sent, seed, steep = memory.rounds, law.seed[0], terms.steepest
+        relax(law.edges, terms.rounds, steep, seed, n, term, rounds, first, b, y, found, x, sent, memory.residue)
 
 
 @inline_jit

@@ -1,8 +1,7 @@
-"""A run that is changed while it proceeds: a user's changes become events of its scenario.
+"""A run in the browser while it proceeds.
 
 Modules:
 
-- actions: changes that a user may make, as events of the scenario.
-
-The session continues under the scenario with this event, so the recorded scenario reproduces the session, to the bit.
+- live: the user's actions, the frames of the page, and the loop;
+- server: HTTP and websocket for one client.
 """

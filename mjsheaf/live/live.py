@@ -1,4 +1,8 @@
-"""The loop of a run that is watched: it simulates, publishes frames and takes the user's actions."""
+"""A run that is watched and changed while it proceeds: the user's actions, frames for the page, and the loop.
+
+A user's actions become events of the scenario. The session continues under the scenario with such an event, so the
+recorded scenario reproduces the session, to the bit. Frames are the newest sample of the run in the arrays of its page.
+"""
 
 import math
 import time
@@ -9,22 +13,33 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import body_loop, medium_on_path
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.checking.topology.cohomology import spectrum_of
-from mjsheaf.errors import InputError, MjsheafError, UndecidedError
-from mjsheaf.live.actions import MAX_FACTOR, Recorder, flow_values
-from mjsheaf.live.frames import Frames, outlook
+from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, UndecidedError
 from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
+from mjsheaf.media.flow import FlowField
 from mjsheaf.page.page import Live, law_in_words, page_of
+from mjsheaf.page.replay import Packer, Scene, add_samples, origin_of
+from mjsheaf.results.dataset import join, make_datasets
 from mjsheaf.results.sinks import Memory, Sink
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import System
+from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
+from mjsheaf.show.played import edges_of
+from mjsheaf.system import Phase, System
+from mjsheaf.team.null_modes import free_axes
+from mjsheaf.team.shapes import Path
 from mjsheaf.threads import one_thread
 
+MAX_FACTOR = 10.0
+"""Largest ratio of a gain or a flow to that of the scenario, and of the scenario's gain to a gain."""
+
+_STRENGTHS = {"sources": "alpha", "vortices": "gamma", "channels": "beta"}
 FRAME = 0.05
 """Least time between frames, s."""
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
@@ -33,6 +48,288 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 _SHARE = 0.01  # fraction of the time that frames may take
 _MAX_SAMPLES = 4096  # in a chunk
 _MOST_KEPT = 1e9  # bytes of the run that a new page begins with
+_MOST_AHEAD = 1000  # points of an outlook
+
+
+# -- actions -----------------------------------------------------------------------------------------------------------
+
+
+def flow_values(scenario: Scenario, factor: float) -> dict[str, Any]:
+    """Return the fields of the steady flow multiplied by a factor, by path."""
+    values: dict[str, Any] = {}
+    for medium in type(scenario.flow).model_fields:
+        field = getattr(scenario.flow, medium)
+        if not isinstance(field, FlowField):
+            continue
+        if field.drift is not None:
+            values[f"flow.{medium}.drift"] = [factor * speed for speed in field.drift]
+        for kind, strength in _STRENGTHS.items():
+            raw = [kernel.model_dump(mode="json", exclude_none=True) for kernel in getattr(field, kind)]
+            for kernel in raw:
+                kernel[strength] *= factor
+            if raw:
+                values[f"flow.{medium}.{kind}"] = raw
+    return values
+
+
+def _number(value: Any, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(f"{value!r}: expected a number from {low:g} to {high:g}")
+    return float(value)
+
+
+def _id(value: Any) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{value!r}: expected an id")
+    return value
+
+
+def _pair(value: Any) -> list[str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise InputError(f"{value!r}: expected the ids of the two ends of a link")
+    return [_id(value[0]), _id(value[1])]
+
+
+def _set_gain(scenario: Scenario, time: float, value: Any) -> Event:
+    gain = scenario.controller.gain
+    return Change(time=time, set={"controller.gain": _number(value, gain / MAX_FACTOR, gain * MAX_FACTOR)})
+
+
+def _set_flow(scenario: Scenario, time: float, value: Any) -> Event:
+    values = flow_values(scenario, _number(value, 0.0, MAX_FACTOR))
+    if not values:
+        raise InputError("flow: the scenario has no steady flow; expected one")
+    return Change(time=time, set=values)
+
+
+_ACTIONS: dict[str, Callable[[Scenario, float, Any], Event]] = {
+    "lose": lambda _, time, value: Lose(time=time, lose=_id(value)),
+    "join": lambda _, time, value: Join(time=time, join=_id(value)),
+    "cut": lambda _, time, value: Cut(time=time, cut=_pair(value)),
+    "restore": lambda _, time, value: Restore(time=time, restore=_pair(value)),
+    "gain": _set_gain,
+    "flow": _set_flow,
+}
+
+
+def event_of(action: Mapping[str, Any], scenario: Scenario, time: float) -> Event:
+    """Return an action as an event.
+
+    Args:
+        action: Name of the action and its value, such as {"lose": "A1"}.
+        scenario: Scenario at the start of the session.
+        time: Present time, s.
+
+    Raises:
+        InputError: The action is unknown, or its value is not valid.
+    """
+    if len(action) != 1 or not action.keys() <= _ACTIONS.keys():
+        raise InputError(f"{', '.join(map(str, action)) or 'nothing'}: expected one of {', '.join(_ACTIONS)}")
+    ((name, value),) = action.items()
+    return _ACTIONS[name](scenario, time, value)
+
+
+class Recorder:
+    """A session, and what its user did.
+
+    Attributes:
+        session: The session.
+        events: Events that the user added, in order.
+        origin: Scenario at the start.
+        samples: Number of samples taken so far.
+        flow_factors: Time, s, and ratio to the scenario's flow, of each change of the flow.
+        words: Short words for each event of the user, by its own words.
+    """
+
+    def __init__(self, session: Session) -> None:
+        """Begin without events of a user."""
+        self.session = session
+        self.origin = session.scenario
+        self.events: list[Event] = []
+        self.samples = 0
+        self.flow_factors: list[tuple[float, float]] = []
+        self.words: dict[str, str] = {}
+        self._path = Path()
+
+    @property
+    def phase(self) -> int:
+        """Number of the phase that the next sample belongs to."""
+        return max(k for k, phase in enumerate(self.session.engine.phases) if phase.start <= self.samples)
+
+    def record(self, samples: int) -> tuple[xr.Dataset | None, str]:
+        """Take samples, but not beyond the present phase and the end of the run.
+
+        Returns:
+            The samples, None if there are none, and the reason if the run became unstable.
+        """
+        session = self.session
+        piece = next(session.engine.record(samples))
+        if not len(piece.time):
+            return None, piece.message
+        seed = session.scenario.seed
+        chunk = next(make_datasets([piece], session.backend, seed, session.engine.phases, self.samples, self._path))
+        self.samples += len(piece.time)
+        return chunk, piece.message
+
+    def do(self, action: Mapping[str, Any]) -> None:
+        """Add an action as an event at the present sample.
+
+        A value that is set replaces one that was set at the same sample.
+
+        Raises:
+            MjsheafError: The action is not possible now; nothing is changed.
+        """
+        if self.session.finished:
+            raise InputError("the run has ended")
+        engine = self.session.engine
+        grid = engine.system.grid
+        sample = engine.steps_taken // engine.steps_per_sample
+        event = event_of(action, self.origin, grid.start + sample * grid.period)
+        events = [other for other in self.events if not _replaces(event, other)]
+        events.append(event)
+        self._require_same_past(event, [*self.origin.events, *events])
+        changed = self.origin.model_copy(update={"events": [*self.origin.events, *events]})
+        # No event of a user changes them.
+        changed.__dict__ |= {"team": self.origin.team, "whole": self.origin.whole}
+        try:
+            self.session.change_events(changed)
+        except NotUniqueError as error:
+            raise NotUniqueError(_why_free(event, changed) or str(error)) from error
+        self.events = events
+        self.words[event.words] = event.words
+        if "flow" in action:
+            self.flow_factors.append((event.time, float(action["flow"])))
+            self.words[event.words] = f"flow = {action['flow']:g} x the scenario's"
+
+    def _require_same_past(self, new: Event, events: list[Event]) -> None:
+        """Refuse an event that would change who is present from the start: this depends on a member's first event.
+
+        Raises:
+            InputError: It would.
+        """
+        team = self.origin.team
+        before = find_waiting(sorted([*self.origin.events, *self.events], key=lambda event: event.time), team)
+        for id in before ^ find_waiting(sorted(events, key=lambda event: event.time), team):
+            state = "has not joined yet" if id in before else "is present already"
+            raise InputError(f"{new.words}: {id} {state}")
+
+
+def _why_free(event: Event, scenario: Scenario) -> str:
+    """Say what nothing determines after an event, and who needs an edge; empty if no agent is free along an axis."""
+    free = next((phase.system for phase in scenario.phases if phase.system.free_directions), None)
+    if free is None:
+        return ""
+    axes = free_axes(free.determined)
+    names = {agent for names in axes for agent in names}
+    parts = [
+        f"{who[0]}'s {' and '.join(own)}" if len(who) == 1 else f"the {' and '.join(own)} of {', '.join(who)} together"
+        for who, own in axes.items()
+    ]
+    kind, _, whom = event.words.partition(" ")
+    after = {"lose": f"without {whom}", "cut": f"without the link {whom}"}.get(kind, f"after {event.words}")
+    give = names.pop() if len(names) == 1 else "one of them"
+    return f"{after}, nothing determines {'; '.join(parts)}. Give {give} an edge first."
+
+
+def _replaces(new: Event, old: Event) -> bool:
+    """Return True if an event sets the same fields as another at the same time."""
+    both = isinstance(new, Change) and isinstance(old, Change)
+    return both and new.time == old.time and new.set.keys() == old.set.keys()  # type: ignore[attr-defined]
+
+
+# -- frames ------------------------------------------------------------------------------------------------------------
+
+
+class Row(Packer):
+    """Packer that keeps one sample as 32-bit floats.
+
+    Attributes:
+        values: Values by name, flat.
+    """
+
+    def __init__(self) -> None:
+        """Start empty."""
+        super().__init__()
+        self.values: dict[str, NDArray[np.float32]] = {}
+
+    def add_fixed(self, name: str, values: Array, step: float) -> Array:
+        """Keep values; `step` is not used."""
+        self.add_float(name, values)
+        return values
+
+    def add_float(self, name: str, values: Array) -> None:
+        """Keep values."""
+        with np.errstate(over="ignore"):
+            self.values[name] = np.asarray(values, "<f4").ravel()
+
+
+def outlook(system: System) -> Array:
+    """Return points that the run is expected to reach, in space, shape (K, 3), m.
+
+    They are the targets' path without disturbance, and the harmonic extension of it. Where the path is not known, they
+    are those of the start.
+    """
+    path = follow_targets(system.remaining)
+    some = slice(None, None, 1 + path.positions[..., 0].size // _MOST_AHEAD)
+    points = path.positions[some].copy()
+    points[:, : len(system.team.agents)] = system.team.unpack(path.q_star[some])
+    points[:, system.planar, 2] += system.bodies.surface_height
+    points = points.reshape(-1, 3)
+    return np.asarray(points[np.isfinite(points).all(axis=1)])
+
+
+class Frames:
+    """Frames that extend a page."""
+
+    def __init__(self, phases: Sequence[Phase], dataset: xr.Dataset, surface_height: float, ahead: Array) -> None:
+        """Take the arrays of a page.
+
+        Args:
+            phases: Phases of the run when the page was made.
+            dataset: The page's samples.
+            surface_height: z of the surface, m.
+            ahead: Points that vehicles are expected to reach; see `outlook`.
+        """
+        self._surface = surface_height
+        self._origin = origin_of(dataset)
+        self._edges = list(edges_of(phases))
+        self._scene = Scene.of(ahead - self._origin)
+        self._last = dataset.isel(time=[-1])
+        self._attitude: NDArray[np.float32] | None = None
+
+    def frame(self, chunk: xr.Dataset, phases: Sequence[Phase]) -> bytes:
+        """Return the last sample of a chunk: its time as a 64-bit float, then all arrays as 32-bit floats.
+
+        Args:
+            chunk: Consecutive samples, which follow those of the previous frame.
+            phases: Phases of the run.
+        """
+        own = chunk.isel(time=[-1])
+        both = join([self._last, own])  # headings along a path need two samples
+        self._last = own
+        row = Row()
+        add_samples(row, both, own, self._surface, phases, self._scene, self._origin)
+        self._keep_edges(row, phases)
+        self._keep_sign(row)
+        time = own["time"].values.astype("<f8")
+        return b"".join([time.tobytes(), *(values.tobytes() for values in row.values.values())])
+
+    def _keep_edges(self, row: Row, phases: Sequence[Phase]) -> None:
+        """Put residuals in the page's order; NaN for edges that no phase has any more."""
+        column = {key: k for k, key in enumerate(edges_of(phases))}
+        residual = row.values["residual"]
+        known = [residual[column[key]] if key in column else np.nan for key in self._edges]
+        row.values["residual"] = np.array(known, "<f4")
+
+    def _keep_sign(self, row: Row) -> None:
+        """Choose the sign of each attitude that is nearer to the one in the previous frame."""
+        attitude = row.values["quaternion"].reshape(-1, 4)
+        if self._attitude is not None:
+            attitude[(attitude * self._attitude).sum(axis=1) < 0.0] *= -1.0
+        self._attitude = attitude
+
+
+# -- the loop ----------------------------------------------------------------------------------------------------------
 
 
 class Display:
@@ -67,7 +364,7 @@ class Display:
             return
         began = time.perf_counter()
         phases = self._recorder.session.engine.phases
-        self._server.publish(self._frames.frame(chunk, phases, self._recorder.samples - 1))
+        self._server.publish(self._frames.frame(chunk, phases))
         self.cost = time.perf_counter() - began
 
     def close(self) -> None:

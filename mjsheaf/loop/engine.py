@@ -66,6 +66,7 @@ class Engine(ABC):
     _chunk: int  # steps in one compiled call; Ctrl-C takes effect between calls
     _stride: int  # the same where nothing is recorded
     _unrecorded: Recorder
+    _count: Array  # steps taken, shape (1,)
 
     def __init__(
         self,
@@ -149,11 +150,6 @@ class Engine(ABC):
     def memory(self) -> Memory:
         """Values that onboard computers hold; a phase with other edges has others."""
 
-    @property
-    @abstractmethod
-    def steps_taken(self) -> int:
-        """Number of steps since the start."""
-
     @abstractmethod
     def _control_of(self, system: System) -> ControlArrays:
         """Return law and references of a system's vehicles."""
@@ -163,8 +159,8 @@ class Engine(ABC):
         """Put the vehicles at their initial condition, with an empty memory."""
 
     @abstractmethod
-    def _enter(self, memory: Memory) -> None:
-        """Continue under `system` and `_control`, those of another phase, with a memory."""
+    def _enter(self) -> None:
+        """Continue under `system` and `_control`, those of another phase, with an empty memory."""
 
     @abstractmethod
     def _evaluate_law(self) -> None:
@@ -218,6 +214,11 @@ class Engine(ABC):
         return self._phases
 
     @property
+    def steps_taken(self) -> int:
+        """Number of steps since the start."""
+        return int(self._count[0])
+
+    @property
     def time(self) -> float:
         """Simulated time in s."""
         return self.system.grid.start + self.steps_taken * self._timestep
@@ -250,10 +251,11 @@ class Engine(ABC):
         system = [phase.system for phase in self._phases if phase.start <= sample][-1]
         if system is not self.system:
             self._unlook()
-            law = self._control.law
+            law, memory = self._control.law, self.memory
             self.system = system
             self._control = self._law_of_phase()
-            self._enter(carry(self.memory, law, self._control.law, sample))
+            self._enter()
+            carry(memory, law, self._control.law, sample, self.memory)
         return step
 
     def change_phases(self, phases: Sequence[Phase]) -> None:
@@ -451,11 +453,11 @@ class Engine(ABC):
         before = self._before if self._observed == self.steps_taken else self._now
         seed = float(self.seed)  # a double has 53 bits, and a seed 63
         rest = float(self.seed - int(seed))
-        memory = self.memory.flat
-        seen = memory.copy()
+        memory = self.memory
+        seen = memory.held.copy()
         self._unlook()
-        state = np.concatenate([[seed], self._get_motion(), memory, [rest], before.ravel()])
-        memory[:] = seen
+        state = np.concatenate([[seed], memory.flat, [rest], before.ravel()])
+        memory.held[:] = seen
         return state
 
     def set_state(self, state: Array) -> None:
@@ -479,42 +481,25 @@ class Engine(ABC):
 
     def restore(self, state: Array) -> bool:
         """Take over a state, finite or not; return False if it is not of the size that its phase needs."""
-        begin = 1 + len(self._get_motion())
-        if len(state) <= begin + self._now.size:
+        if len(state) < 3 + self._now.size:
             return False
         seed = self.seed_of(state)
         if self.scenario is not None and seed not in (-1, self.seed):
             self.reset(seed)
-        self._set_motion(state[1:begin])
+        self._go_to(state[1:])
         self._enter_phase()
-        memory = self.memory.flat
-        end = begin + len(memory)
+        end = 1 + len(self.memory.flat)
         if len(state) != end + self._now.size + 1:
             return False
-        memory[:] = state[begin:end]
+        self.memory.flat[:] = state[1:end]
         self.memory.kept[0] = 0.0
         self._observed = -1
         self._now = state[end + 1 :].reshape(-1, 3).copy()
         return True
 
-    @property
-    def _moving(self) -> Sequence[Array | IntArray]:
-        """Arrays that hold the motion, the number of steps among them; unused where MuJoCo holds it.
-
-        Whatever else time changes, such as filters of a medium, belongs here too.
-        """
-        return ()
-
-    def _get_motion(self) -> Array:
-        """Return the motion as one array."""
-        return np.concatenate([values.ravel() for values in self._moving])
-
-    def _set_motion(self, values: Array) -> None:
-        """Take over a motion."""
-        arrays = self._moving
-        parts = np.split(values, np.cumsum([array.size for array in arrays])[:-1])
-        for array, part in zip(arrays, parts, strict=True):
-            array.reshape(-1)[:] = part
+    def _go_to(self, state: Array) -> None:
+        """Take over from the numbers of a state, which begin with the steps taken, at what time it is."""
+        self._count[0] = state[0]
 
     # -- threads -------------------------------------------------------------------------------------------------------
 

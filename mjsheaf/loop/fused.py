@@ -18,19 +18,18 @@ the vehicles of a large team are divided among threads. The assignment to thread
 neighbours of one kind move side by side: see `block`.
 """
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Room
 from mjsheaf.jit import INTERPRETED, inline_jit, jit, on_stack
 from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes
 from mjsheaf.loop.bodies import kinds_of
 from mjsheaf.loop.engine import Recorder
-from mjsheaf.loop.loop import NEVER, ClosedLoop, EngineArrays, Loop, begin_span, first_bad
+from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, begin_span, first_bad
 from mjsheaf.loop.motion import pack_motion
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.tiers import Tiered
@@ -80,26 +79,26 @@ def advance_blocks(loop, motion, first, last, step, count, log, row, bad):
 
 
 @jit
-def advance(loop, motion, steps, count, recorder, bad):
+def advance(loop, motion, count, recorder, bad):
     """Take `count` steps with all vehicles, fewer where one becomes bad.
 
     Args:
         loop: The closed loop.
         motion: A MOTION for each kind of vehicle.
-        steps: Number of the first step, which follows the steps taken, shape (1,).
         count: Number of steps.
         recorder: Destination of samples.
         bad: See `Fused._bad`.
     """
-    params = loop.params
-    end, B = steps[0] + count, params.fleet.blocks.shape[0] - 1
-    while steps[0] < end:
-        k = steps[0]
+    params, steps = loop.params, loop.state.steps
+    k, B = int(steps[0]), params.fleet.blocks.shape[0] - 1
+    end = k + count
+    while k < end:
         span = min(params.per_law - k % params.per_law, end - k)
         row = begin_span(loop, k, recorder)
         if not advance_blocks(loop, motion, 0, B, k, span, recorder.log, row, bad):
             return
-        steps[0] = k + span
+        k += span
+        steps[0] = k
 
 
 @jit
@@ -137,53 +136,32 @@ class Fused(ClosedLoop):
     _pool: ThreadPoolExecutor | None = None
 
     def _prepare(self) -> None:
-        plan, V, channels = self.system.bodies, len(self._vehicles), self._fleet.channels
+        plan, V = self.system.bodies, len(self._vehicles)
         plan.refuse_contacts()
         self._motion = pack_motion(kinds_of(self._vehicles)[0], self._timestep)
-        self._count = np.zeros(1, dtype=np.int64)
         self._bad = np.full(V, NEVER)
-        self._arrays = EngineArrays(
-            qpos=np.zeros(7 * V),
-            qvel=np.zeros(6 * V),
-            ctrl=np.zeros(len(channels)),
-            act=np.zeros(channels["late"].sum()),
-            gain=channels["gain"].reshape(-1, 1).copy(),
-        )
+        self._gain = self._fleet.channels["gain"].reshape(-1, 1).copy()
         steps = 1 if self.system.grid.continuous else self.steps_per_sample
         threads = min(plan.threads, V * steps // _WORTH_A_THREAD)
         if threads > 1 and not self.controller and not INTERPRETED:
             self._pool = ThreadPoolExecutor(threads)
             self._ends = (np.arange(threads + 1) * (len(self._fleet.blocks) - 1) // threads).tolist()
 
-    def _begin(self) -> None:
-        arrays = self._arrays
-        for values in (self._count, arrays.qpos, arrays.qvel, arrays.ctrl, arrays.act):
-            values[:] = 0
-        super()._begin()
-
-    def _state_arrays(self) -> EngineArrays:
-        return self._arrays
+    def _bodies(self, room: Room) -> Bodies:
+        V = len(self._vehicles)
+        return Bodies(room.take(7 * V), room.take(6 * V), room.take(len(self._gain)), room.take(len(self._act)))
 
     @property
     def compiled(self) -> tuple[Loop, NDArray[np.void]]:
         """Arguments of the compiled code: the loop, and a MOTION for each kind of vehicle."""
         return self._loop, self._motion
 
-    def adopt(self, loop: Loop, steps: IntArray | None = None) -> None:
-        """Continue with a copy of this loop in another place in memory, where `steps`, shape (1,), counts its steps."""
-        self._loop = loop
-        if steps is not None:
-            self._count = steps
-
-    @property
-    def steps_taken(self) -> int:
-        """Number of physics steps since the start."""
-        return int(self._count[0])
-
-    @property
-    def _moving(self) -> Sequence[Array | IntArray]:
-        state = self._loop.state
-        return self._count, state.qpos, state.qvel, state.ctrl, state.act
+    def continue_in(self, room: Room) -> Loop:
+        """Continue with a copy of the loop in a room, and return that; see `loop_in`."""
+        self._loop = self.loop_in(room)
+        self._values = room.since(0)[: len(self._values)]
+        self._count = self._loop.state.steps
+        return self._loop
 
     def _command(self) -> None:
         command_all(self._loop, self.time)
@@ -191,7 +169,7 @@ class Fused(ClosedLoop):
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         self._bad[:] = NEVER
         if self._pool is None:
-            advance(self._loop, self._motion, self._count, count, recorder, self._bad)
+            advance(self._loop, self._motion, count, recorder, self._bad)
         else:
             # Not by this thread, where Ctrl-C would leave some vehicles behind.
             moving = self._pool.submit(self._move_in_parts, self._pool, step + count, recorder)

@@ -14,12 +14,11 @@ All within a period is inlined into one function for one vehicle (see `inline_ji
 costs more than a slope does.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, Room, lay_out
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
@@ -78,7 +77,7 @@ class Integrator(NamedTuple):
     slope: Array
     input: Array
     medium_state: MediumState
-    surplus: IntArray
+    surplus: Array
 
 
 def new_integrator(
@@ -87,7 +86,7 @@ def new_integrator(
     tolerance: tuple[float, float],
     period: float,
     memory: Memory,
-    surplus: IntArray | None = None,
+    surplus: Array | None = None,
     station: Station | None = None,
 ) -> Integrator:
     """Make an integrator for the vehicles in a medium, with the memory of their law.
@@ -106,7 +105,7 @@ def new_integrator(
         slope=np.zeros((7, V, 3)),
         input=np.zeros(effectiveness.pinv.shape[1]),
         medium_state=new_state(medium),
-        surplus=np.zeros(V, dtype=np.int64) if surplus is None else surplus,
+        surplus=np.zeros(V) if surplus is None else surplus,
     )
 
 
@@ -238,7 +237,7 @@ def _advance(follow, run, t, x, first, last):
             if not _take_over(run, x, first, last):
                 return False
     if steps < _USUAL_STEPS:
-        run.surplus[first] = max(run.surplus[first] - (_USUAL_STEPS - steps), 0)
+        run.surplus[first] = max(run.surplus[first] - (_USUAL_STEPS - steps), 0.0)
     return True
 
 
@@ -303,14 +302,23 @@ class Ideal(Engine):
 
     def _begin(self) -> None:
         self._timestep = self.system.grid.period
-        self._x = np.array(self.system.initial)
         self._attitude = quaternions_of(self.system.bodies.heading)
-        self._surplus = np.zeros(len(self._x), dtype=np.int64)
-        self._count = np.zeros(1, dtype=np.int64)
-        self._enter(new_memory(self._control.law, len(self._x)))
+        self._count, self._x, self._surplus = np.zeros(1), self.system.initial, np.zeros(len(self.system.initial))
+        self._enter()
 
-    def _enter(self, memory: Memory) -> None:
+    def _new_state(self, room: Room) -> tuple[tuple[Array, Array, Array], Memory]:
+        """Return room for the steps taken, positions and surplus steps, and a memory before the first sample."""
+        V = len(self.system.initial)
+        moving = room.take(1), room.take((V, 3)), room.take(V)
+        return moving, new_memory(self._control.law, V, room)
+
+    def _enter(self) -> None:
         system = self.system
+        before = self._count, self._x, self._surplus
+        _, (moving, memory) = lay_out(self._new_state)
+        for own, value in zip(moving, before, strict=True):
+            own[:] = value
+        self._count, self._x, self._surplus = moving
         self._integrator = new_integrator(
             system.medium,
             system.effectiveness,
@@ -330,15 +338,6 @@ class Ideal(Engine):
     def memory(self) -> Memory:
         """Values that onboard computers hold; a phase with other edges has others."""
         return self._integrator.memory
-
-    @property
-    def steps_taken(self) -> int:
-        """Number of periods since the start."""
-        return int(self._count[0])
-
-    @property
-    def _moving(self) -> Sequence[Array | IntArray]:
-        return self._count, self._x, self._surplus
 
     def _control_of(self, system: System) -> ControlArrays:
         return system.control

@@ -16,14 +16,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.arrays import Array, BoolArray, lay_out
 from mjsheaf.engine import mujoco, quiet
 from mjsheaf.law import ControlArrays
+from mjsheaf.law.station import no_station
 from mjsheaf.loop.arena import compose
 from mjsheaf.loop.bodies import pack_fleet
-from mjsheaf.loop.loop import controlled_positions, new_loop
+from mjsheaf.loop.loop import AUTOPILOT, Bodies, Params, controlled_positions, new_loop
 from mjsheaf.loop.trajectory import quaternions_of
-from mjsheaf.loop.world import engine_arrays, evaluate_forces, mujoco_arrays
+from mjsheaf.loop.world import evaluate_forces, mujoco_arrays
 from mjsheaf.media import FlowField
 from mjsheaf.media.medium import pack_medium
 from mjsheaf.remember import remember_last
@@ -190,7 +191,10 @@ class _Bench:
         medium = pack_medium(V, n == 2, flows, np.arange(V), 0.0)
         heading = np.array([station.heading for station in stations])
         fleet, self.arrays = pack_fleet(vehicles, heading, timestep), mujoco_arrays(self.model, self.data)
-        self.loop = new_loop(fleet, control, medium, engine_arrays(self.model, self.data), timestep=timestep)
+        helm, gain = np.full(V, AUTOPILOT, dtype=np.int8), self.model.actuator_gainprm
+        params = Params(control, medium, fleet, no_station(V), helm, gain, timestep)
+        bodies = Bodies(self.data.qpos, self.data.qvel, self.data.ctrl, self.data.act)
+        self.loop = lay_out(lambda room: new_loop(params, lambda _: bodies, room))[1]
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]
         lagging = np.diff(np.append(0, np.cumsum(self.model.actuator_actadr >= 0))[arena.thruster])

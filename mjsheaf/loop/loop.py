@@ -5,22 +5,23 @@ Samples are recorded inside the loop, into arrays allocated once.
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray, Own
+from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
 from mjsheaf.jit import inline_jit
 from mjsheaf.law.controller import Controller
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
-from mjsheaf.law.station import Station, keep_station, no_station
+from mjsheaf.law.station import Station, keep_station
 from mjsheaf.loop.bodies import Fleet, pack_fleet
 from mjsheaf.loop.engine import Engine, Recorder
 from mjsheaf.loop.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
+from mjsheaf.media.disturbance import HarmonicArrays
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
-from mjsheaf.media.moving import unknown_flow
+from mjsheaf.media.moving import Parts, unknown_flow
 from mjsheaf.system import Phase, System
 from mjsheaf.tiers import Tiered
 from mjsheaf.vehicles.actuators import ANGLE
@@ -31,12 +32,14 @@ HUGE = 1e10
 NEVER = int(np.iinfo(np.int64).max)
 """Time at which a vehicle was bad that was not; see `Fused._bad`."""
 
+_MOVING = ("steps", "qpos", "qvel", "ctrl", "act")  # fields of a State that another law leaves as they are
+
 AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
 """Codes of what commands the actuators of a vehicle: its autopilot, nothing, or the caller, who writes `State.ctrl`."""
 
 
 class Params(NamedTuple):
-    """Constants of a run. Worlds that step together share them, except for the fields marked `Own`.
+    """Constants of a run. Runs of one team under different seeds share all but what `seeded_of` returns.
 
     Attributes:
         control: Law and references of the onboard computers.
@@ -57,16 +60,49 @@ class Params(NamedTuple):
     station: Station
     helm: NDArray[np.int8]
     gain: Array
-    start: float
     timestep: float
-    per_law: int
-    per_sample: int
+    start: float = 0.0
+    per_law: int = 1
+    per_sample: int = 1
+
+
+class Seeded(NamedTuple):
+    """The constants of a run that depend on its seed.
+
+    Attributes:
+        seed: Seed of the random numbers of links and terms, shape (1,).
+        origin: See `MotionArrays`.
+        harmonics: Disturbances.
+        parts: What else moves in the medium, such as gusts.
+    """
+
+    seed: IntArray
+    origin: Array
+    harmonics: HarmonicArrays
+    parts: Parts
+
+
+def seeded_of(params: Params) -> Seeded:
+    """Return the constants that depend on the seed."""
+    control, medium = params.control, params.medium
+    return Seeded(control.law.seed, control.motion.origin, medium.harmonics, medium.parts)
+
+
+def with_seeded(params: Params, seeded: Seeded) -> Params:
+    """Return constants with others of those that depend on the seed."""
+    law, motion, _ = params.control
+    control = params.control._replace(law=law._replace(seed=seeded.seed), motion=motion._replace(origin=seeded.origin))
+    medium = params.medium._replace(harmonics=seeded.harmonics, parts=seeded.parts)
+    return params._replace(control=control, medium=medium)
 
 
 class State(NamedTuple):
-    """State of a run, which changes from step to step.
+    """State of a run, which changes from step to step: parts of one array, but for what MuJoCo keeps itself.
+
+    `memory.flat` is the part of that array that decides on the rest of the run.
 
     Attributes:
+        steps: Number of steps taken, shape (1,); MuJoCo's clock counts its own.
         qpos: Positions of the free joints, shape (7 V,).
         qvel: Velocities of the free joints, shape (6 V,).
         ctrl: Commands of all actuators, shape (A,).
@@ -77,6 +113,7 @@ class State(NamedTuple):
         memory: Memory of the law.
     """
 
+    steps: Array
     qpos: Array
     qvel: Array
     ctrl: Array
@@ -96,17 +133,16 @@ class Loop(NamedTuple):
     """
 
     params: Params
-    state: Own[State]
+    state: State
 
 
-class EngineArrays(NamedTuple):
-    """The part of a loop's arrays that belongs to what moves the bodies: see `Params` and `State`."""
+class Bodies(NamedTuple):
+    """Arrays of what moves the bodies: see `State`."""
 
     qpos: Array
     qvel: Array
     ctrl: Array
     act: Array
-    gain: Array
 
 
 @inline_jit
@@ -226,48 +262,30 @@ def begin_span(loop, k, recorder):
     return row
 
 
+def is_seeded(leaf: Any) -> bool:
+    """Return True for a leaf of `Seeded` that each run has: an array of numbers, which take eight bytes each."""
+    return isinstance(leaf, np.ndarray) and leaf.dtype.itemsize == 8
+
+
 def first_bad(bad: IntArray) -> tuple[int, int] | None:
     """Return the vehicle that was bad first and the number of its step, from `Fused._bad`; None if none was."""
     vehicle = int(np.argmin(bad))
     return None if bad[vehicle] == NEVER else (vehicle, int(bad[vehicle]) // 2)
 
 
-def new_loop(
-    fleet: Fleet,
-    control: ControlArrays,
-    medium: MediumArrays,
-    arrays: EngineArrays,
-    *,
-    timestep: float,
-    start: float = 0.0,
-    per_law: int = 1,
-    per_sample: int = 1,
-) -> Loop:
-    """Return a loop whose law remembers nothing, about arrays of what moves the bodies; see `Params`."""
-    V = len(fleet.bodies)
-    params = Params(
-        control=control,
-        medium=medium,
-        fleet=fleet,
-        station=no_station(V),
-        helm=np.full(V, AUTOPILOT, dtype=np.int8),
-        gain=arrays.gain,
-        start=start,
-        timestep=timestep,
-        per_law=per_law,
-        per_sample=per_sample,
-    )
-    state = State(
-        qpos=arrays.qpos,
-        qvel=arrays.qvel,
-        ctrl=arrays.ctrl,
-        act=arrays.act,
-        x=np.zeros((V, 3)),
-        drift=np.zeros((V, 3)),
-        medium=new_state(medium),
-        memory=new_memory(control.law, V),
-    )
-    return Loop(params, state)
+def new_loop(params: Params, bodies: Callable[[Room], Bodies], room: Room) -> Loop:
+    """Return a loop before the first sample, with a state that is laid out in a room.
+
+    Args:
+        params: Constants of the run.
+        bodies: Returns the arrays of what moves the bodies, which may take them from the room.
+        room: The room.
+    """
+    V, law = len(params.fleet.bodies), params.control.law
+    steps, moved = room.take(1), bodies(room)
+    memory = new_memory(law, V, room)
+    x, drift = room.take((V, 3)), room.take((V, 3))
+    return Loop(params, State(steps, *moved, x, drift, new_state(params.medium, room.take), memory))
 
 
 def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: Controller | None = None) -> str:
@@ -291,10 +309,12 @@ _record = Tiered(record, records=True, numbers=np.inf)
 class ClosedLoop(Engine):
     """A run on bodies; a step is a physics step.
 
-    Subclasses must implement `_state_arrays`, `_command`, `steps_taken` and `_move`.
+    Subclasses must implement `_bodies`, `_command` and `_move`.
     """
 
     _loop: Loop
+    _values: Array  # all numbers of the state
+    _gain: Array  # of all actuators
     _heading: Array | None = None  # of the vehicles of `_fleet`
     _at_once: ClassVar = 200_000  # physics steps times vehicles in a compiled call; Ctrl-C takes effect between calls
 
@@ -316,27 +336,15 @@ class ClosedLoop(Engine):
         self._chunk = self._stride = max(1, min(4000, self._at_once // len(self._vehicles)))
 
     @abstractmethod
-    def _state_arrays(self) -> EngineArrays:
-        """Return the arrays of what moves the bodies."""
+    def _bodies(self, room: Room) -> Bodies:
+        """Return the arrays of what moves the bodies, taken from a room unless MuJoCo keeps them."""
 
     @abstractmethod
     def _command(self) -> None:
         """Let every vehicle measure and command, with the state as it is."""
 
     def _begin(self) -> None:
-        grid = self.system.grid
-        params, state = new_loop(
-            self._fleet,
-            self._control,
-            self.system.medium,
-            self._state_arrays(),
-            timestep=self._timestep,
-            start=grid.start,
-            per_law=1 if grid.continuous else self.steps_per_sample,
-            per_sample=self.steps_per_sample,
-        )
-        self._loop = Loop(params, state)
-        self._enter(state.memory)
+        self._lay_out()
         self._unrecorded = self._recorder(0)
         self.place()
         self._look()
@@ -344,9 +352,36 @@ class ClosedLoop(Engine):
             self._evaluate_law()
         self._command()
 
-    def _enter(self, memory: Memory) -> None:
-        params = self.params()
-        self._loop = Loop(params, self._loop.state._replace(medium=new_state(params.medium), memory=memory))
+    def new_loop(self, room: Room) -> Loop:
+        """Return the loop of the present phase at the start of a run, but for where vehicles are, in a room."""
+        return new_loop(self.params(), self._bodies, room)
+
+    def _lay_out(self) -> None:
+        self._values, self._loop = lay_out(self.new_loop)
+        self._count = self._loop.state.steps
+
+    def _enter(self) -> None:
+        before = self._loop.state
+        self._lay_out()
+        for name in _MOVING:
+            getattr(self._loop.state, name)[:] = getattr(before, name)
+
+    def loop_in(self, room: Room) -> Loop:
+        """Return a copy of the loop in a room, with what depends on the seed behind the state.
+
+        Worlds have this of their own, and share the rest.
+        """
+        params, state = self.new_loop(room)
+        room.since(0)[:] = self._values
+
+        def copied(leaf: Any) -> Any:
+            if not is_seeded(leaf):
+                return leaf
+            own = room.take(leaf.shape).view(leaf.dtype)
+            own[...] = leaf
+            return own
+
+        return Loop(with_seeded(params, mapped(copied, seeded_of(params))), state)
 
     def params(self) -> Params:
         """Return the constants of the present phase."""
@@ -356,11 +391,17 @@ class ClosedLoop(Engine):
             helm[system.stopped] = STOPPED
         if self._commanded == "thrust":
             helm[: len(system.team.agents)][system.team.present] = OUTSIDE
-        return self._loop.params._replace(
+        return Params(
             control=self._control,
             medium=system.medium,
-            helm=helm,
+            fleet=self._fleet,
             station=system.station_of_bodies,
+            helm=helm,
+            gain=self._gain,
+            timestep=self._timestep,
+            start=system.grid.start,
+            per_law=1 if system.grid.continuous else self.steps_per_sample,
+            per_sample=self.steps_per_sample,
         )
 
     def place(self) -> None:

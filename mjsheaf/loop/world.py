@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arguments import phases_given
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, IntArray, Room
 from mjsheaf.engine import mujoco, quiet
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import external, inline_jit, jit, on_stack
@@ -20,7 +20,7 @@ from mjsheaf.loop.arena import Arena, compose, movers_of, place_obstacles
 from mjsheaf.loop.block import ALONE, command_alone
 from mjsheaf.loop.bodies import apply_wrench, turn_gears
 from mjsheaf.loop.engine import Commanded, Recorder
-from mjsheaf.loop.loop import HUGE, ClosedLoop, EngineArrays, begin_span, record
+from mjsheaf.loop.loop import HUGE, Bodies, ClosedLoop, begin_span, record
 from mjsheaf.loop.motion import at, attitude
 from mjsheaf.media.medium import advance
 from mjsheaf.system import System
@@ -57,11 +57,6 @@ def mujoco_arrays(model: mujoco.MjModel, data: mujoco.MjData, movers: tuple[Any,
     """Views of MuJoCo's arrays."""
     gear, addresses = model.actuator_gear, (model._address, data._address)
     return MujocoArrays(data.qacc, data.qfrc_applied, gear, *addresses, data.mocap_pos, movers)
-
-
-def engine_arrays(model: mujoco.MjModel, data: mujoco.MjData) -> EngineArrays:
-    """Return views of the arrays that a Loop sees."""
-    return EngineArrays(data.qpos, data.qvel, data.ctrl, data.act, model.actuator_gainprm)
 
 
 @inline_jit
@@ -164,9 +159,12 @@ class World(ClosedLoop):
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         touched = self.system.obstacles if self.system.bodies.contacts else None
         self._arrays = mujoco_arrays(self.model, self.data, movers_of(touched))
+        self._gain = self.model.actuator_gainprm
 
-    def _state_arrays(self) -> EngineArrays:
-        return engine_arrays(self.model, self.data)
+    def _bodies(self, room: Room) -> Bodies:
+        self._kept = room.take(mujoco.mj_stateSize(self.model, _STATE))
+        data = self.data
+        return Bodies(data.qpos, data.qvel, data.ctrl, data.act)
 
     @property
     def steps_taken(self) -> int:
@@ -183,19 +181,22 @@ class World(ClosedLoop):
         # Where a command is bad MuJoCo would warn and take others; `step` raises.
         (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
 
+    def get_state(self) -> Array:
+        """Return the complete state of the run, as `Engine.get_state`."""
+        self._enter_phase()
+        mujoco.mj_getState(self.model, self.data, self._kept, _STATE)
+        return super().get_state()
+
     def restore(self, state: Array) -> bool:
         """Take over a state, as `Engine.restore`, and what MuJoCo computes of positions."""
         fits = super().restore(state)
         mujoco.mj_fwdPosition(self.model, self.data)
         return fits
 
-    def _get_motion(self) -> Array:
-        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
-        mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return state
-
-    def _set_motion(self, values: Array) -> None:
-        mujoco.mj_setState(self.model, self.data, values, _STATE)
+    def _go_to(self, state: Array) -> None:
+        own = state[1 : 1 + len(self._kept)]  # behind the steps taken
+        if len(own) == len(self._kept):
+            mujoco.mj_setState(self.model, self.data, own, _STATE)
 
     @quiet()
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:

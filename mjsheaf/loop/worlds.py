@@ -1,39 +1,39 @@
-"""Worlds that take one control period at a time, for environments, without Python in between.
+"""Worlds: runs of one team that take a control period at a time, for environments, without Python in between.
 
-A world's numbers are a row (see `rows`). Passing a whole Loop from Python to compiled code takes as long as a period of
-a small team. Therefore one Loop stands for all worlds: each row is copied into the memory of that Loop, takes its
-period there, and is copied back. Only random laws need a Loop of each world, because its seed is not in the row.
+What a world has of its own is a row of one array: the state of a run, and the constants that depend on its seed.
+Passing a whole Loop from Python to compiled code takes as long as a period of a small team. Therefore one Loop stands
+for all worlds: each row is copied into the memory of that Loop, takes its period there, and is copied back. So worlds
+go through the very functions of the fused engine, and each ends bit for bit as it does alone.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.arrays import BoolArray, IntArray, Room, lay_out, leaves_of, mapped
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.law import look, unlook
 from mjsheaf.loop.fused import Fused, advance_blocks, command_vehicles
-from mjsheaf.loop.loop import NEVER, EngineArrays, Loop, blow_up_of, new_loop, run_law
-from mjsheaf.loop.rows import Rows, is_seed, leaves_of
+from mjsheaf.loop.loop import NEVER, Params, blow_up_of, is_seeded, run_law, seeded_of, with_seeded
 from mjsheaf.loop.scores import goal_of, require_scorable, square_errors
 from mjsheaf.loop.trajectory import new_log
 
 
 @jit
-def take_periods(loop, row, motion, goal, nothing, values, alive, steps, bad, squares):
+def take_periods(loop, row, motion, goal, nothing, values, alive, bad, squares):
     """Take one control period in every world that is alive, and measure at its end.
 
     Args:
-        loop: A loop of the worlds' team, whose own arrays lie in `row`.
+        loop: A loop of the worlds' team, whose own numbers lie in `row`.
         row: Numbers of one world, shape (n,).
         motion: A MOTION for each kind of vehicle.
         goal: Goal of the errors; see `scores`.
         nothing: Log without samples.
         values: Rows of the worlds, shape (W, n).
         alive: True for each world that takes a period, shape (W,).
-        steps: Number of physics steps that each world has taken, shape (W,).
         bad: Time at which each vehicle diverged, NEVER if it did not, shape (W, V); see `Fused._bad`.
         squares: Squared errors |q*_i - q_i|^2 of the agents, shape (W, N), m^2. A world that diverges keeps its own.
     """
@@ -42,8 +42,7 @@ def take_periods(loop, row, motion, goal, nothing, values, alive, steps, bad, sq
             continue
         for k in range(row.shape[0]):
             row[k] = values[w, k]
-        if take_period(loop, motion, nothing, steps[w], bad[w]):
-            steps[w] += loop.params.per_sample
+        if take_period(loop, motion, nothing, bad[w]):
             square_errors(goal, loop.state.x, squares[w])
         for k in range(row.shape[0]):
             values[w, k] = row[k]
@@ -64,19 +63,18 @@ def begin_periods(loop, row, values, which):
 
 
 @inline_jit
-def take_period(loop, motion, nothing, k, bad):
-    """Take the control period that begins at step k, and evaluate the law at its end.
+def take_period(loop, motion, nothing, bad):
+    """Take the next control period, and evaluate the law at its end.
 
     Args:
         loop, motion, nothing: See `take_periods`.
-        k: Number of the first physics step.
         bad: Time at which each vehicle diverged, shape (V,).
 
     Returns:
-        False if a vehicle diverged.
+        False if a vehicle diverged: then the steps of the period do not count.
     """
     params, memory = loop.params, loop.state.memory
-    B = params.fleet.blocks.shape[0] - 1
+    k, B = int(loop.state.steps[0]), params.fleet.blocks.shape[0] - 1
     unlook(float(k), memory.held, memory.kept)
     for _ in range(params.per_sample // params.per_law):
         run_law(loop, params.start + k * params.timestep)
@@ -85,25 +83,19 @@ def take_period(loop, motion, nothing, k, bad):
         k += params.per_law
     look(float(k), memory.held, memory.kept)
     run_law(loop, params.start + k * params.timestep)
+    loop.state.steps[0] = k
     return True
-
-
-def _draws(loop: Loop) -> bool:
-    """Return True if a run draws numbers from a seed while it runs."""
-    law = loop.params.control.law
-    idle = {"loop.params.control.law.links.seed"} if not len(law.links.of) else set()
-    if not (law.terms.noise > 0.0 or law.terms.rounds.imperfect):
-        idle.add("loop.params.control.law.terms.seed")
-    return any(is_seed(leaf) and leaf.path not in idle for leaf in leaves_of(loop))
 
 
 def _require_world(run: Fused) -> None:
     """Refuse a run that takes no periods together with others.
 
     Raises:
-        InputError: It has events or another phase, a law in Python, or a team that is too large.
+        InputError: It has begun, has events or another phase, a law in Python, or a team that is too large.
     """
     first, *later = run.phases
+    if run.steps_taken:
+        raise InputError(f"a run is at {run.time:g} s; expected runs at their start")
     if later or first.events:
         what = first.events[0] if first.events else f"{later[0].name} at {later[0].time:g} s"
         raise InputError(f"events: {what}; expected none in worlds that step together, which keep their edges")
@@ -112,12 +104,37 @@ def _require_world(run: Fused) -> None:
     require_scorable(run.system)
 
 
+def _shared(params: Params) -> Params:
+    """Return constants with shapes in the place of what worlds do not share."""
+    return with_seeded(params, mapped(lambda leaf: leaf.shape if is_seeded(leaf) else leaf, seeded_of(params)))
+
+
+def _require_same(w: int, one: Any, other: Any, path: str = "params") -> None:
+    """Refuse a world w that differs, if by a bit, from the others in one of what they share, trees of tuples.
+
+    Raises:
+        InputError: naming the first leaf in which it does.
+    """
+    if one is other:
+        return
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        for name, part, others in zip(getattr(one, "_fields", range(len(one))), one, other, strict=True):
+            _require_same(w, part, others, f"{path}.{name}")
+        return
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        same = one.shape == other.shape and one.tobytes() == other.tobytes()
+    else:
+        same = type(one) is type(other) and bool(one == other)
+    if not same:
+        raise InputError(f"{path}: run {w} has another than the others; expected runs of one team")
+
+
 class Worlds:
     """Runs of one team on the fused engine that take their control periods together.
 
     Attributes:
-        rows: The worlds. The runs themselves continue in them.
-        steps: Number of physics steps that each world has taken, shape (W,).
+        values: Numbers of the worlds, shape (W, n). The runs themselves continue in their rows.
+        columns: A Loop whose own numbers are their columns in `values`.
         squares: Squared errors |q*_i - q_i|^2 of the agents at the last sample, shape (W, N), m^2.
     """
 
@@ -125,39 +142,40 @@ class Worlds:
         """Lay out runs at their start, and continue them there.
 
         Raises:
-            InputError: One of the runs is not suitable; it has events or another phase, a law in Python, or is
-                refused by `Rows` or `require_scorable`.
+            InputError: There is no run, or one is not suitable: it differs from the first in what worlds share, has
+                begun, has events or another phase, a law in Python, or is refused by `require_scorable`.
         """
-        for run in runs:
+        if not runs:
+            raise InputError("no run; expected one or more")
+        first, system = runs[0], runs[0].system
+        shared, self._motion = _shared(first.params()), first.compiled[1]
+        for w, run in enumerate(runs):
             _require_world(run)
+            _require_same(w, _shared(run.params()), shared)
+            _require_same(w, run.compiled[1], self._motion, "motion")
+            _require_same(w, run.system.team.members, system.team.members, "team")
+            _require_same(w, run.system.grid, system.grid, "time")
+        W = len(runs)
         self._runs = list(runs)
-        self.rows = Rows(runs)
-        template = Rows(runs[:1])
-        self._row, self._loop = template.values[0], template.loop_of(0)
-        system, W = runs[0].system, len(runs)
-        law = system.law
-        self._is_random = _draws(runs[0].compiled[0])
+        self._shared = shared
+        self._row, self._loop = lay_out(first.loop_in)
+        self._empty = lay_out(first.new_loop)[0]
+        numbers, self.columns = lay_out(first.loop_in)
+        numbers[:] = np.arange(len(numbers))
+        self.values = np.zeros((W, len(self._row)))
+        self._loops = [run.continue_in(Room(row)) for run, row in zip(runs, self.values, strict=True)]
         self._goal = goal_of(system)
-        self._nothing = new_log(0, law, actuators=self.rows.loop.state.ctrl.shape[1])
-        self._starts = self.rows.values[:W].copy()
-        params, state = runs[0].compiled[0]
-        arrays = EngineArrays(
-            *(np.zeros_like(each) for each in (state.qpos, state.qvel, state.ctrl, state.act, params.gain))
-        )
-        empty = new_loop(params.fleet, params.control, params.medium, arrays, timestep=params.timestep)
-        self._empty = self.rows.row_of(empty)
+        self._nothing = new_log(0, system.law, actuators=len(self._loop.state.ctrl))
+        self._starts = self.values.copy()
         self._bad = np.full((W, len(system.team.members)), NEVER)
-        self.steps = np.zeros(W, dtype=np.int64)
         self.squares = np.zeros((W, len(system.team.agents)))
-        self._loops = [self._adopt(w) for w in range(W)]
         self.step(np.zeros(W, dtype=np.bool_))  # compiles, as does the next line
-        begin_periods(self._loop, self._row, self.rows.values, np.zeros(0, dtype=np.int64))
+        begin_periods(self._loop, self._row, self.values, np.zeros(0, dtype=np.int64))
 
-    def _adopt(self, w: int) -> Loop:
-        """Let run w continue in its world, and return the Loop of that."""
-        loop = self.rows.loop_of(w)
-        self._runs[w].adopt(loop, self.steps[w : w + 1])
-        return loop
+    @property
+    def steps(self) -> IntArray:
+        """Number of physics steps that each world has taken, shape (W,)."""
+        return self.values[:, 0].astype(np.int64)
 
     def begin(self, seeds: Mapping[int, int]) -> None:
         """Begin runs anew, each with a seed, by the numbers of their worlds.
@@ -170,19 +188,18 @@ class Worlds:
         for w in new.tolist():
             run = self._runs[w]
             run.take_seed(seeds[w])
-            self.rows.values[w] = self._empty
-            self.rows.put(w, run.params())
-            if self._is_random:
-                self._loops[w] = self._adopt(w)
+            params = run.params()
+            _require_same(w, _shared(params), self._shared)
+            self.values[w, : len(self._empty)] = self._empty
+            old = leaves_of(seeded_of(self._loops[w].params))
+            for own, value in zip(old, leaves_of(seeded_of(params)), strict=True):
+                if is_seeded(own):
+                    own[...] = value
             run.place()
-        if self._is_random:
-            for w in new.tolist():
-                begin_periods(self._loops[w], self.rows.values[w], self.rows.values, np.array([w]))
-        elif len(new):
-            begin_periods(self._loop, self._row, self.rows.values, new)
-        self._starts[new] = self.rows.values[new]
-        self.rows.values[which] = self._starts[which]
-        self.steps[which] = 0
+        if len(new):
+            begin_periods(self._loop, self._row, self.values, new)
+        self._starts[new] = self.values[new]
+        self.values[which] = self._starts[which]
         self._bad[which] = NEVER
 
     def step(self, alive: BoolArray) -> dict[int, str]:
@@ -194,20 +211,13 @@ class Worlds:
         Returns:
             The reason for each world that diverged, by its number.
         """
-        if self._is_random:
-            for w in np.flatnonzero(alive).tolist() or [0]:
-                self._take(self._loops[w], self.rows.values[w], slice(w, w + 1), alive)
-        else:
-            self._take(self._loop, self._row, slice(0, len(alive)), alive)
+        system = self._runs[0].system
+        with naming_terms(system.law.custom, system.team, self._loop.state.memory.evaluated):
+            of_worlds = self.values, alive, self._bad, self.squares
+            take_periods(self._loop, self._row, self._motion, self._goal, self._nothing, *of_worlds)
         found = {}
         for w in np.flatnonzero((self._bad != NEVER).any(axis=1) & alive).tolist():
             vehicle = int(np.argmin(self._bad[w]))
             step = int(self._bad[w, vehicle]) // 2
             found[w] = blow_up_of(self._runs[w].system, self._loops[w], vehicle, step)
         return found
-
-    def _take(self, loop: Loop, row: Array, own: slice, alive: BoolArray) -> None:
-        of_worlds = self.rows.values[own], alive[own], self.steps[own], self._bad[own], self.squares[own]
-        system = self._runs[0].system
-        with naming_terms(system.law.custom, system.team, loop.state.memory.evaluated):
-            take_periods(loop, row, self.rows.motion, self._goal, self._nothing, *of_worlds)

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.io.files import digest_of
 from mjsheaf.io.section import NonNegative, Number
@@ -109,9 +109,11 @@ class GridState(NamedTuple):
     place: Array
 
 
-def new_grid_state(grid: GridArrays) -> GridState:
+def new_grid_state(grid: GridArrays, take: Take = np.zeros) -> GridState:
     """Return a state for `grid_velocity` to write to."""
-    return GridState(np.full((len(grid.met), 2), np.nan))
+    state = GridState(take((len(grid.met), 2)))
+    state.place[:] = np.nan
+    return state
 
 
 @inline_jit

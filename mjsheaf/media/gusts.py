@@ -27,7 +27,7 @@ import numpy as np
 from pydantic import Field, field_validator
 from scipy.special import gammainc
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray, Take
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.jit import inline_jit, jit
@@ -264,14 +264,14 @@ class GustArrays(NamedTuple):
 
     Attributes:
         met: Number of each vehicle that meets gusts among those that do, from 1 on; 0 for the others, shape (V,).
-        seed: Seed of the run.
+        seed: Seed of the run, shape (1,).
         streams: Random streams of those that do, shape (G, 2).
         filters: Numbers of their filters over a period, shape (G, 19); see `filter_of`.
         clock: Time of sample 0, and the period, shape (2,), s.
     """
 
     met: IntArray
-    seed: int
+    seed: IntArray
     streams: IntArray
     filters: Array
     clock: Array
@@ -291,10 +291,12 @@ class GustState(NamedTuple):
     velocity: Array
 
 
-def new_gust_state(gusts: GustArrays) -> GustState:
+def new_gust_state(gusts: GustArrays, take: Take = np.zeros) -> GustState:
     """Return a state for `hold_gusts` to write to."""
     V = len(gusts.met)
-    return GustState(np.full(V, -1.0), np.zeros((V, _STATES)), np.zeros((V, 3)))
+    state = GustState(take(V), take((V, _STATES)), take((V, 3)))
+    state.sample[:] = -1.0
+    return state
 
 
 @jit
@@ -308,11 +310,11 @@ def hold_gusts(gusts, state, t, first, last):
         filters, velocity = state.filters[v], state.velocity[v]
         k = int(state.sample[v])
         if k < 0 or k > n:
-            _begin(gusts.seed, stream, filters)
+            _begin(gusts.seed[0], stream, filters)
             k = 0
         while k < n:
             k += 1
-            _continue(f, gusts.seed, stream, k, filters)
+            _continue(f, gusts.seed[0], stream, k, filters)
         state.sample[v] = n
         along, left, up = _components(f, filters)
         velocity[0], velocity[1], velocity[2] = _in_world(f, along, left, up)
@@ -346,7 +348,7 @@ def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
         sigma = gusts.scales(altitude)[0]
         row[:] = _filter(speed / gusts.decay_lengths(altitude), sigma, direction, met.period)
     streams = np.array([stream_of("gusts", met.ids[v]) for v in vehicles], dtype=np.int64)
-    return GustArrays(number, met.seed, streams, filters, np.array([met.start, met.period]))
+    return GustArrays(number, np.array([met.seed]), streams, filters, np.array([met.start, met.period]))
 
 
 # -- a frozen field ------------------------------------------------------------------------------------------------
@@ -409,9 +411,9 @@ class FrozenState(NamedTuple):
     time: Array
 
 
-def new_frozen_state(gusts: FrozenArrays) -> FrozenState:
+def new_frozen_state(gusts: FrozenArrays, take: Take = np.zeros) -> FrozenState:
     """Return a state for `hold_frozen` to write to."""
-    return FrozenState(np.zeros(len(gusts.met)))
+    return FrozenState(take(len(gusts.met)))
 
 
 @jit

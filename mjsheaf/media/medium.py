@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.arrays import Array, BoolArray, IntArray, Take
 from mjsheaf.errors import in_field
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity, evaluate_sines, pack
@@ -45,9 +45,9 @@ class MediumArrays(NamedTuple):
     planar: BoolArray
     kernels: Array
     rows: IntArray
-    harmonics: Own[HarmonicArrays]
+    harmonics: HarmonicArrays
     level: float
-    parts: Own[Parts] = ()
+    parts: Parts = ()
 
 
 class MediumState(NamedTuple):
@@ -124,9 +124,9 @@ def undisturbed(medium: MediumArrays, without: tuple[type, ...] = ()) -> MediumA
     return medium._replace(harmonics=calm, parts=tuple(parts))
 
 
-def new_state(medium: MediumArrays) -> MediumState:
+def new_state(medium: MediumArrays, take: Take = np.zeros) -> MediumState:
     """Return a state for `advance` to write to."""
-    return MediumState(np.zeros(len(medium.harmonics.rate)), np.zeros(len(medium.planar)), new_states(medium.parts))
+    return MediumState(take(len(medium.harmonics.rate)), take(len(medium.planar)), new_states(medium.parts, take))
 
 
 @inline_jit

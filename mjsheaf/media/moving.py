@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mjsheaf.arrays import Take
 from mjsheaf.jit import inline_jit
 from mjsheaf.media.disturbance import Bounds
 from mjsheaf.media.gridded import GridArrays, bound_grid, describe_unknown, grid_velocity, new_grid_state
@@ -37,7 +38,7 @@ class Kind(NamedTuple):
 
     Attributes:
         bound: Called with (parameters); returns the `Bounds` of what each vehicle can meet.
-        new_state: Called with (parameters); returns a state.
+        new_state: Called with (parameters, function that returns zeros of a shape); returns a state.
         hold: Called with (parameters, state, t, first, last) at every sample.
         velocity: Called with (parameters, state, t, v, x, y, z); returns three numbers, m/s.
         surface: Called with (parameters, state, t, v, x, y); returns elevation, slopes along x and y, and rate.
@@ -45,7 +46,7 @@ class Kind(NamedTuple):
 
     bound: Callable[[Any], Bounds]
     velocity: Any
-    new_state: Callable[[Any], Any] = lambda part: ()
+    new_state: Callable[[Any, Take], Any] = lambda part, take: ()
     hold: Any = None
     surface: Any = None
 
@@ -63,9 +64,9 @@ WITHOUT_MEAN = (GustArrays, FrozenArrays, WaveArrays)
 """Kinds whose velocity at a fixed place has no mean."""
 
 
-def new_states(parts: Parts) -> Parts:
+def new_states(parts: Parts, take: Take) -> Parts:
     """Return states of all parts."""
-    return tuple(KINDS[type(part)].new_state(part) for part in parts)
+    return tuple(KINDS[type(part)].new_state(part, take) for part in parts)
 
 
 def bounds_of(parts: Parts, vehicles: int) -> Bounds:

@@ -23,7 +23,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import Bounds, sine
@@ -292,10 +292,12 @@ def bound_waves(waves: WaveArrays) -> Bounds:
     )
 
 
-def new_wave_state(waves: WaveArrays) -> WaveState:
+def new_wave_state(waves: WaveArrays, take: Take = np.zeros) -> WaveState:
     """Return a state for `wave_velocity` and `wave_surface` to write to."""
     V, N = len(waves.met), waves.waves.shape[1]
-    return WaveState(np.full((V, 4), np.nan), np.zeros((V, 7)), np.zeros((V, 3, N)))
+    state = WaveState(take((V, 4)), take((V, 7)), take((V, 3, N)))
+    state.place[:] = np.nan
+    return state
 
 
 @jit

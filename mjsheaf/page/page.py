@@ -20,16 +20,13 @@ from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
-from mjsheaf.page.ghosts import Ghost
-from mjsheaf.page.replay import REQUIRED, pack
-from mjsheaf.plotting import groups_of
+from mjsheaf.page.replay import REQUIRED, Ghost, pack
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
 from mjsheaf.scenario import Scenario
+from mjsheaf.show.played import Played, has_bodies, played
+from mjsheaf.show.solids import kinds_of
+from mjsheaf.show.style import list_scales
 from mjsheaf.vehicles.effects import capability_of, of_each
-from mjsheaf.video.film import Medium
-from mjsheaf.video.flow import velocities
-from mjsheaf.video.from_run import RecordedRun, media_of, places_of, seas_of
-from mjsheaf.video.sizes import automatic_scales, list_scales
 
 if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
@@ -63,7 +60,6 @@ def page_of(
     bounds: Bounds,
     *,
     notes: Sequence[Any] = (),
-    ideal: xr.Dataset | None = None,
     ghosts: Sequence[Ghost] = (),
     again: tuple[str, str] | None = None,
     live: "Live | None" = None,
@@ -77,17 +73,17 @@ def page_of(
         summary: Contents of summary.json, as far as they are known.
         bounds: what they say of each phase of the run: see `finished.bounds_of_phases`.
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
-        ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
         ghosts: Other runs, drawn translucent.
         again: the command that makes the run again, and where; None for that in a run's directory.
         live: Connection to a run in progress; None for a finished one.
     """
     ahead = None if live is None else live.ahead
     curves = _curves(phases, dataset, bounds)
-    replay = pack(dataset, phases, scenario.scene.height, curves, ideal, ghosts, ahead)
+    content = played(scenario, dataset, phases)
+    replay = pack(content, dataset, phases, curves, ghosts, ahead)
     said = {
         **replay.record,
-        **_scene(scenario, phases, dataset, replay.record),
+        **_scene(scenario, content, phases, dataset, replay.record),
         "facts": _facts(scenario, phases, dataset, summary, again) | {"theory": _theory(phases, bounds)},
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
@@ -132,8 +128,7 @@ def require_shown(dataset: xr.Dataset, what: str) -> None:
 def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:
     """Return the bounds on the RMS tracking error by name, shape (T,), m; NaN in phases without one."""
     time, found = dataset["time"].values, dict[str, Array]()
-    half = 0.5 * phases[0].system.grid.period
-    starts = np.searchsorted(time, [phase.time - half for phase in phases[: len(bounds)]]).tolist()
+    starts = [phase.start for phase in phases[: len(bounds)]]
     for phase, (theorem, of_law), begin, end in zip(phases, bounds, starts, [*starts[1:], len(time)], strict=False):
         root = np.sqrt(max(phase.system.team.present.sum(), 1))
         own: dict[str, Array] = {}
@@ -148,56 +143,48 @@ def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> d
 
 
 def _scene(
-    scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, replay: dict[str, Any]
+    scenario: Scenario, content: Played, phases: "Sequence[Phase]", dataset: xr.Dataset, replay: dict[str, Any]
 ) -> dict[str, Any]:
     """Names, groups, shapes, flow and events; places are relative to the replay's origin."""
-    from mjsheaf.page.geometry import kinds_of
-
-    system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"
-    team, N = system.team, len(system.team.agents)
-    group, names, colours = groups_of(team)
+    system, bodies, N = phases[0].system, has_bodies(dataset), content.agents
     kinds, kind = kinds_of(system.vehicles)
-    places = places_of(RecordedRun(dataset, scenario.scene.height), phases)
-    radii = np.array([kinds[k]["radius"] for k in kind])
-    automatic, given = automatic_scales(system.bodies.vehicle, radii, places), scenario.drawn_scales
-    scales = np.where(np.isnan(given), automatic, given)
     agents = system.vehicles[:N] if bodies else []
     able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
     limits = [np.where(phase.system.team.present, phase.system.law.limit[:N], np.nan).tolist() for phase in phases]
     return {
-        "agents": team.agent_ids,
-        "targets": team.target_ids,
-        "group": group.tolist(),
+        "agents": content.agent_ids,
+        "targets": content.target_ids,
+        "group": content.group.tolist(),
         "groups": [
             {"name": name, "colour": "#" + "".join(f"{round(255 * x):02x}" for x in colour)}
-            for name, colour in zip(names, colours.tolist(), strict=True)
+            for name, colour in zip(content.group_names, content.colours.tolist(), strict=True)
         ],
-        "formations": [f.name for f in team.formations],
+        "formations": [f.name for f in system.team.formations],
         "kinds": kinds,
         "kind": kind,
-        "scales": scales.tolist(),
-        "larger": list_scales(system.bodies.vehicle, [*team.agent_ids, *team.target_ids], scales),
+        "scales": content.drawn_scales.tolist(),
+        "larger": list_scales(content.kinds, content.ids, content.drawn_scales),
         "view": scenario.video.eye,
         "bodies": bodies,
         "fastest": able.tolist() if bodies else [None] * N,
         "limits": [{"time": phase.time, "limit": own} for phase, own in zip(phases, limits, strict=True)],
-        "surface": scenario.scene.surface,
-        "height": scenario.scene.height - replay["origin"][2],
-        "seas": _seas(phases, replay) if scenario.scene.surface == "water" else [],
-        "flow": _flow(media_of(phases, places), places, scenario.scene.height, replay),
+        "surface": content.surface,
+        "height": content.surface_height - replay["origin"][2],
+        "seas": _seas(content, replay),
+        "flow": _flow(content, replay),
         "phases": phases_in(dataset),
         "speed": scenario.video.speed,
         "trail": scenario.video.trail,
     }
 
 
-def _seas(phases: "Sequence[Phase]", replay: dict[str, Any]) -> list[dict[str, Any]]:
+def _seas(content: Played, replay: dict[str, Any]) -> list[dict[str, Any]]:
     """Describe the waves of each phase: amplitude, m, wave numbers along x and y, rad/m, rate, rad/s, and phase, rad.
 
     Phases are those at the replay's origin.
     """
     found = []
-    for sea in seas_of(phases):
+    for sea in content.seas:
         waves = sea.waves
         k = waves.number[:, None] * waves.unit
         phase = np.mod(waves.phase + k @ np.array(replay["origin"])[:2], 2.0 * np.pi)
@@ -206,28 +193,18 @@ def _seas(phases: "Sequence[Phase]", replay: dict[str, Any]) -> list[dict[str, A
     return found
 
 
-def _flow(media: Sequence[Medium], places: Array, height: float, replay: dict[str, Any]) -> list[dict[str, Any]]:
-    """Describe each medium that moves: its velocity on a level grid where its vehicles are, and its scale of speeds.
-
-    Args:
-        media: The media.
-        places: Positions at a few moments of the run, shape (K, V, 3), m.
-        height: Height of the surface, m.
-        replay: Where the scene is; see `replay.pack`.
-    """
-    origin = np.array(replay["origin"])
+def _flow(content: Played, replay: dict[str, Any]) -> list[dict[str, Any]]:
+    """Describe each medium that moves: its velocity on a level grid where its vehicles are, and its scale of speeds."""
+    origin, places = np.array(replay["origin"]), content.places()
     centre, reach = origin + replay["centre"], _REACH * replay["size"]
     side = np.linspace(-reach, reach, _ARROWS)
     x, y = (part.ravel() for part in np.meshgrid(centre[0] + side, centre[1] + side))
     found = []
-    for medium in media:
-        level = height if medium.level else float(np.nanmedian(places[:, medium.vehicles, 2]))
+    for medium in content.media:
+        level = content.surface_height if medium.level else float(np.nanmedian(places[:, medium.vehicles, 2]))
         grid = np.column_stack([x, y, np.full_like(x, level)])
-
-        def arrows(time: float, medium: Medium = medium, grid: Array = grid) -> list[list[float]]:
-            velocity = velocities(medium, grid, time)
-            return np.where(np.isfinite(velocity), velocity, 0.0).round(3).tolist()
-
+        times = [-np.inf, *(time for time, _ in medium.changes)]
+        start, *arrows = [np.nan_to_num(medium.at(grid, t), posinf=0.0, neginf=0.0).round(3).tolist() for t in times]
         found.append(
             {
                 "name": medium.name,
@@ -236,8 +213,8 @@ def _flow(media: Sequence[Medium], places: Array, height: float, replay: dict[st
                 "vehicles": medium.vehicles.tolist(),
                 "spacing": float(side[1] - side[0]),
                 "places": (grid - origin).round(2).tolist(),
-                "velocity": arrows(-np.inf),
-                "changes": [{"time": time, "velocity": arrows(time)} for time, _ in medium.changes],
+                "velocity": start,
+                "changes": [{"time": t, "velocity": own} for t, own in zip(times[1:], arrows, strict=True)],
             }
         )
     return found

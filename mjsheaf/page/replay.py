@@ -15,7 +15,7 @@ their sign in the lowest bit, byte plane by byte plane, then compress well; the 
 
 import base64
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,33 +24,42 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.page.ghosts import Ghost, add_ghosts
-from mjsheaf.page.safety import RECORDED, add_safety
-from mjsheaf.results.dataset import join
-from mjsheaf.results.metrics import edge_residuals
-from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
-from mjsheaf.results.variables import labelled_edges
+from mjsheaf.law.obstacles import HALF_SPACE
+from mjsheaf.show.played import (
+    Played,
+    RecordedRun,
+    Region,
+    at_rows,
+    edges_of,
+    goals_in,
+    has_bodies,
+    joined,
+    kept_from,
+    positions_in,
+    residuals_in,
+)
+from mjsheaf.show.solids import obstacle_places, obstacle_solids, quaternion_of
+from mjsheaf.show.style import OBSTACLE
 from mjsheaf.system import Phase
-from mjsheaf.team import Edge
-from mjsheaf.video.from_run import RecordedRun
 
 _TOLERANCE = 2e-4  # largest error of a path, relative to the scene's size
 _FEWEST, _MOST = 400, 3000  # minimum and maximum number of samples
 _MOST_POSITIONS = 500_000  # maximum of vehicles times samples, unless _FEWEST requires more
-_MOST_HELD = 6_000_000  # maximum number of positions kept between passes over a run
-_OUTLIER = 100.0  # multiple of the scene's size beyond which a position has blown up and is clipped
 _ORIGINS = 1000.0  # spacing of possible origins, m
 _FARTHEST = 1e12  # maximum distance from zero, m; 64-bit floats resolve a tenth of a millimetre there
 _ROOM_OF_BLOWN_UP = 4.0  # size of the scene of a run that blew up, as a multiple of the size at its start
+_FACE = 0.002  # half the thickness at which the face of a half-space is drawn, in sizes of the scene
+_REACH = 2.0  # half the width of that face, in sizes of the scene
 REQUIRED = frozenset(
     {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
     | {"formation_error", "centering_error"}
 )
 """Variables of every run that a page shows, in addition to positions."""
-_WHERE_THERE = (
+_SHOWN = (
+    *sorted(REQUIRED),
     *("agent_saturation", "group_formation_error", "group_centering_error", "heard"),
-    *("agent_orientation", "target_orientation"),
-    *RECORDED,
+    *(f"{kind}_{quantity}" for quantity in ("position", "height", "orientation") for kind in ("agent", "target")),
+    *("safety_correction", "safety_cause"),
 )
 _UNKNOWN = np.iinfo(np.int32).min
 _QUATERNION_STEP = 2.0**-13
@@ -100,28 +109,8 @@ class Packer:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """Place of a run.
-
-    Attributes:
-        centre: median position. Shape (3,), m.
-        size: distance within which nearly everything stays, at least 1, m.
-    """
-
-    centre: Array
-    size: float
-
-    @classmethod
-    def of(cls, positions: Array) -> "Scene":
-        """Measure positions, shape (..., 3), some of which may be of a run that blew up."""
-        points = positions.reshape(-1, 3)
-        points = points[np.isfinite(points).all(axis=1)]
-        if not len(points):
-            return cls(np.zeros(3), 1.0)
-        centre = np.median(points, axis=0)
-        away = np.abs(points - centre).max(axis=1)
-        near = away <= 10.0 * max(float(np.quantile(away, 0.6)), 1.0)
-        return cls(centre, max(float(away[near].max()), 1.0))
+class Scene(Region):
+    """Place of a run, and how finely its page has it."""
 
     @property
     def tolerance(self) -> float:
@@ -133,11 +122,24 @@ class Scene:
         """Step of packed positions, m."""
         return self.tolerance / 4.0
 
-    def confined(self, points: Array) -> Array:
-        """Clip points that are extremely far out; NaN stays."""
-        far = _OUTLIER * self.size
-        with np.errstate(invalid="ignore"):
-            return np.where(np.isfinite(points), np.clip(points, self.centre - far, self.centre + far), np.nan)
+
+@dataclass(frozen=True)
+class Ghost:
+    """Another run, whose agents are drawn translucent; the counterpart in the browser is web/src/ghosts.js.
+
+    Attributes:
+        name: Name of the run.
+        colour: Colour of its agents and curves, #rrggbb; None for those of their groups.
+        dataset: Its data, in memory or opened.
+        surface_height: z of the surface on which planar vehicles lie where they have no height, m.
+        twin: True if the page shows the distance of each agent from its counterpart.
+    """
+
+    name: str
+    colour: str | None
+    dataset: xr.Dataset
+    surface_height: float
+    twin: bool = False
 
 
 @dataclass(frozen=True)
@@ -154,40 +156,39 @@ class Replay:
 
 
 def pack(
+    content: Played,
     dataset: xr.Dataset,
     phases: Sequence[Phase],
-    surface_height: float,
     bounds: dict[str, Array],
-    ideal: xr.Dataset | None = None,
     ghosts: Sequence[Ghost] = (),
     ahead: Array | None = None,
 ) -> Replay:
     """Pack a run.
 
     Args:
-        dataset: the run, in memory or opened.
+        content: The run as it is drawn.
+        dataset: Its data, in memory or opened.
         phases: Phases of the run.
-        surface_height: z of the surface that planar vehicles lie on where they have no height, m.
         bounds: Bounds by name, on the team's RMS tracking error at every sample of the run, shape (T,), m.
-        ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
         ghosts: Other runs, drawn translucent.
         ahead: Points that a run in progress is expected to reach, shape (K, 3), m; None for a finished run.
     """
     origin = origin_of(dataset)
-    pieces = _Positions(dataset, surface_height, origin)
-    scene, bend = _survey(pieces, dataset.sizes["time"], phases)
+    run = RecordedRun(dataset, content.surface_height)
+    scene, bend = _survey(run, origin, dataset, phases)
     if ahead is not None:
-        scene = Scene.of(np.concatenate([next(iter(pieces))[:1].reshape(-1, 3), ahead - origin]))
+        start = next(iter(run.positions()))[:1].reshape(-1, 3)
+        scene = Scene.of(np.concatenate([start, ahead]) - origin)
     elif dataset.attrs["status"] != "finished":  # vehicles that blew up leave the picture
-        began = Scene.of(next(iter(pieces))[:1])
+        began = Scene.of(next(iter(run.positions()))[:1] - origin)
         scene = Scene(began.centre, min(scene.size, _ROOM_OF_BLOWN_UP * began.size))
-    rows = _kept(bend, scene.tolerance, dataset.sizes["agent"] + dataset.sizes["target"], _event_rows(phases))
-    time = dataset["time"].values[rows]
+    rows = _kept(bend, scene.tolerance, content.vehicles, [phase.start for phase in phases[1:]])
+    own = at_rows(dataset, [name for name in _SHOWN if name in dataset], rows)
+    time = own["time"].values
     packer = Packer()
-    own = _at_rows(dataset, [name for name in (*sorted(REQUIRED), *_WHERE_THERE) if name in dataset], rows)
-    positions = _positions_at(pieces, rows)
+    positions = positions_in(own, content.surface_height) - origin
     shown = scene.step * np.rint(scene.confined(positions) / scene.step)
-    described = add_samples(packer, dataset, own, positions, phases, rows, scene, origin)
+    described = add_samples(packer, dataset, own, content.surface_height, phases, scene, origin)
     for k, values in enumerate(bounds.values()):
         packer.add_float(f"bound{k}", np.where(np.abs(values) < 1e30, values, np.nan)[rows])
     record: dict[str, Any] = {
@@ -198,16 +199,10 @@ def pack(
         "size": scene.size,
         **described,
         "bounds": list(bounds),
-        "largest_error": _largest_error(pieces, dataset["time"].values, scene, time, shown),
+        "largest_error": _largest_error(run, origin, scene, time, shown),
+        "ghosts": add_ghosts(packer, ghosts, content.agent_ids, positions, time, scene, origin),
+        "arrays": packer.index,
     }
-    if ideal is not None:
-        end = ideal["time"].values[-1]
-        other = RecordedRun(ideal, surface_height).at(np.minimum(time, end)).positions - origin
-        packer.add_fixed("ghost", scene.confined(other), scene.step)
-        apart = np.linalg.norm((positions - other)[:, : dataset.sizes["agent"]], axis=2)
-        packer.add_float("apart", np.where(time[:, None] <= end + 1e-9, apart, np.nan))
-    record["ghosts"] = add_ghosts(packer, ghosts, dataset, time, scene, origin)
-    record["arrays"] = packer.index
     return Replay(record, packer.packed())
 
 
@@ -215,9 +210,8 @@ def add_samples(
     packer: Packer,
     dataset: xr.Dataset,
     own: xr.Dataset,
-    positions: Array,
+    surface_height: float,
     phases: Sequence[Phase],
-    rows: IntArray,
     scene: Scene,
     origin: Array,
 ) -> dict[str, Any]:
@@ -227,27 +221,27 @@ def add_samples(
         packer: Destination.
         dataset: The run, or a piece of it that contains the samples.
         own: The samples.
-        positions: Positions at the samples from the origin, shape (K, V, 3), m.
+        surface_height: z of the surface, m.
         phases: Phases of the run.
-        rows: Numbers of the samples in the run.
-        scene: Place of the run.
+        scene: Place of the run from the origin.
         origin: Origin of the page's places, shape (3,), m.
 
     Returns:
         Descriptions of the `edges` and `obstacles`.
     """
-    packer.add_fixed("position", scene.confined(positions), scene.step)
-    q_star = own["harmonic_extension"].values - origin
-    q_star = np.where(np.isnan(q_star), positions[:, : q_star.shape[1]] * [np.nan, np.nan, 1.0], q_star)
-    packer.add_fixed("q_star", scene.confined(q_star), scene.step)
-    if dataset.attrs["backend"] == "physics":
-        attitude = np.concatenate([own[f"{kind}_orientation"].values for kind in ("agent", "target")], axis=1)
+    positions = positions_in(own, surface_height)
+    packer.add_fixed("position", scene.confined(positions - origin), scene.step)
+    packer.add_fixed("q_star", scene.confined(goals_in(own, positions) - origin), scene.step)
+    if has_bodies(dataset):
+        attitudes = joined(own, "orientation")
     else:  # headings along the velocity
-        attitude = RecordedRun(dataset, 0.0).at(own["time"].values).quaternions
-    packer.add_fixed("quaternion", _continuous(attitude), _QUATERNION_STEP)
+        attitudes = RecordedRun(dataset, surface_height).at(own["time"].values).quaternions
+    packer.add_fixed("quaternion", _continuous(attitudes), _QUATERNION_STEP)
     _add_curves(packer, own)
-    edges = _add_edges(packer, phases, positions + origin, own, rows)
-    return {"edges": edges} | add_safety(packer, phases[0].system, own, positions, scene, origin)
+    return {
+        "edges": _add_edges(packer, phases, positions, own),
+        "obstacles": _add_safety(packer, phases, positions, own, scene, origin),
+    }
 
 
 def _add_curves(packer: Packer, own: xr.Dataset) -> None:
@@ -271,75 +265,23 @@ def origin_of(dataset: xr.Dataset) -> Array:
     return _ORIGINS * np.round(np.median(first, axis=0) / _ORIGINS) if len(first) else np.zeros(3)
 
 
-class _Positions:
-    """Positions of all vehicles from an origin, piece by piece, shape (n, V, 3), m, as `RecordedRun` has them.
-
-    Those of a run that is not long are read but once, and kept as 32-bit floats.
-    """
-
-    def __init__(self, dataset: xr.Dataset, surface_height: float, origin: Array) -> None:
-        vehicles = dataset.sizes["agent"] + dataset.sizes["target"]
-        self._dataset, self._surface, self._origin = dataset, surface_height, origin
-        self._held: list[Array] | None = [] if dataset.sizes["time"] * vehicles <= _MOST_HELD else None
-
-    def __iter__(self) -> Iterator[Array]:
-        if self._held is None:
-            yield from self._pieces()
-            return
-        if not self._held:
-            self._held = [places.astype(np.float32) for places in self._pieces()]
-        yield from self._held
-
-    def _pieces(self) -> Iterator[Array]:
-        for piece in pieces_of(self._dataset, _position_names(self._dataset)):
-            yield positions_of(piece, self._surface) - self._origin
-
-
-def _position_names(dataset: xr.Dataset) -> list[str]:
-    """Return the variables that `positions_of` needs."""
-    quantities = ["position", "height"] if dataset.attrs["backend"] == "physics" else ["position"]
-    return [f"{kind}_{quantity}" for quantity in quantities for kind in ("agent", "target")]
-
-
-def positions_of(piece: xr.Dataset, surface_height: float) -> Array:
-    """Return the positions of all vehicles in space, shape (n, V, 3), m."""
-    names = _position_names(piece)
-    places = np.concatenate([piece[name].values for name in names[:2]], axis=1)
-    places[..., 2] = (
-        np.concatenate([piece[name].values for name in names[2:]], axis=1)
-        if len(names) > 2
-        else np.where(np.isnan(places[..., 2]), surface_height, places[..., 2])
-    )
-    return places
-
-
-def _positions_at(pieces: Iterable[Array], rows: IntArray) -> Array:
-    """Positions at some samples, shape (K, V, 3), m."""
-    found, done = [], 0
-    for places in pieces:
-        found.append(places[rows[(rows >= done) & (rows < done + len(places))] - done])
-        done += len(places)
-    return np.concatenate(found).astype(np.float64)
-
-
-def _survey(pieces: Iterable[Array], samples: int, phases: Sequence[Phase]) -> tuple[Scene, Array]:
+def _survey(run: RecordedRun, origin: Array, dataset: xr.Dataset, phases: Sequence[Phase]) -> tuple[Scene, Array]:
     """Positions of the present agents and the targets, and the largest second difference of a path, (T,), m."""
+    samples, phase = len(run.time), dataset["phase"].values
     every, done = max(1, samples // 400), 0
     seen, bends, before = [], [], np.zeros((0, 1, 3))
-    starts = [phase.start for phase in phases]
-    for places in pieces:
+    for places in run.positions():
         rows = np.arange(-done % every, len(places), every)
-        some = places[rows].copy()
-        phase = np.searchsorted(starts, done + rows, side="right") - 1
-        for k in np.unique(phase):
-            some[np.ix_(phase == k, np.flatnonzero(~phases[k].system.team.present))] = np.nan
+        some = places[rows] - origin
+        for k, own in enumerate(phases):
+            some[np.ix_(phase[done + rows] == k, np.flatnonzero(~own.system.team.present))] = np.nan
         seen.append(some)
-        joined = np.concatenate([before, places]) if len(before) else places
+        joint = np.concatenate([before, places]) if len(before) else places
         with np.errstate(all="ignore"):
-            second = joined[2:] - 2.0 * joined[1:-1] + joined[:-2]
+            second = joint[2:] - 2.0 * joint[1:-1] + joint[:-2]
             bends.append(np.sqrt(np.nan_to_num(np.einsum("tvi,tvi->tv", second, second), posinf=1e30).max(axis=1)))
-        before, done = joined[-2:], done + len(places)
-    bend = np.concatenate([[0.0], *bends, [0.0]])[:samples].astype(np.float64)
+        before, done = joint[-2:], done + len(places)
+    bend = np.concatenate([[0.0], *bends, [0.0]])[:samples]
     return Scene.of(np.concatenate(seen)), bend
 
 
@@ -361,21 +303,6 @@ def _kept(bend: Array, tolerance: float, vehicles: int, events: list[int]) -> In
     return np.unique(np.concatenate([[0, T - 1], kept, beside])).astype(np.int64)
 
 
-def _event_rows(phases: Sequence[Phase]) -> list[int]:
-    return [phase.start for phase in phases[1:]]
-
-
-def _at_rows(dataset: xr.Dataset, names: list[str], rows: IntArray) -> xr.Dataset:
-    """Some variables at some samples, in memory; the data are read piece by piece."""
-    step = length_of_piece(dataset)
-    found = []
-    for begin, piece in zip(range(0, dataset.sizes["time"], step), split(dataset[names], step), strict=True):
-        here = rows[(rows >= begin) & (rows < begin + step)] - begin
-        if len(here):
-            found.append(piece.load().isel(time=here))
-    return join(found)
-
-
 def _continuous(quaternions: Array) -> Array:
     """Choose the sign of each attitude (K, V, 4) that is nearer to the previous one."""
     known = np.where(np.isfinite(quaternions), quaternions, [1.0, 0.0, 0.0, 0.0])
@@ -384,11 +311,12 @@ def _continuous(quaternions: Array) -> Array:
     return np.asarray(known * np.concatenate([np.ones((1, known.shape[1])), signs])[..., None])
 
 
-def _largest_error(pieces: Iterable[Array], every: Array, scene: Scene, time: Array, shown: Array) -> float:
+def _largest_error(run: RecordedRun, origin: Array, scene: Scene, time: Array, shown: Array) -> float:
     """Compute the largest distance of a vehicle from its position on the page, m, except for vehicles that blew up."""
     largest, done = 0.0, 0
-    for places in pieces:
-        now = every[done : done + len(places)]
+    for piece in run.positions():
+        places = piece - origin
+        now = run.time[done : done + len(places)]
         done += len(places)
         after = np.searchsorted(time, now, side="right").clip(1, max(len(time) - 1, 1))
         if len(time) == 1:
@@ -403,36 +331,19 @@ def _largest_error(pieces: Iterable[Array], every: Array, scene: Scene, time: Ar
     return largest
 
 
-def edges_of(phases: Sequence[Phase]) -> dict[tuple[str, str], Edge]:
-    """Return all edges of a run by kind and name, in the order of the page."""
-    found: dict[tuple[str, str], Edge] = {}
-    for phase in phases:
-        found |= dict(labelled_edges(phase.system))
-    return found
-
-
-def _add_edges(
-    packer: Packer, phases: Sequence[Phase], positions: Array, own: xr.Dataset, rows: IntArray
-) -> list[dict[str, Any]]:
+def _add_edges(packer: Packer, phases: Sequence[Phase], positions: Array, own: xr.Dataset) -> list[dict[str, Any]]:
     """Add every edge's residual at every kept sample: NaN while it does not exist, negative while nothing is received.
 
     Returns:
         Description of each edge: ends, kind, name, dimension of its residual, and True if only its tail senses.
     """
-    found = edges_of(phases)
-    number, index = {key: e for e, key in enumerate(found)}, phases[0].system.team.index
-    residual = np.full((len(rows), len(found)), np.nan)
-    starts = [phase.start for phase in phases] + [int(rows[-1]) + 1]
-    for phase, begin, end in zip(phases, starts, starts[1:], strict=False):
-        here = (rows >= begin) & (rows < end)
-        labelled = labelled_edges(phase.system)
-        columns = np.array([number[key] for key, _ in labelled], dtype=np.int64)
-        if here.any() and labelled:
-            edges = [edge for _, edge in labelled]
-            with np.errstate(all="ignore"):  # of what blew up
-                residual[np.ix_(here, columns)] = edge_residuals(phase.system.team, edges, positions[here])
-    if "heard" in own:
-        _mark_silence(residual, number, own)
+    found, index = edges_of(phases), phases[0].system.team.index
+    residual = residuals_in(own, phases, positions)
+    heard = {name: k for k, name in enumerate(own["measuring_edge"].values.tolist())} if "heard" in own else {}
+    for e, key in enumerate(found):
+        if " ".join(key) in heard:
+            silent = own["heard"].values[:, heard[" ".join(key)]] == 0
+            residual[silent, e] = -np.abs(residual[silent, e])
     packer.add_float("residual", residual)
     return [
         {
@@ -447,10 +358,76 @@ def _add_edges(
     ]
 
 
-def _mark_silence(residual: Array, number: dict[tuple[str, str], int], own: xr.Dataset) -> None:
-    """Make the residuals (K, E) of edges negative while they receive nothing."""
-    heard = {name: k for k, name in enumerate(own["measuring_edge"].values.tolist())}
-    for key, e in number.items():
-        if " ".join(key) in heard:
-            silent = own["heard"].values[:, heard[" ".join(key)]] == 0
-            residual[silent, e] = -np.abs(residual[silent, e])
+def _add_safety(
+    packer: Packer, phases: Sequence[Phase], positions: Array, own: xr.Dataset, scene: Scene, origin: Array
+) -> list[dict[str, Any]]:
+    """Add where obstacles are, and what the filter keeps each agent from; return the description of each obstacle."""
+    system = phases[0].system
+    if system.safety is None or "safety_cause" not in own:
+        return []
+    obstacles, face = system.control.law.safety.obstacles, _FACE * scene.size
+    places = [obstacle_places(obstacles, t, scene.centre + origin, face) - origin for t in own["time"].values]
+    packer.add_fixed("obstacle", scene.confined(np.reshape(places, (len(places), -1, 3))), scene.step)
+    cause, points = kept_from(own, obstacles, positions)
+    packer.add_fixed("cause", cause.astype(np.float64), 1.0)
+    packer.add_float("correction", own["safety_correction"].values)
+    packer.add_fixed("kept_from", scene.confined(points - origin), scene.step)
+    solids = obstacle_solids(obstacles, face, _REACH * scene.size)
+    return [
+        {
+            "id": id,
+            "shape": shape,
+            "size": size.tolist(),
+            "position": [0.0, 0.0, 0.0],
+            "quaternion": quaternion_of(axes).tolist(),
+            "colour": OBSTACLE,
+            "opacity": 0.3 if kind == HALF_SPACE else 1.0,
+            "livery": False,
+        }
+        for id, kind, (shape, size, axes) in zip(system.safety.obstacle_ids, obstacles.kind, solids, strict=True)
+    ]
+
+
+def add_ghosts(
+    packer: Packer,
+    ghosts: Sequence[Ghost],
+    ids: Sequence[str],
+    positions: Array,
+    time: Array,
+    scene: Scene,
+    origin: Array,
+) -> list[dict[str, Any]]:
+    """Pack where the agents of other runs are at the samples of a page, and their RMS tracking errors.
+
+    Agents are matched by id. A run has no agents before its start and after its end, nor while they are absent.
+
+    Args:
+        packer: Gets the arrays ghost0, ghost_quaternion0 and ghost_error0, and so on; `apart` of a twin.
+        ghosts: The other runs.
+        ids: Agents of the page's run.
+        positions: Positions of its vehicles at the page's samples from the origin, shape (K, V, 3), m.
+        time: Samples that the page keeps, shape (K,), s.
+        scene: Where the page's run takes place.
+        origin: Origin of the page's places, shape (3,), m.
+
+    Returns:
+        Name and colour of each, for the page.
+    """
+    for k, ghost in enumerate(ghosts):
+        number = {str(name): i for i, name in enumerate(ghost.dataset["agent"].values)}
+        own = [(v, number[name]) for v, name in enumerate(ids) if name in number]
+        mine, others = np.array(own, dtype=np.int64).reshape(-1, 2).T
+        run = RecordedRun(ghost.dataset, ghost.surface_height)
+        samples = run.at(np.clip(time, run.time[0], run.time[-1]))
+        inside = (time >= run.time[0] - 1e-9) & (time <= run.time[-1] + 1e-9)
+        there = inside[:, None] & np.isfinite(samples.harmonic_extension[:, others, 0])
+        places = np.full(positions.shape, np.nan)
+        places[:, mine] = np.where(there[..., None], samples.positions[:, others] - origin, np.nan)
+        attitudes = np.tile([1.0, 0.0, 0.0, 0.0], (*positions.shape[:2], 1))
+        attitudes[:, mine] = samples.quaternions[:, others]
+        packer.add_fixed(f"ghost{k}", scene.confined(places), scene.step)
+        packer.add_fixed(f"ghost_quaternion{k}", attitudes, _QUATERNION_STEP)
+        packer.add_float(f"ghost_error{k}", np.where(inside, samples.error, np.nan)[:, None])
+        if ghost.twin:
+            packer.add_float("apart", np.linalg.norm((positions - places)[:, : len(ids)], axis=2))
+    return [{"name": ghost.name, "colour": ghost.colour} for ghost in ghosts]

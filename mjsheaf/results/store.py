@@ -16,10 +16,10 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError, raise_first
-from mjsheaf.io.figures import names_of
 from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.results.netcdf import open_dataset
+from mjsheaf.show.style import names_of
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario

@@ -3,7 +3,7 @@
     bound         a theoretical bound is exceeded
     shape         a formation ends as its mirror image, on a line, or reflected in a point
     growing       the team's error diverges; circling: the team is in a limit cycle
-    slip          a value in the files looks like a mistake, such as an angle in radians (see `slips`)
+    slip          a value in the files looks like a mistake, such as a static target in a flow (see `slips`)
     medium        flow and disturbance are faster than a vehicle can move
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time

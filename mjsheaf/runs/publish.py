@@ -18,7 +18,6 @@ from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
-from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
@@ -32,6 +31,7 @@ from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.law_file import same_law
+from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
 from mjsheaf.video import VideoOptions, available_backend
 
 _TERMS = "terms"  # folder of the files of registered terms, next to those of vehicles
@@ -302,7 +302,7 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
         PlaceError: The video cannot be written.
     """
     from mjsheaf.video.draw import UnwritableError
-    from mjsheaf.video.from_run import film_run
+    from mjsheaf.video.film import film_run
 
     directory = outcome.directory
     path = directory / "video.mp4"
@@ -396,7 +396,7 @@ def save(
         PlaceError: The directory may not be replaced or cannot be written.
     """
     from mjsheaf.progress import shown
-    from mjsheaf.video.from_run import video_options
+    from mjsheaf.video.film import video_options
 
     require_type("result", result, xr.Dataset, "a Dataset, as mjsheaf.simulate returns it")
     require_path("directory", directory)
@@ -566,8 +566,8 @@ def _plot(
     view: tuple[float, float] = VIEW,
 ) -> None:
     """Draw the plots of a run; `view` is the azimuth and elevation of the eye in degrees."""
-    from mjsheaf.plotting import save_figure
-    from mjsheaf.runs.figures import figures_of
+    from mjsheaf.show.panels import save_figure
+    from mjsheaf.show.plots import figures_of
 
     first, last = phases[0].system, phases[-1].system
     plots = figures_of(first.team, last.team, drawn, bound, figures, view, first.obstacles)

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from mjsheaf.errors import InputError
-from mjsheaf.io.figures import MATPLOTLIB, FigureOptions
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.results import store, thinned
 from mjsheaf.runs.publish import account_of, scenario_of, shown_bound
 from mjsheaf.scenario import Scenario
+from mjsheaf.show.style import MATPLOTLIB, FigureOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +29,7 @@ class Figures(dict[str, "Figure"]):
     """Matplotlib figures of a run by name. A notebook shows them below one another."""
 
     def _repr_html_(self) -> str:
-        from mjsheaf.plotting import write_figure
+        from mjsheaf.show.panels import write_figure
 
         pictures = []
         for name, figure in self.items():
@@ -86,7 +86,7 @@ def plot(result: xr.Dataset | str | Path, *, title: bool = True) -> Figures:
             no run.
     """
     from mjsheaf.checking.finished import bounds_of_phases
-    from mjsheaf.runs.figures import figures_of
+    from mjsheaf.show.plots import figures_of
 
     with _opened(result, "plot") as (scenario, dataset, _):
         phases = scenario.phases

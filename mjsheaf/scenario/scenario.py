@@ -253,21 +253,14 @@ Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
 """How many times larger than life something is drawn."""
 
 
-def scales_of(
-    scale: float | None,
-    named: Mapping[str, float],
-    ids: Sequence[str],
-    kinds: Sequence[str],
-    automatic: float | Array = np.nan,
-) -> Array:
-    """Compute how many times larger than life each vehicle is drawn, shape (V,).
+def scales_of(scale: float | None, named: Mapping[str, float], ids: Sequence[str], kinds: Sequence[str]) -> Array:
+    """Compute how many times larger than life each vehicle is drawn, shape (V,); NaN where nothing says it.
 
     Args:
-        scale: Scale of every vehicle that `named` does not name; None for `automatic`.
+        scale: Scale of every vehicle that `named` does not name, or None.
         named: Scales by id, or by kind of vehicle; an id overrides its kind.
         ids: Name of each vehicle.
         kinds: Kind of each vehicle.
-        automatic: Scale of each vehicle that neither `scale` nor `named` gives, shape (V,) or a number.
 
     Raises:
         InputError: A name in `named` is no vehicle's.
@@ -277,8 +270,7 @@ def scales_of(
         known = shortened(", ".join(visible(name) for name in dict.fromkeys([*kinds, *ids])))
         raise InputError(f"vehicle_scales.{visible(unknown[0])}: there is none of this name; expected one of {known}")
     given = [named.get(name, named.get(kind, scale)) for name, kind in zip(ids, kinds, strict=True)]
-    chosen = np.array([np.nan if each is None else each for each in given], dtype=np.float64)
-    return np.where(np.isnan(chosen), automatic, chosen)
+    return np.array(given, dtype=np.float64)  # None becomes NaN
 
 
 class Scene(Section):
@@ -320,7 +312,9 @@ class Video(Section):
     quality: Literal["good", "draft"] = Field(
         "good", description="draft: drawn quickly, coarse and with hard edges, at most 15 frames a second"
     )
-    legend: bool = Field(True, description="a panel next to the scene explains colours, lines and arrows")
+    legend: Literal[True] = Field(
+        True, description="a panel next to the scene always explains colours, lines and arrows"
+    )
 
     @property
     def eye(self) -> tuple[float, float]:
@@ -615,7 +609,6 @@ class Scenario(Section):
             links,
             period=period,
             start=self.time.start,
-            seed=self.seed,
             height=height,
             heading=heading,
             feedforward=self.controller.feedforward is not None or any(e.touches("feedforward") for e in events),
@@ -627,9 +620,10 @@ class Scenario(Section):
             law.gain,
             np.where(self._fixed, 0.0, self.target_formation.gain if self.target_formation else 0.0),
             np.array(limits),
-            pack_terms(law.terms, team, period, self.seed, rounds, slopes),
+            pack_terms(law.terms, team, period, rounds, slopes),
             packed_links,
             pack_custom(law.custom, len(team.agents), period),
+            self.seed,
         )
 
     def uses_seed(self, backend: str) -> bool:

@@ -1,6 +1,6 @@
 """Harmonic extension: the Dirichlet problem of a sheaf, prepared once and solved for many boundary values.
 
-H x = r, H = D^T D on the free vertices, has three solvers, each where it is the best:
+H x = r, H = D^T D on the free vertices, has three solvers:
 
 | solver             | used                                                  | why                                     |
 |--------------------|-------------------------------------------------------|-----------------------------------------|
@@ -8,9 +8,8 @@ H x = r, H = D^T D on the free vertices, has three solvers, each where it is the
 | DenseQR            | H is too badly conditioned, up to DENSE_COLUMNS       | works on D, whose condition is the root |
 | ConjugateGradients | the band is too wide                                  | memory in proportion to the sheaf       |
 
-Bandwidths are those after reordering the vertices (reverse Cuthill-McKee): a few stalks for paths, cycles and whatever
-is long and thin, a side of it for a grid. LAPACK's band solver would be as fast on narrow bands and faster on wide
-ones, but its bits depend on the number of threads.
+Bandwidths are those after reordering the states (reverse Cuthill-McKee): one for paths and cycles, a side of it for a
+grid. LAPACK runs on one thread here, since its bits depend on the number of threads.
 
 Conjugate gradients solve I + U + U^T of which only the strict upper triangle U is stored. The preconditioner is
 symmetric successive over-relaxation, M = (I/w + U^T) w (I/w + U) for any 0 < w < 2, which is positive definite. With
@@ -32,22 +31,12 @@ from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
-from mjsheaf.jit import allocating_jit, jit
+from mjsheaf.jit import allocating_jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, parts
 from mjsheaf.sheaf.cochains import Cochains
-from mjsheaf.sheaf.edges import (
-    EdgeTable,
-    adjoint_product,
-    bandwidth,
-    block_rows,
-    first_rows,
-    laplacian_block,
-    neighbours,
-    product,
-    ranges,
-)
+from mjsheaf.sheaf.edges import EdgeSet
 from mjsheaf.sheaf.sections import section_basis
-from mjsheaf.tiers import Tiered
+from mjsheaf.threads import one_thread
 
 DIRECT_WORK = 5e8
 """Largest states * bandwidth^2 of a direct solution: a tenth of a second, once."""
@@ -101,21 +90,13 @@ class DirichletProblem:
     """
 
     def __init__(
-        self,
-        stalks: Cochains,
-        table: EdgeTable,
-        whitened: EdgeTable,
-        offset: Array,
-        boundary: Sequence[Hashable],
-        rtol: float = RANK_TOLERANCE,
+        self, stalks: Cochains, edges: EdgeSet, boundary: Sequence[Hashable], rtol: float = RANK_TOLERANCE
     ) -> None:
         """Set up the problem for a boundary; `Sheaf.dirichlet_problem` does this for a sheaf.
 
         Args:
             stalks: Stalks of the vertices.
-            table: Edges as given; edges added to the sheaf later are not part of the problem.
-            whitened: The same edges in coordinates in which the inner product is the identity.
-            offset: Desired values b in these coordinates, shape (m,).
+            edges: Edges as given; edges added to the sheaf later are not part of the problem.
             boundary: Vertices U of the boundary.
             rtol: Singular values of the coboundary that count as zero, relative to the largest.
 
@@ -126,13 +107,22 @@ class DirichletProblem:
             raise SheafError("a boundary vertex is named twice")
         self.boundary = list(boundary)
         self._rtol = rtol
-        self._stalks, self._plain, self._table, self._b = stalks, table, whitened, offset
-        self._U, self._free = stalks.numbers(self.boundary), stalks.free(self.boundary)
-        W = np.flatnonzero(self._free)
-        self._columns_U, self._columns_W = stalks.columns_of(self._U), stalks.columns_of(W)
-        self._problem = FreeProblem(self._table, W, self._columns_W)
+        self._stalks = stalks
+        self._plain = edges
+        self._edges = edges.whitened
+        self._free = stalks.free(self.boundary)
+        self._columns_U = stalks.columns_of(stalks.numbers(self.boundary))
+        self._columns_W = stalks.columns_of(np.flatnonzero(self._free))
         M = stalks.vertex_product
         self._product = None if M is None else M.restricted(self._columns_W)
+
+    @cached_property
+    def _D(self) -> sparse.csr_array:  # noqa: N802 - the symbol of the module
+        return self._edges.delta[:, self._columns_W]
+
+    @cached_property
+    def _held(self) -> sparse.csr_array:
+        return self._edges.delta[:, self._columns_U]
 
     @cached_property
     def interior(self) -> list[Hashable]:
@@ -142,17 +132,17 @@ class DirichletProblem:
     @cached_property
     def H(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
         """(delta^T K delta)[W, W], shape (n_W, n_W): L[W, W] where M is the identity."""
-        return laplacian_block(self._table, self._problem.vertices, self._problem.vertices)
+        return gram(self._D, self._D)
 
     @cached_property
     def B(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
         """-(delta^T K delta)[W, U], shape (n_W, n_U)."""
-        return laplacian_block(self._table, self._problem.vertices, self._U, -1.0)
+        return -gram(self._D, self._held)
 
     @cached_property
     def c(self) -> Array:
         """(delta^T K b) on W, shape (n_W,)."""
-        return self._problem.pulled_back(self._b[:, None])[:, 0]
+        return np.asarray(self._D.T @ self._edges.offset)
 
     @cached_property
     def eigenvectors(self) -> tuple[Array, Array]:
@@ -196,18 +186,19 @@ class DirichletProblem:
     @cached_property
     def solver(self) -> "Solver":
         """The solver of H x = r: a factorisation that is kept, or conjugate gradients; see the module."""
-        return solver_of(self._problem, self._null_space, self._regularisation)
+        return _choose_solver(self._D, self.H, self._null_space, self._regularisation)
 
     def _regularisation(self) -> Array:
         """Diagonal matrix that makes H regular when added to it, shape (n_W,).
 
         It fixes at zero the coordinates that identify each null direction, which costs no energy.
         """
-        diagonal = np.zeros(self._problem.states)
+        diagonal = np.zeros(len(self._columns_W))
         if not self.unique:
-            diagonal[_pivot_rows(self._null_space)] = np.abs(self._table.F).max(initial=0.0) ** 2 or 1.0
+            diagonal[_pivot_rows(self._null_space)] = np.abs(self._D.data).max(initial=0.0) ** 2 or 1.0
         return diagonal
 
+    @one_thread
     def extend(self, boundary: ArrayLike) -> Array:
         """Compute interior values, shape (..., n_W), in vertex order, for boundary vectors of shape (..., n_U).
 
@@ -217,17 +208,14 @@ class DirichletProblem:
             SheafError: The boundary vectors have the wrong length, or the solution is inaccurate (see `solver`).
         """
         y = np.asarray(boundary, dtype=np.float64)
-        n_W, n_U = self._problem.states, len(self._columns_U)
+        n_W = len(self._columns_W)
+        n_U = len(self._columns_U)
         if y.shape[-1:] != (n_U,):
             raise SheafError(f"boundary values have shape {y.shape}; expected (..., {n_U})")
         result = np.zeros((*y.shape[:-1], n_W))
         if result.size:
-            flat = y.reshape(result.size // n_W, n_U)
-            whole = np.zeros((int(self._table.column[-1]), len(flat)))
-            whole[self._columns_U] = flat.T
-            w = product(self._table, whole)
-            np.subtract(self._b[:, None], w, out=w)  # in place: a million vertices have enough arrays
-            result[:] = self._shortest(self.solver.solve(self._problem.pulled_back(w), w)).T.reshape(result.shape)
+            w = self._edges.offset[:, None] - self._held @ y.reshape(result.size // n_W, n_U).T
+            result[:] = self._shortest(self.solver.solve(self._D.T @ w, w)).T.reshape(result.shape)
         return result
 
     def _shortest(self, x: Array) -> Array:
@@ -238,6 +226,7 @@ class DirichletProblem:
         N = self.sparse_null_basis
         return np.asarray(x - N @ (N.T @ (self._product.matrix @ x)))
 
+    @one_thread
     def solve(self, right_hand_side: ArrayLike) -> Array:
         """Compute H^-1 r for one or many vectors r of shape (..., n_W).
 
@@ -259,17 +248,23 @@ class DirichletProblem:
         if missing:
             raise SheafError(f"no boundary value for {missing}")
         values = [np.zeros(0), *(self._stalks.stalk_value(v, boundary[v]) for v in self.boundary)]
-        whole = np.zeros(int(self._table.column[-1]))
+        whole = np.zeros(int(self._edges.column[-1]))
         whole[self._columns_U] = y = np.concatenate(values)
         whole[self._columns_W] = self.extend(y)
-        energy = energy_of(self._table, whole, self._b)
+        energy = energy_of(self._edges, whole)
         return HarmonicExtension(self._stalks.unpack(whole), self.unique, self.null_basis, energy)
 
 
-def energy_of(t: EdgeTable, x: Array, b: Array) -> float:
-    """Half the square of |delta x - b|, for whitened edges."""
-    residual = product(t, x[:, None])[:, 0]
-    residual -= b  # in place: a million vertices have enough arrays
+def gram(D: sparse.csr_array, E: sparse.csr_array) -> sparse.csr_array:
+    """Return D^T E, columns ascending."""
+    product = sparse.csr_array(D.T @ E)
+    product.sort_indices()
+    return product
+
+
+def energy_of(edges: EdgeSet, x: Array) -> float:
+    """Return half the square of |delta x - b|, for whitened edges."""
+    residual = edges.delta @ x - edges.offset
     return 0.5 * float(np.einsum("i,i->", residual, residual))  # a BLAS product depends on the number of threads
 
 
@@ -290,94 +285,58 @@ def _project_out(null_basis: sparse.csc_array, x: Array) -> Array:
 # -- solvers ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class FreeProblem:
-    """The free vertices W of a table of whitened edges, and products with D = delta on them.
-
-    Attributes:
-        table: all edges.
-        vertices: numbers of the free vertices, ascending, shape (W,).
-        columns: their columns, shape (n_W,).
-    """
-
-    table: EdgeTable
-    vertices: IntArray
-    columns: IntArray
-
-    @cached_property
-    def dimension(self) -> IntArray:
-        """Dimension of each free stalk, shape (W,)."""
-        return self.table.column[self.vertices + 1] - self.table.column[self.vertices]
-
-    @property
-    def states(self) -> int:
-        """n_W."""
-        return len(self.columns)
-
-    def image(self, x: Array) -> Array:
-        """D x for x of shape (n_W, k)."""
-        whole = np.zeros((int(self.table.column[-1]), x.shape[1]))
-        whole[self.columns] = x
-        return product(self.table, whole)
-
-    def pulled_back(self, y: Array) -> Array:
-        """D^T y for y of shape (m, k)."""
-        return adjoint_product(self.table, y)[self.columns]
-
-    def left_over(self, x: Array, r: Array, w: Array | None) -> Array:
-        """R - H x; by D^T (w - D x), which is more exact, where r = D^T w."""
-        return r - self.pulled_back(self.image(x)) if w is None else self.pulled_back(w - self.image(x))
-
-
 class BandCholesky:
     """Cholesky factor of H in band storage, with a refinement by the residual of D x = w itself.
 
     Attributes:
-        error: relative error of a solution that is known, before refinement: about eps times the condition of H.
-        refinements: how many bring that to rounding.
+        error: Relative error of a solution that is known, before refinement: about eps times the condition of H.
+        refinements: Number of refinements that bring it to rounding.
     """
 
-    def __init__(self, problem: FreeProblem, order: IntArray, regularisation: Array) -> None:
-        """Factor H + diag(regularisation), with the free vertices in an order that keeps the band narrow."""
-        self._problem, self._regularisation = problem, regularisation
-        place = first_rows(problem.table, order)
-        self._to = ranges(place[problem.vertices], problem.dimension)
-        values, indices, indptr, diagonal = block_rows(problem.table, place, order, upper=True)
-        row = np.repeat(np.arange(problem.states), np.diff(indptr))
-        off = indices - row
-        self._factor = np.zeros((problem.states, off.max(initial=0) + 1))
-        self._factor[:, 0], self._factor[row, off] = diagonal, values
-        self._factor[self._to, 0] += regularisation
-        self.error = self._probed() if factor_band(self._factor) else np.inf
+    def __init__(self, D: sparse.csr_array, band: Array, order: IntArray, regularisation: Array) -> None:
+        """Factor H + diag(regularisation), given its lower triangle in an order (n_W,) that keeps the band narrow.
+
+        Args:
+            D: delta on the free vertices.
+            band: H[i + k, i] at [k, i] in that order, shape (bandwidth + 1, n_W).
+            order: State at each place.
+            regularisation: What is added to the diagonal, by state, shape (n_W,).
+        """
+        self._D = D
+        self._order = order
+        self._regularisation = regularisation[:, None]
+        band[0] += regularisation[order]
+        self.error = np.inf
+        try:
+            self._factor = linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+        except linalg.LinAlgError:
+            return
+        x: Array = (np.arange(len(order), dtype=np.float64) % 7 - 3.0)[:, None]  # not special in any way
+        r = D.T @ (D @ x) + self._regularisation * x
+        self.error = _norm((self._once(r) - x)[:, 0]) / (_norm(x[:, 0]) or 1.0)
         self.refinements = 0 if self.error < _NO_REFINEMENT_BELOW else 1 if self.error < _ONE_REFINEMENT_BELOW else 5
 
-    def _probed(self) -> float:
-        x: Array = (np.arange(self._problem.states, dtype=np.float64) % 7 - 3.0)[:, None]  # not special in any way
-        r = self._problem.pulled_back(self._problem.image(x)) + self._regularisation[:, None] * x
-        return _norm((self._once(r) - x)[:, 0]) / _norm(x[:, 0])
-
     def _once(self, r: Array) -> Array:
-        ordered = np.empty(r.shape)
-        ordered[self._to] = r
-        solve_band(self._factor, ordered)
-        return ordered[self._to]
+        x = np.empty(r.shape)
+        x[self._order] = linalg.cho_solve_banded((self._factor, True), r[self._order], check_finite=False)
+        return x
 
     def solve(self, r: Array, w: Array | None = None) -> Array:
-        """X with H x = r, for r of shape (n_W, k); r = D^T w where w, shape (m, k), is given."""
+        """Return X with H X = r, for r of shape (n_W, k); r = D^T w where w, shape (m, k), is given."""
         x = self._once(r)
         for _ in range(self.refinements):
-            x += self._once(self._problem.left_over(x, r, w) - self._regularisation[:, None] * x)
+            x += self._once(_left_over(self._D, x, r, w) - self._regularisation * x)
         return x
 
 
 class DenseQR:
     """QR of D stacked on the null directions, whose rows make the columns independent and agree with minimum norm."""
 
-    def __init__(self, problem: FreeProblem, null: Array) -> None:
-        D = problem.image(np.eye(problem.states))
-        scale = float(np.max(np.abs(D), initial=0.0)) or 1.0
-        Q, self._R = linalg.qr(np.vstack([D, scale * null.T]), mode="economic")
-        self._Q_w = Q[: len(D)].T
+    def __init__(self, D: sparse.csr_array, null: Array) -> None:
+        dense = D.toarray()
+        scale = float(np.max(np.abs(dense), initial=0.0)) or 1.0
+        Q, self._R = linalg.qr(np.vstack([dense, scale * null.T]), mode="economic")
+        self._Q_w = Q[: len(dense)].T
 
     def solve(self, r: Array, w: Array | None = None) -> Array:
         """As `BandCholesky.solve`."""
@@ -392,13 +351,20 @@ class ConjugateGradients:
         residual: the relative residual |r - H x| / |r| that it reached, from D itself.
     """
 
-    def __init__(self, problem: FreeProblem) -> None:
-        self._problem = problem
-        place = first_rows(problem.table, problem.vertices)
-        values, indices, indptr, self._scale = block_rows(problem.table, place, problem.vertices, upper=True)
-        scale_symmetrically(indptr, indices, values, self._scale)
-        self._rows = indptr, indices, values
-        self.iterations, self.residual = 0, 0.0
+    def __init__(self, D: sparse.csr_array, H: sparse.csr_array) -> None:
+        self._D = D
+        diagonal = H.diagonal()
+        self._scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        row = np.repeat(np.arange(H.shape[0], dtype=H.indices.dtype), np.diff(H.indptr))
+        above = H.indices > row
+        row = row[above]
+        indices = H.indices[above]
+        values = H.data[above]
+        values *= self._scale[row]
+        values *= self._scale[indices]
+        self._upper = np.searchsorted(row, np.arange(H.shape[0] + 1)), indices, values
+        self.iterations = 0
+        self.residual = 0.0
 
     def solve(self, r: Array, w: Array | None = None) -> Array:
         """As `BandCholesky.solve`, column by column; restarts on the true residual, which recurrences drift away from.
@@ -408,13 +374,16 @@ class ConjugateGradients:
         """
         x = np.zeros_like(r)
         for k in range(r.shape[1]):
-            column, left, size = x[:, k : k + 1], r[:, k : k + 1], _norm(r[:, k])
-            self.iterations, self.residual = 0, 1.0 if size else 0.0
+            column = x[:, k : k + 1]
+            left = r[:, k : k + 1]
+            size = _norm(r[:, k])
+            self.iterations = 0
+            self.residual = 1.0 if size else 0.0
             for _ in range(_MOST_RESTARTS):
                 if self.residual <= RESIDUAL:
                     break
                 step, iterations = conjugate_gradients(
-                    *self._rows,
+                    *self._upper,
                     left[:, 0] * self._scale,
                     RELAXATION,
                     0.5 * RESIDUAL / self.residual,
@@ -422,7 +391,7 @@ class ConjugateGradients:
                 )
                 step *= self._scale
                 column += step[:, None]
-                left = self._problem.left_over(column, r[:, k : k + 1], None if w is None else w[:, k : k + 1])
+                left = _left_over(self._D, column, r[:, k : k + 1], None if w is None else w[:, k : k + 1])
                 self.iterations += iterations
                 self.residual = _norm(left[:, 0]) / size
             if not self.residual <= LARGEST_RESIDUAL:
@@ -437,30 +406,43 @@ class ConjugateGradients:
 Solver = BandCholesky | DenseQR | ConjugateGradients
 
 
-def solver_of(problem: FreeProblem, null: sparse.csc_array, regularisation: Callable[[], Array]) -> Solver:
-    """The best solver of a problem.
+def _left_over(D: sparse.csr_array, x: Array, r: Array, w: Array | None) -> Array:
+    """Return r - H x; by D^T (w - D x), which is more exact, where r = D^T w."""
+    return np.asarray(r - D.T @ (D @ x) if w is None else D.T @ (w - D @ x))
+
+
+@one_thread
+def _choose_solver(
+    D: sparse.csr_array, H: sparse.csr_array, null: sparse.csc_array, regularisation: Callable[[], Array]
+) -> Solver:
+    """Return the best solver of a problem.
 
     Args:
-        problem: the problem.
-        null: orthonormal basis of the null space of D, shape (n_W, dimension); right-hand sides have no part in it.
-        regularisation: what to add to the diagonal of H to make it regular without a change to x off the null space.
+        D: delta on the free vertices.
+        H: D^T D.
+        null: Orthonormal basis of the null space of D, shape (n_W, dimension); right-hand sides have no part in it.
+        regularisation: What to add to the diagonal of H to make it regular without a change to x off the null space.
 
     Raises:
         SheafError: over DENSE_COLUMNS states, and H is singular to rounding where `null` says that it is not.
     """
-    t, n = problem.table, problem.states
-    free = first_rows(t, problem.vertices) >= 0
-    graph = sparse.csr_array(neighbours(t, free), shape=(len(free), len(free)))
-    order = csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True)
-    order = order[free[order]].astype(np.int64)
-    band = bandwidth(t, first_rows(t, order))
-    if n > DENSE_COLUMNS and n * float(band) ** 2 > DIRECT_WORK:
-        return ConjugateGradients(problem)
-    factor = BandCholesky(problem, order, regularisation())
+    n = H.shape[0]
+    order = csgraph.reverse_cuthill_mckee(H, symmetric_mode=True)
+    place = np.empty(n, dtype=np.int64)
+    place[order] = np.arange(n)
+    column = np.repeat(place, np.diff(H.indptr))
+    off = place[H.indices] - column
+    width = int(off.max(initial=0))
+    if n > DENSE_COLUMNS and n * float(width) ** 2 > DIRECT_WORK:
+        return ConjugateGradients(D, H)
+    below = off >= 0
+    band = np.zeros((width + 1, n))
+    band[off[below], column[below]] = H.data[below]
+    factor = BandCholesky(D, band, order, regularisation())
     if factor.error <= _NO_QR_BELOW:
         return factor
     if n <= DENSE_COLUMNS:
-        return DenseQR(problem, null.toarray())
+        return DenseQR(D, null.toarray())
     if factor.error <= _UNUSABLE_ABOVE:
         return factor
     raise SheafError(
@@ -471,64 +453,6 @@ def solver_of(problem: FreeProblem, null: sparse.csc_array, regularisation: Call
 def _norm(x: Array) -> float:
     """The Euclidean norm, summed in one order whatever the number of threads."""
     return float(np.sqrt(np.einsum("i,i->", x, x)))
-
-
-# -- compiled loops --------------------------------------------------------------------------------------------
-
-
-@Tiered
-@jit
-def factor_band(band):
-    """Factor A = C C^T in place; return whether A is positive definite to rounding.
-
-    A[i, j], i >= j, is band[j, i - j]; then so is C. Shape (n, bandwidth + 1).
-    """
-    n, width = band.shape
-    for j in range(n):
-        if not band[j, 0] > 0.0:
-            return False
-        count = min(width, n - j)
-        root = np.sqrt(band[j, 0])
-        for i in range(count):
-            band[j, i] /= root
-        for i in range(1, count):
-            factor = band[j, i]
-            if factor != 0.0:
-                for k in range(count - i):
-                    band[j + i, k] -= factor * band[j, i + k]
-    return True
-
-
-@Tiered
-@jit
-def solve_band(band, x):
-    """Solve C C^T x = b in place, for b of shape (n, k)."""
-    n, width = band.shape
-    columns = x.shape[1]
-    for j in range(n):
-        for c in range(columns):
-            x[j, c] /= band[j, 0]
-        for i in range(1, min(width, n - j)):
-            factor = band[j, i]
-            for c in range(columns):
-                x[j + i, c] -= factor * x[j, c]
-    for j in range(n - 1, -1, -1):
-        for i in range(1, min(width, n - j)):
-            factor = band[j, i]
-            for c in range(columns):
-                x[j, c] -= factor * x[j + i, c]
-        for c in range(columns):
-            x[j, c] /= band[j, 0]
-
-
-@jit
-def scale_symmetrically(indptr, indices, values, diagonal):
-    """Turn the diagonal d (n,) into 1 / sqrt(d), 1 for a zero, which has no row; scale U by it, in compressed rows."""
-    for i in range(len(diagonal)):
-        diagonal[i] = 1.0 / np.sqrt(diagonal[i]) if diagonal[i] > 0.0 else 1.0
-    for i in range(len(diagonal)):
-        for k in range(indptr[i], indptr[i + 1]):
-            values[k] *= diagonal[i] * diagonal[indices[k]]
 
 
 @allocating_jit

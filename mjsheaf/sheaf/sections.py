@@ -12,16 +12,16 @@ bounds G entry by entry, and |G|^2 <= |G|_1 |G|_inf, both sums along the forest.
 method of `blocks` is used.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.sparse.linalg import spsolve_triangular
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.jit import allocating_jit, inline_jit, jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, ROUNDING, assembled, largest_singular_value, sparse_null_space
-from mjsheaf.sheaf.edges import EdgeTable, coboundary_matrix, product, ranges
-from mjsheaf.tiers import Tiered
+from mjsheaf.sheaf.edges import EdgeSet, ranges
 
 _LEAST_CONDITION = 1e-3  # of maps that may carry a value on along a forest
 _MOST_OPEN = 64  # free directions of one component; with more of them the small problem is not small
@@ -30,19 +30,39 @@ _BOUND_MARGIN = 2.0  # for the rounding of the bounds
 _SECTION_ACCURACY = 1e-7  # relative: sections are then good to rounding over this
 
 
+class Ways(NamedTuple):
+    """Ways from vertices u to free vertices w, in one direction of a bundle, by injective and well-conditioned maps.
+
+    Attributes:
+        source, target: Vertices u and w, shape (k,).
+        F_source, F_target: Maps F_u and F_w, shapes (k, m, n_u) and (k, m, n_w).
+        gram: F_w^T F_w, shape (k, n_w, n_w).
+        inverse: Bound b of |F_w^+|, shape (k,).
+    """
+
+    source: IntArray
+    target: IntArray
+    F_source: Array
+    F_target: Array
+    gram: Array
+    inverse: Array
+
+
 class Forest(NamedTuple):
     """Forest on the free vertices.
 
     Attributes:
-        order: Free vertices, each after its parent, shape (W,).
-        parent: Edge to the parent of each vertex, -1 at free roots, shape (V,).
-        component: Number of each vertex's component, the same for connected free vertices, at most V, shape (V,).
+        order: Held vertices, then free ones, each after its parent, shape (V,).
+        parent: Parent of each vertex; -1 of free roots and held vertices, shape (V,).
+        carries: Vertices w with a free parent u and matrices F_w^+ F_u, shapes (k,) and (k, n_w, n_u), of equal shapes.
+        component: Number of each vertex's component of connected free vertices, shape (V,).
         rows, columns: Bounds on |G|_inf and |G|_1 of each component, shape (V,).
         norm_low, norm_high: Bounds on the largest singular value of delta on the free vertices.
     """
 
     order: IntArray
     parent: IntArray
+    carries: list[tuple[IntArray, Array]]
     component: IntArray
     rows: Array
     columns: Array
@@ -50,270 +70,142 @@ class Forest(NamedTuple):
     norm_high: float
 
 
-@inline_jit
-def _gram_matrix(F, at, m, n, L):
-    """Fill L with F^T F of the map (m, n) that begins at `at`."""
-    for a in range(n):
-        for b in range(a + 1):
-            L[a, b] = 0.0
-            for k in range(m):
-                L[a, b] += F[at + k * n + a] * F[at + k * n + b]
-            L[b, a] = L[a, b]
+def _eigenvalue_bounds(gram: Array) -> tuple[Array, Array]:
+    """Bound the smallest and largest eigenvalue of matrices (k, n, n), by Gershgorin's theorem where that is tight."""
+    radius = np.abs(gram).sum(axis=2)
+    largest = radius.max(axis=1, initial=0.0)
+    smallest = (2.0 * np.einsum("kaa->ka", gram) - radius).min(axis=1, initial=np.inf)
+    poor = ~(smallest > 0.5 * largest)
+    if poor.any():
+        exact = np.linalg.eigvalsh(gram[poor]).min(axis=1, initial=np.inf)
+        smallest[poor] = exact - ROUNDING * largest[poor]
+    return smallest, largest
 
 
-@inline_jit
-def _gershgorin(L, n):
-    """Return bounds (largest, smallest) of the eigenvalues of the symmetric L (n, n)."""
-    largest = 0.0
-    smallest = np.inf
-    for a in range(n):
-        off = 0.0
-        for b in range(n):
-            off += abs(L[a, b]) if b != a else 0.0
-        largest = max(largest, L[a, a] + off)
-        smallest = min(smallest, L[a, a] - off)
-    return largest, smallest
+def _find_ways(edges: EdgeSet, free: BoolArray) -> list[Ways]:
+    ways = []
+    for e in edges.bundles:
+        for u, F_u, w, F_w in ((e.tail, e.F_tail, e.head, e.F_head), (e.head, e.F_head, e.tail, e.F_tail)):
+            gram = F_w.transpose(0, 2, 1) @ F_w
+            smallest, largest = _eigenvalue_bounds(gram)
+            good = free[w] & (smallest >= np.maximum(_LEAST_CONDITION**2 * largest, np.finfo(float).tiny))
+            chosen = slice(None) if good.all() else good
+            ways.append(Ways(u[chosen], w[chosen], F_u[chosen], F_w[chosen], gram[chosen], smallest[chosen] ** -0.5))
+    return ways
 
 
-@inline_jit
-def _factorise(L, n, tolerance):
-    """Replace L by its Cholesky factor; return False if a pivot is not above the tolerance."""
-    for a in range(n):
-        for b in range(a + 1):
-            for k in range(b):
-                L[a, b] -= L[a, k] * L[b, k]
-            if b < a:
-                L[a, b] /= L[b, b]
-        if not L[a, a] > tolerance:
-            return False
-        L[a, a] = np.sqrt(L[a, a])
-    return True
+def grow(edges: EdgeSet, free: BoolArray) -> Forest:
+    """Grow the forest on the free vertices, given by a mask (V,); the others are held at a value.
 
-
-@inline_jit
-def _substitute(L, n, column):
-    """Replace a column by L^-1 times it."""
-    for a in range(n):
-        for k in range(a):
-            column[a] -= L[a, k] * column[k]
-        column[a] /= L[a, a]
-
-
-@inline_jit
-def _inverse_norm(L, n, column):
-    """Return the square of the Frobenius norm of L^-1."""
-    total = 0.0
-    for c in range(n):
-        for a in range(n):
-            column[a] = 1.0 if a == c else 0.0
-        _substitute(L, n, column)
-        for a in range(n):
-            total += column[a] * column[a]
-    return total
-
-
-@inline_jit
-def _solve_map(F, at_w, at_u, m, n, n_u, L, column, M):
-    """Fill M (n, n_u) with (F_w^T F_w)^-1 F_w^T F_u, given the Cholesky factor L."""
-    for c in range(n_u):
-        for a in range(n):
-            column[a] = 0.0
-            for k in range(m):
-                column[a] += F[at_w + k * n + a] * F[at_u + k * n_u + c]
-        _substitute(L, n, column)
-        for a in range(n - 1, -1, -1):
-            for k in range(a + 1, n):
-                column[a] -= L[k, a] * column[k]
-            column[a] /= L[a, a]
-            M[a, c] = column[a]
-
-
-@inline_jit
-def _norm_bound(M, n, n_u):
-    """Bound |M| (n, n_u) by Gershgorin's theorem on M^T M or by the Frobenius norm."""
-    frobenius = 0.0
-    rows = 0.0
-    for b in range(n_u):
-        row = 0.0
-        for c in range(n_u):
-            total = 0.0
-            for a in range(n):
-                total += M[a, b] * M[a, c]
-            row += abs(total)
-            frobenius += total if b == c else 0.0
-        rows = max(rows, row)
-    return np.sqrt(min(frobenius, rows))
-
-
-@inline_jit
-def _carry(t, e, u, w, work):
-    """Fill M = F_w^+ F_u (n_w, n_u); return bounds (a, b) of |M| and |F_w^+|, or (-1, -1) where F_w is not injective.
-
-    Bounds are tight for multiples of isometries: Gershgorin's on F_w^T F_w and on M^T M, or the Frobenius norm. M is
-    work[0].
+    Its roots are the held vertices, and one free vertex of each set of vertices that all reach one another and are
+    reached by no others.
     """
-    F = t.F
-    m = t.size[e]
-    n = t.column[w + 1] - t.column[w]
-    n_u = t.column[u + 1] - t.column[u]
-    at_u, at_w = (t.at_tail[e], t.at_head[e]) if w == t.head[e] else (t.at_head[e], t.at_tail[e])
-    if m < n:
-        return -1.0, -1.0
-    M, L, column = work[0], work[1], work[2, 0]
-    _gram_matrix(F, at_w, m, n, L)
-    largest, smallest = _gershgorin(L, n)
-    if not _factorise(L, n, 1e-14 * largest):
-        return -1.0, -1.0
-    # Where Gershgorin's bound is poor, 1 / |L^-1|_F^2 is another of the smallest eigenvalue of L L^T.
-    if not smallest > 0.5 * largest:
-        smallest = max(smallest, 1.0 / _inverse_norm(L, n, column))
-    if smallest < _LEAST_CONDITION * _LEAST_CONDITION * largest:
-        return -1.0, -1.0
-    _solve_map(F, at_w, at_u, m, n, n_u, L, column, M)
-    return _norm_bound(M, n, n_u), 1.0 / np.sqrt(smallest)
+    count = len(free)
+    ways = _find_ways(edges, free)
+    none = np.zeros(0, dtype=np.int64)
+    source = np.concatenate([none, *(way.source for way in ways)])
+    target = np.concatenate([none, *(way.target for way in ways)])
+    graph = _graph(source, target, count)
+    group = csgraph.connected_components(graph, connection="strong")[1]
+    reached = np.zeros(count, dtype=bool)
+    reached[group[target[group[source] != group[target]]]] = True
+    roots = np.flatnonzero(free & ~reached[group])
+    roots = roots[np.argsort(np.diff(edges.column)[roots], kind="stable")[::-1]]
+    root = np.full(count, -1)
+    root[group[roots]] = roots  # of each group the first of the smallest stalks, which leave the least open
+    roots = root[root >= 0]
+    held = np.flatnonzero(~free)
+    # All trees grow from one vertex more, whose number is V.
+    indices = np.concatenate([graph.indices, held, roots])
+    indptr = np.concatenate([graph.indptr, [len(indices)]])
+    graph = sparse.csr_array((np.ones(len(indices)), indices, indptr), shape=(count + 1, count + 1))
+    order, parent = csgraph.breadth_first_order(graph, count)
+    order = order[1:].astype(np.int64)
+    parent = np.where(parent[:count] == count, -1, parent[:count]).astype(np.int64)
 
+    taken = np.flatnonzero(parent[target] == source)[::-1]
+    way_of = np.full(count, -1)
+    way_of[target[taken]] = taken  # of parallel edges the first
+    a = np.zeros(count)
+    b = np.zeros(count)
+    carries = []
+    begin = 0
+    for way in ways:
+        w = np.flatnonzero((way_of >= begin) & (way_of < begin + len(way.target)))
+        b[w] = way.inverse[way_of[w] - begin]
+        w = w[free[parent[w]]]  # a held vertex carries nothing of x
+        k = way_of[w] - begin
+        M = np.linalg.solve(way.gram[k], way.F_target[k].transpose(0, 2, 1) @ way.F_source[k])
+        square = M.transpose(0, 2, 1) @ M
+        frobenius = np.einsum("kaa->k", square)
+        a[w] = np.sqrt(np.minimum(frobenius, np.abs(square).sum(axis=2).max(axis=1, initial=0.0)))
+        carries.append((w, M))
+        begin += len(way.target)
 
-@jit
-def _root(up, v):
-    while up[v] != v:
-        up[v] = up[up[v]]
-        v = up[v]
-    return v
-
-
-@allocating_jit
-def _connect(tail, head, free):
-    """Return by vertex a vertex closer to the root of its component of free vertices, as `_root` reads it."""
-    component = np.arange(len(free))
-    for e in range(len(tail)):
-        if free[tail[e]] and free[head[e]]:
-            i = _root(component, tail[e])
-            j = _root(component, head[e])
-            component[max(i, j)] = min(i, j)
-    return component
-
-
-@Tiered
-@allocating_jit
-def _grow(t, free, by_dimension, work):
-    """Breadth first from all held vertices at once, then from free roots in the order given; see `Forest`."""
-    # The arrays by themselves: reading them from the tuple in a loop costs more than the loop.
-    tail, head, first, incident, count = t.tail, t.head, t.first, t.incident, len(free)
-    parent = np.full(count, -2, dtype=np.int64)
-    order = np.empty(count, dtype=np.int64)
-    a, b = np.zeros(count), np.zeros(count)
-    reach = np.zeros(count)  # the row of |G| that belongs to a vertex
-    held = 0
-    for v in range(count):
-        if not free[v]:
-            order[held] = v
-            held += 1
-    grown, done = held, 0
-    for candidate in range(-1, count):  # -1: from the held vertices
-        if candidate >= 0:
-            v = by_dimension[candidate]
-            if not free[v] or parent[v] != -2:
-                continue
-            order[grown], parent[v] = v, -1
-            grown += 1
-        while done < grown:
-            u = order[done]
-            done += 1
-            for at in range(first[u], first[u + 1]):
-                e = incident[at]
-                w = head[e] if tail[e] == u else tail[e]
-                if not free[w] or parent[w] != -2:
-                    continue
-                carried, inverse = _carry(t, e, u, w, work)
-                if carried >= 0.0:
-                    parent[w], b[w] = e, inverse
-                    a[w] = carried if free[u] else 0.0  # a held vertex carries nothing of x
-                    reach[w] = a[w] * reach[u] + b[w]
-                    order[grown] = w
-                    grown += 1
-    component = _connect(tail, head, free)
+    upper = parent.tolist()
+    bound = a.tolist()
+    reach = b.tolist()  # row of |G| that belongs to a vertex
+    below = [1.0] * count  # what a unit at a vertex adds to its tree, itself included
+    grown = order[len(held) :].tolist()
+    for v in grown:
+        if upper[v] >= 0:
+            reach[v] += bound[v] * reach[upper[v]]
+    for v in reversed(grown):
+        if upper[v] >= 0:
+            below[upper[v]] += bound[v] * below[v]
+    tail, head = edges.ends
+    inside = free[tail] & free[head]
+    component = csgraph.connected_components(_graph(tail[inside], head[inside], count), directed=False)[1]
     rows = np.zeros(count)
     columns = np.zeros(count)
-    below = np.ones(count)  # what a unit at a vertex adds to its tree, itself included
-    for at in range(grown - 1, held - 1, -1):
-        v = order[at]
-        component[v] = _root(component, v)
-        rows[component[v]] = max(rows[component[v]], reach[v])
-        columns[component[v]] = max(columns[component[v]], b[v] * below[v])
-        if parent[v] >= 0:
-            e = parent[v]
-            below[head[e] if tail[e] == v else tail[e]] += a[v] * below[v]
-    return order[held:grown], parent, component, rows, columns
+    np.maximum.at(rows, component[free], np.array(reach)[free])
+    np.maximum.at(columns, component[free], (b * below)[free])
+    return Forest(order, parent, carries, component.astype(np.int64), rows, columns, *_norms(edges, free))
 
 
-@Tiered
-@allocating_jit
-def _norms(t, free):
-    """Bounds of the largest singular value of delta on the free vertices: a column's norm, and sqrt(|.|_1 |.|_inf)."""
-    one, square, infinity = np.zeros(t.column[-1] + 1), np.zeros(t.column[-1] + 1), 0.0
-    for e in range(len(t.tail)):
-        for k in range(t.size[e]):
-            row = 0.0
-            for v, at in ((t.tail[e], t.at_tail[e]), (t.head[e], t.at_head[e])):
-                n = t.column[v + 1] - t.column[v]
-                for c in range(n if free[v] else 0):
-                    value = abs(t.F[at + k * n + c])
-                    row += value
-                    one[t.column[v] + c] += value
-                    square[t.column[v] + c] += value * value
-            infinity = max(infinity, row)
-    return np.sqrt(square.max()), np.sqrt(one.max() * infinity)
+def _graph(source: IntArray, target: IntArray, count: int) -> sparse.csr_array:
+    return sparse.coo_array((np.ones(len(source)), (source, target)), shape=(count, count)).tocsr()
 
 
-@jit
-def _propagate(t, free, order, parent, slot, P, work):
-    """Fill P (n, k): the values everywhere that the free roots determine; vertices whose slot is -1 are left out."""
-    M = work[0]
-    for v in order:
-        begin, n, e = t.column[v], t.column[v + 1] - t.column[v], parent[v]
-        u = v if e < 0 else t.head[e] if t.tail[e] == v else t.tail[e]
-        if slot[v] < 0 or not free[u]:
-            continue
-        if e < 0:
-            for a in range(n):
-                P[begin + a, slot[v] + a] = 1.0
-            continue
-        _carry(t, e, u, v, work)
-        for a in range(n):
-            for c in range(P.shape[1]):
-                total = 0.0
-                for k in range(t.column[u + 1] - t.column[u]):
-                    total += M[a, k] * P[t.column[u] + k, c]
-                P[begin + a, c] = total
+def _norms(edges: EdgeSet, free: BoolArray) -> tuple[float, float]:
+    """Bound the largest singular value of delta on the free vertices, by a column's norm and by |.|_1 and |.|_inf."""
+    delta = edges.delta
+    size = np.abs(delta.data)
+    size[~np.repeat(free, np.diff(edges.column))[delta.indices]] = 0.0
+    low = np.bincount(delta.indices, size * size, delta.shape[1]).max(initial=0.0)
+    one = np.bincount(delta.indices, size, delta.shape[1]).max(initial=0.0)
+    infinity = (sparse.csr_array((size, delta.indices, delta.indptr), shape=delta.shape)).sum(axis=1).max(initial=0.0)
+    return float(np.sqrt(low)), float(np.sqrt(one * infinity))
 
 
-def grow(t: EdgeTable, free: BoolArray) -> Forest:
-    """The forest on the free vertices, given by a mask (V,); the others are held at a value."""
-    # Vertices of large stalks determine those of small ones, seldom the other way: they make the fewest roots.
-    by_dimension = np.argsort(-np.diff(t.column), kind="stable")
-    return Forest(*_grow(t, free, by_dimension, _workspace(t)), *_norms(t, free))
+def propagate(edges: EdgeSet, free: BoolArray, forest: Forest, slot: IntArray, width: int) -> Array:
+    """Compute P of the forest, shape (n, width).
+
+    The values of roots start at columns `slot`, -1 where a tree is left out, shape (V,).
+    """
+    n = int(edges.column[-1])
+    dimension = np.diff(edges.column)
+    at = np.empty(len(dimension), dtype=np.int64)  # first place of each vertex, after that of its parent
+    at[forest.order] = np.cumsum(dimension[forest.order]) - dimension[forest.order]
+    blocks: list[tuple[Any, Any, Any]] = [(np.arange(n), np.arange(n), np.ones(n))]
+    for w, M in forest.carries:
+        chosen = slot[w] >= 0
+        to = at[w[chosen]][:, None, None] + np.arange(M.shape[1])[:, None]
+        blocks.append((to, at[forest.parent[w[chosen]]][:, None, None] + np.arange(M.shape[2]), -M[chosen]))
+    roots = np.flatnonzero(free & (forest.parent < 0) & (slot >= 0))
+    P = np.zeros((n, width))
+    P[ranges(at[roots], dimension[roots]), ranges(slot[roots], dimension[roots])] = 1.0
+    steps = assembled(blocks, (n, n)).tocsr()
+    return spsolve_triangular(steps, P, lower=True, unit_diagonal=True, overwrite_b=True)[ranges(at, dimension)]
 
 
-def propagate(t: EdgeTable, free: BoolArray, forest: Forest, slot: IntArray, width: int) -> Array:
-    """P of the forest, shape (n, width); the roots' values start at columns `slot`, -1 where a tree is left out."""
-    P = np.zeros((int(t.column[-1]), width))
-    _propagate(t, free, forest.order, forest.parent, slot, P, _workspace(t))
-    return P
-
-
-def _workspace(t: EdgeTable) -> Array:
-    """Three matrices as large as the largest stalk needs."""
-    widest = int(np.diff(t.column).max(initial=1))
-    return np.empty((3, widest, widest))
-
-
-def section_basis(t: EdgeTable, free: BoolArray, rtol: float) -> sparse.csc_array:
+def section_basis(edges: EdgeSet, free: BoolArray, rtol: float) -> sparse.csc_array:
     """Orthonormal basis of the sections that vanish where `free` is false, rows by the columns of the free vertices.
 
     Arguments are those of `certified_sections`.
     """
-    found, left = certified_sections(t, free, rtol)
-    dimension = np.diff(t.column)
+    found, left = certified_sections(edges, free, rtol)
+    dimension = np.diff(edges.column)
     rows = int(dimension[free].sum())
     if not found and not left.any():
         return sparse.csc_array((rows, 0))
@@ -328,34 +220,35 @@ def section_basis(t: EdgeTable, free: BoolArray, rtol: float) -> sparse.csc_arra
     basis = assembled(blocks, (rows, count)).tocsc()
     basis.eliminate_zeros()
     if left.any():
-        delta, at = coboundary_matrix(t), np.flatnonzero(left[of_column])
+        delta = edges.delta
+        at = np.flatnonzero(left[of_column])
         rest = sparse_null_space(delta[:, at], rtol, largest_singular_value(delta[:, kept]))
         rest = sparse.csc_array((rest.data, number[at][rest.indices], rest.indptr), shape=(rows, rest.shape[1]))
         basis = sparse.hstack([basis, rest], format="csc")
     return basis
 
 
-def certified_sections(t: EdgeTable, free: BoolArray, rtol: float) -> tuple[list[tuple[IntArray, Array]], BoolArray]:
+def certified_sections(edges: EdgeSet, free: BoolArray, rtol: float) -> tuple[list[tuple[IntArray, Array]], BoolArray]:
     """Sections that vanish on the held vertices, of the components for which a forest certifies that they are all.
 
     Args:
-        t: the edges, without inner products.
-        free: which vertices are free, shape (V,).
-        rtol: singular values of delta on the free vertices of at most rtol times the largest count as zero.
+        edges: The edges, without inner products.
+        free: True for free vertices, shape (V,).
+        rtol: Singular values of delta on the free vertices of at most rtol times the largest count as zero.
 
     Returns:
         For each component with sections its columns of delta (k,) and an orthonormal basis on them (k, dimension); and
         the free vertices that belong to other components, shape (V,).
     """
-    forest = grow(t, free)
+    forest = grow(edges, free)
     G = np.sqrt(forest.rows * forest.columns)
     enough = _BOUND_MARGIN * rtol * forest.norm_high  # singular values of at least this are surely not zero
     root = free & (forest.parent == -1)
-    open_ = np.bincount(forest.component[root], np.diff(t.column)[root], len(free)).astype(np.int64)  # dim r
+    open_ = np.bincount(forest.component[root], np.diff(edges.column)[root], len(free)).astype(np.int64)  # dim r
     inaccurate = G * _SECTION_ACCURACY * forest.norm_high > 1.0
-    undecided = (G * enough > 1.0) | ((open_ > 0) & (inaccurate | (open_ > _MOST_OPEN)))
+    undecided = ~(G * enough <= 1.0) | ((open_ > 0) & (inaccurate | (open_ > _MOST_OPEN)))
     wanted = np.flatnonzero((open_ > 0) & ~undecided)
-    if open_[wanted].max(initial=0) * t.column[-1] > _MOST_FOREST_ENTRIES:
+    if open_[wanted].max(initial=0) * edges.column[-1] > _MOST_FOREST_ENTRIES:
         undecided[wanted], wanted = True, wanted[:0]
     found: list[tuple[IntArray, Array]] = []
     if not wanted.size:
@@ -364,14 +257,15 @@ def certified_sections(t: EdgeTable, free: BoolArray, rtol: float) -> tuple[list
     chosen = np.zeros(len(free), dtype=bool)
     chosen[wanted] = True
     chosen = free & chosen[forest.component]
-    P = propagate(t, free, forest, _slots(t, forest, chosen), int(open_[wanted].max()))
-    places = _grouped(np.repeat(np.where(chosen, forest.component, -1), np.diff(t.column)), wanted)
+    P = propagate(edges, free, forest, _slots(edges, forest, chosen), int(open_[wanted].max()))
+    places = _grouped(np.repeat(np.where(chosen, forest.component, -1), np.diff(edges.column)), wanted)
     for c, place in zip(wanted, places, strict=True):
         P[place, : open_[c]] = np.linalg.qr(P[place, : open_[c]])[0]
-    image = product(t, P)
-    end = np.where(chosen[t.tail], t.tail, t.head)
-    of_row = np.empty(t.rows, dtype=np.int64)
-    of_row[ranges(t.row, t.size)] = np.repeat(np.where(chosen[end], forest.component[end], -1), t.size)
+    image = edges.delta @ P
+    of_row = np.empty(len(image), dtype=np.int64)
+    for b, rows in zip(edges.bundles, edges.rows, strict=True):
+        end = np.where(chosen[b.tail], b.tail, b.head)
+        of_row[rows] = np.where(chosen[end], forest.component[end], -1)[:, None]
     for c, place, image_rows in zip(wanted, places, _grouped(of_row, wanted), strict=True):
         Q = P[place, : open_[c]]
         W = image[image_rows, : open_[c]]
@@ -403,9 +297,9 @@ def _certified_null_space(W: Array, forest: Forest, G: float, rtol: float) -> Ar
     return None if weak else V[null]
 
 
-def _slots(t: EdgeTable, forest: Forest, chosen: BoolArray) -> IntArray:
+def _slots(edges: EdgeSet, forest: Forest, chosen: BoolArray) -> IntArray:
     """First column in P of each free root's values, counted in each component apart; 0 at others, -1 if not chosen."""
-    dimension, used = np.diff(t.column), np.zeros(len(chosen), dtype=np.int64)
+    dimension, used = np.diff(edges.column), np.zeros(len(chosen), dtype=np.int64)
     slot = np.where(chosen, 0, -1)
     for v in np.flatnonzero(chosen & (forest.parent == -1)):
         slot[v] = used[forest.component[v]]

@@ -10,24 +10,12 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse import linalg as splinalg
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, InnerProduct, cokernel_basis
 from mjsheaf.sheaf.cochains import Cochain, Cochains
-from mjsheaf.sheaf.edges import (
-    EdgeBundle,
-    EdgeTable,
-    Ends,
-    adjoint_product,
-    checked_bundle,
-    coboundary_matrix,
-    finite,
-    laplacian_block,
-    merge,
-    product,
-    tabulate,
-)
-from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension, energy_of
+from mjsheaf.sheaf.edges import EdgeBundle, EdgeSet, Ends, checked_bundle, finite, merge
+from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension, energy_of, gram
 from mjsheaf.sheaf.sections import certified_sections, section_basis
 
 
@@ -70,7 +58,8 @@ class Sheaf(Cochains):
     @cached_property
     def edge_product(self) -> InnerProduct | None:
         """The inner product K of C^1; None where it is the identity."""
-        blocks = [(row, b.weight) for row, b in zip(self._rows(), self._merged, strict=True) if b.weight is not None]
+        edges = zip(self.edges.rows, self.edges.bundles, strict=True)
+        blocks = [(rows[:, 0], b.weight) for rows, b in edges if b.weight is not None]
         return InnerProduct.of_blocks(blocks, self.shape[0]) if blocks else None
 
     @property
@@ -164,7 +153,7 @@ class Sheaf(Cochains):
         first = self._edges
         self._bundles += bundles
         self._edges += sum(len(b.number) for b in bundles)
-        for name in ("_merged", "table", "whitened_table", "edge_product"):
+        for name in ("edges", "edge_product"):
             self.__dict__.pop(name, None)
         return range(first, self._edges)
 
@@ -212,48 +201,21 @@ class Sheaf(Cochains):
         return chosen
 
     @cached_property
-    def _merged(self) -> list[EdgeBundle]:
-        return merge(self._bundles)
-
-    def _rows(self) -> list[IntArray]:
-        """First row of each edge in the coboundary, an array for each merged bundle."""
-        return np.split(self.table.row, np.cumsum([len(b.number) for b in self._merged]))[:-1]
-
-    @cached_property
-    def table(self) -> EdgeTable:
-        """All edges as the compiled loops walk them, without inner products."""
-        return tabulate(self._merged, self._column)
-
-    @cached_property
-    def whitened_table(self) -> EdgeTable:
-        """All edges in edge coordinates in which inner products are the identity."""
-        if not self._weighted:
-            return self.table
-        return tabulate([b.whitened() for b in self._merged], self._column)
-
-    @property
-    def _weighted(self) -> bool:
-        return any(b.weight is not None for b in self._bundles)
+    def edges(self) -> EdgeSet:
+        """All edges."""
+        return EdgeSet(merge(self._bundles), self._column)
 
     def coboundary(self) -> sparse.csr_array:
         """delta, shape (m, n): rows by edge order, columns by vertex order."""
-        return coboundary_matrix(self.table)
+        return self.edges.delta.copy()
 
     def coboundary_operator(self) -> splinalg.LinearOperator:
         """delta without its matrix, shape (m, n), for one vector or many; edges added later are not in it."""
-        t = self.table
-        return splinalg.LinearOperator(
-            self.shape,
-            matvec=lambda x: product(t, x.reshape(-1, 1)).reshape(-1),
-            rmatvec=lambda y: adjoint_product(t, y.reshape(-1, 1)).reshape(-1),
-            matmat=lambda x: product(t, x),
-            rmatmat=lambda y: adjoint_product(t, y),
-            dtype=np.dtype(np.float64),
-        )
+        return splinalg.aslinearoperator(self.edges.delta)
 
     def whitened_coboundary(self) -> sparse.csr_array:
         """K^{1/2} delta, whose Gram matrix is the Laplacian, shape (m, n)."""
-        return coboundary_matrix(self.whitened_table)
+        return self.edges.whitened.delta.copy()
 
     def adjoint_coboundary(self) -> sparse.csr_array:
         """The adjoint delta^* = M^-1 delta^T K, shape (n, m): <delta x, y>_K = <x, delta^* y>_M."""
@@ -266,18 +228,11 @@ class Sheaf(Cochains):
 
     def offset(self) -> Array:
         """Desired values b as a 1-cochain, shape (m,)."""
-        return self._gather_offsets(self._merged)
+        return self.edges.offset.copy()
 
     def whitened_offset(self) -> Array:
         """K^{1/2} b in the edge coordinates of `whitened_coboundary`, shape (m,)."""
-        return self._gather_offsets([b.whitened() for b in self._merged] if self._weighted else self._merged)
-
-    def _gather_offsets(self, bundles: list[EdgeBundle]) -> Array:
-        b = np.zeros(self.shape[0])
-        for row, bundle in zip(self._rows(), bundles, strict=True):
-            if bundle.offset.any():
-                b[row[:, None] + np.arange(bundle.shape[0])] = bundle.offset
-        return b
+        return self.edges.whitened.offset.copy()
 
     def laplacian(self) -> sparse.csr_array:
         """The sheaf Laplacian L = delta^* delta = M^-1 delta^T K delta, shape (n, n).
@@ -285,13 +240,12 @@ class Sheaf(Cochains):
         It is self-adjoint in the inner product M, M L = L^T M, and positive semi-definite there: as a matrix it is
         symmetric where M is the identity.
         """
-        every = np.arange(len(self._dimension))
-        form = laplacian_block(self.whitened_table, every, every)
+        form = gram(self.edges.whitened.delta, self.edges.whitened.delta)
         return form if self.vertex_product is None else sparse.csr_array(self.vertex_product.inverse @ form)
 
     def dirichlet_energy(self, x: Cochain) -> float:
         """Half the squared K-norm of the residual delta x - b."""
-        return energy_of(self.whitened_table, self.pack(x), self.whitened_offset())
+        return energy_of(self.edges.whitened, self.pack(x))
 
     def betti(self, *, rtol: float = RANK_TOLERANCE) -> tuple[int, int]:
         """Dimensions of H^0 = ker delta and H^1 = coker delta.
@@ -299,7 +253,7 @@ class Sheaf(Cochains):
         A singular value of delta at most rtol times the largest counts as zero.
         """
         m, n = self.shape
-        h0 = section_basis(self.table, self.free([]), rtol).shape[1]
+        h0 = section_basis(self.edges, self.free([]), rtol).shape[1]
         return h0, m - (n - h0)
 
     def global_sections(self, *, rtol: float = RANK_TOLERANCE) -> Array:
@@ -309,7 +263,7 @@ class Sheaf(Cochains):
     def _orthonormal_sections(self, boundary: Sequence[Hashable], rtol: float) -> sparse.csc_array:
         """The sections that vanish on the boundary, orthonormal in the inner products of the other vertices."""
         free, M = self.free(boundary), self.vertex_product
-        sections = section_basis(self.table, free, rtol)
+        sections = section_basis(self.edges, free, rtol)
         return sections if M is None else M.restricted(self.columns_of(np.flatnonzero(free))).orthonormal(sections)
 
     def local_sections(
@@ -351,7 +305,7 @@ class Sheaf(Cochains):
         Raises:
             SheafError: a boundary vertex is unknown or named twice.
         """
-        return DirichletProblem(self, self.table, self.whitened_table, self.whitened_offset(), boundary, rtol)
+        return DirichletProblem(self, self.edges, boundary, rtol)
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
         """Return the 0-cochain of least Dirichlet energy with the given values of boundary vertices.
@@ -363,7 +317,7 @@ class Sheaf(Cochains):
     def nearest_global_section(self, x: Cochain) -> Any:
         """Orthogonal projection of a 0-cochain on H^0; a mapping gives a mapping, a vector a vector."""
         value, M = self.pack(x), self.vertex_product
-        found, left = certified_sections(self.table, self.free([]), RANK_TOLERANCE)
+        found, left = certified_sections(self.edges, self.free([]), RANK_TOLERANCE)
         if left.any() and len(value) > DENSE_COLUMNS:  # the shortest correction d with delta d = delta x, by U d
             delta = self.coboundary()
             A = delta if M is None else delta @ M.root_inverse

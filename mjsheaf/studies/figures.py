@@ -16,26 +16,23 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.finished import BROKEN
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.yaml import SUFFIXES
-from mjsheaf.plotting import (
-    BLUE,
+from mjsheaf.results.metrics import MEASURES
+from mjsheaf.show.panels import (
     HEADING,
     NORMAL,
-    RED,
     SMALL,
     TICK,
     WIDTH,
     figure_bytes,
     label_axes,
     legend_below,
-    line_style,
     log_axis,
     new_figure,
     plain,
     settle,
 )
-from mjsheaf.results.metrics import MEASURES
+from mjsheaf.show.style import AS_USUAL, BLUE, RED, FigureOptions, line_style
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
 
 Ends = NDArray[np.str_] | None

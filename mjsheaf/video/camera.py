@@ -16,12 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import convolve1d, maximum_filter1d
 
-from mjsheaf.video.film import FloatArray
+from mjsheaf.arrays import Array
 
 # Fraction of the picture's half-width or half-height that the team may fill at the left, right, bottom and top.
-# The top has more room for the title.
-FILL = (0.88, 0.88, 0.86, 0.74)
-FILL_BESIDE_PANEL = (0.88, 0.88, 0.86, 0.84)  # with the title in the panel
+FILL = (0.88, 0.88, 0.86, 0.84)
 SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, in s of video
 
 
@@ -37,7 +35,7 @@ class View:
         fovy: vertical angle of view, in degrees.
     """
 
-    lookat: FloatArray
+    lookat: Array
     distance: float
     azimuth: float
     elevation: float
@@ -47,7 +45,7 @@ class View:
         """Return the size of a pixel at `lookat`, in m, for a frame of the given height in pixels."""
         return 2 * self.distance * float(np.tan(np.radians(self.fovy) / 2)) / height
 
-    def project(self, points: FloatArray, width: int, height: int) -> tuple[FloatArray, FloatArray]:
+    def project(self, points: Array, width: int, height: int) -> tuple[Array, Array]:
         """Find the pixels at which points appear.
 
         Args:
@@ -65,7 +63,7 @@ class View:
         return np.stack([width / 2 + focal * x / safe, height / 2 - focal * y / safe], axis=1), depth
 
 
-def axes(azimuth: float, elevation: float) -> FloatArray:
+def axes(azimuth: float, elevation: float) -> Array:
     """Return the camera's axes in the world: rows right, up, forward. Angles in degrees. Shape (3, 3)."""
     a, e = np.radians(azimuth), np.radians(elevation)
     return np.array(
@@ -81,8 +79,8 @@ def axes(azimuth: float, elevation: float) -> FloatArray:
 class CameraPath:
     """The camera over a video of F frames: see `View`, but `lookat` has shape (F, 3) and `distance` (F,)."""
 
-    lookat: FloatArray
-    distance: FloatArray
+    lookat: Array
+    distance: Array
     azimuth: float
     elevation: float
     fovy: float
@@ -93,7 +91,7 @@ class CameraPath:
 
 
 def camera_path(
-    points: Iterable[FloatArray],
+    points: Iterable[Array],
     *,
     azimuth: float,
     elevation: float,
@@ -137,7 +135,7 @@ def camera_path(
     return CameraPath(lookat, range_, azimuth, elevation, fovy)
 
 
-def _bounds(points: FloatArray, rotation: FloatArray, slopes: FloatArray) -> FloatArray:
+def _bounds(points: Array, rotation: Array, slopes: Array) -> Array:
     """Return what the four sides ask of the eye, the largest depth, and minus the smallest. Shape (f, 6)."""
     x, y, z = np.moveaxis(points @ rotation.T, -1, 0)
     left, right, bottom, top = slopes
@@ -145,12 +143,12 @@ def _bounds(points: FloatArray, rotation: FloatArray, slopes: FloatArray) -> Flo
     return np.stack([values.max(axis=1) for values in asked], axis=1)
 
 
-def _smooth_above(values: FloatArray, window: int) -> FloatArray:
+def _smooth_above(values: Array, window: int) -> Array:
     """Return a smooth curve that is nowhere below the values or the ones just before. Shape (F,)."""
     return _smooth(maximum_filter1d(values, 2 * window + 3, mode="nearest"), window)
 
 
-def _smooth(values: FloatArray, window: int) -> FloatArray:
+def _smooth(values: Array, window: int) -> Array:
     """Average over `window` values on either side, weighted by a Hann window. Shape (F,)."""
     weights = np.hanning(2 * window + 3)[1:-1]
     return convolve1d(values, weights / weights.sum(), mode="nearest")

@@ -14,9 +14,9 @@ import numpy as np
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.io.figures import MATPLOTLIB
 from mjsheaf.io.files import whole_file
-from mjsheaf.video.camera import FILL, FILL_BESIDE_PANEL, SMOOTHING, View, camera_path
+from mjsheaf.show.style import MATPLOTLIB
+from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
@@ -24,11 +24,12 @@ from mjsheaf.video.scene import (
     Decorator,
     Renderer,
     enlarge_vehicles,
+    mesh,
     owners_of_geoms,
+    sea_at,
     set_detail,
     vehicle_radius,
 )
-from mjsheaf.video.sea import mesh, sea_at
 
 QUALITY = 6  # imageio's scale from 1 to 10, here x264's constant rate factor 20; 18 looks lossless, 23 is the default
 PRESET = "veryfast"  # rendering is the expensive part, and x264 competes with it for the same cores
@@ -128,7 +129,7 @@ class Painter(AbstractContextManager["Painter"]):
         self._frames = Frames(film, options)
         self.times = self._frames.times
         self.model = copy(model)  # because the size of vehicles and visual settings change
-        enlarge_vehicles(self.model, film.body_id, film.scales(options))
+        enlarge_vehicles(self.model, film.body_id, film.drawn_scales)
         if film.seas:
             self.model.geom(film.surface).group = UNSEEN  # waves are drawn in its place
         radius = vehicle_radius(self.model, film.body_id)
@@ -145,7 +146,6 @@ class Painter(AbstractContextManager["Painter"]):
             radius=radius,
             window=round(SMOOTHING * options.fps),
             distance=options.distance,
-            fill=FILL_BESIDE_PANEL if options.legend else FILL,
         )
         set_detail(self.model, self.camera, radius, options.drawn[1])
         self._size, self._panel = options.scene, options.panel
@@ -157,7 +157,7 @@ class Painter(AbstractContextManager["Painter"]):
         self._decorator.lay_out_arrows(middle)
         arrows = {medium.name: (medium.top, medium.scale) for medium in film.media}
         with MATPLOTLIB:  # another thread may be drawing the plots of the run
-            self._overlay = Overlay(film, options, survey, beside, arrows)
+            self._overlay = Overlay(film, options, survey, arrows)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
     def draw(self, number: int) -> Callable[[], Image.Image]:
@@ -175,12 +175,10 @@ class Painter(AbstractContextManager["Painter"]):
     def _write(self, image: Image.Image, now: Moment, view: View) -> Image.Image:
         if image.size != self._size:
             image = image.resize(self._size, Image.Resampling.BILINEAR)
-        if self._panel:
-            frame = Image.new("RGB", (self._panel + image.width, image.height))
-            frame.paste(image, (self._panel, 0))
-            image = frame
-        self._overlay.write(image, now, view)
-        return image
+        frame = Image.new("RGB", (self._panel + image.width, image.height))
+        frame.paste(image, (self._panel, 0))
+        self._overlay.write(frame, now, view)
+        return frame
 
     def pose(self, number: int) -> tuple[Moment, View]:
         """Put the vehicles where a frame has them: all of MuJoCo's kinematics that drawing needs, and no dynamics."""
@@ -207,8 +205,9 @@ def _check_fit(film: Film, model: mujoco.MjModel) -> None:
         joint = model.body_jntadr[body] if 0 <= body < model.nbody else -1
         free = joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE.value
         if not free or model.jnt_qposadr[joint] != address:
-            name = [*film.agent_ids, *film.target_ids][vehicle]
-            raise InputError(f"body {body} of {name} must have a free joint at qpos[{address}] in the model")
+            raise InputError(
+                f"body {body} of {film.ids[vehicle]} must have a free joint at qpos[{address}] in the model"
+            )
 
 
 def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:

@@ -1,40 +1,62 @@
-"""The writing over the picture: title, time, error, legend, labels.
+"""The writing of a video: a panel next to the scene with title, time, error and legend, and labels over the scene.
 
-The constant part is one matplotlib figure, drawn once when the overlay is made. A frame costs a few pastes.
+The constant part is one matplotlib figure, drawn once when the overlay is made. A frame costs a few pastes. The legend
+has a row with a symbol for each thing that is drawn, and a bar of colours for each medium.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
-from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch, Rectangle
-from PIL import Image, ImageDraw
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+from matplotlib.transforms import IdentityTransform
+from PIL import Image, ImageDraw, ImageFont
 
+from mjsheaf.arrays import Array
+from mjsheaf.show.played import Samples
+from mjsheaf.show.style import OBSTACLE, STOPS, list_scales, round_number, speed_colours
 from mjsheaf.video.camera import View
-from mjsheaf.video.film import Film, Moment, Samples, VideoOptions, error_range
-from mjsheaf.video.legend import SIZE, add_bars, add_legend, bars_height, legend_rows
-from mjsheaf.video.scene import round_length
-from mjsheaf.video.text import BLUE, GREY, PANEL_GROUND, PLATE, WHITE, bright, fit, font, number, shorten, text
+from mjsheaf.video.film import Film, Moment, VideoOptions, error_range
+from mjsheaf.video.scene import ABSENT, COMMUNICATION, RESTRAINED, SENSING
+
+Colour = tuple[float, float, float]  # RGB in 0..1
+WHITE, GREY, BLUE = (1.0, 1.0, 1.0), (0.75, 0.78, 0.83), (0.47, 0.84, 1.0)
+PLATE = (0.03, 0.05, 0.08, 0.65)  # ground of what is written, RGBA in 0..1
+PANEL_GROUND = (0.09, 0.13, 0.18)  # of the panel next to the scene
+
 
 LABELLED_AGENTS = 24  # labels of more than these would cover the picture
 
 # Sizes in pixels of a 1000x720 frame.
-MARGIN, PAD, CORNER = 14, 12, 8
+MARGIN = 14
 SCALE_BAR = 150  # longest
-STATUS_WIDTH = (330, 460)  # of the status plate: as wide as its title needs, within these
-TITLE, SUBTITLE, TIME, ERROR, CURVE, STATUS_HEIGHT = 8, 40, 66, 93, 120, 202  # rows in the status plate
+TITLE, SUBTITLE, TIME, ERROR, CURVE, STATUS_HEIGHT = 8, 40, 66, 93, 120, 202  # rows of the status
 CURVE_HEIGHT, TICKS = 58, 56  # height of the curve; width of the numbers next to it
+
+MAX_GROUPS = 8  # with a row each
+MAX_SCALES = 4  # rows on vehicles that are drawn larger
+SIZE = 13  # of type, in pixels of a 1000x720 frame
+BELOW_BARS = 30  # room for the numbers of the lowest bar
+BAR_HEIGHT, BAR_ROOM = 9, 52  # of a bar of colours, and of all that belongs to it
+HANDLE = 2.0  # width of symbols, in sizes of type
+WATER = np.array([0.36, 0.55, 0.68])  # behind arrows, RGB in 0..1
+GAP = 0.8  # between a symbol and its words, in sizes of type
 
 
 class Overlay:
     """Writes on frames. One is made for a video and a size of frame.
 
     Attributes:
-        rows: Rows of the legend; none where it is off.
+        rows: Rows of the legend.
     """
 
     def __init__(
@@ -42,7 +64,6 @@ class Overlay:
         film: Film,
         options: VideoOptions,
         survey: Samples,
-        beside: Sequence[Film] = (),
         arrows: Mapping[str, tuple[float, int]] | None = None,
     ) -> None:
         """Draw everything that stays the same.
@@ -51,23 +72,25 @@ class Overlay:
             film: Content of the video.
             options: Size of the frame and so on.
             survey: Samples of the run, for the curve of its error.
-            beside: Content of the pictures next to this one, whose curves get the same size.
             arrows: End of the scale of speeds, m/s, and number of the scale of colours of each medium by name.
         """
         self._film, self._unit = film, options.unit
         self._width, self._height = options.width, options.height
         self._panel, self._scene = options.panel, options.scene
-        self._inner = self._room_for_status((film, *beside))
-        figure = Figure(figsize=(options.width / 72, options.height / 72), dpi=72)  # a point is a pixel
-        figure.patch.set_alpha(0.0)
-        plate = self._add_status(figure)
-        curve = self._add_curve(figure, survey)
-        self.rows = legend_rows(film, options, survey) if options.legend else []
-        if options.legend:
-            self._add_legend(figure, arrows or {})
-        ((self._whole, self._status_place),) = _cut(figure, plate)
+        self._inner = max(self._panel - 2 * self._px(MARGIN), 1)
+        self._left = self._px(MARGIN)
+        size = self._panel / 72, options.height / 72
+        figure = Figure(figsize=size, dpi=72, facecolor=PANEL_GROUND)  # a point is a pixel
+        canvas = FigureCanvasAgg(figure)
+        self._add_title(figure)
+        (curve,) = self._add_curve(figure, survey)
+        self.rows = legend_rows(film, options, survey)
+        self._add_legend(figure, arrows or {})
+        canvas.draw()
+        self._whole = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         curve.set_visible(False)
-        ((self._bare, _),) = _cut(figure, plate)
+        canvas.draw()
+        self._bare = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         self._dot = text("●", self._px(12), WHITE)
         self._labels = self._draw_labels()
         ever = {agent for stage in film.stages for agent in stage.absent}
@@ -77,11 +100,10 @@ class Overlay:
         """Write on a frame, RGB, in place."""
         self._write_labels(image, moment, view)
         column, row = (float(np.interp(moment.time, self._curve_time, pixels)) for pixels in self._curve)
-        # The curve is revealed up to now: the plate with it on the left, the plate without it on the right.
-        left, top = self._status_place
-        split = max(round(column) - left, 0)
-        _paste(image, self._whole.crop((0, 0, split, self._whole.height)), (left, top))
-        _paste(image, self._bare.crop((split, 0, self._bare.width, self._bare.height)), (left + split, top))
+        # The curve is revealed up to now: the panel with it on the left, the panel without it on the right.
+        split = max(round(column), 0)
+        image.paste(self._bare, (0, 0))
+        image.paste(self._whole.crop((0, 0, split, self._whole.height)), (0, 0))
         if np.isfinite(row):
             _paste(image, self._dot, (round(column - self._dot.width / 2), round(row - self._dot.height / 2)))
         stages = self._film.stages
@@ -94,32 +116,17 @@ class Overlay:
             words = shorten(words, self._px(size), self._inner)
             draw.text((self._left, self._px(MARGIN + line)), words, to_hex(colour), font(self._px(size)))
 
-    def _room_for_status(self, films: Sequence[Film]) -> int:
-        """Return the width of what is written in the status, in pixels; several videos side by side share one."""
-        if self._panel:
-            return max(self._panel - 2 * self._px(MARGIN), 1)
-        title, note = font(self._px(24), bold=True), font(self._px(14))
-        widest = max(max(title.getlength(film.name), note.getlength(film.subtitle)) for film in films)
-        least, most = (self._px(width - 2 * PAD) for width in STATUS_WIDTH)
-        return min(max(int(np.ceil(widest)), least), most)
-
     def _add_legend(self, figure: Figure, arrows: Mapping[str, tuple[float, int]]) -> None:
         """Add the legend and the bars of colours below the status."""
-        left = self._left
         top = self._height - self._px(STATUS_HEIGHT + 2 * MARGIN)
         height = top - self._px(MARGIN) - bars_height(arrows, self._unit)
-        add_legend(figure, self.rows, (left, top, self._inner, height), SIZE * self._unit)
-        add_bars(figure, arrows, left, self._inner, self._unit)
-
-    @property
-    def _left(self) -> int:
-        """Column at which the status begins, in pixels."""
-        return self._px(MARGIN) if self._panel else self._px(MARGIN + PAD)
+        add_legend(figure, self.rows, (self._left, top, self._inner, height), SIZE * self._unit)
+        add_bars(figure, arrows, self._left, self._inner, self._unit)
 
     def _write_scale(self, draw: ImageDraw.ImageDraw, view: View) -> None:
         """Draw a bar of a round length at the bottom right, as long as that is at the team's centre."""
         metre = 1.0 / view.metres_per_pixel(self._height)
-        length = round_length(self._px(SCALE_BAR) / metre)
+        length = round_number(self._px(SCALE_BAR) / metre, up=False, steps=(1.0, 2.0, 5.0))
         right, row, width = self._width - self._px(2 * MARGIN), self._height - self._px(2 * MARGIN), self._px(2)
         left, end = right - length * metre, self._px(5)
         marks = [(x, row - end, x, row + end) for x in (left, right)]
@@ -130,11 +137,9 @@ class Overlay:
         outline: dict[str, Any] = {"stroke_width": self._px(2), "stroke_fill": to_hex(PLATE[:3])}
         draw.text((right, row - self._px(10)), words, to_hex(WHITE), font(self._px(13)), anchor="rs", **outline)
 
-    def _add_status(self, figure: Figure) -> Artist:
-        """Add the plate at the top left, with title and subtitle; return the plate."""
+    def _add_title(self, figure: Figure) -> None:
+        """Add title and subtitle at the top of the panel."""
         top = self._height - self._px(MARGIN)
-        plate = self._ground()
-        figure.add_artist(plate)
         for words, row, size, colour, bold in (
             (self._film.name, TITLE, 24, WHITE, True),
             (self._film.subtitle, SUBTITLE, 14, GREY, False),
@@ -151,32 +156,12 @@ class Overlay:
                 weight="bold" if bold else "normal",
                 parse_math=False,
             )
-        return plate
 
-    def _ground(self) -> FancyBboxPatch | Rectangle:
-        """Return the ground of the writing: the panel next to the scene, or a plate at the top left of the scene."""
-        if self._panel:
-            return Rectangle(
-                (0, 0), self._panel, self._height, facecolor=PANEL_GROUND, linewidth=0, transform=None, zorder=-1
-            )
-        corner, top = self._px(CORNER), self._height - self._px(MARGIN)
-        width, height = self._inner + 2 * self._px(PAD), self._px(STATUS_HEIGHT)
-        return FancyBboxPatch(
-            (self._px(MARGIN) + corner, top - height + corner),
-            max(width - 2 * corner, 1),
-            max(height - 2 * corner, 1),
-            boxstyle=f"round,pad={corner},rounding_size={corner}",
-            facecolor=PLATE,
-            linewidth=0,
-            transform=None,
-            zorder=-1,
-        )
-
-    def _add_curve(self, figure: Figure, survey: Samples) -> Artist:
+    def _add_curve(self, figure: Figure, survey: Samples) -> list[Line2D]:
         """Add the error over time on a log scale, and note where it is in the frame; return the curve."""
         left, width = self._left, max(self._inner - self._px(TICKS), 2)
         bottom = self._height - self._px(MARGIN + CURVE + CURVE_HEIGHT)
-        size = (self._width, self._height) * 2
+        size = (self._panel, self._height) * 2
         axes = figure.add_axes(tuple(np.divide((left, bottom, width, self._px(CURVE_HEIGHT)), size)))
         axes.set_facecolor((0.0, 0.0, 0.0, 0.35))
         axes.spines[:].set_visible(False)
@@ -200,7 +185,7 @@ class Overlay:
         first, last = axes.get_xticklabels()
         first.set_horizontalalignment("left")
         last.set_horizontalalignment("right")
-        (curve,) = axes.plot(survey.time, values, color=BLUE, linewidth=1.6 * max(self._unit, 0.6))
+        curve = axes.plot(survey.time, values, color=BLUE, linewidth=1.6 * max(self._unit, 0.6))
         place = axes.transData.transform(np.column_stack([survey.time, np.where(known, values, floor)]))
         rows = np.where(known, self._height - place[:, 1], np.nan)
         self._curve_time, self._curve = survey.time, (place[:, 0], rows)
@@ -209,7 +194,7 @@ class Overlay:
     def _draw_labels(self) -> list[tuple[int, Image.Image, Image.Image | None]]:
         """List index, name and sign of each vehicle with a label: targets, and agents if they are few."""
         film, labels = self._film, []
-        for vehicle, name in enumerate([*film.agent_ids, *film.target_ids]):
+        for vehicle, name in enumerate(film.ids):
             target = vehicle >= film.agents
             if target or film.agents <= LABELLED_AGENTS:
                 colour = bright(film.colours[film.group[vehicle]])
@@ -237,20 +222,248 @@ class Overlay:
         return max(1, round(size * self._unit))
 
 
-def _cut(figure: Figure, *artists: Artist) -> list[tuple[Image.Image, tuple[int, int]]]:
-    """Draw a figure and cut out what each artist covers: an RGBA image, and the pixel of its top left corner."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba()))
-    cuts = []
-    for artist in artists:
-        x0, y0, x1, y1 = artist.get_window_extent(canvas.get_renderer()).extents
-        left, top = max(int(x0) - 1, 0), max(int(drawn.height - y1) - 1, 0)
-        right, bottom = min(int(x1) + 2, drawn.width), min(int(drawn.height - y0) + 2, drawn.height)
-        cuts.append((drawn.crop((left, top, max(right, left + 1), max(bottom, top + 1))), (left, top)))
-    return cuts
-
-
 def _paste(image: Image.Image, part: Image.Image, place: tuple[int, int]) -> None:
     """Lay an RGBA image over a frame, its top left corner at a pixel; what falls outside is cut off."""
     image.paste(part, place, part)
+
+
+# -- the legend --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a legend.
+
+    Attributes:
+        words: What the symbol means.
+        style: Matplotlib's properties of the symbol: a marker, a line or both.
+    """
+
+    words: str
+    style: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def marked(cls, words: str, tint: Any, shape: str, **style: Any) -> "Row":
+        """Make a row with a marker; `markersize` and `markeredgewidth` are in sizes of type."""
+        plain = {"marker": shape, "color": tint, "linestyle": "none", "markersize": 0.9, "markeredgewidth": 0.0}
+        return cls(words, plain | style)
+
+    @classmethod
+    def lined(cls, words: str, rgba: Any, dashes: Any = "-", **style: Any) -> "Row":
+        """Make a row with a line; `markersize` is in sizes of type."""
+        return cls(words, {"color": tuple(rgba[:3].tolist()), "linestyle": dashes, "linewidth": 0.15} | style)
+
+    def handle(self, size: float) -> Line2D:
+        """Return the symbol for type of a size in pixels."""
+        lengths = ("markersize", "markeredgewidth", "linewidth")
+        return Line2D(
+            [], [], **{name: value * size if name in lengths else value for name, value in self.style.items()}
+        )
+
+
+def legend_rows(film: Film, options: VideoOptions, survey: Samples) -> list[Row]:
+    """List the legend's rows: groups, targets, q*, edges, tracks, heights, scales and speed; only what is shown.
+
+    Args:
+        film: The run to be drawn.
+        options: Speed, trail and scales of vehicles.
+        survey: Samples of the run.
+    """
+    return [*_team_rows(film), *_edge_rows(film), *_notes(film, options, survey)]
+
+
+def _team_rows(film: Film) -> list[Row]:
+    of_agents = list(dict.fromkeys(film.group[: film.agents].tolist()))  # in order, each once
+    of_targets = list(dict.fromkeys(film.group[film.agents :].tolist()))
+    rows = [Row.marked(film.group_names[g], film.colours[g], "o") for g in of_agents[:MAX_GROUPS]]
+    if len(of_agents) > MAX_GROUPS:
+        dots = {"markersize": 1.3}
+        rows.append(Row.marked(f"and {len(of_agents) - MAX_GROUPS} more groups", GREY, r"$\cdots$", **dots))
+    hollow = {"markerfacecolor": "none", "markeredgewidth": 0.12, "markersize": 0.85}
+    if of_targets:  # they may have one colour of their own, or several
+        tint = bright(film.colours[of_targets[0]]) if len(of_targets) == 1 else WHITE
+        rows.append(Row.marked("target, does not cooperate", tint, "D", **hollow))
+    if film.agents:
+        ball = {"markeredgecolor": GREY, "markeredgewidth": 0.07}
+        rows.append(Row.marked("q*: where an agent should be", (*GREY, 0.45), "o", **ball))
+    if film.obstacles is not None and len(film.obstacles.kind):
+        rows.append(Row.marked("obstacle", OBSTACLE, "s"))
+    if any(stage.absent for stage in film.stages):
+        rows.append(Row.marked("lost, or yet to join", tuple(ABSENT[:3].tolist()), "o"))
+    return rows
+
+
+def _edge_rows(film: Film) -> list[Row]:
+    kinds = {kind for edges in (film.edges, *(stage.edges for stage in film.stages)) for _, _, kind in edges}
+    rows = []
+    if "communication" in kinds:
+        rows.append(Row.lined("agents communicate", COMMUNICATION))
+    if "one-way" in kinds:
+        rows.append(Row.lined("agent senses agent, one way", COMMUNICATION, marker=">", markersize=0.6))
+    if "sensing" in kinds:
+        rows.append(Row.lined("agent senses target", SENSING, (0, (2.0, 1.4))))
+    if film.restraints is not None:
+        rows.append(Row.lined("the safety filter restrains an agent", RESTRAINED, marker="o", markersize=0.9))
+    return rows
+
+
+def _notes(film: Film, options: VideoOptions, survey: Samples) -> list[Row]:
+    rows = []
+    if options.trail:
+        rows.append(Row.marked(f"track of the last {options.trail:g} s", GREY, r"$\sim$", markersize=1.5))
+    off = bool(
+        (np.abs(survey.positions[..., 2] - film.surface_height) > 1.0).any()
+    )  # lines to the surface begin at about 1 m
+    if off and film.surface != "none":
+        rows.append(Row.marked("height above or below the surface", GREY, "|", markersize=1.2, markeredgewidth=0.09))
+    if film.grid:
+        square = {"markerfacecolor": "none", "markeredgewidth": 0.09}
+        rows.append(Row.marked(f"squares {film.grid:g} m wide", GREY, "s", **square))
+    scales = list_scales(film.kinds or film.ids, film.ids, film.drawn_scales)
+    for scale, names in scales[:MAX_SCALES]:
+        rows.append(Row.marked(f"drawn ×{scale:g}: {', '.join(names)}", WHITE, r"$\nearrow$", markersize=1.1))
+    if len(scales) > MAX_SCALES:
+        rows.append(Row.marked("others are drawn larger too", WHITE, r"$\nearrow$", markersize=1.1))
+    if options.speed != 1:
+        rows.append(Row.marked(f"played {options.speed:g} times as fast", BLUE, ">"))
+    return rows
+
+
+def add_legend(figure: Figure, rows: list[Row], room: tuple[float, float, float, float], size: float) -> Legend:
+    """Add a legend to a figure; its type shrinks until all rows fit.
+
+    Args:
+        figure: The figure; a point is a pixel.
+        rows: The legend's rows.
+        room: Left, top, width and height of the room for it, in pixels.
+        size: Largest size of type, in pixels.
+    """
+    left, top, width, height = room
+    while True:
+        longest = width - (HANDLE + GAP) * size
+        legend = figure.legend(
+            [row.handle(size) for row in rows],
+            [shorten(row.words, max(round(size), 1), longest) for row in rows],
+            loc="upper left",
+            bbox_to_anchor=(left, top),
+            bbox_transform=IdentityTransform(),
+            borderaxespad=0.0,
+            borderpad=0.0,
+            labelspacing=0.55,
+            handlelength=HANDLE,
+            handletextpad=GAP,
+            fontsize=size,
+            labelcolor=WHITE,
+            frameon=False,
+        )
+        taken = legend.get_window_extent().height
+        if taken <= height or size <= 1.0:
+            return legend
+        legend.remove()
+        size = max(min(0.95 * size, size * height / taken), 1.0)
+
+
+def bars_height(arrows: Mapping[str, tuple[float, int]], unit: float) -> float:
+    """Return the height that bars of colours take, in pixels."""
+    return (BAR_ROOM * len(arrows) + BELOW_BARS) * unit if arrows else 0.0
+
+
+def add_bars(figure: Figure, arrows: Mapping[str, tuple[float, int]], left: float, width: float, unit: float) -> None:
+    """Add a bar of colours for the speed of each medium, above one another from the bottom of a figure in pixels.
+
+    Args:
+        figure: The figure; a point is a pixel.
+        arrows: End of the scale of speeds, m/s, and number of the scale of colours, by the medium's name.
+        left, width: Where bars begin, and how long they are.
+        unit: Pixels in one of a 1000x720 frame.
+    """
+    for number, name in enumerate(reversed(list(arrows))):
+        top, scale = arrows[name]
+        bottom = (BELOW_BARS + BAR_ROOM * number) * unit
+        axes = _add_bar(figure, scale, top, (left, bottom, width, max(BAR_HEIGHT * unit, 1.0)))
+        axes.tick_params(labelsize=11 * unit, colors=GREY, length=0, pad=3 * unit)
+        axes.set_title(f"speed of the {name}", loc="left", fontsize=SIZE * unit, color=WHITE, pad=5 * unit, x=0.14)
+        tint = tuple(STOPS[scale % len(STOPS), 1, :3].tolist())
+        above = bottom + (BAR_HEIGHT + 10.5) * unit
+        arrow = Line2D(
+            [left + 0.05 * width], [above], marker=r"$\rightarrow$", color=tint, markersize=1.6 * SIZE * unit
+        )
+        arrow.set(transform=None, linestyle="none", markeredgewidth=0.0)
+        figure.add_artist(arrow)
+
+
+def _add_bar(figure: Figure, scale: int, top: float, place: tuple[float, float, float, float]) -> Axes:
+    """Add a bar of colours with its numbers; its place is left, bottom, width and height in pixels."""
+    size = (figure.bbox.width, figure.bbox.height) * 2
+    left, bottom, width, height = (float(each) for each in np.divide(place, size))
+    axes = figure.add_axes((left, bottom, width, height))
+    shades = speed_colours(scale, np.linspace(0.0, 1.0, 128))
+    opacity = shades[:, 3:]
+    axes.imshow((opacity * shades[:, :3] + (1.0 - opacity) * WATER)[None], aspect="auto", extent=(0.0, top, 0.0, 1.0))
+    axes.set_yticks([])
+    axes.set_xticks([0.0, top / 2.0, top], ["0", f"{top / 2.0:g}", f"{top:g} m/s"])
+    first, _, last = axes.get_xticklabels()
+    first.set_horizontalalignment("left")
+    last.set_horizontalalignment("right")
+    axes.spines[:].set_visible(False)
+    return axes
+
+
+# -- lettering ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans, which comes with matplotlib and so is on every machine; size in pixels."""
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name
+    return ImageFont.truetype(str(path), size, layout_engine=ImageFont.Layout.BASIC)
+
+
+def text(words: str, size: int, colour: Colour, bold: bool = False, outline: int = 0) -> Image.Image:
+    """Draw text on a transparent RGBA image. A dark outline, in pixels, makes it legible on any background."""
+    left, top, right, bottom = font(size, bold).getbbox(words, stroke_width=outline)
+    image = Image.new("RGBA", (int(right - left) + 1, int(bottom - top) + 1))
+    ImageDraw.Draw(image).text(
+        (-left, -top),
+        words,
+        to_hex(colour),
+        font(size, bold),
+        stroke_width=outline,
+        stroke_fill=to_hex((*PLATE[:3], 220 / 255), keep_alpha=True),
+    )
+    return image
+
+
+def shorten(words: str, size: int, width: float, bold: bool = False) -> str:
+    """Cut words with an ellipsis where they are wider than `width` pixels."""
+    if font(size, bold).getlength(words) <= width:
+        return words
+    while words and font(size, bold).getlength(words + "…") > width:
+        words = words[:-1]
+    return words.rstrip() + "…"
+
+
+def fit(words: str, size: int, width: float, bold: bool = False) -> tuple[str, int]:
+    """Write words as large as they fit, down to two thirds of a size in pixels; longer ones are cut."""
+    smallest = max(round(size * 2 / 3), 1)
+    while size > smallest and font(size, bold).getlength(words) > width:
+        size -= 1
+    return shorten(words, size, width, bold), size
+
+
+def number(value: float) -> str:
+    """Format with three significant digits; scientific notation with two below 1e-3 or from 1e5."""
+    if value == 0 or not np.isfinite(value):
+        return f"{value:g}"
+    if not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.1e}"
+    return f"{value:.{max(0, 2 - int(np.floor(np.log10(abs(value)))))}f}"
+
+
+def bright(colour: Array) -> Colour:
+    """Mix a group's colour with white until it can be read on a dark ground."""
+    luminance = float(colour @ [0.21, 0.72, 0.07])
+    white = max(0.0, (0.66 - luminance) / (1 - luminance)) if luminance < 1 else 0.0
+    red, green, blue = (float(part) for part in colour + white * (1 - colour))
+    return red, green, blue

@@ -12,27 +12,27 @@ from typing import Any, get_args
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import MjsheafError
-from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
+from mjsheaf.law.obstacles import HALF_SPACE, ObstacleArrays
+from mjsheaf.show.played import DrawnEdge, EdgeKind, Sea
+from mjsheaf.show.solids import obstacle_places, obstacle_solids
+from mjsheaf.show.style import OBSTACLE, speed_colours
 from mjsheaf.video import camera
 from mjsheaf.video.camera import CameraPath, View
-from mjsheaf.video.film import Edge, EdgeKind, Film, FloatArray, IntArray, Moment, VideoOptions
-from mjsheaf.video.flow import colour, velocities
+from mjsheaf.video.film import Film, Moment, VideoOptions
 from mjsheaf.video.gl import open_context
-from mjsheaf.video.sea import draw_sea
 
-Float32Array = npt.NDArray[np.float32]
+Float32Array = NDArray[np.float32]
 
 COMMUNICATION: Float32Array = np.array([0.93, 0.96, 1.0, 0.4], np.float32)  # RGBA in 0..1, like MuJoCo's geoms
 HEADS: Float32Array = np.array([0.93, 0.96, 1.0, 0.9], np.float32)
 SENSING: Float32Array = np.array([1.0, 0.86, 0.25, 0.9], np.float32)
 
 RESTRAINED: Float32Array = np.array([1.0, 0.2, 0.6, 0.6], np.float32)
-OBSTACLE: Float32Array = np.array([0.78, 0.55, 0.38, 1.0], np.float32)
-HALF_SPACE_COLOUR: Float32Array = np.array([0.78, 0.55, 0.38, 0.35], np.float32)
 FACE = 0.05  # half the thickness at which the face of a half-space is drawn, m
 
 ABSENT: Float32Array = np.array([0.6, 0.6, 0.6, 1.0], np.float32)
@@ -75,7 +75,7 @@ class Lines:
     width: float
 
     @classmethod
-    def of(cls, starts: npt.ArrayLike, ends: npt.ArrayLike, rgba: npt.ArrayLike, width: float) -> "Lines":
+    def of(cls, starts: ArrayLike, ends: ArrayLike, rgba: ArrayLike, width: float) -> "Lines":
         """Join starts and ends, each of shape (n, 3); one colour (4,) is for all."""
         both = np.stack([np.asarray(starts), np.asarray(ends)], axis=1, dtype=np.float32, casting="same_kind")
         return cls(both, np.broadcast_to(np.asarray(rgba, np.float32), (len(both), 4)), width)
@@ -141,7 +141,7 @@ class Decorator:
         x, y = (self._spacing * (round(at / self._spacing) + 0.5 * number) + steps for at in view.lookat[:2])
         height = self._film.surface_height if medium.level else float(np.median(moment.positions[medium.vehicles, 2]))
         places = np.stack([*np.meshgrid(x, y), np.full((len(x), len(y)), height)], axis=-1).reshape(-1, 3)
-        velocity = velocities(medium, places, moment.time)
+        velocity = medium.at(places, moment.time)
         speed = np.linalg.norm(velocity, axis=1)
         away = np.linalg.norm(places[:, :2] - view.lookat[:2], axis=1) / (ARROW_REACH * self._spacing)
         shown = np.isfinite(speed) & (speed > SLOWEST_ARROW * medium.top) & (away < 1.0)
@@ -153,7 +153,7 @@ class Decorator:
         tip, barb = places + along * length / 2.0, 0.35 * np.minimum(length, 0.5 * self._spacing)
         starts = np.concatenate([places - along * length / 2.0, tip, tip])
         ends = np.concatenate([tip, *(tip - barb * (along + 0.5 * side * aside) for side in (-1.0, 1.0))])
-        rgba = np.tile(colour(medium.scale, fraction), (3, 1))
+        rgba = np.tile(speed_colours(medium.scale, fraction), (3, 1))
         rgba[:, 3] *= np.tile(1.0 - away**2, 3)
         return Lines.of(starts, ends, rgba, 2.0 * self._unit)
 
@@ -232,12 +232,6 @@ class Decorator:
         return np.column_stack([self._colours, np.full(len(self._colours), alpha, np.float32)])
 
 
-def round_length(length: float) -> float:
-    """Round a length down to 1, 2 or 5 times a power of 10, m."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9)))
-
-
 def owners_of_geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:
     """Return the vehicle of each geom of a model, -1 for none, from the root bodies of the vehicles."""
     vehicle = np.full(model.nbody, -1)
@@ -245,43 +239,50 @@ def owners_of_geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:
     return np.asarray(vehicle[model.body_rootid[model.geom_bodyid]])
 
 
-def _pairs(edges: Sequence[Edge], kind: str) -> IntArray:
+def _pairs(edges: Sequence[DrawnEdge], kind: str) -> IntArray:
     """Return the edges of one kind, shape (n, 2); parallel edges are drawn once."""
     pairs = sorted({(i, j) for i, j, edge_kind in edges if edge_kind == kind})
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _add_ball(scene: mujoco.MjvScene, centre: FloatArray, radius: float, rgba: Float32Array) -> None:
-    """Add a ball; radius in m. The scene has room for `Decorator.most_geoms` of them."""
+def _add_geom(
+    scene: mujoco.MjvScene,
+    shape: mujoco.mjtGeom,
+    size: ArrayLike,
+    place: Array,
+    rgba: Float32Array,
+    axes: Array = np.eye(3),  # noqa: B008
+) -> Any:
+    """Add a geom and return it. The scene has room for `Decorator.most_geoms` of them."""
     geom = scene.geoms[scene.ngeom]
-    sphere, level = mujoco.mjtGeom.mjGEOM_SPHERE.value, np.eye(3).ravel()
-    mujoco.mjv_initGeom(geom, sphere, np.full(3, radius), centre, level, rgba)
-    geom.emission = 0.6  # keeps its group's colour in the shade
+    mujoco.mjv_initGeom(geom, shape.value, np.asarray(size), place, axes.ravel(), rgba)
     scene.ngeom += 1
+    return geom
+
+
+def _add_ball(scene: mujoco.MjvScene, centre: Array, radius: float, rgba: Float32Array) -> None:
+    """Add a ball; radius in m."""
+    geom = _add_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, radius), centre, rgba)
+    geom.emission = 0.6  # keeps its group's colour in the shade
+
+
+_SHAPES = {
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+}
 
 
 def _add_obstacles(scene: mujoco.MjvScene, obstacles: ObstacleArrays, time: float, view: View) -> None:
     """Add every obstacle where it is at a time in s; of a half-space, its face near the middle of the picture."""
-    kinds, shapes = (SPHERE, CAPSULE, BOX, HALF_SPACE), mujoco.mjtGeom
-    geoms = dict(zip(kinds, (shapes.mjGEOM_SPHERE, shapes.mjGEOM_CAPSULE, *[shapes.mjGEOM_BOX] * 2), strict=True))
-    places = zip(obstacles.kind, obstacles.axes, obstacles.size, centres(obstacles, time), strict=True)
-    for kind, axes, size, centre in places:
-        x, y, z = axes
-        columns, extent = (x, y, z), size
-        if kind == SPHERE:
-            extent = np.full(3, size[0])
-        elif kind == CAPSULE:  # MuJoCo's capsules lie along their z axis, and have the radius first
-            columns, extent = (y, z, x), np.array([size[1], size[0], 0.0])
-        elif kind == HALF_SPACE:
-            centre = view.lookat - x * (x @ (view.lookat - centre) + FACE)
-            extent = np.array([FACE, view.distance, view.distance])
-        rgba = HALF_SPACE_COLOUR if kind == HALF_SPACE else OBSTACLE
-        geom = scene.geoms[scene.ngeom]
-        mujoco.mjv_initGeom(geom, geoms[kind].value, extent, centre, np.column_stack(columns).ravel(), rgba)
-        scene.ngeom += 1
+    solids = obstacle_solids(obstacles, FACE, view.distance)
+    places = obstacle_places(obstacles, time, view.lookat, FACE)
+    for kind, (shape, size, axes), place in zip(obstacles.kind.tolist(), solids, places, strict=True):
+        rgba = np.array([*OBSTACLE, 0.35 if kind == HALF_SPACE else 1.0], np.float32)
+        _add_geom(scene, _SHAPES[shape], size, place, rgba, axes)
 
 
-def draw_lines(batches: Sequence[Lines], sea: tuple[FloatArray, FloatArray] | None = None) -> None:
+def draw_lines(batches: Sequence[Lines], sea: tuple[Array, Array] | None = None) -> None:
     """Draw lines, and the mesh of a sea before them, over what MuJoCo drew there and behind what is nearer.
 
     MuJoCo leaves its camera's matrices and its depth test in place; everything that is changed is put back.
@@ -370,7 +371,7 @@ class Renderer:
         data: mujoco.MjData,
         view: View,
         decorate: Callable[[mujoco.MjvScene], Sequence[Lines]],
-        sea: tuple[FloatArray, FloatArray] | None = None,
+        sea: tuple[Array, Array] | None = None,
     ) -> Image.Image:
         """Draw one frame, RGB.
 
@@ -404,7 +405,7 @@ class Renderer:
         self._held.close()
 
 
-def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: FloatArray | float) -> None:
+def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: Array | float) -> None:
     """Scale what is drawn of each vehicle about its root body's origin; the model is then for drawing only.
 
     Args:
@@ -442,7 +443,7 @@ def vehicle_radius(model: mujoco.MjModel, body_id: IntArray) -> float:
     for body in np.flatnonzero(np.isin(model.body_rootid, body_id) & ~np.isin(np.arange(model.nbody), body_id)):
         reach[body] = reach[model.body_parentid[body]] + np.linalg.norm(model.body_pos[body])
     geoms = _geoms(model, body_id)
-    offsets: FloatArray = np.linalg.norm(model.geom_pos[geoms], axis=1)
+    offsets: Array = np.linalg.norm(model.geom_pos[geoms], axis=1)
     return float((reach[model.geom_bodyid[geoms]] + offsets + model.geom_rbound[geoms]).max(initial=0.1))
 
 
@@ -474,3 +475,96 @@ def set_detail(model: mujoco.MjModel, camera: CameraPath, radius: float, height:
     slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), FEWEST_SLICES)
     model.vis.quality.numslices = min(model.vis.quality.numslices, slices)
     model.vis.quality.numstacks = min(model.vis.quality.numstacks, slices * 2 // 3)
+
+
+# -- the sea -----------------------------------------------------------------------------------------------------------
+
+POINTS = 201  # of the grid along x and along y
+REACH = 36.0  # from its middle to its edge, in distances of the camera
+GRADING = 6.0  # about exp(GRADING) is the ratio of the widest spacing to the finest
+DEEP = np.array([0.04, 0.21, 0.33])  # colours, RGB in 0..1: of the water,
+CREST = np.array([0.20, 0.50, 0.58])  # of high water, through which light falls,
+HORIZON = np.array([0.80, 0.88, 0.94])  # and of the sky, low and high
+ZENITH = np.array([0.32, 0.52, 0.76])
+SUN = np.array([0.48, 0.36, 0.80])  # unit vector to it
+GLITTER = 60.0  # exponent of the sun's reflection
+HAZE = 14.0  # distances of the camera at which the water has nearly the colour of the horizon
+OPACITY = 0.88  # what is under water shows through
+
+
+def sea_at(seas: Sequence[Sea], time: float) -> Sea | None:
+    """Return the sea at a time, the last that has begun, or the first; None without waves."""
+    begun = [sea for sea in seas if sea.start <= time + 1e-9]
+    return next(iter(begun[-1:] or seas), None)
+
+
+def mesh(sea: Sea, view: View, time: float) -> tuple[Array, Array]:
+    """Return a graded grid on the surface about the point that a camera looks at.
+
+    Args:
+        sea: The sea.
+        view: The camera's view.
+        time: Time, s.
+
+    Returns:
+        Points, shape (P, P, 3), m, and their colours, RGBA in 0..1, shape (P, P, 4).
+    """
+    graded = REACH * view.distance * np.sinh(np.linspace(-GRADING, GRADING, POINTS)) / np.sinh(GRADING)
+    x = view.lookat[0] + graded
+    y = view.lookat[1] + graded
+    height, slope_x, slope_y = sea.surface(x, y, time)
+    points = np.stack([*np.meshgrid(x, y, indexing="ij"), sea.level + height], axis=-1)
+    normal = np.stack([-slope_x, -slope_y, np.ones_like(height)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    to_eye = view.lookat - view.distance * camera.axes(view.azimuth, view.elevation)[2] - points
+    away = np.linalg.norm(to_eye, axis=-1, keepdims=True)
+    to_eye /= away
+    rgb = _lit(normal, to_eye, height / max(4.0 * np.sqrt(np.sum(sea.waves.amplitude**2) / 2.0), 1e-9))
+    haze = 1.0 - np.exp(-((away / (HAZE * view.distance)) ** 2) * 3.0)
+    rgb += haze * (HORIZON - rgb)
+    return points, np.concatenate([rgb, np.maximum(haze, OPACITY)], axis=-1)
+
+
+def _lit(normal: Array, to_eye: Array, height: Array) -> Array:
+    """Return colours of water, RGB, by its normals, unit vectors to the eye, and elevations over H_s.
+
+    It reflects the sky by Schlick's formula, and the sun.
+    """
+    facing = np.clip(np.sum(normal * to_eye, axis=-1, keepdims=True), 0.0, 1.0)
+    mirrored = 2.0 * facing * normal - to_eye
+    sky = HORIZON + np.clip(mirrored[..., 2:], 0.0, 1.0) * (ZENITH - HORIZON)
+    water = DEEP + np.clip(0.5 + height, 0.0, 1.0)[..., None] * (CREST - DEEP)
+    water *= 0.25 + 0.9 * np.clip(normal @ SUN, 0.0, 1.0)[..., None]
+    fresnel = 0.02 + 0.98 * (1.0 - facing) ** 5
+    glitter = 0.5 * np.clip(mirrored @ SUN, 0.0, 1.0)[..., None] ** GLITTER
+    return np.asarray(np.clip(water + fresnel * (sky - water) + glitter, 0.0, 1.0))
+
+
+def _triangles() -> Array:
+    """Return the corners of the grid's triangles, shape (n,)."""
+    corner = np.arange(POINTS * POINTS).reshape(POINTS, POINTS)[:-1, :-1].ravel()
+    corners = [corner, corner + POINTS, corner + 1, corner + 1, corner + POINTS, corner + POINTS + 1]
+    return np.stack(corners, axis=1).ravel().astype(np.uint32)
+
+
+TRIANGLES = _triangles()
+
+
+def draw_sea(points: Array, rgba: Array) -> None:
+    """Draw a mesh into the current context's buffer, where nothing nearer is; it hides nothing that is drawn later.
+
+    Args:
+        points: Corners of the triangles, shape (P, P, 3), m.
+        rgba: Their colours in 0..1, shape (P, P, 4).
+    """
+    # PyOpenGL loads its library at its first import, which must happen after the context exists: see gl.
+    from OpenGL import GL
+    from OpenGL.raw.GL.VERSION import GL_1_1 as RAW  # the plain functions keep no reference to arrays
+
+    gl: Any = GL
+    vertices = np.ascontiguousarray(points, np.float32)
+    colours = np.ascontiguousarray(rgba, np.float32)
+    RAW.glVertexPointer(3, gl.GL_FLOAT, 0, vertices.ctypes.data_as(c_void_p))
+    RAW.glColorPointer(4, gl.GL_FLOAT, 0, colours.ctypes.data_as(c_void_p))
+    gl.glBindBuffer(gl.GL_ELEMENT_ARRAY_BUFFER, 0)
+    RAW.glDrawElements(gl.GL_TRIANGLES, len(TRIANGLES), gl.GL_UNSIGNED_INT, TRIANGLES.ctypes.data_as(c_void_p))

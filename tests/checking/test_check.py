@@ -13,11 +13,11 @@ import pytest
 import mjsheaf
 from mjsheaf.checking import CheckRecord, examine
 from mjsheaf.checking.figures import draw_check
-from mjsheaf.checking.report import report
+from mjsheaf.checking.report import WIDTH, report
 from mjsheaf.cli.terminal import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
-from tests.builders import Simulated, validator_of
+from tests.builders import validator_of
 from tests.checking.test_screen import assert_record_fits
 from tests.commands import Answer, call
 from tests.pictures import is_legible
@@ -60,11 +60,16 @@ def test_verdicts_schema_and_exit_code(
 
 
 def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) -> None:
-    terminal = make_console()
+    terminal = make_console(WIDTH)
     terminal.print(report(record))
     printed = capsys.readouterr().out
-    for heading in ("assumptions of the paper", "Theorem 1", "the held law", "margins in practice", "fragility"):
-        assert heading in printed
+    lines = printed.splitlines()
+    assert len(lines) <= (200 if record.scenario == "paper" else 240) or len(record.phases) > 1
+    for name, value in record.theorem:
+        if value not in (None, "", record.theorem.weaker) and name not in ("holds", "applies", "norm"):
+            assert name.endswith("_per_agent") or any(line.startswith(f"  {name} ") for line in lines)
+    for heading in ("assumptions", "theorem", "law", "margins", "fragility"):
+        assert any(line.startswith(f"{heading}  ") for line in lines)
     assert " nan" not in printed.lower()
 
 
@@ -74,7 +79,7 @@ def test_command_and_function_say_the_same(name: str, capsys: pytest.CaptureFixt
     call("check", name, "--no-trial", "--json")
     assert json.loads(capsys.readouterr().out) == mjsheaf.check(mjsheaf.load_scenario(name), trial=False)
     call("check", name, "--no-trial", "--full")
-    assert "margins in practice" in capsys.readouterr().out
+    assert "\nmargins  " in capsys.readouterr().out
 
 
 def test_an_unstable_law_does_not_hold(capsys: pytest.CaptureFixture[str]) -> None:
@@ -153,7 +158,7 @@ def test_run_compares_with_the_bound(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.long
-def test_margins_speak_of_this_team(simulated: Simulated) -> None:
+def test_margins_speak_of_this_team() -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("paper", {"controller.velocity_limit": 20}), trial=False)
     hold = record["margins"]["hold"]
     assert hold["product"] == pytest.approx(10 * 0.01 * 6.269324221144499)
@@ -163,10 +168,6 @@ def test_margins_speak_of_this_team(simulated: Simulated) -> None:
     assert fastest["limit"] == 20
     result = mjsheaf.simulate(mjsheaf.load_scenario("paper", {"time.end": 0.05}), "ideal")
     assert fastest["asked"] == pytest.approx(float(10 * result["disagreement"][0].max()), rel=1e-9)
-    settled = simulated("paper", "ideal")["tracking_error"][500:].max("time")
-    lag = {x["agent"]: x["lag"] for x in record["margins"]["lag"]}
-    for agent in lag:  # a quasi-static estimate of what the run shows
-        assert lag[agent] == pytest.approx(float(settled.sel(agent=agent)), rel=0.5)
 
 
 def test_plot_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

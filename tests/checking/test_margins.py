@@ -1,14 +1,13 @@
 """Margins against simulation and against matrices.
 
-Oracle: where a simulation begins to diverge; roots of the second-order system by a generalised eigenproblem.
+Oracle: where a simulation begins to diverge.
 """
 
 import numpy as np
 import pytest
-from scipy.linalg import eigvals
 
 import mjsheaf
-from mjsheaf.checking.loop.margins import body_margin, hold_margin
+from mjsheaf.checking.loop.margins import hold_margin
 from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.scenario import scenario_from_mapping
 from tests.commands import call
@@ -46,33 +45,6 @@ def test_continuous_law_has_no_hold_margin() -> None:
     assert hold_margin(system, spectrum_of(system.team)) is None
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.4])
-def test_damping_of_inertia_alone(spread: float) -> None:
-    system = mjsheaf.load_scenario("local_frames", {"controller.control_period": 0.1}).system
-    H, k = system.team.dirichlet.H.toarray(), system.gain
-    tau = 0.3 * (1.0 + spread * np.linspace(-1, 1, len(system.team.agents)))
-    margin = body_margin(system, spectrum_of(system.team), tau)
-    each = np.concatenate([np.full(a.dimension, t) for a, t in zip(system.team.agents, tau, strict=True)])
-    if spread == 0.0:
-        values = np.linalg.eigvalsh(H)
-        assert margin.damping_slowest == pytest.approx(1 / (2 * np.sqrt(k * values[0] * 0.3)))
-        assert margin.damping_fastest == pytest.approx(1 / (2 * np.sqrt(k * values[-1] * 0.3)))
-    else:
-        slowest, fastest = dampings(H, each, k)
-        assert slowest != pytest.approx(fastest, rel=0.1)
-        assert margin.damping_slowest == pytest.approx(slowest, rel=1e-6)
-        assert margin.damping_fastest == pytest.approx(fastest, rel=1e-6)
-
-
-def dampings(H: np.ndarray, tau: np.ndarray, k: float) -> tuple[float, float]:
-    """Of the slowest and the fastest root of det(tau s^2 + s + k H), by a generalised eigenproblem; H regular."""
-    n = len(H)
-    zero, one = np.zeros((n, n)), np.eye(n)
-    roots = eigvals(np.block([[zero, one], [-k * H, -one]]), np.block([[one, zero], [zero, np.diag(tau)]]))
-    roots = roots[np.argsort(np.abs(roots))]
-    return float(-roots[0].real / abs(roots[0])), float(-roots[-1].real / abs(roots[-1]))
-
-
 FREE = {
     "name": "free",
     "agents": [{"id": f"A{i}", "position": [float(i), 0.0]} for i in range(5)],
@@ -83,40 +55,11 @@ FREE = {
 }
 
 
-@pytest.mark.parametrize(
-    "taus", [(1.0, 1.5, 40.0, 40.0, 90.0), (1.0, 1.5, 40.0, 50.0, 1e-3), (1.0, 1.0, 1.0, 1.0, 1.0)]
-)
-def test_what_is_free_does_not_enter(taus: tuple[float, ...]) -> None:
-    """A2 and A3 oscillate against each other but coast together, A4 coasts; the held modes alone show the same."""
-    system = scenario_from_mapping(FREE).system
-    margin = body_margin(system, spectrum_of(system.team), np.array(taus))
-    k = 2.0
-    H = np.array([[2.0, -1.0], [-1.0, 1.0]])
-    pair_H, pair_tau = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array(taus[2:4])
-    roots = []
-    for part, tau in ((H, np.array(taus[:2])), (pair_H, pair_tau)):
-        n = len(part)
-        plant = np.block([[np.zeros((n, n)), np.eye(n)], [np.zeros((n, n)), -np.diag(1 / tau)]])
-        push = np.vstack([np.zeros((n, n)), np.diag(1 / tau)])
-        gain = np.hstack([-k * part, np.zeros((n, n))])
-        roots += np.linalg.eigvals(plant + push @ gain).tolist()
-    # Of the pair, one root is 0 and one is the decay of their common velocity.
-    if taus[2] == taus[3]:
-        roots = [s for s in roots if abs(s + 1 / taus[2]) > 1e-9]
-    moving = sorted((s for s in roots if abs(s) > 1e-7), key=abs)
-    assert margin.damping_slowest == pytest.approx(-moving[0].real / abs(moving[0]), rel=1e-6)
-    assert margin.damping_fastest == pytest.approx(-moving[-1].real / abs(moving[-1]), rel=1e-6)
-
-
 def test_a_held_team_without_edges_has_no_limit() -> None:
     system = scenario_from_mapping({**FREE, "communication": [], "sensing": []}).system
-    spectrum = spectrum_of(system.team)
-    margin = hold_margin(system, spectrum)
+    margin = hold_margin(system, spectrum_of(system.team))
     assert margin is not None
     assert (margin.product, margin.largest_gain, margin.ringing_gain) == (0.0, None, None)
-    for tau in (np.full(5, 0.1), np.linspace(0.1, 0.2, 5)):
-        bodies = body_margin(system, spectrum, tau)
-        assert (bodies.damping_slowest, bodies.damping_fastest) == (None, None)
 
 
 @pytest.mark.long
@@ -143,5 +86,6 @@ def test_the_speeds_of_a_vehicle_have_names(capsys: pytest.CaptureFixture[str]) 
         "--set",
         "time.end=2",
     ) in (0, 1)
-    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    assert "all-way speed is 3.853" in printed
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "3.853" in printed
+    assert "able: all-way speed" in printed

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.check import examine
+from mjsheaf.checking import examine
 from mjsheaf.checking.loop.modelled import unmodelled_parts
 from mjsheaf.law.law import EdgeArrays, LawArrays
 from mjsheaf.law.links import LINK, LinkArrays

@@ -3,12 +3,17 @@
 import html
 import json
 import pickle
+from io import StringIO
 
 import numpy as np
 import pytest
+from pydantic import Field
+from rich.console import Console
 
 import mjsheaf
 from mjsheaf.checking import CheckRecord, examine_scenario
+from mjsheaf.checking.loop.held_law import LawLoop
+from mjsheaf.checking.report import report
 from mjsheaf.checking.screen import MAX_LINES, WIDTH, screen
 from tests.commands import answer_of
 
@@ -62,7 +67,9 @@ def test_the_command_prints_the_answer_alone_on_stdout() -> None:
     short = answer_of("check", "midpoint")
     assert len(short.out.splitlines()) <= MAX_LINES
     assert "--full" in short.out
-    assert "assumptions of the paper" in answer_of("check", "midpoint", "--no-trial", "--full").out
+    whole = answer_of("check", "midpoint", "--no-trial", "--full").out
+    assert whole.startswith(answer_of("check", "midpoint", "--no-trial").out.split("\n\nmjsheaf check")[0])
+    assert len(whole.splitlines()) <= 200
 
 
 def test_the_answer_in_python_prints_as_the_screen_and_stays_a_mapping() -> None:
@@ -73,6 +80,39 @@ def test_the_answer_in_python_prints_as_the_screen_and_stays_a_mapping() -> None
     assert json.loads(json.dumps(answer)) == dict(answer) == answer
     again = pickle.loads(pickle.dumps(answer))
     assert (again, repr(again)) == (answer, repr(answer))
+
+
+class MoreOfALaw(LawLoop):
+    extra: float = Field(1.5, description="made up, m; in words [of a kind] that look like markup")
+    sentence: str = Field("", description="why")
+    nothing: float | None = Field(None, description="never known, m; null where it is not")
+
+
+def test_the_whole_report_has_every_field_of_the_record_by_itself() -> None:
+    record = examine_scenario(mjsheaf.load_scenario("midpoint")).record
+    law = MoreOfALaw(**dict(record.law), sentence="of [a] kind " * 20)
+    first = page(record.model_copy(update={"law": law}))
+    (line,) = [line for line in first if line.startswith("  extra ")]
+    assert line.split() == ["extra", "1.5", "made", "up,", "m"]
+    assert " ".join(first).count("[a] kind") == 20
+    assert not any(line.startswith("  nothing ") for line in first)
+
+
+def test_after_an_event_the_whole_report_has_what_differs() -> None:
+    event = {"time": 20.0, "set": {"controller.gain": 4.0}}
+    record = examine_scenario(mjsheaf.load_scenario("midpoint", {"events": [event]})).record
+    lines = page(record)
+    start = lines.index("From 20 s on: gain = 4.0")
+    gains = [line.split() for line in lines if line.split()[:1] == ["gain"]]
+    assert gains == [["gain", "3", "k1,", "1/s"], ["gain", "4", "before:", "3"]]
+    assert not any(line.startswith("fragility") for line in lines[start:])
+    assert any(line.startswith("fragility") for line in lines[:start])
+
+
+def page(record: CheckRecord) -> list[str]:
+    console = Console(width=120, file=StringIO())
+    console.print(report(record))
+    return console.file.getvalue().splitlines()  # type: ignore[attr-defined]
 
 
 def test_scenarios_and_sheaves_have_a_short_form() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.checking.check import examine
+from mjsheaf.checking import examine
 from mjsheaf.checking.separation import SafetyRecord
 
 DRIFT = 1.0  # m/s

@@ -12,8 +12,8 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import trial as trials
-from mjsheaf.checking.check import CheckRecord
 from mjsheaf.checking.problems import headline
+from mjsheaf.checking.record import CheckRecord
 from mjsheaf.checking.screen import screen
 from mjsheaf.scenario import Scenario
 from tests.builders import DATA
@@ -293,9 +293,10 @@ def test_a_pair_that_begins_too_close_does_not_hide_another() -> None:
 
 
 def test_the_plot_of_a_check_has_the_verdict_of_the_trial(tmp_path: Path) -> None:
-    from mjsheaf.checking.check import Examination, examine_scenario, try_out
+    from mjsheaf.checking import Examination, examine_scenario
+    from mjsheaf.checking.check import try_out
     from mjsheaf.checking.figures import draw_check
-    from mjsheaf.io.figures import AS_USUAL
+    from mjsheaf.show.style import AS_USUAL
 
     scenario = lone("otter", [5.0, 0.0], {}, expect={"physics": {"tracking_error": 0.0}})
     analysis = examine_scenario(scenario)

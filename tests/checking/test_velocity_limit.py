@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.checking.check import examine
+from mjsheaf.checking import examine
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 
 DRIFT = 1.25  # m/s, which both agents must make up for to stay where they are

@@ -98,12 +98,12 @@ INTERRUPTED = """
 import os, sys
 from mjsheaf.cli import main
 from mjsheaf.runs import publish
-from mjsheaf.video import from_run
+from mjsheaf.video import film as films
 def film(scenario, dataset, path, *_):
     os.kill(os.getpid(), {number})
     raise AssertionError
 publish.available_backend = lambda: ("none", "")
-from_run.film_run = film
+films.film_run = film
 main({arguments})
 """
 

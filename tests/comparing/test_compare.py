@@ -18,13 +18,12 @@ from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
-from mjsheaf.io.figures import AS_USUAL
 from mjsheaf.results import summarize
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
+from mjsheaf.show.style import AS_USUAL
 from mjsheaf.video import available_backend
-from mjsheaf.video.film import Frames
-from mjsheaf.video.from_run import both_films, half_options
+from mjsheaf.video.film import Frames, both_films, half_options
 from mjsheaf.video.overlay import Overlay
 from tests.builders import REPOSITORY, approx, two_boats
 from tests.commands import call
@@ -169,7 +168,7 @@ def test_everything_else_is_there_before_the_video(
         return 1
 
     monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
-    monkeypatch.setattr("mjsheaf.video.from_run.film_side_by_side", film)
+    monkeypatch.setattr("mjsheaf.video.film.film_side_by_side", film)
     for quality in ("draft", "good"):
         option = ["--quality", quality] * (quality != "draft")
         assert call("compare", "midpoint", *SHORT, *option, "--out", out) == 0
@@ -206,7 +205,7 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
     assert errors[0].min() != pytest.approx(errors[1].min(), rel=0.1)  # axes of their own would differ
     same = replace(surveys[0], error=np.geomspace(low, high, len(surveys[0].time)))
     films[1] = replace(films[1], subtitle=f"{films[1].subtitle}, feedforward, newton, drift")  # a wider plate
-    overlays = [Overlay(film, options, same, [other]) for film, other in (films, films[::-1])]
+    overlays = [Overlay(film, options, same) for film in films]
     columns, rows = zip(*(overlay._curve for overlay in overlays), strict=True)
     np.testing.assert_array_equal(rows[0], rows[1])
     np.testing.assert_array_equal(columns[0], columns[1])

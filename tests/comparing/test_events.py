@@ -20,7 +20,7 @@ from mjsheaf.comparing.report import WIDTH, report_text
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.scenario import Scenario
-from mjsheaf.video.from_run import both_films, half_options
+from mjsheaf.video.film import both_films, half_options
 from tests.builders import approx, two_boats
 from tests.commands import call
 

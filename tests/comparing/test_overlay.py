@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 import mjsheaf
 from mjsheaf.comparing.overlay import MAX_RUNS, RunsRecord, open_runs, publish_runs
 from mjsheaf.errors import InputError, PlaceError
-from mjsheaf.page.ghosts import Ghost, add_ghosts
-from mjsheaf.page.replay import Packer, Scene
+from mjsheaf.page.replay import Ghost, Packer, Scene, add_ghosts
 from mjsheaf.results import store, write_dataset
 from mjsheaf.results.store import RUNS_FILES
 from mjsheaf.runs.publish import account_of, write_scenario
@@ -255,9 +254,9 @@ def test_ghosts_are_where_their_run_has_them(runs: Path) -> None:
             captured[name] = values
 
     time = page["time"].values[::10]
-    told = add_ghosts(
-        Capture(), [Ghost("other", "#123456", other, 0.0)], page, time, Scene(np.zeros(3), 10.0), np.zeros(3)
-    )
+    ghost = Ghost("other", "#123456", other, 0.0)
+    ids, positions = page["agent"].values.tolist(), np.zeros((len(time), page.sizes["agent"] + page.sizes["target"], 3))
+    told = add_ghosts(Capture(), [ghost], ids, positions, time, Scene(np.zeros(3), 10.0), np.zeros(3))
     assert told == [{"name": "other", "colour": "#123456"}]
     places = captured["ghost0"]
     assert np.isnan(places[:, 0]).all()  # A0 is not in the other run

@@ -14,7 +14,7 @@ import xarray as xr
 import mjsheaf
 from mjsheaf.dynamics.recordings import read_positions
 from mjsheaf.errors import MjsheafError
-from mjsheaf.export.formats import make_sink
+from mjsheaf.export.log import make_sink
 from mjsheaf.results.netcdf import write_dataset
 from mjsheaf.results.sinks import send
 

@@ -27,8 +27,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.cli import main
 from mjsheaf.errors import InputError
 from mjsheaf.export import export_run
-from mjsheaf.export.content import PALETTE, TOPICS
-from mjsheaf.export.formats import FORMATS, make_sink
+from mjsheaf.export.log import FORMATS, PALETTE, TOPICS, make_sink
 from mjsheaf.export.mcap import MAX_FIELDS, make_messages, turn_along
 from mjsheaf.results.netcdf import split
 from mjsheaf.results.sinks import send

@@ -12,7 +12,7 @@ import xarray as xr
 
 import mjsheaf
 from mjsheaf.envs import dm_env, env, parallel_env, vector_env
-from mjsheaf.live.actions import Recorder
+from mjsheaf.live.live import Recorder
 from mjsheaf.loop.loop import ClosedLoop
 from mjsheaf.loop.session import Session
 from mjsheaf.results.dataset import make_datasets

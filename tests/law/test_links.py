@@ -474,8 +474,8 @@ def test_what_is_under_way_survives_a_phase_with_other_edges() -> None:
     scenario = mixed_scenario(seed=5, **fields)
     system = scenario.system
     fewer = without_an_edge(system)
-    links = pack_links(fewer.team, scenario.links, period=H, seed=5)
-    fewer = replace(fewer, law=pack_law(fewer.team, 2.0, 0.0, system.law.limit, links=links))
+    links = pack_links(fewer.team, scenario.links, period=H)
+    fewer = replace(fewer, law=pack_law(fewer.team, 2.0, 0.0, system.law.limit, links=links, seed=5))
     phases = [Phase(0, system), Phase(20, fewer)]
     data = join(stream(phases, "ideal", 5, samples=1000))
     alone = simulate(scenario, "ideal")

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 import mjsheaf
 from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.arrays import Room
 from mjsheaf.errors import InputError
 from mjsheaf.law import ControlArrays
 from mjsheaf.law.controller import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.law.law import Memory, evaluate_law, new_memory
-from mjsheaf.law.links import size_of_link_memory
-from mjsheaf.law.terms import TermArrays, contraction, size_of_memory, solve
+from mjsheaf.law.links import new_link_memory
+from mjsheaf.law.rounds import new_lines
+from mjsheaf.law.terms import TermArrays, contraction, new_term_memory, solve
 from mjsheaf.loop.session import Session
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -423,16 +425,19 @@ def test_drift_and_integral_are_an_agents_own(terms: dict[str, Any]) -> None:
 
 
 def test_a_law_without_terms_holds_nothing_of_them() -> None:
-    assert size_of_memory(TermArrays(), np.array([0, 40]), 17) == (0, 0)
+    terms, first, room = TermArrays(), np.array([0, 40]), Room()
+    new_term_memory(terms, first, 17, new_lines(terms.rounds, first, room.take), room.take)
+    assert room.taken == 0
     for path in sorted((REPOSITORY / "scenarios").glob("*.yaml")):
         scenario = load_scenario(str(path))
         terms = scenario.system.law.terms
         assert bool(terms.agents) == scenario.controller.terms.any, path
         if not scenario.controller.terms.any:
             V, m = len(scenario.team.members), len(scenario.system.law.edges.b)
-            links = size_of_link_memory(scenario.system.law.links, m) + scenario.system.law.links.size
+            room, links = Room(), scenario.system.law.links
+            new_link_memory(links, m, room.take(links.size), room.take)
             compared = m if scenario.system.law.edges.kinds else 0
-            assert len(new_memory(scenario.system.law, V).flat) == m + 9 * V + links + compared
+            assert len(new_memory(scenario.system.law, V).flat) == m + 9 * V + room.taken + compared
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

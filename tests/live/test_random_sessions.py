@@ -12,7 +12,7 @@ import xarray as xr
 
 from mjsheaf import Session, load_scenario, simulate
 from mjsheaf.errors import MjsheafError
-from mjsheaf.live.actions import Recorder
+from mjsheaf.live.live import Recorder
 from mjsheaf.runs.publish import write_scenario
 from mjsheaf.scenario import Scenario
 

@@ -12,8 +12,7 @@ import xarray as xr
 
 from mjsheaf import check, load_scenario, simulate
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
-from mjsheaf.live.actions import Recorder
-from mjsheaf.live.live import stable_gain
+from mjsheaf.live.live import Recorder, stable_gain
 from mjsheaf.loop.session import Session
 from mjsheaf.runs.publish import write_scenario
 from mjsheaf.scenario import scenario_from_mapping

@@ -10,8 +10,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.live.frames import outlook
-from mjsheaf.live.live import view
+from mjsheaf.live.live import outlook, view
 from mjsheaf.results.sinks import Memory
 from mjsheaf.runs.publish import write_scenario
 from mjsheaf.scenario import Scenario

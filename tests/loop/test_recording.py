@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf import Session, World, load_scenario, simulate, simulate_many
-from mjsheaf.live.actions import Recorder
+from mjsheaf.live.live import Recorder
 from mjsheaf.loop.loop import ClosedLoop
 from mjsheaf.loop.trajectory import Log
 from mjsheaf.results.dataset import make_datasets

@@ -13,9 +13,8 @@ from mjsheaf.loop.trajectory import Log
 from mjsheaf.media import FlowField
 from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario
+from mjsheaf.show.played import media_of
 from mjsheaf.system import Phase, System, on_engine
-from mjsheaf.video.flow import velocities
-from mjsheaf.video.from_run import media_of
 from tests.builders import mixed_scenario
 from tests.page.pages import said_in
 from tests.running import stream_ideal, stream_physics
@@ -167,7 +166,7 @@ def test_video_and_page_show_the_flow_of_each_phase() -> None:
     assert [time for time, _ in current.changes] == [0.1, 0.3]
     point = np.zeros((1, 3))
     for time, velocity in ((0.0, [0, 0, 0]), (0.1, [1, 0, 0]), (0.25, [1, 0, 0]), (0.3, [0, -2, 0])):
-        np.testing.assert_array_equal(velocities(current, point, time), [velocity])
+        np.testing.assert_array_equal(current.at(point, time), [velocity])
     data = simulate(scenario, "ideal", allow_drift=True)
     page = page_of(scenario, phases, data, {}, bounds_of_phases(phases, data))
     (shown,) = said_in(page)["flow"]

@@ -15,9 +15,10 @@ from PIL import Image
 
 from mjsheaf import simulate
 from mjsheaf.page import page as page_module
-from mjsheaf.page.ghosts import Ghost
+from mjsheaf.page.replay import Ghost
 from mjsheaf.scenario import load_scenario
-from mjsheaf.video.from_run import film_of, seas_of, video_options
+from mjsheaf.show.played import seas_of
+from mjsheaf.video.film import film_of
 from tests.page.browser import missing, open_browser, open_page
 from tests.page.pages import Made, make_page, positions_of, said_in
 from tests.page.test_page import HOSTILE
@@ -337,7 +338,7 @@ def test_small_vehicles_are_seen_beside_large_ones(browser: Any, estuary: tuple[
     )
     assert min(pixels) > 24.0
     film, _ = film_of(estuary[1].scenario, estuary[1].dataset)
-    np.testing.assert_allclose(scales, film.scales(video_options(estuary[1].scenario)))
+    np.testing.assert_allclose(scales, film.drawn_scales)
     assert max(scales) > 2.0 > min(scales)
     assert "drawn larger: x500 ×" in page.locator("#legend").inner_text()
     page.evaluate("window.mjsheaf.world.layers.larger = false; window.mjsheaf.world.changed()")
@@ -482,7 +483,8 @@ def test_a_thousand_agents(browser: Any, tmp_path: Path) -> None:
 @pytest.mark.long
 def test_ghosts_of_ideal_kinematics_and_their_distance(browser: Any, tmp_path: Path) -> None:
     ideal = simulate(load_scenario("harbour", {"time.end": 10}), "ideal")
-    made = make_page("harbour", "physics", {"time.end": 10}, ideal=ideal)
+    twin = Ghost("ideal kinematics", None, ideal, 0.0, twin=True)
+    made = make_page("harbour", "physics", {"time.end": 10}, ghosts=[twin])
     page = open_page(browser, made.write(tmp_path / "report.html"))
     k = 250
     apart = page.evaluate("window.mjsheaf.run.column('apart', 2)[window.mjsheaf.run.locate(5)[0]]")
@@ -490,7 +492,9 @@ def test_ghosts_of_ideal_kinematics_and_their_distance(browser: Any, tmp_path: P
     assert apart == pytest.approx(np.linalg.norm(away), rel=1e-3)
     assert "Bodies from their ideal twins" in page.locator("#curves").inner_text()
     page.evaluate(AT, 5.0)
-    ghost = page.evaluate("Array.from(window.mjsheaf.world.idealAt.slice(6, 9))")
+    page.wait_for_timeout(500)
+    ghost = page.evaluate("Array.from(window.mjsheaf.world.ghosts.runs[0].positions.slice(6, 9))")
+    assert "translucent: ideal kinematics" in page.locator("#legend").inner_text()
     assert np.abs(np.array(ghost) - positions_of(ideal)[k, 2]).max() < 0.05
     require_quiet(page)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.page.geometry import kinds_of
+from mjsheaf.show.solids import kinds_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
 

@@ -18,7 +18,7 @@ from mjsheaf.page.replay import Packer
 from mjsheaf.results.store import open_run
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import load_scenario
-from mjsheaf.video.from_run import film_of, video_options
+from mjsheaf.video.film import film_of
 from tests.commands import call
 from tests.page.pages import Elements, Made, make_page, positions_of, said_in, series_in
 
@@ -159,8 +159,7 @@ def test_a_page_has_the_scales_and_the_view_of_the_video() -> None:
     made = make_page("harbour", "ideal", drawn)
     said = said_in(made.page)
     film, _ = film_of(made.scenario, made.dataset)
-    options = video_options(made.scenario)
-    np.testing.assert_allclose(said["scales"], film.scales(options))
+    np.testing.assert_allclose(said["scales"], film.drawn_scales)
     assert said["scales"][4] == 2.5
     assert [[scale, *names] for scale, names in said["larger"] if "W1" in names] == [[2.5, "W1"]]
     assert said["view"] == [-150.0, 50.0]
@@ -296,11 +295,9 @@ def test_the_page_of_a_study_links_those_of_its_runs(tmp_path: Path) -> None:
 
 
 def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To the same page, but for the rounding of positions that are kept between passes."""
-    whole = said_in(make_page("midpoint", "ideal", {"time.end": 1.0}).page)
-    monkeypatch.setattr("mjsheaf.page.replay._MOST_HELD", 0)
-    pieces = said_in(make_page("midpoint", "ideal", {"time.end": 1.0}).page)
-    assert pieces.pop("largest_error") == pytest.approx(whole.pop("largest_error"), abs=1e-5)
-    assert pieces.pop("size") == pytest.approx(whole.pop("size"), rel=1e-6)
-    assert pieces["time"] == whole["time"]
-    assert pieces["edges"] == whole["edges"]
+    """To the same page."""
+    whole = make_page("midpoint", "ideal", {"time.end": 1.0}).page
+    for module in ("page.replay", "show.played"):
+        monkeypatch.setattr(f"mjsheaf.{module}.length_of_piece", lambda _: 7, raising=False)
+    monkeypatch.setattr("mjsheaf.results.netcdf.length_of_piece", lambda _: 7)
+    assert make_page("midpoint", "ideal", {"time.end": 1.0}).page == whole

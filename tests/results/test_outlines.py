@@ -6,7 +6,7 @@ from matplotlib.patches import Polygon
 
 from mjsheaf import load_scenario, plot, simulate
 from mjsheaf.law.obstacles import centres, distances
-from mjsheaf.runs.outlines import outline
+from mjsheaf.show.solids import outline
 from mjsheaf.system import System
 
 _WALLS = [

@@ -18,7 +18,7 @@ from mjsheaf.errors import PlaceError
 from mjsheaf.results import open_run
 from mjsheaf.runs.publish import TimedIterator, execute, publish
 from mjsheaf.scenario import Scenario, load_scenario
-from mjsheaf.video.from_run import video_options
+from mjsheaf.video.film import video_options
 from tests.commands import RUN_FILES
 
 TIMES = ("wall_time_s", "realtime_factor", "timings")
@@ -75,7 +75,7 @@ def test_data_in_memory_never_replace_what_is_not_a_run(tmp_path: Path) -> None:
 def drawn_by(draw: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a function of a path stand for what draws videos."""
     monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
-    monkeypatch.setattr("mjsheaf.video.from_run.film_run", lambda scenario, dataset, path, *_: draw(path))
+    monkeypatch.setattr("mjsheaf.video.film.film_run", lambda scenario, dataset, path, *_: draw(path))
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 import mjsheaf
 from mjsheaf.errors import InputError
-from mjsheaf.plotting import write_figure
+from mjsheaf.show.panels import write_figure
 
 NAMES = ["errors", "trajectories", "configurations"]
 

@@ -19,7 +19,7 @@ from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.studies.job import run_job
 from mjsheaf.vehicles.effects import Effects
-from mjsheaf.video.from_run import film_of
+from mjsheaf.video.film import film_of
 from tests.builders import small_plan
 
 TEAM = {

@@ -1,4 +1,4 @@
-"""Solvers of the harmonic extension, and the compiled loops under them.
+"""Solvers of the harmonic extension.
 
 Oracles: the same thing in dense numpy, written from its definition.
 """
@@ -16,8 +16,7 @@ from scipy import linalg
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf import harmonic as solvers
-from mjsheaf.sheaf.edges import block_rows, first_rows
-from mjsheaf.sheaf.harmonic import conjugate_gradients, factor_band, solve_band
+from mjsheaf.sheaf.harmonic import conjugate_gradients
 from tests.builders import bundle_on_a_grid
 from tests.strategies import SheafSpec, sheaves, vectors
 
@@ -45,22 +44,6 @@ def test_the_operator_keeps_the_edges_it_was_made_with() -> None:
     x = np.arange(48.0)
     np.testing.assert_allclose(operator @ x, before @ x, atol=1e-12)
     assert sheaf.coboundary_operator().shape[0] == operator.shape[0] + 3
-
-
-@given(sheaves(), st.data())
-def test_the_upper_triangle_and_the_diagonal_are_those_of_the_block(spec: SheafSpec, data: st.DataObject) -> None:
-    held = data.draw(st.lists(st.sampled_from(list(spec.stalks)), unique=True))
-    problem = spec.build().dirichlet_problem(held)._problem
-    place = first_rows(problem.table, problem.vertices)
-    values, indices, indptr, diagonal = block_rows(problem.table, place, problem.vertices, upper=True)
-    W = spec.columns(spec.rest(held))
-    H = (spec.delta.T @ spec.K @ spec.delta)[np.ix_(W, W)]
-    upper = np.zeros_like(H)
-    for row in range(len(H)):
-        for k in range(indptr[row], indptr[row + 1]):
-            upper[row, indices[k]] += values[k]
-    np.testing.assert_allclose(upper, np.triu(H, 1), atol=1e-11)
-    np.testing.assert_allclose(diagonal, np.diag(H), atol=1e-11)
 
 
 @pytest.mark.parametrize("relaxation", [0.7, 1.0, 1.75])
@@ -93,28 +76,6 @@ def test_compiled_conjugate_gradients_are_the_textbook_ones(relaxation: float) -
         np.testing.assert_allclose(found, x, rtol=1e-8, atol=1e-10)
     found, _ = conjugate_gradients(indptr, indices, values, b, relaxation, 1e-13, 1000)
     np.testing.assert_allclose(found, linalg.solve(A, b, assume_a="pos"), rtol=1e-9)
-
-
-@pytest.mark.parametrize(("n", "width"), [(1, 0), (7, 2), (30, 5), (30, 29)])
-def test_the_compiled_factor_of_a_band_is_the_dense_one(n: int, width: int) -> None:
-    rng = np.random.default_rng(n)
-    C = np.tril(rng.standard_normal((n, n)))
-    C[np.subtract.outer(np.arange(n), np.arange(n)) > width] = 0.0
-    A = C @ C.T + np.eye(n)
-    band = np.zeros((n, width + 1))
-    for j in range(n):
-        column = A[j : j + width + 1, j]
-        band[j, : len(column)] = column
-    indefinite = band.copy()
-    indefinite[-1, 0] = -1.0
-    assert factor_band(band)
-    expected, b = np.linalg.cholesky(A), rng.standard_normal((n, 3))
-    for j in range(n):
-        np.testing.assert_allclose(band[j, : n - j], expected[j : j + width + 1, j], atol=1e-12)
-    x = b.copy()
-    solve_band(band, x)
-    np.testing.assert_allclose(A @ x, b, atol=1e-10)
-    assert not factor_band(indefinite)
 
 
 def test_the_size_decides_who_solves() -> None:

@@ -17,8 +17,8 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from mjsheaf.io.figures import FigureOptions
 from mjsheaf.results.metrics import MEASURES
+from mjsheaf.show.style import FigureOptions
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.directory import sealed
 from mjsheaf.studies.figures import plot_study, swept_axes

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjsheaf.arrays import Array
 from mjsheaf.video import VideoOptions
 from mjsheaf.video.camera import FILL, CameraPath, View, camera_path
-from mjsheaf.video.film import FloatArray, Frames
+from mjsheaf.video.film import Frames
 from tests.builders import change_film, make_film, make_model, samples_of
 from tests.strategies import examples
 
@@ -16,14 +17,14 @@ FPS, WIDTH, HEIGHT, FOVY = 30, 1280, 720, 45.0
 
 
 def follow(
-    time: FloatArray,
-    *points: FloatArray,
+    time: Array,
+    *points: Array,
     azimuth: float = -60.0,
     elevation: float = -35.0,
     width: int = WIDTH,
     distance: float | None = None,
     block: int = 37,
-) -> tuple[FloatArray, CameraPath]:
+) -> tuple[Array, CameraPath]:
     """A camera that follows points, known at some times, in frames of which some are handed over at a time."""
     frames = np.arange(time[0], time[-1] + 1e-9, 1 / FPS)
     together = at_times(frames, time, np.concatenate(points, axis=1))
@@ -40,12 +41,12 @@ def follow(
     return frames, path
 
 
-def at_times(times: FloatArray, time: FloatArray, points: FloatArray) -> FloatArray:
+def at_times(times: Array, time: Array, points: Array) -> Array:
     flat = [np.interp(times, time, values) for values in points.reshape(len(time), -1).T]
     return np.stack(flat, axis=1).reshape(len(times), -1, 3)
 
 
-def assert_all_seen(time: FloatArray, points: FloatArray, frames: FloatArray, path: CameraPath, width: int) -> None:
+def assert_all_seen(time: Array, points: Array, frames: Array, path: CameraPath, width: int) -> None:
     for number, now in enumerate(frames):
         pixels, depth = path.view(number).project(at_times(np.array([now]), time, points)[0], width, HEIGHT)
         assert (depth > 0).all()
@@ -55,7 +56,7 @@ def assert_all_seen(time: FloatArray, points: FloatArray, frames: FloatArray, pa
         assert inside.all(), f"out of the part to be filled at {now:.2f} s"
 
 
-def formation(time: FloatArray) -> FloatArray:
+def formation(time: Array) -> Array:
     """Thirteen boats that jump into a turning, travelling formation of 80 m, and four targets 35 m below."""
     angle = 0.5 * time[:, None] + np.linspace(0, 2 * np.pi, 13, endpoint=False)
     boats = np.stack([80 * np.cos(angle), 80 * np.sin(angle), 0 * angle], axis=-1)

@@ -67,7 +67,7 @@ class TestVideo:
 
     def test_vehicle_is_where_the_camera_says(self, model: mujoco.MjModel) -> None:
         """A red box alone in the scene shows up around the pixel to which it is projected."""
-        options = VideoOptions(width=320, height=240, trail=0, legend=False)
+        options = VideoOptions(width=320, height=240, trail=0)
         film = make_film(model, edges=[], surface="none")
         model.geom_rgba[:] = [0.0, 0.0, 0.0, 0.0]
         model.geom("box2").rgba = [1.0, 0.0, 0.0, 1.0]
@@ -79,7 +79,8 @@ class TestVideo:
                 frame = painter.paint(number).astype(int)
                 red = np.argwhere((frame[..., 0] > 30) & (frame[..., 0] > 2 * frame[..., 1]))
                 position = film.run.at(painter.times[number : number + 1]).positions[0, 2:3]
-                expected, _ = painter.camera.view(number).project(position, 320, 240)
+                expected, _ = painter.camera.view(number).project(position, *options.scene)
+                expected[0, 0] += options.panel
                 np.testing.assert_allclose(red.mean(axis=0)[::-1], expected[0], atol=2.5)
 
     @pytest.mark.parametrize("size", [(160, 120), (66, 90)])
@@ -94,7 +95,7 @@ class TestVideo:
     def test_lines_are_drawn_behind_what_is_nearer(self, model: mujoco.MjModel) -> None:
         """A thick red line through a box: the box hides the middle of it, and the ends are seen."""
         film = make_film(model, edges=[], surface="none", harmonic_extension=np.zeros((41, 3, 3)))
-        sideways = VideoOptions(width=320, height=240, trail=0, elevation=0, azimuth=90, legend=False)
+        sideways = VideoOptions(width=320, height=240, trail=0, elevation=0, azimuth=90)
         with Painter(film, model, sideways) as painter:
             _, view = painter.pose(0)
             box = painter.data.body("vehicle0").xpos
@@ -102,7 +103,7 @@ class TestVideo:
             lines = Lines(across[None].astype(np.float32), np.array([[1, 0, 0, 1]], np.float32), 2.0)
             plain = np.asarray(painter._renderer.draw(painter.data, view, lambda _: [])).astype(int)
             lined = np.asarray(painter._renderer.draw(painter.data, view, lambda _: [lines])).astype(int)
-            ends, _ = view.project(across, 320, 240)
+            ends, _ = view.project(across, *sideways.scene)
         changed = np.argwhere(np.abs(plain - lined).max(axis=2) > 60)
         assert len(changed)
         np.testing.assert_allclose(changed[:, 1].min(), ends[:, 0].min(), atol=2)
@@ -111,7 +112,7 @@ class TestVideo:
 
     def test_the_model_is_not_changed(self, model: mujoco.MjModel) -> None:
         before = (model.geom_size.copy(), model.vis.map.zfar, model.vis.global_.offwidth)
-        with Painter(make_film(model), model, VideoOptions(width=160, height=120, vehicle_scale=3)) as painter:
+        with Painter(make_film(model, scales=np.full(5, 3.0)), model, SMALL) as painter:
             painter.paint(0)
         np.testing.assert_array_equal(model.geom_size, before[0])
         assert (model.vis.map.zfar, model.vis.global_.offwidth) == before[1:]

@@ -1,7 +1,6 @@
-"""The legend is next to the scene, explains every symbol, and can be turned off."""
+"""The legend is next to the scene, and explains every symbol."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +9,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from mjsheaf.errors import InputError
 from mjsheaf.scenario import load_scenario
-from mjsheaf.video import Film, VideoOptions, available_backend
-from mjsheaf.video.draw import Painter
-from mjsheaf.video.film import Frames, Medium, Stage
-from mjsheaf.video.flow import STOPS, colour, largest_speed
-from mjsheaf.video.from_run import video_options
-from mjsheaf.video.legend import Row, add_bars, add_legend, legend_rows
-from mjsheaf.video.overlay import Overlay
+from mjsheaf.show.played import Medium, Stage, largest_speed
+from mjsheaf.show.style import STOPS, speed_colours
+from mjsheaf.video import Film, VideoOptions
+from mjsheaf.video.film import Frames, video_options
+from mjsheaf.video.overlay import Overlay, Row, add_bars, add_legend, legend_rows
 from tests.builders import change_film, make_film, make_model, samples_of
 from tests.commands import call
 
@@ -29,9 +27,9 @@ def everything() -> Film:
     film = make_film(make_model())
     stages = [Stage(0.0, film.edges, frozenset({1})), Stage(1.0, film.edges[:2], name="join A2")]
     kinds = ["boat", "boat", "drone", "drone", "buoy"]
-    automatic = np.array([1.0, 1.0, 6.0, 6.0, 4.0])
+    scales = np.array([1.0, 1.0, 6.0, 6.0, 4.0])
     names = [f"group {k}" for k in range(12)]
-    return replace(film, stages=stages, kinds=kinds, automatic=automatic, grid=10.0, group_names=names,
+    return replace(film, stages=stages, kinds=kinds, scales=scales, grid=10.0, group_names=names,
                    colours=np.full((12, 3), 0.5))  # fmt: skip
 
 
@@ -56,9 +54,9 @@ def test_every_row_has_a_symbol() -> None:
 def test_the_legend_says_how_much_larger_vehicles_are() -> None:
     words = [row.words for row in rows_of(everything())]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×6: drone", "drawn ×4: buoy"]
-    words = [row.words for row in rows_of(everything(), vehicle_scale=2.0)]
+    words = [row.words for row in rows_of(replace(everything(), scales=np.full(5, 2.0)))]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×2: every vehicle"]
-    words = [row.words for row in rows_of(everything(), vehicle_scale=1.0, vehicle_scales={"A3": 3.0})]
+    words = [row.words for row in rows_of(replace(everything(), scales=np.array([1.0, 1.0, 3.0, 1.0, 1.0])))]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×3: A3"]
 
 
@@ -111,56 +109,21 @@ def test_bars_are_labelled_in_metres_per_second() -> None:
 
 def test_colours_of_two_media_differ_and_show_speed() -> None:
     fraction = np.linspace(0.0, 1.0, 11)
-    scales = [colour(k, fraction) for k in range(len(STOPS))]
+    scales = [speed_colours(k, fraction) for k in range(len(STOPS))]
     assert (np.linalg.norm(scales[0][:, :3] - scales[1][:, :3], axis=1) > 0.4).all()
     for shades in scales:
         assert (np.diff(shades[:, 3]) > 0).all()  # slow ones are fainter
         assert np.linalg.norm(shades[-1, :3] - shades[2, :3]) > 0.5
 
 
-def test_the_legend_can_be_turned_off() -> None:
-    scenario = load_scenario("midpoint", {"video.legend": False})
-    assert video_options(scenario).legend is False
-    assert video_options(scenario, legend=True).legend is True
-    assert video_options(load_scenario("midpoint"), legend=False).scene == (1280, 720)
-
-
-@pytest.mark.long
-def test_commands_turn_the_legend_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`run` and `video` pass the choice on to the drawing; without one the scenario decides."""
-    if available_backend()[0] is None:
-        pytest.skip("no OpenGL")
-    seen: list[bool] = []
-
-    def film_run(scenario: Any, dataset: Any, path: Path, options: VideoOptions, *_: Any) -> int:
-        seen.append(options.legend)
-        path.write_bytes(b"")
-        return 1
-
-    monkeypatch.setattr("mjsheaf.video.from_run.film_run", film_run)
-    run = ("run", "midpoint", "--backend", "ideal", "--set", "time.end=0.2")
-    for number, choice in enumerate([(), ("--no-legend",), ("--set", "video.legend=false")]):
-        assert call(*run, *choice, "--out", tmp_path / str(number)) == 0
-    for choice in ((), ("--no-legend",), ("--legend",)):
-        assert call("video", tmp_path / "2", *choice, "--out", tmp_path / "a.mp4") == 0
-    assert seen == [True, False, False, False, False, True]
-
-
-def test_without_a_legend_the_scene_fills_the_frame() -> None:
-    backend, reason = available_backend()
-    if backend is None:
-        pytest.skip(reason)
-    model = make_model()
-    film = make_film(model)
-    small = VideoOptions(width=320, height=180, quality="draft")
-    with Painter(film, model, small.model_copy(update={"legend": False})) as off:
-        bare = off.paint(0)
-    with Painter(film, model, small) as on:
-        panelled = on.paint(0)
-    panel = small.panel
-    assert bare.shape == panelled.shape == (180, 320, 3)
-    assert panelled[100:, : panel - 1].astype(int).std(axis=(0, 1)).max() < 40  # dark, with writing
-    assert np.abs(bare[100:, : panel - 1].astype(int) - panelled[100:, : panel - 1]).mean() > 20
+def test_the_legend_is_always_there(capsys: pytest.CaptureFixture[str]) -> None:
+    """Files that were written when it could be turned off are read; what would turn it off is refused."""
+    assert video_options(load_scenario("midpoint", {"video.legend": True})).panel > 0
+    with pytest.raises(InputError, match=r"video\.legend"):
+        load_scenario("midpoint", {"video.legend": False})
+    for option in ("--no-legend", "--scale=2"):
+        assert call("video", "runs/none", option) == 2
+        assert "No such option" in capsys.readouterr().err
 
 
 def test_a_slow_jet_stands_out_from_a_slower_drift() -> None:

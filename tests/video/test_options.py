@@ -31,7 +31,6 @@ from tests.builders import make_film, make_model
         ("elevation", 91),
         ("distance", 0),
         ("trail", -1),
-        ("vehicle_scale", 0),
         ("quality", "best"),
     ],
 )

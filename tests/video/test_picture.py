@@ -11,9 +11,8 @@ from PIL import Image
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, Moment
-from mjsheaf.video.overlay import Overlay
+from mjsheaf.video.overlay import WHITE, Overlay, number, shorten, text
 from mjsheaf.video.scene import HEAD_AT, HEADS, Decorator, Lines, enlarge_vehicles, vehicle_radius
-from mjsheaf.video.text import WHITE, number, shorten, text
 from tests.builders import change_film, make_film, make_model, samples_of
 
 VIEW = View(np.zeros(3), 80.0, -60.0, -35.0, 45.0)
@@ -202,7 +201,6 @@ class TestWriting:
         assert count(film, speed=2.0) == plain + 1
         assert count(replace(film, edges=film.edges[:2])) == plain - 1
         assert count(replace(film, surface="none")) == plain - 1
-        assert count(film, legend=False) == 0
 
     def test_the_curve_grows_with_time_and_ends_at_the_dot(self) -> None:
         """The error falls by a known factor: its curve is straight on the log scale. Oracle: that straight line."""

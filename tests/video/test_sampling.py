@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from mjsheaf.show.played import Samples
 from mjsheaf.video import VideoOptions
-from mjsheaf.video.film import Frames, Samples, frame_times
+from mjsheaf.video.film import Frames, frame_times
 from tests.builders import change_film, make_film, make_model, make_run, samples_of
 
 

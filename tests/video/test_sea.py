@@ -9,10 +9,11 @@ import pytest
 from mjsheaf import simulate
 from mjsheaf.media.waves import WaveArrays, new_wave_state, pack_waves, wave_surface
 from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.show.played import seas_of
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
-from mjsheaf.video.from_run import film_of, seas_of, video_options
-from mjsheaf.video.sea import POINTS, mesh
+from mjsheaf.video.film import film_of, video_options
+from mjsheaf.video.scene import POINTS, mesh
 
 WAVES = {"kind": "jonswap", "significant_height": 0.8, "peak_period": 4.0, "direction": 25, "spreading": "cos2"}
 
@@ -29,7 +30,7 @@ def afloat(**water: Any) -> Scenario:
             "sensing": [["A", "T"], ["B", "T"]],
             "flow": {"water": {"dimension": 2, **water}},
             "scene": {"surface": "water", "height": 1.5},
-            "video": {"width": 320, "height": 240, "legend": False, "elevation": -15},
+            "video": {"width": 320, "height": 240, "elevation": -15},
         }
     )
 
@@ -74,9 +75,11 @@ def test_frames_show_a_sea_that_moves() -> None:
     scenario = afloat(waves=WAVES)
     data = simulate(scenario, backend="ideal")
     film, model = film_of(scenario, data)
+    options = video_options(scenario)
     changed = {}
     for name, seas in (("sea", film.seas), ("level", ())):
-        with Painter(replace(film, seas=seas), model, video_options(scenario)) as painter:
-            first, last = (painter.paint(k)[120:, :80].astype(int) for k in (0, len(painter.times) - 1))
+        with Painter(replace(film, seas=seas), model, options) as painter:
+            near = slice(options.panel, options.panel + 80)
+            first, last = (painter.paint(k)[120:, near].astype(int) for k in (0, len(painter.times) - 1))
         changed[name] = np.abs(last - first).mean()
     assert changed["sea"] > 2.0 * changed["level"] + 1.0

@@ -10,19 +10,18 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
-from mjsheaf.vehicles.loading import SEEN_GROUPS
-from mjsheaf.video import VideoOptions, available_backend
-from mjsheaf.video.draw import Painter
-from mjsheaf.video.from_run import both_films, film_of, half_options, video_options
-from mjsheaf.video.sizes import (
+from mjsheaf.show.style import (
     MAX_GAP_FRACTION,
     MIN_FRACTION,
     automatic_scales,
     list_scales,
-    round_down,
-    round_up,
+    round_number,
     run_size,
 )
+from mjsheaf.vehicles.loading import SEEN_GROUPS
+from mjsheaf.video import available_backend
+from mjsheaf.video.draw import Painter
+from mjsheaf.video.film import both_films, film_of, half_options, video_options
 from tests.strategies import examples
 
 WIDE = np.random.default_rng(0).uniform(-40, 40, (9, 12, 3)) * [1, 1, 0]
@@ -31,7 +30,7 @@ WIDE = np.random.default_rng(0).uniform(-40, 40, (9, 12, 3)) * [1, 1, 0]
 @examples(50)
 @given(value=st.floats(1e-6, 1e6))
 def test_round_numbers_are_near(value: float) -> None:
-    up, down = round_up(value), round_down(value)
+    up, down = round_number(value, up=True), round_number(value, up=False)
     assert down <= value * (1 + 1e-6)
     assert up >= value * (1 - 1e-6)
     assert up / down < 1.6
@@ -99,7 +98,7 @@ def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
     scenario = load_scenario("harbour", {"time.end": 0.02})
     film, model = film_of(scenario, simulate(scenario, backend="ideal"))
     options = video_options(scenario, width=640, height=360)
-    scales = film.scales(options)
+    scales = film.drawn_scales
     own = radii_of(model, film.body_id)
     np.testing.assert_allclose(own, scenario.system.vehicle_radii, rtol=1e-12)
     with Painter(film, model, options) as painter:
@@ -115,7 +114,7 @@ def test_both_halves_of_a_comparison_have_the_same_scales() -> None:
     scenario = load_scenario("harbour", {"time.end": 0.1})
     runs = [simulate(scenario, backend) for backend in ("ideal", "physics")]
     (left, _), (right, _) = both_films(scenario, runs[0], runs[1], half_options(scenario))
-    np.testing.assert_array_equal(left.scales(VideoOptions()), right.scales(VideoOptions()))
+    np.testing.assert_array_equal(left.drawn_scales, right.drawn_scales)
 
 
 def test_names_of_scales_reach_the_terminal_without_control_characters() -> None:

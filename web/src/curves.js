@@ -274,7 +274,7 @@ function linesOf(run, panel, all) {
     lines.push({ name: "team", values: run.column(panel.team, 0), colour: "--ink", width: 2 });
   }
   panel.bounds?.forEach((name, k) => lines.push({ values: run.column(`bound${k}`, 0), colour: BOUNDS[k % 2], width: 1.6, dash: [7, 4], bound: name }));
-  panel.others?.forEach(({ colour }, k) => lines.push({ values: run.column(`ghost_error${k}`, 0), colour, width: 2, dash: [4, 3] }));
+  panel.others?.forEach(({ colour }, k) => lines.push({ values: run.column(`ghost_error${k}`, 0), colour: colour ?? "--quiet", width: 2, dash: [4, 3] }));
   const dashed = { colour: "--quiet", width: 1.3, dash: [5, 4], limit: true };
   panel.limits?.filter(({ near }) => near).forEach(({ at }) => lines.push({ ...dashed, values: nothing.map((_, k) => at(k)), near: true }));
   if (panel.limits) lines.push({ ...dashed, values: nothing, own: true }); // of the agent that is pointed at

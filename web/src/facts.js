@@ -186,8 +186,7 @@ export function writeLegend(run, world) {
   const used = [...new Set(run.groupOf)].slice(0, 9);
   const rows = used.map((g) => row(swatch({ background: run.said.groups[g].colour }, g === run.groupOf[run.agents] ? "swatch target" : "swatch"), own(run.said.groups[g].name)));
   rows.push(row(make("i", "goal"), "where an agent should be, q*"));
-  if (run.series.ghost) rows.push(row(make("i", "ghost"), "pale vehicle: ideal kinematics"));
-  for (const { name, colour } of run.said.ghosts) rows.push(row(swatch({ background: colour }, "ghost"), "translucent: ", own(name)));
+  for (const { name, colour } of run.said.ghosts) rows.push(row(colour ? swatch({ background: colour }, "ghost") : make("i", "ghost"), "translucent: ", own(name)));
   if (run.said.edges.length) {
     world.rangeSaid = make("span", "", rangeInWords(world));
     rows.push(row(make("i", "bar"), world.rangeSaid));

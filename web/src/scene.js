@@ -156,11 +156,6 @@ export class World extends EventTarget {
     this.surface.visible = !this.sea;
     this.bodies = new Bodies(run, this.software);
     scene.add(this.bodies.group);
-    if (run.series.ghost) {
-      this.ideal = new Bodies(run, this.software, 0.4);
-      this.idealAt = new Float32Array(run.vehicles * 3);
-      scene.add(this.ideal.group);
-    }
     this.ghosts = new Ghosts(run, this.software, scene);
     this.obstacles = new Obstacles(run, scene);
     const ball = new THREE.SphereGeometry(1, run.agents > 100 ? 6 : 14, run.agents > 100 ? 4 : 8);
@@ -358,7 +353,6 @@ export class World extends EventTarget {
     const [k, share] = run.locate(clock.t);
     for (let i = 0; i < run.agents; i++) this.present[i] = run.present(k, i);
     if (this.residuals.length) this.residuals.set(run.series.residual.subarray(k * this.residuals.length, (k + 1) * this.residuals.length));
-    if (this.ideal) run.at("ghost", clock.t, this.idealAt);
     this.worst = run.worst(share > 0.5 ? Math.min(k + 1, run.time.length - 1) : k);
   }
 
@@ -388,7 +382,6 @@ export class World extends EventTarget {
     const unit = metres / distance;
     this.sea?.update(this.clock.t, this.controls.target, distance);
     this.bodies.update(this.positions, this.quaternions, this.scales, this.present, this.camera, unit);
-    this.ideal?.update(this.idealAt, this.quaternions, this.scales, null, this.camera, unit);
     this.drawGoals(metres);
     this.drawLines(metres, unit);
     if (this.readFlow()) this.drawFlow();
@@ -446,13 +439,7 @@ export class World extends EventTarget {
         if (this.present[i]) lines.add(p[3 * i], p[3 * i + 1], p[3 * i + 2], g[3 * i], g[3 * i + 1], g[3 * i + 2], this.bodies.colours[i], 0.9, i === this.lit ? 3 : some ? 1.6 : 0.8, 3);
       }
     }
-    if (this.ideal) {
-      for (let v = 0; v < run.agents; v++) {
-        const o = this.idealAt;
-        lines.add(p[3 * v], p[3 * v + 1], p[3 * v + 2], o[3 * v], o[3 * v + 1], o[3 * v + 2], theme.ink, 0.6, 1);
-      }
-    }
-    this.ghosts.draw(this.clock.t, this.scales, this.camera, unit, lines, p, layers.ghosts);
+    this.ghosts.draw(this.clock.t, this.scales, this.camera, unit, lines, p, layers.ghosts, theme.ink);
     this.obstacles.draw(this.clock.t, lines, p, theme.kept, this.lit, layers.safety, metres);
     if (layers.stems && this.floor !== null) {
       for (let v = 0; v < run.vehicles; v++) {

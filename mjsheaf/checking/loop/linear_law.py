@@ -478,7 +478,6 @@ def _one_agent(law: LawArrays) -> ControlArrays:
             largest=np.inf,
             noise=0.0,
             bias=0.0,
-            seed=0,
             streams=np.zeros((1, 2), dtype=np.int64),
             rounds=RoundArrays(),
         )

@@ -1,19 +1,18 @@
-"""Effects outside the theory: sampling, inertia, the loop of the real vehicles, speed limits, lag."""
+"""Effects outside the theory: sampling, the loop of the real vehicles, speed limits."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from pydantic import Field
-from scipy import linalg
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.authority import authority_of, describe_consequences, may_lack, shortfalls_of
-from mjsheaf.checking.loop.body_loop import BodyLoop, held_modes, loop_on_path
+from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.checking.theorem.constants import Difference, velocities_along
+from mjsheaf.checking.theorem.constants import velocities_along
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.law import disagreement
 from mjsheaf.media.probe import mean_flow
@@ -21,15 +20,8 @@ from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
-LARGEST_SECOND_ORDER = 600
-"""Largest n_q for which eigenvalues of the second-order system of unlike bodies are computed."""
-
 MOST_ROWS = 20
-"""How many agents are listed with their speeds and lags."""
-
-_FEWEST_INSTANTS = 3  # of a path whose velocity is known
-_POSITION_AT_REST = 1e-6  # share of z, against tau v, under which z is at rest
-_MOST_LAG_NUMBERS = 1_000_000  # of lags that are solved for
+"""Largest number of agents that are listed with their speeds."""
 
 
 class HoldMargin(Record):
@@ -44,24 +36,10 @@ class HoldMargin(Record):
     )
 
 
-class Inertia(Record):
-    """Inertia alone: tau q'' + q' = u with tau = m / D; what is free does not enter.
-
-    Of unlike bodies the damping is -Re s / |s| of the root s of the second-order system, 1 where that is real; of over
-    LARGEST_SECOND_ORDER states a lower bound of the damping ratio of all modes, twice.
-    """
+class BodyMargins(BodyLoop):
+    """The loop of the real vehicles, and their time constants."""
 
     tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
-    damping_slowest: Finite = Field(
-        description="ratio of the slowest mode, by inertia alone; null: none, or H is asymmetric"
-    )
-    damping_fastest: Finite = Field(
-        description="ratio of the fastest mode, by inertia alone; null: none, or H is asymmetric"
-    )
-
-
-class BodyMargins(BodyLoop, Inertia):
-    """Inertia alone, and the loop of the real vehicles."""
 
 
 class SpeedDemand(Record):
@@ -72,25 +50,34 @@ class SpeedDemand(Record):
     limit: Finite = Field(description="that the law keeps; null without one")
     steady: Finite = Field(description="largest |q*'_i - f_i(q*)| along the run; null where a field is singular")
     able: Finite = Field(
-        description="all-way speed: steady speed of its body through the medium in the horizontal direction in which "
+        description="all-way speed; steady speed of its body through the medium in the horizontal direction in which "
         "it is slowest; null: unlimited thrusters"
     )
     deficit: Finite = Field(
-        description="smallest distance behind q* over the last quarter of the time, of an agent that begins on q* and "
-        "heads for it at `limit` or its top speed, the smaller one, m; null where `steady` is"
+        description="smallest distance behind q* over the last quarter of the time, m; of an agent that begins on q* "
+        "and heads for it at `limit` or its top speed, the smaller one; null where `steady` is"
     )
     able_forward: Finite = Field(
-        description="forward speed: steady speed of its body through the medium at full thrust forward; null: "
+        description="forward speed; steady speed of its body through the medium at full thrust forward; null: "
         "unlimited thrusters"
     )
 
+    @property
+    def top_speed(self) -> float:
+        """Top speed of its vehicle, m/s; infinite if its thrusters have no limits."""
+        if self.able is None or self.able_forward is None:
+            return math.inf
+        return max(self.able, self.able_forward)
 
-class Lag(Record):
-    """The largest quasi-static lag |(H^-1 f_B)_i| / k1 of an agent along the run: k1 H e = f_B once e' is small."""
+    @property
+    def limited(self) -> bool:
+        """True if its velocity limit is below the top speed of its vehicle."""
+        return self.limit is not None and self.limit < self.top_speed
 
-    agent: str
-    lag: Finite = Field(description="m; null where a field is singular")
-    norm: Norm = Field(PER_AGENT_RMS, description="which norm `lag` is: of this agent alone")
+    @property
+    def largest(self) -> float:
+        """The smaller one of its velocity limit and the top speed of its vehicle, m/s."""
+        return self.top_speed if self.limit is None else min(self.limit, self.top_speed)
 
 
 class OneSided(Record):
@@ -108,7 +95,6 @@ class Margins(Record):
     hold: HoldMargin | None = Field(description="null where the law is continuous, or H is not symmetric")
     bodies: BodyMargins
     speed: list[SpeedDemand] = Field(description=f"the most demanding agents first, at most {MOST_ROWS}")
-    lag: list[Lag] = Field(description=f"the largest first, at most {MOST_ROWS}")
     one_sided: list[OneSided] = Field([], description="vehicles whose thrusters do not push both ways")
     slow_targets: dict[str, tuple[float, float]] = Field(
         {}, description="targets whose vehicles cannot keep to their path: speed that it takes, and top speed, m/s"
@@ -120,17 +106,15 @@ class Margins(Record):
 
 def margins(system: System, certificate: Certificate) -> Margins:
     """All margins of a system."""
-    spectrum, difference = certificate.spectrum, certificate.constants.difference
     agents = system.vehicles[: len(system.team.agents)]
-    inertia = body_margin(system, spectrum, of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max())))
+    tau = of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max()))
     loop = loop_on_path(system, certificate)
     able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
     forward = of_each(agents, lambda vehicle: capability_of(vehicle).forward_speed)
     return Margins(
-        hold=hold_margin(system, spectrum),
-        bodies=BodyMargins(**dict(inertia), **dict(loop)),
+        hold=hold_margin(system, certificate.spectrum),
+        bodies=BodyMargins(tau=[tau.min(), tau.max()], **dict(loop)),
         speed=_speed_demands(system, certificate, able, forward),
-        lag=_lags(system, difference),
         one_sided=_one_sided(system),
         slow_targets=_slow_targets(system, certificate),
         falling=_falling(system),
@@ -141,7 +125,7 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
     """Return the targets that are pulled to a path, and whose vehicles are too slow for it in the last quarter."""
     path, N = certificate.constants.path, len(system.team.agents)
     held = system.motion.pull[N:] > 0.0
-    if path.cells is None or not held.any() or len(path.time) < _FEWEST_INSTANTS:
+    if path.cells is None or not held.any() or len(path.time) < 3:
         return {}
     along = np.gradient(path.positions[:, N:], path.time, axis=0)
     flow = np.array([mean_flow(system, v, 0.0, path.positions[:, v]) for v in range(N, N + len(held))])
@@ -199,35 +183,6 @@ def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
         largest_gain=None if ringing is None else 2.0 * ringing,
         ringing_gain=ringing,
     )
-
-
-def body_margin(system: System, spectrum: Spectrum, tau: Array) -> Inertia:
-    """The damping that inertia alone leaves, 1 / (2 sqrt(k1 lambda tau)) where all bodies are alike.
-
-    `tau` is the time constant m / D of each agent along its most sluggish controlled axis, shape (N,), s.
-    """
-    k, low, high = system.gain, float(tau.min()), float(tau.max())
-    if not (spectrum.smallest > 0.0).all() or not spectrum.smallest.size or not system.team.symmetric:  # none is known
-        damping = np.array([np.inf])
-    elif high - low <= 1e-9 * high:
-        damping = 1.0 / (2.0 * np.sqrt(k * np.array([spectrum.smallest[0], spectrum.lambda_max]) * low))
-    elif system.team.dirichlet.H.shape[0] > LARGEST_SECOND_ORDER:
-        damping = 1.0 / (2.0 * np.sqrt(k * np.array([spectrum.lambda_max]) * high))
-    else:
-        damping = _damping_of_unlike(system, spectrum, tau)
-    return Inertia(tau=[low, high], damping_slowest=damping[0], damping_fastest=damping[-1])
-
-
-def _damping_of_unlike(system: System, spectrum: Spectrum, tau: Array) -> Array:
-    """The damping of every mode by inertia alone, the slowest first."""
-    each = np.concatenate([np.full(a.dimension, t) for a, t in zip(system.team.agents, tau, strict=True)])
-    modes, Q = held_modes(system, spectrum)
-    m = len(modes)
-    swing = np.block([[np.zeros((m, m)), Q.T], [-system.gain / each[:, None] * Q * modes, -np.diag(1.0 / each)]])
-    values, vectors = linalg.eig(swing)  # on (z, v): z the held coordinates, v all velocities
-    z, v = np.linalg.norm(vectors[:m], axis=0), np.linalg.norm(vectors[m:], axis=0)
-    roots = values[z > _POSITION_AT_REST * tau.min() * v]  # the others coast along what is free
-    return np.asarray((-roots.real / np.abs(roots))[np.argsort(np.abs(roots))])
 
 
 def _speed_demands(system: System, certificate: Certificate, able: Array, forward: Array) -> list[SpeedDemand]:
@@ -295,15 +250,3 @@ def _carried_along(system: System, certificate: Certificate) -> tuple[Array, Arr
         carried, own, shaken = velocities_along(calm, path, carrier)
         relative = carried - own + shaken if path.cells is not None else np.full_like(carried, np.nan)
     return path.time, system.team.unpack(relative)
-
-
-def _lags(system: System, difference: Difference) -> list[Lag]:
-    """The largest lags of agents along the run, in order."""
-    problem, f_B = system.team.dirichlet, difference.values
-    lag = np.full(len(system.team.agents), np.nan)
-    if np.isfinite(f_B).all() and system.team.symmetric:
-        few = max(20, _MOST_LAG_NUMBERS // f_B.shape[1])  # an estimate: some of the instants do where H is large
-        solved = problem.solve(f_B[:: -(-len(f_B) // few)]) / system.gain
-        lag = np.linalg.norm(system.team.unpack(solved), axis=2).max(axis=0)
-    order = np.argsort(-lag, kind="stable")[:MOST_ROWS]
-    return [Lag(agent=system.team.agents[i].id, lag=lag[i]) for i in order.tolist()]

@@ -268,7 +268,7 @@ class Loss(Record):
     """Effect of losing one edge, agent or target, or all edges between two ends (a link)."""
 
     kind: Kind
-    name: str = Field(description='such as "A1 - T2", "A1 - A4 (1 of 2)", "A1 - A4 (all 2)", "A2 along z", "A3"')
+    name: str = Field(description='such as "A1 - T2", "A1 - A4 (1 of 2)" or "A2 along z"')
     breaks: tuple[str, ...] = Field(description="what is newly broken, whatever failed before")
     lambda_min: float | None = Field(description="smallest eigenvalue of H after it; null where not computed")
 

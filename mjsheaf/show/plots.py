@@ -10,15 +10,15 @@ import xarray as xr
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.io.figures import AS_USUAL, VIEW, FigureOptions
-from mjsheaf.law.obstacles import ObstacleArrays
-from mjsheaf.plotting import (
-    DASHES,
+from mjsheaf.law.obstacles import HALF_SPACE, ObstacleArrays, centres
+from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
+from mjsheaf.results.netcdf import thin
+from mjsheaf.show.panels import (
     HEADING,
-    LOST,
     MOST_NAMED,
     NORMAL,
     SMALL,
@@ -27,22 +27,19 @@ from mjsheaf.plotting import (
     edge_keys,
     finish_map,
     group_keys,
-    groups_of,
     key,
     label_axes,
     label_ends,
     lay_out,
     legend_below,
     log_axis,
-    marker_of,
     new_figure,
     place_names,
     settle,
     spread_ends,
 )
-from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
-from mjsheaf.results.netcdf import thin
-from mjsheaf.runs.outlines import COLOUR, draw_obstacles, include_obstacles
+from mjsheaf.show.solids import outline
+from mjsheaf.show.style import AS_USUAL, DASHES, LOST, OBSTACLE, VIEW, FigureOptions, groups_of, marker_of
 from mjsheaf.team import Team
 
 _WORST = 3  # number of worst agents that are highlighted and named
@@ -54,6 +51,7 @@ _LEAST_ENLARGED, _SHORT = 8, 0.04  # samples, and fraction of the run, of a begi
 _EMPTY = 0.5  # part of a panel's height that curves leave to it
 _MOST_POINTS = 1500  # maximum number of points of a curve, about the width of a printed panel in dots
 _MOST_KEYS = 12  # maximum number of groups in a legend
+_BESIDE = 1.0  # of the room of the tracks, beyond which obstacles do not enlarge a view
 _MOST_EVENTS = 12  # maximum number of events listed below a figure
 
 
@@ -415,7 +413,7 @@ def _keys_of_marks(lost: bool, several: bool, obstacles: ObstacleArrays | None) 
     if lost:
         keys.append(key("lost", color="black", marker="X", markersize=5))
     if obstacles is not None and len(obstacles.kind):
-        keys.append(key("obstacle", color=COLOUR, marker="s", markersize=6))
+        keys.append(key("obstacle", color=OBSTACLE, marker="s", markersize=6))
     return keys
 
 
@@ -594,3 +592,39 @@ def _positions(dataset: xr.Dataset) -> Array:
     """Return the positions (T, V, 3), m, with planar vehicles at z = 0."""
     both = [dataset["agent_position"].values, dataset["target_position"].values]
     return np.nan_to_num(np.concatenate(both, axis=1))
+
+
+def include_obstacles(low: Array, high: Array, obstacles: ObstacleArrays | None, times: Array) -> tuple[Array, Array]:
+    """Enlarge a box, low and high (3, 1) in m, by the obstacles at the first and last of some times, s.
+
+    A half-space is not part of it, nor what is farther away than the box is wide.
+    """
+    if obstacles is None:
+        return low, high
+    least = low - _BESIDE * (high - low).max()
+    most = high + _BESIDE * (high - low).max()
+    for time in (times[0], times[-1]):
+        for n, centre in enumerate(centres(obstacles, float(time))):
+            if obstacles.kind[n] == HALF_SPACE:
+                continue
+            seen = [outline(obstacles, n, centre, np.eye(3)[[axis, (axis + 1) % 3]]) for axis in range(3)]
+            along = np.array([corners[:, 0] for corners in seen if corners is not None])
+            low = np.minimum(low, np.clip(along.min(axis=1)[:, None], least, most))
+            high = np.maximum(high, np.clip(along.max(axis=1)[:, None], least, most))
+    return low, high
+
+
+def draw_obstacles(axis: Any, obstacles: ObstacleArrays | None, times: Array, projection: Array) -> None:
+    """Draw obstacles where they are at the last of some times, s, and the outlines of those that moved at the first."""
+    if obstacles is None:
+        return
+    first, last = (centres(obstacles, float(time)) for time in (times[0], times[-1]))
+    style: dict[str, Any] = {"edgecolor": OBSTACLE, "linewidth": 0.8, "zorder": 1}
+    for n in range(len(obstacles.kind)):
+        shape = outline(obstacles, n, last[n], projection)
+        if shape is None:
+            continue
+        axis.add_artist(Polygon(shape, facecolor=(*OBSTACLE, 0.5), **style))
+        began = outline(obstacles, n, first[n], projection)
+        if began is not None and (first[n] != last[n]).any():
+            axis.add_artist(Polygon(began, fill=False, linestyle=(0, (3, 2)), **style))

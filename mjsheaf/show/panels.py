@@ -16,17 +16,15 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.text import Text
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, FigureOptions
+from mjsheaf.show.style import AS_USUAL, LOST, MATPLOTLIB, FigureOptions, groups_of, marker_of
 from mjsheaf.team import Team
 
 WIDTH = 7.16
@@ -35,18 +33,6 @@ HEADING, NORMAL, TICK, SMALL = 9.5, 8.0, 7.5, 7.0
 """Sizes of type, pt."""
 _DPI = 150
 
-# Okabe and Ito's palette without its vermilion, which is too like the targets' red for some, then mostly Tol's muted
-# scheme for further groups. Their sky blue is for agents without a group.
-_COLOURS = (
-    *("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#882255", "#332288"),
-    *("#D55E00", "#999933", "#44AA99", "#AA4499", "#117733", "#661100"),
-)
-_UNGROUPED, TARGET = "#56B4E9", "#D62728"
-BLUE, RED = "#0072B2", "#D62728"
-LOST = "#9A9A9A"
-"""Of agents that are lost or have yet to join."""
-MARKERS = "os^Dv<>Phdp8"
-DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 2)))
 _EDGES: dict[str, dict[str, Any]] = {
     "communication": {"color": "#8A94A6", "linestyle": "-"},
     "sensing": {"color": "#B45309", "linestyle": ":"},
@@ -55,34 +41,6 @@ MOST_NAMED = 60
 """Vehicles of a team whose names are drawn; of more, only the targets' and those of the worst agents are."""
 _MOST_KEYS = 12  # groups in a legend
 _LONGEST_NAME, _SHORTER_NAME = 90, 30  # letters of a name in a legend; in one of many rows
-
-
-def palette(count: int) -> Array:
-    """RGB of `count` groups, then of ungrouped agents and of targets, shape (count + 2, 3)."""
-    chosen = [_COLOURS[k % len(_COLOURS)] for k in range(count)]
-    return np.array([to_rgb(code) for code in [*chosen, _UNGROUPED if count else BLUE, TARGET]])
-
-
-def groups_of(team: Team) -> tuple[NDArray[np.int64], list[str], Array]:
-    """Index of each vehicle's group, shape (V,); the groups' names; their colours, RGB, shape (G, 3)."""
-    names = [f.name for f in team.formations]
-    index = {member: k for k, f in enumerate(team.formations) for member in f.members}
-    agents = [index.get(a.id, len(names)) for a in team.agents]
-    others = "agents without a group" if names else "agents"
-    index_of_each = np.array(agents + [len(names) + 1] * len(team.targets))
-    return index_of_each, [*names, others, "targets"], palette(len(names))
-
-
-def marker_of(group: int, names: Sequence[str]) -> str:
-    """The marker of a group of `groups_of`."""
-    return "*" if group == len(names) - 1 else MARKERS[group % len(MARKERS)]
-
-
-def line_style(k: int) -> dict[str, Any]:
-    """Colour, dashes and markers of the k-th of some lines, which stay distinct in grey."""
-    colour, dashes, marker = (among[k % len(among)] for among in (_COLOURS, DASHES, MARKERS))
-    return {"color": colour, "linestyle": dashes, "linewidth": 1.1, "marker": marker, "markersize": 4.0,
-            "markevery": (0.015 * (k % 10), 0.15)}  # fmt: skip
 
 
 def new_figure(width: float, height: float, title: str, options: FigureOptions = AS_USUAL) -> Figure:
@@ -415,30 +373,19 @@ def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> Non
         return
     if positive.max() < _NARROW * positive.min() and np.nanmin(values) > 0.0:
         return
-    low, high, powers = log_limits(max(positive.min() / 1.5, positive.max() / 10.0**decades), positive.max() * 1.5)
+    low, high = log_limits(max(positive.min() / 1.5, positive.max() / 10.0**decades), positive.max() * 1.5)
     axis.set(**{f"{which}scale": "log", f"{which}lim": (0.999 * low, 1.001 * high)})
     side = getattr(axis, f"{which}axis")
-    step = -(-len(powers) // 6)
-    side.set_major_locator(FixedLocator((10.0 ** powers[::step].astype(np.float64)).tolist()))
-    side.set_minor_locator(NullLocator())
-    side.set_major_formatter(FuncFormatter(lambda value, _: f"$10^{{{round(np.log10(value))}}}$"))
-    between = np.arange(2, 10) if step == 1 else np.array([1])
-    marks = (between * 10.0 ** np.arange(powers[0] - 1.0, powers[-1] + 1.0)[:, None]).ravel()
-    marks = marks[(marks >= low) & (marks <= high)]
-    # One line of markers: dozens of matplotlib's minor ticks would take longer than all else.
-    mark: Any = TICKDOWN if which == "x" else TICKLEFT
-    at = (marks, np.zeros(len(marks))) if which == "x" else (np.zeros(len(marks)), marks)
-    axis.add_artist(Line2D(*at, linestyle="", marker=mark, markersize=1.8,
-                           markeredgewidth=0.6, color="black", clip_on=False, in_layout=False,
-                           transform=getattr(axis, f"get_{which}axis_transform")()))  # fmt: skip
+    side.set_major_locator(LogLocator(numticks=7))
+    side.set_minor_formatter(NullFormatter())
 
 
-def log_limits(low: float, high: float) -> tuple[float, float, NDArray[np.int64]]:
-    """Limits of a logarithmic axis, no narrower than those given, and the powers of 10 in them: two at least."""
+def log_limits(low: float, high: float) -> tuple[float, float]:
+    """Return limits of a logarithmic axis, no narrower than those given, with two powers of 10 at least in them."""
     while True:
         first, last = int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9))
         if last > first:
-            return low, high, np.arange(first, last + 1)
+            return low, high
         # Out to the nearer one of the next powers below and above.
         below, above = 10.0 ** (first - 1), 10.0 ** (last + 1)
         low, high = (below, high) if low / below < above / high else (low, above)

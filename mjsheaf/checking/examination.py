@@ -1,0 +1,335 @@
+"""Analysis of a scenario: its phases, one by one, without running it."""
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mjsheaf.arguments import require_number
+from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.body_loop import medium_on_path
+from mjsheaf.checking.loop.directed import held_eigenvalues, zero_of
+from mjsheaf.checking.loop.disturbance import predict_rms
+from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
+from mjsheaf.checking.loop.links import link_answers
+from mjsheaf.checking.loop.margins import margins
+from mjsheaf.checking.loop.steady import steady_error
+from mjsheaf.checking.loop.target_bodies import with_bodies
+from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.problems import problems_of
+from mjsheaf.checking.proposals import propose
+from mjsheaf.checking.record import (
+    CheckRecord,
+    ExplainedCohomology,
+    PartRecord,
+    PhaseRecord,
+    RegionSummary,
+    TheoremSummary,
+    WeakerBound,
+)
+from mjsheaf.checking.separation import safety_record
+from mjsheaf.checking.slips import drifts_of, slips_of
+from mjsheaf.checking.theorem.certificate import Certificate, Search, certificate_of, obstacle_of_team
+from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
+from mjsheaf.checking.topology.cohomology import fragility, spectrum_of
+from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
+from mjsheaf.checking.topology.mending import plan_augmentation
+from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
+from mjsheaf.errors import UndecidedError
+from mjsheaf.io.norms import per_agent
+from mjsheaf.law.theorem import Rho
+from mjsheaf.scenario import Scenario
+from mjsheaf.system import Phase, System, during, phases_of
+from mjsheaf.team import Team
+from mjsheaf.threads import one_thread
+
+
+@dataclass(frozen=True)
+class Examination:
+    """A check with what it was made from."""
+
+    record: CheckRecord
+    certificate: Certificate
+    system: System
+
+    @cached_property
+    def end(self) -> float:
+        """The smallest bound on |e| at the end of the system's time, m; infinite where there is none."""
+        certificate, system = self.certificate, self.system
+        found = [certificate.at_end(system.grid.period * system.grid.steps)]
+        if not system.law.extended:
+            with suppress(UndecidedError):
+                bound = envelope(system, certificate)
+                found += [] if bound.clipped else [float(bound.samples[-1])]
+        return min(found) + _carried_error(system, certificate.constants.path.error)
+
+
+def examine_scenario(
+    scenario: Scenario, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
+) -> Examination:
+    """Examine a scenario; the record's notes name likely mistakes in its files."""
+    examination = examine(scenario.phases, rate=rate, radius=radius, rho=rho)
+    about_files = {"notes": slips_of(scenario), "drifts": drifts_of(scenario)}
+    return replace(examination, record=examination.record.model_copy(update=about_files))
+
+
+@one_thread
+def examine(
+    run: System | Sequence[Phase], *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
+) -> Examination:
+    """`check` of a system, or of the phases of a run, as a typed record with the certificate of the first."""
+    if rate is not None:
+        require_number("rate", rate, positive=True)
+    require_number("radius", radius, positive=True)
+    phases = phases_of(run)
+    first = before = _examine_one(during(phases, 0), rate, radius, rho)
+    if len(phases) == 1 and not phases[0].events:
+        return first
+    records = [_phase_record(phases[0], first.record, None)]
+    beyond = False  # True once a phase has terms, which Theorem 1 does not cover
+    for k, phase in enumerate(phases[1:], 1):
+        old = phases[k - 1].system
+        path = before.certificate.constants.path
+        targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
+        jumps = _jumps(old, phase.system, targets)
+        beyond = beyond or bool(old.law.extended or before.record.law.unmodelled)
+        joining = _distances_of_joining(phases[: k + 1], targets)
+        known = phase.system.law.extended or not beyond
+        start = before.end + math.hypot(*jumps.values(), *joining) if known else math.inf
+        system = during(phases, k, _settled(old, phase.system, targets))
+        before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
+        records.append(_phase_record(phase, before.record, jumps))
+    problems = list(first.record.problems)
+    for record in records[1:]:
+        since = f"from {record.start:g} s on ({', '.join(record.events)})"
+        for problem in record.problems:
+            # A field of the scenario is that of the first phase; later ones have what events made of it.
+            fix = f"from then on, {problem.fix}" if problem.fix else ""
+            later = {"what": f"{problem.what} {since}", "fix": fix, "changes": {}, "additions": {}}
+            problems.append(problem.model_copy(update=later))
+    steady = first.record.steady
+    if steady.ideal is not None:
+        left_out = [*steady.leaves_out, f"the events from {records[1].start:g} s on"]
+        steady = steady.model_copy(update={"leaves_out": left_out})
+    update = {"ok": not problems, "problems": problems, "phases": records, "steady": steady}
+    return replace(first, record=first.record.model_copy(update=update))
+
+
+def _phase_record(phase: Phase, record: CheckRecord, jumps: dict[str, float] | None) -> PhaseRecord:
+    """Return the record of a phase, at whose start q* of some agents jumps; None for the first phase."""
+    return PhaseRecord(
+        start=phase.time,
+        events=list(phase.events),
+        absent=sorted(phase.system.team.absent, key=phase.system.team.index.__getitem__),
+        jump=None if jumps is None else math.hypot(*jumps.values()),
+        jumps=dict(jumps or {}),
+        **{name: getattr(record, name) for name in PartRecord.model_fields},
+    )
+
+
+def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
+    """Return the targets' positions at a sample of the certificate's path, at a time in s: padded, shape (M, 3), m."""
+    path = certificate.constants.path
+    row, rest = divmod(sample, path.stride)
+    if rest == 0 and row < len(path.samples):
+        return path.samples[row]
+    M = path.samples.shape[1]
+    known = path.positions[:, path.positions.shape[1] - M :].reshape(len(path.time), 3 * M)
+    return np.array([np.interp(time, path.time, values) for values in known.T]).reshape(M, 3)
+
+
+def _q_star(system: System, targets: Array) -> Array:
+    """q* of targets (M, 3), padded, shape (N, 3), m; NaN for absent agents."""
+    return system.team.harmonic_extension(np.concatenate([system.initial[: len(system.team.agents)], targets]))
+
+
+def _jumps(old: System, new: System, targets: Array) -> dict[str, float]:
+    """|q*_new - q*_old| of each agent that is present before and after, m."""
+    away = np.linalg.norm(_q_star(new, targets) - _q_star(old, targets), axis=1)
+    return {id: float(x) for id, x in zip(new.team.agent_ids, away, strict=True) if np.isfinite(x)}
+
+
+def _distances_of_joining(phases: Sequence[Phase], targets: Array) -> list[float]:
+    """|q* - q| of each agent that joins at the start of the last of some phases, m; infinite where q is not known."""
+    *earlier, last = phases
+    system = last.system
+    joining = np.flatnonzero(system.team.present & ~earlier[-1].system.team.present)
+    away = np.linalg.norm(_q_star(system, targets) - system.initial[: len(system.team.agents)], axis=1)
+    return [float(away[i]) if all(_stays(phase.system, i) for phase in earlier) else math.inf for i in joining.tolist()]
+
+
+def _stays(system: System, agent: int) -> bool:
+    """Return True if an agent holds its position, on ideal kinematics, in a medium that cannot carry it off."""
+    if system.waiting is None or not system.waiting.holds[agent] or system.effectiveness.given[agent]:
+        return False
+    place = system.initial[agent, : system.team.agents[agent].dimension]
+    flow = float(np.linalg.norm(system.flows[system.field[agent]].velocity(place)))
+    return flow + float(system.largest_disturbance[agent]) <= float(system.waiting.limit[agent])
+
+
+def _settled(old: System, new: System, targets: Array) -> Array:
+    """Return positions after the old system came to rest, shape (V, 3), m; joining vehicles are where they began."""
+    settled = _q_star(old, targets)
+    return np.concatenate([np.where(np.isnan(settled), new.initial[: len(settled)], settled), targets])
+
+
+def _carried_error(system: System, error: float) -> float:
+    """Bound the error of q* of the present agents if the targets' positions are off by `error`, m."""
+    system = system.local
+    if not (error > 0.0 and system.team.dirichlet.unique):
+        return 0.0
+    reach = Carrier(system, spectrum_of(system.team)).reach(np.full(len(system.team.targets), error))
+    return float(np.linalg.norm(reach))
+
+
+def _examine_one(
+    system: System, rate: float | None, radius: float, rho: Rho | None, start: float | None = None
+) -> Examination:
+    """`check` of one phase, whose |e(t0)| in m is at most `start`; None takes that of the initial positions."""
+    original = system.team.remaining
+    system = system.local
+    search = Search(system, rate, rho, start)
+    certificate = certificate_of(search)
+    path = certificate.constants.path
+    practice = margins(system, certificate)
+    law = law_loop(system, certificate, carried=start is not None)
+    links = link_answers(system, path)
+    targets = with_bodies(targets_loop(system), system, path)
+    rigidity = _rigidity(system, original)
+    mending = None if system.team.free or system.team.stressed else plan_augmentation(system.team)
+    edges = suggest_edges(system.team, system.initial)
+    record = CheckRecord(
+        scenario=system.name,
+        ok=True,
+        region=_region(certificate),
+        assumptions=certificate.assumptions,
+        relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=mending),
+        rigidity=rigidity,
+        safety=safety_record(system, certificate),
+        theorem=_theorem(search, certificate, radius),
+        law=law,
+        links=links,
+        topology_fix=describe_edges(edges),
+        topology_edges=edges,
+        steady=steady_error(system, certificate, law.rate),
+        proposals=propose(system, certificate, radius),
+        targets=targets,
+        margins=practice,
+        disturbance=predict_rms(system, search.spectrum, medium_on_path(system, certificate.constants.path)),
+        fragility=fragility(system.team),
+    )
+    problems = problems_of(record, stable=_is_stable(system, law))
+    record = record.model_copy(update={"ok": not problems, "problems": problems})
+    return Examination(record, certificate, system)
+
+
+def _is_stable(system: System, law: LawLoop) -> bool:
+    """Return True if the law of a team of linear edges is known to be stable, also where it is continuous."""
+    if not system.grid.continuous or law.unmodelled or len(system.law.links.table):
+        return law.stable is True
+    try:
+        return bool((held_eigenvalues(system.team).real > 0.0).all())
+    except UndecidedError:
+        return False
+
+
+def _rigidity(system: System, original: Team) -> Rigidity:
+    """The rigidity of a system's present team, all of whose edges are linear, linearised from the original one."""
+    team = system.team
+    x = team.pack(system.initial) if team.linearised_at is None else team.linearised_at
+    n_q = int(team.first_state[-1])
+    try:
+        values = held_eigenvalues(team)
+    except UndecidedError:
+        values = spectrum_of(team).smallest.astype(np.complex128)
+    zero = np.abs(values) <= zero_of(team) * np.abs(values).max(initial=0.0)
+    return rigidity_of(team, original, x[:n_q], system.gain, values[~zero])
+
+
+def _region(certificate: Certificate) -> RegionSummary:
+    region, path = certificate.region, certificate.constants.path
+    low, high = region.tube.corners()
+    time, cells = path.time, path.cells
+    return RegionSummary(
+        source=region.source,
+        verified=region.verified and not certificate.obstacle,
+        agents_low=low.tolist(),
+        agents_high=high.tolist(),
+        start=float(time[0]),
+        end=float(time[-1] if cells is None else cells.end[-1]),
+        samples=len(time if cells is None else cells.begin),
+        path_error=path.error,
+    )
+
+
+def _theorem(search: Search, certificate: Certificate, radius: float) -> TheoremSummary:
+    rate = search.rate
+    theorem = certificate.theorem
+    spectrum = certificate.spectrum
+    constants = certificate.constants
+    agents = len(search.system.team.agents)
+    holds = theorem.applies and certificate.region.verified
+    wanted = gain_for_wanted_radius(search, certificate, radius)
+    sets: dict[str, Any] = {
+        "chi": theorem.chi,
+        "chi_infinite": math.isinf(theorem.chi),
+        "radius_D": theorem.chi,
+        "radius_S": theorem.radius_S,
+        "radius_U": theorem.radius,
+        "radius_U_per_agent": per_agent(theorem.radius, agents),
+        "initial_error_inside_S": theorem.contains(constants.initial_error),
+    }
+    return TheoremSummary(
+        holds=None if obstacle_of_team(search.system.team) else certificate.applies,
+        applies=certificate.applies,
+        gain_condition=holds,
+        approximate=certificate.approximate,
+        reason=certificate.reason,
+        gain=search.system.gain,
+        lambda_min=spectrum.lambda_min,
+        lambda_max=spectrum.lambda_max,
+        sigma_max_B=spectrum.sigma_max_B,
+        omega_bar=constants.moving.omega_bar,
+        f_bar=constants.f_bar,
+        **_slope(search, certificate),
+        lambda_V=theorem.rate or None if holds or rate is not None else None,
+        lambda_V_given=rate is not None,
+        k_min=theorem.k_min,
+        mu=theorem.mu,
+        **(sets if holds else dict.fromkeys(sets)),
+        initial_error=constants.initial_error,
+        initial_error_per_agent=per_agent(constants.initial_error, agents),
+        wanted_radius=radius,
+        gain_for_wanted_radius=wanted.gain,
+        gain_for_wanted_radius_reason=wanted.reason,
+        weaker=_weaker(certificate, agents),
+    )
+
+
+def _slope(search: Search, certificate: Certificate) -> dict[str, Any]:
+    """Return the slope rho of the summary, and where it comes from."""
+    slope = certificate.region.rho
+    if search.rho is not None:
+        value = search.rho(certificate.constants.initial_error)
+        source = "given by the user, here at the initial error"
+        return {"rho": value, "rho_seen": slope.seen, "rho_source": source}
+    moving = certificate.constants.moving.slope
+    source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
+    part = f"; {moving:.3g} 1/s of it is the slope of what moves in the medium" if moving else ""
+    loose = "" if slope.exact else " (an upper bound, not tight)"
+    return {"rho": slope.upper + moving, "rho_seen": slope.seen, "rho_source": source + part + loose}
+
+
+def _weaker(certificate: Certificate, agents: int) -> WeakerBound:
+    proven = certificate.region.verified
+    radius = certificate.weaker.radius if proven and not certificate.obstacle else None
+    return WeakerBound(
+        f_bar=certificate.weaker.f_bar if proven else None,
+        radius=radius,
+        radius_per_agent=per_agent(radius, agents),
+    )

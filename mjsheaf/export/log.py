@@ -1,0 +1,326 @@
+"""Runs as logs: what a log has of each sample, whatever its format, and the formats with their files.
+
+Poses are exact, and times are to the nanosecond. Desired positions are rounded to a ten-thousandth of the team's
+initial size, so that files stay small.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from importlib import import_module
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import matplotlib
+import numpy as np
+import xarray as xr
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.errors import InputError
+from mjsheaf.io.files import naming, whole_directory, whole_file
+from mjsheaf.results.netcdf import length_of_piece, split
+from mjsheaf.results.sinks import send
+from mjsheaf.results.store import BAG, reopen_run, strange_in_bag
+from mjsheaf.show.played import edges_of, joined, residuals_in
+from mjsheaf.show.solids import parts_of
+from mjsheaf.show.style import groups_of
+
+if TYPE_CHECKING:
+    from mjsheaf.results.sinks import Sink
+    from mjsheaf.scenario import Scenario
+    from mjsheaf.system import Phase
+
+WORLD = "world"
+"""Frame of all positions: x, y horizontal, z up, m."""
+
+TOPICS = {
+    "errors": (
+        *("disagreement", "tracking_error", "formation_error", "centering_error"),
+        *("group_formation_error", "group_centering_error", "separation"),
+    ),
+    "commands": (
+        *("velocity_command", "command", "target_command", "agent_saturation", "target_saturation"),
+        *("safety_correction", "safety_violation", "arrival"),
+    ),
+}
+"""Names of the recorded variables that are exported as numbers, where a run has them, by topic."""
+
+_RESIDUALS = (0.01, 10.0)  # residuals at the ends of the colour scale, m
+_LEVELS = 16  # number of colours of edges
+PALETTE: Array = matplotlib.colormaps["turbo"](np.linspace(0.05, 0.95, _LEVELS)).round(3)
+"""Colours of edges from small to large residuals, RGBA, shape (levels, 4)."""
+
+_STEPS = 10_000  # minimum number of steps of desired positions along the team's initial size
+_SLOWEST = 2.0**-6  # slowest flow with an arrow, m/s
+HALF_OPEN = 0.6
+"""Opacity of desired positions."""
+ARROW = (0.25, 0.8, 0.95, 0.9)
+"""Colour of the arrows of flow, RGBA."""
+
+
+class Moment(NamedTuple):
+    """One sample of a run.
+
+    Attributes:
+        time: Time, ns.
+        phase: Number of its phase.
+        poses: Position and quaternion x, y, z, w of each vehicle, shape (V, 7), m; not finite if it blew up.
+        edges: Vehicles at the ends of the drawn edges, shape (E, 2).
+        levels: Number of each drawn edge's colour in `PALETTE`, shape (E,).
+        owners: Agents with a drawn desired position, shape (G,).
+        goals: Desired positions q* of these, rounded, shape (G, 3), m.
+        drifting: Vehicles with a drawn flow, shape (A,).
+        flow: Velocity of the medium about these, shape (A, 3), m/s.
+        values: Values of the exported variables; the first dimension of an array is that of its labels.
+    """
+
+    time: int
+    phase: int
+    poses: Array
+    edges: IntArray
+    levels: IntArray
+    owners: IntArray
+    goals: Array
+    drifting: IntArray
+    flow: Array
+    values: dict[str, Array]
+
+
+class LogSink(ABC):
+    """Sink that writes a run sample by sample; subclasses implement how a format has each of them.
+
+    Attributes:
+        frames: Name of each vehicle's frame, its id.
+        solids: Shape of each vehicle in its frame.
+        labels: Labels of each exported variable's values: ids of agents or targets, names of groups; empty for one.
+        vectors: Names of the variables that have several numbers for each label.
+        colours: Colour of each vehicle's group, RGB, shape (V, 3).
+        radii: Radius of the ball at each agent's desired position, shape (N,), m.
+        last: Time of the last sample, ns.
+        failed: True unless every sample so far could be written.
+        status: Status and message of the run.
+    """
+
+    def __init__(self, scenario: "Scenario", phases: "Sequence[Phase]", attachment: Path) -> None:
+        """Take the run, and the scenario's file, which is copied at the end."""
+        self.scenario, self.phases, self.attachment = scenario, phases, attachment
+        self.last, self.status, self.failed = 0, ("", ""), True
+
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Prepare the content; nothing is written before the first sample."""
+        system = self.phases[0].system
+        team, self._bodies = system.team, attrs["backend"] == "physics"
+        self._phase = -1  # number of that of the last sample
+        ends = [[team.index[edge.tail], team.index[edge.head]] for edge in edges_of(self.phases).values()]
+        self._ends = np.array(ends, dtype=np.int64).reshape(-1, 2)
+        self._planar = [member.dimension == 2 for member in team.members]
+        self._step = _step_of(system.initial)
+        group, _, colours = groups_of(team)
+        self.colours = colours[group]
+        self.frames = [member.id for member in team.members]
+        self.solids, radii = parts_of(system.vehicles, self.colours, at_hand=not self._bodies)
+        self.radii = 0.5 * radii[: len(team.agents)]
+        self.labels: dict[str, list[str]] = {}
+        self.vectors: set[str] = set()
+        for name in chain(*TOPICS.values()):
+            if name in variables and variables[name].size:
+                dimensions = variables[name].dims
+                if len(dimensions) > 2:
+                    self.vectors.add(name)
+                self.labels[name] = [str(x) for x in variables[dimensions[1]].values] if len(dimensions) > 1 else []
+
+    def write(self, chunk: xr.Dataset) -> None:
+        """Write the samples of a chunk."""
+        self.failed = True
+        for moment in self._moments(chunk):
+            self.last = moment.time
+            if self._phase < 0:
+                self.write_vehicles()
+            self.write_moment(moment)
+            for words in chain(*(phase.events for phase in self.phases[self._phase + 1 : moment.phase + 1])):
+                self.write_log("INFO", words)
+            self._phase = moment.phase
+        self.status = chunk.attrs["status"], chunk.attrs["message"]
+        self.failed = False
+
+    @abstractmethod
+    def write_vehicles(self) -> None:
+        """Write the shapes of all vehicles, which move with their frames."""
+
+    @abstractmethod
+    def write_moment(self, moment: Moment) -> None:
+        """Write poses, scene and values of a sample."""
+
+    @abstractmethod
+    def write_log(self, level: str, words: str) -> None:
+        """Write a message, of level INFO or ERROR, at the time of the last sample."""
+
+    def write_end(self) -> None:
+        """Write why a run is unstable."""
+        if self.status[0] == "unstable":
+            self.write_log("ERROR", self.status[1])
+
+    def _moments(self, chunk: xr.Dataset) -> Iterator[Moment]:
+        """Return the samples of the next chunk of the run."""
+        times = np.rint(1e9 * chunk["time"].values).astype(np.int64).tolist()
+        values = {name: chunk[name].values for name in self.labels}
+        poses = self._poses(chunk)
+        goals = self._goals(chunk["harmonic_extension"].values, poses)
+        flow = np.nan_to_num(joined(chunk, "flow"))
+        residual = residuals_in(chunk, self.phases, np.nan_to_num(joined(chunk, "position")))
+        levels = _levels(residual)
+        for row, (time, k) in enumerate(zip(times, chunk["phase"].values.tolist(), strict=True)):
+            team = self.phases[k].system.team
+            present = np.append(team.present, np.ones(len(team.targets), dtype=bool))
+            visible = np.isfinite(poses[row]).all(axis=1) & present
+            shown = visible[self._ends].all(axis=1) & ~np.isnan(residual[row])
+            owners = np.flatnonzero(np.isfinite(goals[row]).all(axis=1) & team.present)
+            drifting = np.flatnonzero(visible & (np.linalg.norm(flow[row], axis=1) >= _SLOWEST))
+            yield Moment(
+                time=time,
+                phase=k,
+                poses=poses[row],
+                edges=self._ends[shown],
+                levels=levels[row, shown],
+                owners=owners,
+                goals=goals[row, owners],
+                drifting=drifting,
+                flow=flow[row, drifting],
+                values={name: array[row] for name, array in values.items()},
+            )
+
+    def _goals(self, q_star: Array, poses: Array) -> Array:
+        """Return q* rounded, shape (T, N, 3), at the agent's height where it has none; NaN for absent agents."""
+        goals = np.where(
+            np.isnan(q_star[..., :1]), np.nan, np.where(np.isnan(q_star), poses[:, : q_star.shape[1], :3], q_star)
+        )
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(np.rint(goals / self._step) * self._step)
+
+    def _poses(self, chunk: xr.Dataset) -> Array:
+        """Return position and quaternion x, y, z, w of all vehicles, shape (T, V, 7).
+
+        On ideal kinematics vehicles have no attitude, and the frame's origin is the controlled point.
+        """
+        positions = joined(chunk, "body_position" if self._bodies else "position")
+        poses = np.zeros((*positions.shape[:2], 7))
+        poses[..., :3] = positions
+        if self._bodies:
+            poses[..., 3:] = joined(chunk, "orientation")[..., [1, 2, 3, 0]]
+        else:
+            poses[:, self._planar, 2] = self.scenario.scene.height
+            poses[..., 6] = 1.0
+        return poses
+
+
+def _levels(residuals: Array) -> IntArray:
+    """Return the number of the colour of each residual, on a logarithmic scale."""
+    low, high = np.log(_RESIDUALS)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = (np.log(residuals) - low) / (high - low)
+    return np.clip(np.nan_to_num(np.floor(part * _LEVELS), nan=_LEVELS), 0, _LEVELS - 1).astype(np.int64)
+
+
+def _step_of(initial: Array) -> float:
+    """Return the step of desired positions, a power of 2, m."""
+    size = max(float(np.ptp(initial, axis=0).max()), 1.0)
+    return float(2.0 ** np.floor(np.log2(size / _STEPS)))
+
+
+class Format(NamedTuple):
+    """A format of exported runs.
+
+    Attributes:
+        name: Name in a run's directory.
+        module: Module of mjsheaf that has its sink.
+        sink: Name of the sink's class.
+        directory: True if it is a directory.
+        suffix: Suffix that a file's name must have.
+    """
+
+    name: str
+    module: str
+    sink: str
+    directory: bool
+    suffix: str
+
+
+FORMATS = {
+    "mcap": Format("run.mcap", "mjsheaf.export.mcap", "Mcap", False, ".mcap"),
+    "ros2": Format(BAG, "mjsheaf.export.ros2", "Ros2Bag", True, ""),
+}
+"""Formats by name."""
+
+
+def make_sink(format_name: str, path: Path, scenario: "Scenario", phases: "Sequence[Phase]", source: Path) -> "Sink":
+    """Return the sink that writes a run to `path`; `source` is the scenario's file, which it includes.
+
+    Raises:
+        InputError: The packages of the extra `mcap` are not installed.
+    """
+    kind = FORMATS[format_name]
+    sink: Sink = getattr(_load(format_name), kind.sink)(path, scenario, phases, source)
+    return sink
+
+
+def require_installed(formats: Sequence[str]) -> None:
+    """Refuse formats whose packages are not installed.
+
+    Raises:
+        InputError: The message names the extra.
+    """
+    for name in formats:
+        _load(name)
+
+
+def _load(format_name: str) -> Any:
+    try:
+        return import_module(FORMATS[format_name].module)
+    except ImportError as error:
+        raise InputError(
+            f"--{format_name} needs packages that are not installed ({error.name}): pip install 'mjsheaf[mcap]'"
+        ) from None
+
+
+def sinks_of(formats: Sequence[str], directory: Path, scenario: "Scenario", phases: "Sequence[Phase]") -> "list[Sink]":
+    """Return the sinks that write a run's exports into its directory, which has scenario.yaml."""
+    source = directory / "scenario.yaml"
+    return [make_sink(name, directory / FORMATS[name].name, scenario, phases, source) for name in formats]
+
+
+def export_run(directory: Path, format_name: str, out: Path | None = None) -> Path:
+    """Export a finished run, and return the path of the file or directory.
+
+    Args:
+        directory: Directory of the run.
+        format_name: A key of `FORMATS`.
+        out: Path to write; None for the format's name in the run's directory.
+
+    Raises:
+        InputError: The directory holds no run, a package is missing, or nothing can be written there.
+    """
+    kind = FORMATS[format_name]
+    path = directory / kind.name if out is None else out
+    require_installed([format_name])
+    with reopen_run(directory) as (scenario, dataset, _), ExitStack() as stack, naming(path):
+        if kind.directory:
+            _require_replaceable(path)
+            part = stack.enter_context(whole_directory(path))
+        else:
+            part = stack.enter_context(whole_file(path))
+        sink = make_sink(format_name, part, scenario, scenario.phases, directory / "scenario.yaml")
+        pieces = split(dataset, length_of_piece(dataset))
+        send((piece.load() for piece in pieces), sink)
+    return path
+
+
+def _require_replaceable(path: Path) -> None:
+    """Refuse the path of a bag that holds anything else.
+
+    Raises:
+        InputError: The message names it.
+    """
+    strange = strange_in_bag(path)
+    if strange:
+        raise InputError(f"{path}: holds {strange[0]!r}, which mjsheaf did not write; choose another with --out")
