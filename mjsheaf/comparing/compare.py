@@ -6,10 +6,10 @@ from typing import Any
 
 from mjsheaf._version import __version__
 from mjsheaf.checking.loop.body_loop import loop_along
+from mjsheaf.comparing.causes import CompareRecord, LoopRecord, PhaseRecord, levers_of, verdict_of
 from mjsheaf.comparing.convergence import ConvergenceRecord, converge
 from mjsheaf.comparing.demands import JUDGED, demands_of, fastest_vehicles, velocity_limit_of
 from mjsheaf.comparing.gains import Way, examine_gain, find_ringing, ways_of
-from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation, span_of_phase
 from mjsheaf.comparing.measures import (
     Series,
     budgets_of,
@@ -19,7 +19,7 @@ from mjsheaf.comparing.measures import (
     unknown_errors,
     whole_run,
 )
-from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, PhaseRecord, levers_of, verdict_of
+from mjsheaf.comparing.variants import Run, ladder_of, run_ablation, span_of_phase
 from mjsheaf.jit import working_time
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results.dataset import law_of

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.comparing.ladder import inertial_tau, without_links, without_terms
 from mjsheaf.comparing.measures import positions_at_q_star
+from mjsheaf.comparing.variants import inertial_tau, without_links, without_terms
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.trajectory import Trajectory

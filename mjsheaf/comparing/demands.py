@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.comparing.ladder import Run, has_limits, span_of_phase
 from mjsheaf.comparing.measures import Role, ScopeRecord, Span, vehicles_by_role, whole_run
+from mjsheaf.comparing.variants import Run, has_limits, span_of_phase
 from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of

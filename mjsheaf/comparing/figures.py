@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from mjsheaf.comparing.ladder import Run, RungRecord, display_name
+from mjsheaf.comparing.causes import CompareRecord
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
-from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.comparing.variants import Run, RungRecord, display_name
 from mjsheaf.results.netcdf import thin
 from mjsheaf.show.panels import (
     NORMAL,

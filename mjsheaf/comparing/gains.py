@@ -16,8 +16,8 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import Ending
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_along
-from mjsheaf.comparing.ladder import Run, Variant, changed_systems, effects_of, run_ablation, without_links
 from mjsheaf.comparing.measures import TEAM, ErrorsRecord, saturation_of
+from mjsheaf.comparing.variants import Run, Variant, changed_systems, effects_of, run_ablation, without_links
 from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.runs.simulate import Progress, no_progress

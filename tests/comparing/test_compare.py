@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.ladder import ladder_of, run_ablation
-from mjsheaf.comparing.report import WIDTH, report_text
+from mjsheaf.comparing.page import WIDTH, report_text
+from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.results import summarize
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
@@ -216,7 +216,7 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
 @pytest.mark.parametrize("name", ["quads", "otters", "harbour"])
 def test_plots_are_legible(name: str, drawn: list[Figure]) -> None:
     """Also where nine lines end in nearly one point, and with a panel for each group."""
-    from mjsheaf.comparing.report import _plot
+    from mjsheaf.comparing.publish import _plot
 
     comparison = compare(load_scenario(name, {"time.end": 4.0}))
     _plot(comparison, Path("."), AS_USUAL)

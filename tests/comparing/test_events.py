@@ -14,9 +14,9 @@ import xarray as xr
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.compare import Comparison
-from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.measures import present_in
-from mjsheaf.comparing.report import WIDTH, report_text
+from mjsheaf.comparing.page import WIDTH, report_text
+from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.scenario import Scenario

@@ -10,9 +10,9 @@ import pytest
 
 from mjsheaf import check, simulate
 from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.causes import LIMITED_BY
 from mjsheaf.comparing.gains import _factors
-from mjsheaf.comparing.report import report_text
-from mjsheaf.comparing.verdict import LIMITED_BY
+from mjsheaf.comparing.page import report_text
 from mjsheaf.scenario import Scenario
 from tests.builders import approx, two_boats
 from tests.checking.test_norms import errors_of, records

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.comparing.ladder import EFFECTS, effects_of, ladder_of, run_ablation
+from mjsheaf.comparing.variants import EFFECTS, effects_of, ladder_of, run_ablation
 from mjsheaf.scenario import Scenario
 from tests.builders import two_aircraft, two_boats
 from tests.running import run_physics

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import mjsheaf
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.report import report_text
+from mjsheaf.comparing.page import report_text
 from mjsheaf.errors import InputError
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.runs.expecting import expected_law, try_scenario

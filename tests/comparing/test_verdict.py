@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.causes import verdict_of
 from mjsheaf.comparing.figures import choose_rungs
-from mjsheaf.comparing.ladder import inertial_tau
 from mjsheaf.comparing.measures import (
     ItemRecord,
     error_series,
@@ -24,8 +24,8 @@ from mjsheaf.comparing.measures import (
     positions_at_q_star,
     root_mean_square,
 )
-from mjsheaf.comparing.report import report_text
-from mjsheaf.comparing.verdict import verdict_of
+from mjsheaf.comparing.page import report_text
+from mjsheaf.comparing.variants import inertial_tau
 from mjsheaf.law import disagreement
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario

@@ -19,7 +19,7 @@ from mjsheaf import check, load_scenario, simulate
 from mjsheaf.checking.authority import authority_of, may_lack
 from mjsheaf.checking.finished import ending_of_run
 from mjsheaf.checking.stuck import find_stuck
-from mjsheaf.comparing.ladder import ladder_of, run_ablation
+from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario

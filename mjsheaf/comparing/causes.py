@@ -13,8 +13,8 @@ from mjsheaf.checking.finished import ROUNDING
 from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
 from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, RingingRecord
-from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
+from mjsheaf.comparing.variants import RungRecord, display_name
 from mjsheaf.errors import joined, listed
 from mjsheaf.io.section import Finite, FiniteRecord
 
