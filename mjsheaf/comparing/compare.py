@@ -16,7 +16,6 @@ from mjsheaf.comparing.measures import (
     errors_by_scope,
     formation_size,
     series_at_q_star,
-    unknown_errors,
     whole_run,
 )
 from mjsheaf.comparing.variants import Run, ladder_of, run_ablation, span_of_phase
@@ -128,19 +127,17 @@ def _phases(phases: Sequence[Phase], runs: dict[str, Run], at_q_star: Series) ->
 
 
 def _phase(phases: Sequence[Phase], k: int, runs: dict[str, Run], at_q_star: Series) -> PhaseRecord:
-    """Return the errors of a phase, by its number; unknown ones of runs that did not reach it."""
+    """Return the errors of a phase, by its number; those of runs that did not reach it are null."""
     span = span_of_phase(phases, k)
     there = errors_by_scope(at_q_star, span, complete=runs["ideal"].finished_phase(k))
-    unknown = unknown_errors(there)
-    reached = {key for key, run in runs.items() if k < run.phases_reached}
-    errors = {key: run.errors_in_phase(k) if key in reached else unknown for key, run in runs.items()}
+    errors = {key: run.errors_in_phase(k) for key, run in runs.items()}
     return PhaseRecord(
         start=phases[k].time,
         end=float(phases[k].system.grid.span(span.end - 1, span.end)[0]),
         events=list(phases[k].events),
         errors=errors,
         budgets=budgets_of(errors, there),
-        velocity_limit=velocity_limit_of(runs, k) if reached.issuperset(JUDGED) else None,
+        velocity_limit=velocity_limit_of(runs, k) if k < runs["all"].phases_reached else None,
         levers=[],
     )
 

@@ -137,12 +137,6 @@ def errors_by_scope(series: Series, span: Span, *, complete: bool) -> dict[str, 
     }
 
 
-def unknown_errors(like: Mapping[str, ScopeRecord]) -> dict[str, ScopeRecord]:
-    """Return null errors for the same scopes."""
-    nothing = ErrorsRecord(tracking_error=None, formation_error=None, centering_error=None)
-    return {scope: ScopeRecord(final=nothing, late=nothing) for scope in like}
-
-
 def positions_at_q_star(system: System, positions: Array) -> Array:
     """Return positions of a run with its agents moved to the harmonic extension of its targets, shape (T, V, 3), m."""
     team = system.team

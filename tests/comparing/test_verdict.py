@@ -18,7 +18,6 @@ from mjsheaf.comparing.causes import verdict_of
 from mjsheaf.comparing.figures import choose_rungs
 from mjsheaf.comparing.measures import (
     ItemRecord,
-    error_series,
     formation_size,
     middle_of,
     positions_at_q_star,
@@ -27,7 +26,7 @@ from mjsheaf.comparing.measures import (
 from mjsheaf.comparing.page import report_text
 from mjsheaf.comparing.variants import inertial_tau
 from mjsheaf.law import disagreement
-from mjsheaf.results.metrics import evaluate_errors
+from mjsheaf.results.metrics import error_series, evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import approx, two_boats
@@ -109,7 +108,8 @@ def test_agents_at_q_star_do_not_err_in_tracking() -> None:
 def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
     system = two_groups(["T11", "T21"]).system
     run = run_ideal(system)
-    series = error_series(system, positions_at_q_star(system, run.positions))
+    team, groups = error_series(system.team, positions_at_q_star(system, run.positions))
+    series = {"team": team, **groups}
     chosen = run.time >= middle_of(system)
     for budget in torn.budgets:
         values = series[budget.scope][budget.measure]
