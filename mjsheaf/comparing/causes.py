@@ -245,9 +245,9 @@ def _blown_up(record: CompareRecord) -> list[str]:
 def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
     """Return the dominant cause of an error of the team; None if the error is unknown or zero.
 
-    It is the sheaf if q* itself has half of the error; else what removes the most of it: perfect links or no velocity
-    limit, if that is a quarter of the error, or an effect of bodies, if that is a quarter of what bodies add; else the
-    law, or the bodies as a whole.
+    It is the sheaf if q* itself has half of the error; else what removes the most of it: perfect links, the paper's law
+    alone or no velocity limit, if that is a quarter of the error, or an effect of bodies, if that is a quarter of what
+    bodies add; else the law, or the bodies as a whole.
     """
     budget = record.budget(TEAM, measure, "late")
     if budget.ideal_m is None or budget.all_m is None or budget.all_m <= ROUNDING:
@@ -257,7 +257,11 @@ def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
     added = budget.all_m - budget.ideal_m
     least = _MIN_CAUSE_FRACTION * budget.all_m
     changes = _changes(record)
-    causes = [(record.saved_by("all-links", TEAM, measure), least, "links", "better links (links.noise, loss, delay)")]
+    better = "better links (links.noise, loss, delay)"
+    causes = [(record.saved_by("all-links", TEAM, measure), least, "imperfect links", better)]
+    if record.terms:
+        saved = record.saved_by("all-terms", TEAM, measure)
+        causes.append((saved, least, joined(record.terms), "the paper's law alone, or better odometry"))
     if record.velocity_limit is not None:
         saved = record.saved_by("all-limit", TEAM, measure)
         causes.append((saved, least, "the velocity limit", _raise_limit(record.velocity_limit)))

@@ -133,7 +133,7 @@ class OpenRun:
     @cached_property
     def errors(self) -> xr.Dataset:
         """The team's errors over time, m."""
-        tracking = np.sqrt((self.dataset["tracking_error"].load() ** 2).mean("agent"))
+        tracking = (self.dataset["tracking_error"].load() ** 2).mean("agent") ** 0.5
         return xr.Dataset({"tracking_error": tracking, "formation_error": self.dataset["formation_error"].load()})
 
     @property
@@ -224,14 +224,13 @@ def compare_runs(runs: Sequence[OpenRun], directory: Path) -> RunsRecord:
     measured = []
     for run in runs:
         final = run.errors[_TEAM_ERRORS].sel(time=end + _SLACK, method="pad")
-        late = np.sqrt((run.errors[_TEAM_ERRORS].sel(time=second_half) ** 2).mean("time"))
+        late = (run.errors[_TEAM_ERRORS].sel(time=second_half) ** 2).mean("time") ** 0.5
         measured.append((final, late))
     records = []
     for run, (final, late) in zip(runs, measured, strict=True):
         apart = _distances(run, first, start, end)
-        rms = float(np.sqrt((apart.sel(time=second_half) ** 2).mean()))
+        rms = float((apart.sel(time=second_half) ** 2).mean() ** 0.5)
         largest = apart.max("time").fillna(-1.0)
-        who = int(largest.argmax())
         records.append(
             RunRecord(
                 name=run.name,
@@ -252,7 +251,7 @@ def compare_runs(runs: Sequence[OpenRun], directory: Path) -> RunsRecord:
                 agents_in_common=apart.sizes["agent"],
                 distance_m=rms,
                 largest_distance_m=float(apart.max()),
-                farthest=str(largest["agent"].values[who]) if largest[who] > 0.0 else "",
+                farthest=str(largest.idxmax("agent").item()) if largest.max() > 0.0 else "",
             )
         )
     return RunsRecord(mjsheaf_version=__version__, start_s=start, end_s=end, notes=_unlike(runs, end), runs=records)
@@ -273,10 +272,10 @@ def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> xr.Dat
     here = here.sel(time=slice(start - _SLACK, end + _SLACK))
     here = here.isel(time=slice(None, None, max(1, here.sizes["time"] // _MAX_SAMPLES)))
     if not np.array_equal(here["time"], there["time"]):
-        there = there.interp(time=np.clip(here["time"], there["time"][0], there["time"][-1]))
-        there = there.assign_coords(time=here["time"])
+        times = np.clip(here["time"].values, run.time[0], run.time[-1])
+        there = there.interp(time=times).assign_coords(time=here["time"])
     apart = here - there
-    return np.sqrt((apart**2).sum("axis")).where(apart.isel(axis=0).notnull())
+    return ((apart**2).sum("axis") ** 0.5).where(apart.isel(axis=0).notnull())
 
 
 def _paths(run: OpenRun) -> xr.DataArray:

@@ -40,14 +40,15 @@ def ringing_at_rest(system: System) -> RingingRecord:
 
 
 def decay(system: System, ringing: RingingRecord) -> tuple[float, float]:
-    """Simulate the bodies' decay to q* along the stiffest direction of H, and fit damping ratio and frequency, rad/s.
+    """Simulate the bodies' decay to q* from a displacement along x, the stiffest, and fit damping ratio and frequency.
 
     The fit is Prony's, with four poles; those with the largest amplitude count.
     """
     assert ringing.least_damped is not None
     team, frequency = system.team, ringing.least_damped.frequency
-    _, vectors = np.linalg.eigh(team.dirichlet.H.toarray())
-    along = vectors[:, -1]
+    H, axes = team.dirichlet.H.toarray(), team.agents[0].dimension
+    along = np.zeros(len(H))
+    along[::axes] = np.linalg.eigh(H[::axes, ::axes])[1][:, -1]
     q_star = positions_at_q_star(system, system.initial[None])[0]
     initial = q_star.copy()
     initial[: len(team.agents)] += 0.01 * team.unpack(along)
