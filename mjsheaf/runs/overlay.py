@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from mjsheaf.errors import InputError, PlaceError, listed, select_true
 from mjsheaf.page import Ghost, page_of
 from mjsheaf.page.replay import REQUIRED
 from mjsheaf.results.dataset import law_of
-from mjsheaf.results.metrics import engine_of, mean_known, phases_in
+from mjsheaf.results.metrics import engine_of, phases_in
 from mjsheaf.results.netcdf import thin
 from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging
 from mjsheaf.runs.simulate import Progress, no_progress
@@ -47,7 +48,8 @@ _COLOURS = ("#000000", "#7b2cbf", "#d81b60", "#6d4c41", "#827717", "#1a237e", "#
 
 _MAX_POINTS = 1500  # of a curve
 _MAX_SAMPLES = 20_000  # of a run, for distances
-_TEAM_ERRORS = ("tracking_error", "formation_error")
+_SLACK = 1e-9  # s, of times of samples
+_TEAM_ERRORS = ["tracking_error", "formation_error"]
 _LABELS = {
     "tracking_error": "tracking error (m)\nRMS over agents",
     "formation_error": "formation error (m)\nRMS over edges in groups",
@@ -127,10 +129,11 @@ class OpenRun:
         """Ids of the agents."""
         return [str(name) for name in self.dataset["agent"].values]
 
-    def errors(self) -> dict[str, Array]:
-        """Compute the team's errors over time by measure, shape (T,), m."""
-        tracking = np.sqrt(mean_known(self.dataset["tracking_error"].values ** 2))
-        return {"tracking_error": tracking, "formation_error": np.asarray(self.dataset["formation_error"].values)}
+    @cached_property
+    def errors(self) -> xr.Dataset:
+        """The team's errors over time, m."""
+        tracking = (self.dataset["tracking_error"].load() ** 2).mean("agent") ** 0.5
+        return xr.Dataset({"tracking_error": tracking, "formation_error": self.dataset["formation_error"].load()})
 
     @property
     def law(self) -> str:
@@ -216,11 +219,17 @@ def compare_runs(runs: Sequence[OpenRun], directory: Path) -> RunsRecord:
     end = min(float(run.time[-1]) for run in runs)
     if start > end:
         raise InputError("DIR: no time is covered by all of these runs; expected runs that share some time")
-    measured = [(_error_at(run, end), _error_late(run, start, end)) for run in runs]
+    second_half = slice(0.5 * (start + end) - _SLACK, end + _SLACK)
+    measured = []
+    for run in runs:
+        final = run.errors[_TEAM_ERRORS].sel(time=end + _SLACK, method="pad")
+        late = (run.errors[_TEAM_ERRORS].sel(time=second_half) ** 2).mean("time") ** 0.5
+        measured.append((final, late))
     records = []
     for run, (final, late) in zip(runs, measured, strict=True):
-        rms, largest, who = _distances(run, first, start, end)
-        common = len(set(run.agents) & set(first.agents))
+        apart = _distances(run, first, start, end)
+        rms = float((apart.sel(time=second_half) ** 2).mean() ** 0.5)
+        largest = apart.max("time").fillna(-1.0)
         records.append(
             RunRecord(
                 name=run.name,
@@ -232,82 +241,45 @@ def compare_runs(runs: Sequence[OpenRun], directory: Path) -> RunsRecord:
                 gain=run.gain,
                 seed=run.scenario.seed,
                 status=run.dataset.attrs["status"],
-                start_s=float(run.time[0]),
-                end_s=float(run.time[-1]),
-                final=ErrorsRecord(**final),
-                late=ErrorsRecord(**late),
-                final_difference=_difference(final, measured[0][0]),
-                late_difference=_difference(late, measured[0][1]),
-                agents_in_common=common,
+                start_s=run.time[0],
+                end_s=run.time[-1],
+                final=_record(final),
+                late=_record(late),
+                final_difference=_record(final - measured[0][0]),
+                late_difference=_record(late - measured[0][1]),
+                agents_in_common=apart.sizes["agent"],
                 distance_m=rms,
-                largest_distance_m=largest,
-                farthest=who,
+                largest_distance_m=float(apart.max()),
+                farthest=str(largest.idxmax("agent").item()) if largest.max() > 0.0 else "",
             )
         )
     return RunsRecord(mjsheaf_version=__version__, start_s=start, end_s=end, notes=_unlike(runs, end), runs=records)
 
 
-def _difference(one: dict[str, float], other: dict[str, float]) -> ErrorsRecord:
-    return ErrorsRecord(**{name: one[name] - other[name] for name in _TEAM_ERRORS})
+def _record(errors: xr.Dataset) -> ErrorsRecord:
+    return ErrorsRecord(**{name: float(errors[name]) for name in _TEAM_ERRORS})
 
 
-def _error_at(run: OpenRun, time: float) -> dict[str, float]:
-    """The team's errors at the last sample up to a time, m."""
-    k = int(np.searchsorted(run.time, time + 1e-9, side="right")) - 1
-    return {name: float(values[k]) for name, values in run.errors().items()}
+def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> xr.DataArray:
+    """Return the distances of a run's agents from those of the first run, over time and agent, m.
 
-
-def _error_late(run: OpenRun, start: float, end: float) -> dict[str, float]:
-    """The team's errors, RMS over the second half of a time, m; NaN where they have no meaning."""
-    chosen = (run.time >= 0.5 * (start + end) - 1e-9) & (run.time <= end + 1e-9)
-    found = {}
-    for name, values in run.errors().items():
-        known = values[chosen]
-        known = known[np.isfinite(known)]
-        found[name] = float(np.sqrt((known**2).mean())) if known.size else float("nan")
-    return found
-
-
-def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> tuple[float, float, str]:
-    """Distance of a run's agents from those of the first run.
-
-    Agents are compared while they are present in both runs. Positions of the run are interpolated to the first's
+    They are NaN while an agent is absent in one of the runs. Positions of the run are interpolated to the first's
     samples.
-
-    Returns:
-        RMS over agents and the second half, m; the largest, m; and whose that is. NaN and empty without any.
     """
-    chosen = np.flatnonzero((first.time >= start - 1e-9) & (first.time <= end + 1e-9))
-    chosen = chosen[:: max(1, len(chosen) // _MAX_SAMPLES)]
-    time = first.time[chosen]
     common = [name for name in first.agents if name in run.agents]
-    paths, others = _paths(first), _paths(run)
-    apart = np.full((len(time), len(common)), np.nan)
-    for column, name in enumerate(common):
-        here = paths[chosen, first.agents.index(name)]
-        there = _interpolated(run.time, others[:, run.agents.index(name)], time)
-        present = np.isfinite(here[:, 0]) & np.isfinite(there[:, 0])
-        distance = np.linalg.norm(np.nan_to_num(here - there), axis=1)
-        apart[:, column] = np.where(present, distance, np.nan)
-    late = apart[time >= 0.5 * (start + end) - 1e-9]
-    rms = float(np.sqrt(np.nanmean(late**2))) if np.isfinite(late).any() else float("nan")
-    if not np.isfinite(apart).any():
-        return rms, float("nan"), ""
-    farthest = np.nan_to_num(apart, nan=-1.0).max(axis=0)
-    who = common[int(farthest.argmax())] if farthest.max() > 0.0 else ""
-    return rms, float(farthest.max()), who
+    here, there = (_paths(one).sel(agent=common) for one in (first, run))
+    here = here.sel(time=slice(start - _SLACK, end + _SLACK))
+    here = here.isel(time=slice(None, None, max(1, here.sizes["time"] // _MAX_SAMPLES)))
+    if not np.array_equal(here["time"], there["time"]):
+        times = np.clip(here["time"].values, run.time[0], run.time[-1])
+        there = there.interp(time=times).assign_coords(time=here["time"])
+    apart = here - there
+    return ((apart**2).sum("axis") ** 0.5).where(apart.isel(axis=0).notnull())
 
 
-def _paths(run: OpenRun) -> Array:
-    """Return the positions of the agents, shape (T, N, 3), m; NaN while they are absent."""
-    present = np.isfinite(run.dataset["tracking_error"].values)
-    return np.where(present[..., None], run.dataset["agent_position"].values, np.nan)
-
-
-def _interpolated(time: Array, values: Array, at: Array) -> Array:
-    """Interpolate values, shape (T, n), at other times within their range, shape (K, n)."""
-    same = np.array_equal(time, at)
-    return values if same else np.column_stack([np.interp(at, time, column) for column in values.T])
+def _paths(run: OpenRun) -> xr.DataArray:
+    """Return the positions of the agents, m; NaN while they are absent."""
+    return run.dataset["agent_position"].load().where(run.dataset["tracking_error"].notnull())
 
 
 def _unlike(runs: Sequence[OpenRun], end: float) -> list[str]:
@@ -337,25 +309,19 @@ def _unlike_first(run: OpenRun, first: OpenRun) -> list[str]:
 
 def table_of(record: RunsRecord) -> pd.DataFrame:
     """Make a table with one row per run; columns of errors and differences are named by statistic and measure, m."""
-    rows = []
-    for run in record.runs:
-        plain = run.model_dump(exclude={"final", "late", "final_difference", "late_difference"})
-        for part in ("final", "late", "final_difference", "late_difference"):
-            errors = getattr(run, part).model_dump(exclude={"norm"})
-            plain |= {f"{part}_{name}": value for name, value in errors.items()}
-        rows.append(plain)
-    return pd.DataFrame(rows)
+    parts = ("final", "late", "final_difference", "late_difference")
+    left_out = {part: {"norm"} for part in parts}
+    return pd.json_normalize([run.model_dump(exclude=left_out) for run in record.runs], sep="_")
 
 
 def plot_runs(runs: Sequence[OpenRun], path: Path, options: FigureOptions = AS_USUAL) -> None:
     """Draw the tracking errors of all runs on one axis, and the formation errors on another if some run has one."""
-    errors = [run.errors() for run in runs]
-    drawn = [name for name in _TEAM_ERRORS if any(np.isfinite(own[name]).any() for own in errors)]
+    drawn = [name for name in _TEAM_ERRORS if any(run.errors[name].notnull().any() for run in runs)]
     scenarios = " and ".join(dict.fromkeys(run.scenario.name for run in runs))
     figure = new_figure(WIDTH, 0.9 + 2.4 * len(drawn), f"{scenarios}: {len(runs)} runs", options)
     panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
     for panel, name in zip(panels, drawn, strict=True):
-        _draw_error(panel, runs, [own[name] for own in errors])
+        _draw_error(panel, runs, [run.errors[name].values for run in runs])
         label_axes(panel, "", y=_LABELS[name])
         mark_times(panel, [phase["time"] for phase in phases_in(runs[0].dataset) if phase["events"]])
     panels[-1].set_xlabel(_below(runs[0]))

@@ -1,31 +1,30 @@
-"""The page of a comparison (verdict, ladder, budget, ringing, speeds, convergence) and its directory."""
+"""The answer of `mjsheaf compare` on one screen, and the whole report: verdict, variants, budget, gain, speeds."""
 
-from dataclasses import dataclass, replace
-from functools import partial
 from io import StringIO
-from itertools import accumulate, groupby
-from pathlib import Path
+from itertools import accumulate
+from textwrap import wrap
 
-import xarray as xr
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
 from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
 
-from mjsheaf.comparing.compare import Comparison, compare
-from mjsheaf.comparing.ladder import RungRecord, display_name
+from mjsheaf.comparing.causes import LIMITED_BY, CompareRecord, PhaseRecord
+from mjsheaf.comparing.gains import MIN_DAMPING
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
-from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
-from mjsheaf.errors import PlaceError, joined, select_true, shortened
-from mjsheaf.results import summarize
-from mjsheaf.results.store import replaced_run, save_summary, staging
-from mjsheaf.runs.publish import draw_video, write_scenario
-from mjsheaf.runs.simulate import Progress, no_progress
-from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.load import LawFile
-from mjsheaf.show.style import AS_USUAL, FigureOptions
+from mjsheaf.comparing.variants import RungRecord, display_name
+from mjsheaf.errors import joined, select_true, shortened
 
+MAX_LINES = 14
+"""Maximum number of lines of the answer on a screen. With six lines on the files, `compare` prints at most twenty."""
+
+SCREEN_WIDTH = 100
+"""Maximum width of a line of that answer, characters."""
+
+_LABEL_WIDTH = 17
+_MAX_PHASES = 4
+_MAX_EVENTS = 36  # characters
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 
 _TEAM_COLUMNS = 62  # maximum width of the budget's first three columns, characters
@@ -48,15 +47,68 @@ _BEFORE_EFFECTS = {
 _AFTER_EFFECTS = {"interaction_m": "interaction", "all_m": "as given"}
 """Fields of a budget in the order of its table, with their labels."""
 
-_SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2, "law": 3, "links": 4, "engine": 5}
+_SECTIONS = [("ideal", "part"), ("base", "alone"), ("all", "without"), ("law",), ("links",), ("limit",), ("engine",)]
+"""Kinds of variants in each section of the ladder."""
+
+
+def summary(record: CompareRecord) -> list[str]:
+    """Return the answer as lines of text, with the sentences of the verdict that fit, the most important first."""
+    lines = [*wrap(_title(record), SCREEN_WIDTH)[:2], *_both_errors(record), *_phase_lines(record.phases)]
+    shown = 0
+    for sentence in record.verdict:
+        wrapped = wrap(sentence, SCREEN_WIDTH, initial_indent="- ", subsequent_indent="  ", break_on_hyphens=False)
+        if len(lines) + len(wrapped) >= MAX_LINES and shown:
+            break
+        lines += wrapped[: MAX_LINES - 1 - len(lines)]
+        shown += 1
+    left = len(record.verdict) - shown
+    if left:
+        noun = "sentence" if left == 1 else "sentences"
+        lines.append(f"  and {left} more {noun} in report.txt")
+    return lines
+
+
+def _both_errors(record: CompareRecord) -> list[str]:
+    """Return a line on the tracking error, and one on the formation error where there are formations."""
+    ideal = record.rung("ideal")
+    bodies = record.rung("all")
+    names = [TRACKING] if record.measure == TRACKING else [TRACKING, FORMATION]
+    return [
+        f"{display_name(name):<{_LABEL_WIDTH}}{_error(ideal, name)} on ideal kinematics, "
+        f"{_error(bodies, name)} on bodies ({RMS_OVER[name]}, second half)"
+        for name in names
+    ]
+
+
+def _error(rung: RungRecord, name: str) -> str:
+    if rung.status != "finished":
+        return "blows up"
+    value = rung.errors[TEAM].error(name)
+    return "-" if value is None else f"{value:.3g} m"
+
+
+def _phase_lines(phases: list[PhaseRecord]) -> list[str]:
+    """Return a line on the tracking error of each phase of a run with events."""
+    lines = list[str]()
+    for k, phase in enumerate(phases[:_MAX_PHASES]):
+        ideal, bodies = (phase.errors[key][TEAM].error(TRACKING) for key in ("ideal", "all"))
+        events = shortened(", ".join(phase.events) or "start", _MAX_EVENTS)
+        errors = ", ".join("-" if error is None else f"{error:.3g} m" for error in (ideal, bodies))
+        lines.append(f"{f'  phase {k}':<{_LABEL_WIDTH}}{errors}: {events}, from {phase.start:.6g} s")
+    if len(phases) > _MAX_PHASES:
+        lines.append(f"  and {len(phases) - _MAX_PHASES} more phases in report.txt")
+    return lines
+
+
+def _title(record: CompareRecord) -> str:
+    return f"{record.scenario}: ideal kinematics against bodies, {record.law_in_words}, {record.time_s:.6g} s"
 
 
 def report(record: CompareRecord) -> Group:
     """Render the comparison as a page."""
     tables = [_ladder(record), _budget(record), *_gains(record), _ringing(record), _speeds(record)]
     lines = [Padding(Text(f"- {sentence}"), (0, 0, 0, 2)) for sentence in record.verdict]
-    title = f"{record.scenario}: ideal kinematics against bodies, {record.law_in_words}, {record.time_s:.6g} s"
-    return Group(Text(title, style="bold"), *lines, *_phases(record), *tables, Text(_convergence(record)))
+    return Group(Text(_title(record), style="bold"), *lines, *_phases(record), *tables, Text(_convergence(record)))
 
 
 def report_text(record: CompareRecord) -> str:
@@ -120,8 +172,8 @@ def _gains(record: CompareRecord) -> list[Group]:
 
 def _ladder(record: CompareRecord) -> Group:
     table = _table("variant", "tracking", "formation", "settles (s)", "distance", "second half", "who, when", "limited")
-    for _, rungs in groupby(record.ladder, key=lambda rung: _SECTION[rung.kind]):
-        for rung in rungs:
+    for kinds in _SECTIONS:
+        for rung in [rung for rung in record.ladder if rung.kind in kinds]:
             bold = rung.kind in ("ideal", "all") and rung.status == "finished"
             table.add_row(rung.label, *_cells(rung), style="bold" if bold else None)
         table.add_section()
@@ -228,24 +280,20 @@ def _millimetres(value: float | None) -> str:
 
 
 def _ringing(record: CompareRecord) -> Group | Text:
-    r = record.ringing
-    if r is None:
-        why = f"the law is {record.law}" if record.controller else "the team has too many states"
-        return Text(f"\nringing: not examined, {why}")
-    table = _table("", "damping ratio", "frequency (rad/s)", "overshoot")
-    ratio, held = f"{r.predicted_damping_ratio:.3f}", f"{r.predicted_damping_ratio_held:.3f}"
-    table.add_row("predicted from inertia", ratio, _number(r.predicted_frequency_rad_s), f"{r.predicted_overshoot:.1%}")
-    if held != ratio:
-        table.add_row("predicted with the law's hold", held, "", "")
-    for m in r.measured:
-        found = "no oscillation" if m.damping_ratio is None else f"{m.damping_ratio:.3f}"
-        found = found if m.status == "finished" else "BLOWS UP"
-        table.add_row(f"bodies {m.bodies}", found, _number(m.frequency_rad_s), f"{m.overshoot:.1%}")
-    overdamped = "; no mode is predicted to oscillate" if r.overdamped else ""
-    note = f"the prediction includes M / (M k_v + D) only: no lag of thrusters and no turning{overdamped}"
+    ringing = record.ringing
+    if ringing is None or ringing.least_damped is None:
+        why = f"the law is {record.law}" if record.controller else record.loop.reason if record.loop else "undecided"
+        return Text(f"\nringing: not examined; {why}")
+    mode = ringing.least_damped
+    table = _table("vehicles' loop", "usable gain (1/s)")
+    gains = {"as given": ringing.usable_gain} | {f"without {name}": gain for name, gain in ringing.without.items()}
+    for name, gain in gains.items():
+        table.add_row(name, "no limit" if gain is None else f"{gain:.3g}")
     when = "" if record.ringing_phase is None else f", phase {record.ringing_phase}"
-    title = f"ringing: the least damped mode (about {r.agent}{when}), released from rest with everything else at rest"
-    return _under(title, table, note)
+    about = f"about {mode.agent or 'all agents'}{when}"
+    title = f"ringing: the least damped mode ({about}) has the damping ratio {mode.damping:.3f} at {mode.frequency:.3g}"
+    note = f"the gain is usable while every mode has a damping ratio of {MIN_DAMPING}: it overshoots by 37% at most"
+    return _under(f"{title} rad/s", table, note)
 
 
 def _speeds(record: CompareRecord) -> Group:
@@ -277,121 +325,3 @@ def _convergence(record: CompareRecord) -> str:
         f"\nconvergence to the ideal run with the bodies' time constant tau{law}: slope {c.slope:.3f} (theory: 1); "
         f"largest distance from {c.start_s:.3g} s to {c.end_s:.3g} s: {points}"
     )
-
-
-@dataclass(frozen=True)
-class Published:
-    """A published comparison.
-
-    Attributes:
-        directory: Its directory.
-        scenario: Scenario that was compared.
-        comparison: Its numbers and runs.
-        replaced: Sentence about the earlier run that it replaced; None if there was none.
-    """
-
-    directory: Path
-    scenario: Scenario
-    comparison: Comparison
-    replaced: str | None
-
-
-def publish(
-    scenario: Scenario,
-    directory: Path,
-    *,
-    engine: str = "mujoco",
-    threads: int | None = None,
-    law: LawFile | None = None,
-    origin: str | None = None,
-    figures: FigureOptions = AS_USUAL,
-    progress: Progress = no_progress,
-) -> Published:
-    """Compare a scenario's ideal kinematics with its bodies and write the directory, even if bodies blow up.
-
-    For the arguments see `runs.publish.publish` and `compare`. `add_video` draws the video afterwards.
-
-    Raises:
-        InputError: The scenario cannot be simulated. Nothing is written.
-        PlaceError: The directory may not be replaced or cannot be written.
-        NotUniqueError: The harmonic extension is not unique. Nothing is written.
-    """
-    replaced = replaced_run(directory)
-    with staging(directory) as fresh:
-        comparison = compare(scenario, progress, engine=engine, threads=threads, law=law)
-        record = comparison.record.model_copy(update={"origin": origin})
-        write_scenario(scenario, fresh)
-        progress("plotting", 0, 1)
-        _plot(comparison, fresh, figures)
-        progress("writing the page", 0, 1)
-        (fresh / "report.html").write_bytes(_page(scenario, comparison))
-        (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
-        progress("publishing", 0, 1)  # the user can interrupt up to here
-        save_summary(record.model_dump(mode="json"), fresh / "compare.json")
-    return Published(directory, scenario, replace(comparison, record=record), replaced)
-
-
-def add_video(published: Published, quality: str | None = None, progress: Progress = no_progress) -> str:
-    """Draw ideal kinematics and bodies side by side into the directory of a published comparison.
-
-    The video appears when it is complete, and compare.json then names it.
-
-    Returns:
-        The reason why there is no video; empty if there is one.
-
-    Raises:
-        PlaceError: The video cannot be written.
-    """
-    from mjsheaf.video.draw import UnwritableError
-    from mjsheaf.video.film import film_side_by_side
-
-    directory = published.directory
-    path = directory / "compare.mp4"
-    datasets = _datasets(published.scenario, published.comparison)
-    drawing = partial(progress, "drawing video")
-    try:
-        _, reason = draw_video(partial(film_side_by_side, published.scenario, *datasets, path, drawing, quality))
-    except UnwritableError as error:
-        raise PlaceError(f"{error}; {directory} is complete except for its video") from error
-    if not reason:
-        record = published.comparison.record.model_copy(update={"video": path.name})
-        save_summary(record.model_dump(mode="json"), directory / "compare.json")
-    return reason
-
-
-def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
-    from mjsheaf.comparing.figures import plot_budget, plot_convergence, plot_rungs
-
-    plot_rungs(comparison.record, comparison.runs, folder / "errors", figures)
-    plot_budget(comparison.record, folder / "budget", figures)
-    plot_convergence(comparison.record, folder / "convergence", figures)
-
-
-def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, xr.Dataset]:
-    """Return the runs on ideal kinematics and on the bodies as given."""
-    return (
-        comparison.runs["ideal"].recording.dataset("ideal", scenario.seed),
-        comparison.runs["all"].recording.dataset("physics", scenario.seed),
-    )
-
-
-def _page(scenario: Scenario, comparison: Comparison) -> bytes:
-    """Make the page of the run on bodies, with the ideal run as its ghost."""
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
-    from mjsheaf.page import Ghost, page_of
-
-    phases = scenario.phases
-    ideal, physics = _datasets(scenario, comparison)
-    finished = physics.attrs["status"] == "finished"
-    summary = {
-        "final": summarize(scenario.system.team, physics),
-        "ending": comparison.record.rung("all").ending if finished else None,
-    }
-    bounds = bounds_of_phases(phases, physics)
-    engine = f" --engine {physics.attrs['engine']}" if "engine" in physics.attrs else ""
-    controller = comparison.record.controller
-    law = f" --controller {controller}" if controller else ""
-    again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
-    notes = comparison.record.verdict
-    twin = Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)
-    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ghosts=[twin], again=again)

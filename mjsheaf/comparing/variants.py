@@ -9,10 +9,12 @@
     -EFFECT    the scenario with one effect switched off
     X-terms    X (ideal or all) under the paper's law alone, without its terms
     X-links    X (ideal or all) over perfect links: no noise, delay or loss
+    X-limit    X (ideal or all) without the law's velocity limit
     all-mujoco the scenario as given, with MuJoCo as its engine
 
 The ladder leaves out variants that could not differ. An effect must be on in the scenario, and some vehicle must have
-it. X-terms need a law with terms, X-links need links that are not perfect, and all-mujoco needs another engine.
+it. X-terms need a law with terms, X-links need links that are not perfect, X-limit needs an agent with a velocity
+limit, and all-mujoco needs another engine.
 
 Effects are not independent, so a scenario may be worse without an effect than with it:
 
@@ -26,14 +28,15 @@ Effects are not independent, so a scenario may be worse without an effect than w
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
+import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, ending_of, ending_of_run, judge, settling_time
+from mjsheaf.checking.finished import Ending, ending_of_run, judge, settling_time
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,
@@ -47,21 +50,20 @@ from mjsheaf.comparing.measures import (
     errors_by_scope,
     largest_distance,
     middle_of,
-    positions_at_q_star,
     saturation_of,
+    series_of,
     whole_run,
 )
-from mjsheaf.comparing.recording import Recording, record_run
 from mjsheaf.law.links import LinkArrays
-from mjsheaf.loop.log import Trajectory
-from mjsheaf.runs.simulate import Progress, no_progress
+from mjsheaf.loop.session import engine_of
+from mjsheaf.runs.simulate import Progress, dataset_of, no_progress
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import FiniteRecord
 from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Kind = Literal["ideal", "part", "base", "alone", "all", "without", "law", "links", "engine"]
+Kind = Literal["ideal", "part", "base", "alone", "all", "without", "law", "links", "limit", "engine"]
 
 CONTACTS = "contacts"
 _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
@@ -108,6 +110,7 @@ class Setup:
         effects: Names out of EFFECTS that are on; meaningless if there are no bodies.
         terms: True if the law is the run's own, with its terms or in Python; False if it is the paper's.
         links: True if links are the scenario's; False if they are perfect.
+        limited: True if velocity limits are the scenario's; False if there are none.
         mujoco: True if the engine is MuJoCo, whatever the scenario's engine is.
     """
 
@@ -116,6 +119,7 @@ class Setup:
     effects: frozenset[str] = frozenset()
     terms: bool = True
     links: bool = True
+    limited: bool = True
     mujoco: bool = False
 
     def apply(self, system: System) -> System:
@@ -123,8 +127,10 @@ class Setup:
         effects = system.bodies.effects.model_copy(update={name: name in self.effects for name in _OF_VEHICLES})
         bodies = replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects)
         bodies = replace(bodies, engine="mujoco") if self.mujoco else bodies
-        lawful = system if self.terms else without_terms(system)
-        return replace(lawful if self.links else without_links(lawful), bodies=bodies)
+        changed = replace(system, bodies=bodies)
+        changed = changed if self.terms else without_terms(changed)
+        changed = changed if self.links else without_links(changed)
+        return changed if self.limited else _without_limits(changed)
 
     def apply_to_all(self, phases: Sequence[Phase]) -> tuple[Phase, ...]:
         """Apply the setup to the phases of a run; phases that share a system still share one."""
@@ -156,28 +162,47 @@ class Run:
 
     Attributes:
         variant: Variant that was run.
-        recording: Samples, and the phases that were simulated.
-        series: Errors over time.
+        phases: Phases that were simulated.
+        dataset: Data of the run, as `simulate` returns them.
+        asked: Speed commanded to every vehicle at each sample, relative to the medium, shape (T, V), m/s.
     """
 
     variant: Variant
-    recording: Recording
-    series: Series
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """Samples of the whole run, under the system of the first phase."""
-        return self.recording.trajectory
+    phases: tuple[Phase, ...]
+    dataset: xr.Dataset
+    asked: Array
 
     @property
     def system(self) -> System:
         """System that was simulated; with events, that of the first phase."""
-        return self.trajectory.system
+        return self.phases[0].system
 
     @property
     def finished(self) -> bool:
         """True if the run reached its end."""
-        return self.recording.finished
+        return bool(self.dataset.attrs["status"] == "finished")
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples, shape (T,), s."""
+        return np.asarray(self.dataset["time"].values)
+
+    @property
+    def phases_reached(self) -> int:
+        """Number of phases that the run reached."""
+        return int(self.dataset["phase"].values[-1]) + 1
+
+    @property
+    def limits(self) -> Array:
+        """Velocity limit of each agent at each sample, 0 if it is absent, shape (T, N), m/s."""
+        agents = self.dataset.sizes["agent"]
+        limits = np.array([phase.system.law.limit[:agents] for phase in self.phases])
+        return np.asarray(limits[self.dataset["phase"].values])
+
+    @cached_property
+    def series(self) -> Series:
+        """Errors over time."""
+        return series_of(self.system, self.dataset)
 
     @property
     def errors(self) -> dict[str, ScopeRecord]:
@@ -186,11 +211,11 @@ class Run:
 
     def finished_phase(self, number: int) -> bool:
         """Return True if the run reached the end of a phase."""
-        return self.finished or number + 1 < len(self.recording.pieces)
+        return self.finished or self.dataset.sizes["time"] >= span_of_phase(self.phases, number).end
 
     def errors_in_phase(self, number: int) -> dict[str, ScopeRecord]:
-        """Measure the errors over a phase, by scope."""
-        span = span_of_phase(self.recording.phases, number)
+        """Measure the errors over a phase, by scope; they are null if the run did not reach its end."""
+        span = span_of_phase(self.phases, number)
         return errors_by_scope(self.series, span, complete=self.finished_phase(number))
 
     def record(self, ideal: "Run") -> RungRecord:
@@ -199,47 +224,44 @@ class Run:
         Args:
             ideal: Run of ideal kinematics, the reference for distances.
         """
-        system, trajectory, variant = self.system, self.trajectory, self.variant
+        system, variant = self.system, self.variant
         bodies = [role for role in ROLES if getattr(variant.setup, role)]
-        present = self.recording.present
         ending = self.ending()
         return RungRecord(
             key=variant.key,
             label=variant.label,
             kind=variant.kind,
             effect=variant.effect,
-            status=trajectory.status,
-            message=trajectory.message,
+            status=self.dataset.attrs["status"],
+            message=self.dataset.attrs["message"],
             timestep_s=system.bodies.timestep if bodies else None,
             errors=self.errors,
             ending=ending,
             settling_time_s=self._settling_time() if ending == "settled" else None,
-            distance=largest_distance(trajectory, ideal.trajectory, system.grid.start, present),
-            distance_late=largest_distance(trajectory, ideal.trajectory, middle_of(system), present),
-            saturation=saturation_of(trajectory, bodies, present),
+            distance=largest_distance(self.dataset, ideal.dataset, system.grid.start),
+            distance_late=largest_distance(self.dataset, ideal.dataset, middle_of(system)),
+            saturation=saturation_of(system, self.dataset, bodies),
         )
 
     def ending(self) -> Ending | None:
         """Classify the end of the run, or of its last phase if it has events; None if it blew up."""
         if not self.finished:
             return None
-        piece = self.recording.pieces[-1]
-        if self.recording.controller:  # the loop of a law in Python is unknown
-            return judge(self.series[TEAM][TRACKING][-len(piece.time) :])
-        there = np.flatnonzero(piece.system.team.present)
-        q_star = positions_at_q_star(piece.system, piece.positions)[:, there]
-        positions = piece.positions[:, there]
-        ending = ending_of(piece.system.remaining, piece.time, q_star, positions, on_bodies=self.variant.setup.agents)
-        if ending == "settled" and self.variant.kind == "all":
-            return ending_of_run(self.recording.phases, self.recording.dataset("physics", seed=0))
-        return ending
+        if self.dataset.attrs.get("controller"):  # the loop of a law in Python is unknown
+            return judge(self.series[TEAM][TRACKING][self._last_phase])
+        return ending_of_run(self.phases, self.dataset)
+
+    @property
+    def _last_phase(self) -> slice:
+        """Samples of the last phase that the run reached."""
+        number = self.dataset["phase"].values
+        return slice(int(np.searchsorted(number, number[-1])), None)
 
     def _settling_time(self) -> float | None:
         """Return the time from the start of the last phase until the error stays near its final level, s."""
-        piece = self.recording.pieces[-1]
-        team = {name: values[-len(piece.time) :] for name, values in self.series[TEAM].items()}
+        team = {name: values[self._last_phase] for name, values in self.series[TEAM].items()}
         settles = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
-        return settling_time(piece.time, settles)
+        return settling_time(self.time[self._last_phase], settles)
 
 
 def span_of_phase(phases: Sequence[Phase], number: int) -> Span:
@@ -265,6 +287,18 @@ def without_terms(system: System) -> System:
 def without_links(system: System) -> System:
     """Return the system over perfect links."""
     return replace(system, law=system.law._replace(links=LinkArrays()))
+
+
+def _without_limits(system: System) -> System:
+    """Return the system without velocity limits; absent agents are still commanded to rest."""
+    return replace(system, law=system.law._replace(limit=np.where(system.law.limit > 0.0, np.inf, 0.0)))
+
+
+def has_limits(phases: Sequence[Phase]) -> bool:
+    """Return True if some agent has a velocity limit in some phase."""
+    agents = len(phases[0].system.team.agents)
+    limits = np.array([phase.system.law.limit[:agents] for phase in phases])
+    return bool((np.isfinite(limits) & (limits > 0.0)).any())
 
 
 def display_name(effect: str) -> str:
@@ -319,29 +353,30 @@ def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> lis
     effects, own = effects_of(system), _switched_on(system)
     has_terms = controlled or any(phase.system.law.extended for phase in phases)
     has_links = any(len(phase.system.law.links.table) for phase in phases)
+    limited = has_limits(phases)
+    ideal = Setup(agents=False, targets=False)
 
-    def bodies(effects: frozenset[str], terms: bool = True, links: bool = True) -> Setup:
-        return Setup(agents=True, targets=True, effects=effects, terms=terms, links=links)
+    def bodies(effects: frozenset[str]) -> Setup:
+        return Setup(agents=True, targets=True, effects=effects)
 
-    law = [
-        Variant("ideal-terms", "ideal, paper's law", "law", Setup(agents=False, targets=False, terms=False)),
-        Variant("all-terms", "all, paper's law", "law", bodies(own, terms=False)),
-    ]
-    links = [
-        Variant("ideal-links", "ideal, perfect links", "links", Setup(agents=False, targets=False, links=False)),
-        Variant("all-links", "all, perfect links", "links", bodies(own, links=False)),
-    ]
+    def both(kind: Kind, suffix: str, name: str, change: Callable[[Setup], Setup]) -> list[Variant]:
+        return [
+            Variant(f"ideal-{suffix}", f"ideal, {name}", kind, change(ideal)),
+            Variant(f"all-{suffix}", f"all, {name}", kind, change(bodies(own))),
+        ]
+
     engine = Variant("all-mujoco", "all, MuJoCo", "engine", replace(bodies(own), mujoco=True))
     return [
-        Variant("ideal", "ideal kinematics", "ideal", Setup(agents=False, targets=False)),
+        Variant("ideal", "ideal kinematics", "ideal", ideal),
         Variant("targets", "only targets are bodies", "part", Setup(agents=False, targets=True)),
         Variant("agents", "only agents are bodies", "part", Setup(agents=True, targets=False)),
         Variant("base", "bodies, ideal thrusters", "base", bodies(frozenset())),
         *(Variant(f"+{e}", f"base + {display_name(e)}", "alone", bodies(frozenset([e])), e) for e in effects),
         Variant("all", "all: as given", "all", bodies(own)),
         *(Variant(f"-{e}", f"all - {display_name(e)}", "without", bodies(own - {e}), e) for e in effects),
-        *(law if has_terms else []),
-        *(links if has_links else []),
+        *(both("law", "terms", "paper's law", lambda s: replace(s, terms=False)) if has_terms else []),
+        *(both("links", "links", "perfect links", lambda s: replace(s, links=False)) if has_links else []),
+        *(both("limit", "limit", "no velocity limit", lambda s: replace(s, limited=False)) if limited else []),
         *([engine] if system.bodies.engine != "mujoco" else []),
     ]
 
@@ -373,19 +408,19 @@ def run_ablation(
     whole = {variant.setup for variant in ladder if variant.kind == "all"}
 
     @cache
-    def record(setup: Setup) -> Recording:
+    def record(setup: Setup) -> tuple[tuple[Phase, ...], xr.Dataset, Array]:
         here = setup.apply_to_all(phases)
         controlling = law if setup.terms else None
-        found = _simulate(here, setup, record, controlling, seed)
-        if found.finished or setup in whole or not (setup.agents or setup.targets):
-            return found
-        return _simulate(changed_systems(here, _with_finer_timestep), setup, record, controlling, seed)
+        dataset, asked = _simulate(here, setup, record, controlling, seed)
+        if dataset.attrs["status"] == "unstable" and setup not in whole and (setup.agents or setup.targets):
+            here = changed_systems(here, _with_finer_timestep)
+            dataset, asked = _simulate(here, setup, record, controlling, seed)
+        return here, dataset, asked
 
     runs = {}
     for k, variant in enumerate(ladder):
         progress("simulating variants", k, len(ladder))
-        found = record(variant.setup)
-        runs[variant.key] = Run(variant, found, found.series())
+        runs[variant.key] = Run(variant, *record(variant.setup))
     progress("simulating variants", len(ladder), len(ladder))
     return runs
 
@@ -397,19 +432,25 @@ def _with_finer_timestep(system: System) -> System:
 def _simulate(
     phases: tuple[Phase, ...],
     setup: Setup,
-    other: Callable[[Setup], Recording],
+    other: Callable[[Setup], tuple[tuple[Phase, ...], xr.Dataset, Array]],
     law: LawFile | None,
     seed: int,
-) -> Recording:
-    """Run one setup; if only agents or only targets are bodies, the targets follow their positions in another run."""
-    controller = law.load(seed) if law else None
-    if setup.agents == setup.targets:
-        return record_run(phases, bodies=setup.agents, controller=controller)
-    source = other(replace(setup, agents=setup.targets))
-    targets = source.trajectory.positions[:, len(phases[0].system.team.agents) :]
-    if len(targets) < 2:
-        return replace(source, phases=phases)
-    found = record_run(phases, bodies=setup.agents, targets=targets, controller=controller)
-    if not source.finished and found.finished:
-        return found.with_message(f"the run that provides its targets ended: {source.trajectory.message}")
-    return found
+) -> tuple[xr.Dataset, Array]:
+    """Run one setup, and return its data and the commanded speeds; see `Run`.
+
+    If only agents or only targets are bodies, the targets follow their positions in another run.
+    """
+    source = targets = None
+    if setup.agents != setup.targets:
+        _, source, asked = other(replace(setup, agents=setup.targets))
+        targets = np.nan_to_num(source["target_position"].values)
+        if len(targets) < 2:
+            return source, asked
+    backend = "physics" if setup.agents else "ideal"
+    with engine_of(phases, backend, controller=law.load(seed) if law else None) as engine:
+        pieces = list(engine.record(phases[0].system.grid.steps + 1, targets))
+        dataset = dataset_of(pieces, phases, backend, seed, engine.controller)
+    if source is not None and source.attrs["status"] == "unstable" and dataset.attrs["status"] == "finished":
+        why = f"the run that provides its targets ended: {source.attrs['message']}"
+        dataset.attrs |= {"status": "unstable", "message": why}
+    return dataset, np.linalg.norm(np.concatenate([piece.log.command for piece in pieces]), axis=2)
