@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from mjsheaf.checking.loop.linear_law import because_of
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS
-from mjsheaf.checking.loop.modelled import because_of
 from mjsheaf.checking.record import CheckRecord, PartRecord, Problem
 from mjsheaf.checking.separation import MOSTLY, SafetyRecord
 from mjsheaf.errors import listed

@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from textwrap import wrap
 
+from mjsheaf.checking.fragility import Fragility
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.steady import SteadyError
 from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.record import CheckRecord, TheoremSummary
 from mjsheaf.checking.separation import SafetyRecord
-from mjsheaf.checking.topology.cohomology import Fragility
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.errors import joined
 

@@ -14,14 +14,16 @@ from mjsheaf.cli.options import (
     SetOption,
     TitleOption,
     changes_of,
+    make_console,
+    print_lines,
+    progress_bars,
     require_file_name,
 )
-from mjsheaf.cli.terminal import make_console, print_lines, progress_bars
 from mjsheaf.errors import InputError
 
 if TYPE_CHECKING:
     from mjsheaf.checking.examination import Examination
-    from mjsheaf.law.theorem import Rho
+    from mjsheaf.checking.theorem.theorem import Rho
     from mjsheaf.show.style import FigureOptions
 
 
@@ -131,7 +133,7 @@ def _rho_of(text: str | None) -> "Rho | None":
     Raises:
         InputError: The text is not a polynomial with coefficients of at least 0.
     """
-    from mjsheaf.law.theorem import as_rho
+    from mjsheaf.checking.theorem.theorem import as_rho
 
     if text is None:
         return None
@@ -144,7 +146,7 @@ def _rho_of(text: str | None) -> "Rho | None":
 def _draw(examination: "Examination", figures: "FigureOptions", plot: Path) -> list[Path]:
     """Draw an examination into files, and return them."""
     from mjsheaf.checking.figures import draw_check
-    from mjsheaf.io.files import naming, whole_file
+    from mjsheaf.files import naming, whole_file
     from mjsheaf.show.panels import write_figure
 
     figure = draw_check(examination, figures)

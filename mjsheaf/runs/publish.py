@@ -16,21 +16,20 @@ import xarray as xr
 
 from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
+from mjsheaf.compile.jit import working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
-from mjsheaf.io.files import naming, write_whole
-from mjsheaf.io.section import LARGEST
-from mjsheaf.io.yaml import SUFFIXES, dump_yaml
-from mjsheaf.jit import working_time
+from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
+from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.netcdf import split, write_and_open
-from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import same_law
+from mjsheaf.scenario.load import same_law
+from mjsheaf.section import LARGEST
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
 from mjsheaf.video import VideoOptions, available_backend
 
@@ -38,8 +37,8 @@ _TERMS = "terms"  # folder of the files of registered terms, next to those of ve
 _FLOWS = "flows"  # folder of the files of gridded flow
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.finished import HeldBound, RunBound
-    from mjsheaf.law.controller import Controller
+    from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
+    from mjsheaf.law.in_python import Controller
     from mjsheaf.system import Phase, System
 
 
@@ -270,7 +269,7 @@ def _write_data(
     timings: Timings,
 ) -> tuple[xr.Dataset, float | None]:
     """Write result.nc and the exports; return the data and the duration of the simulation, s, None if unknown."""
-    from mjsheaf.loop.trajectory import samples_in_piece
+    from mjsheaf.loop.log import samples_in_piece
 
     pieces = split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
     sinks = sinks_of(exports, directory, scenario, phases)
@@ -344,9 +343,9 @@ def account_of(
     scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, timings: Timings | None = None
 ) -> Account:
     """Compute the errors, bounds and notes of a run from its data, in memory or in an open file."""
-    from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.checking.separation import too_close_in
     from mjsheaf.checking.slips import slips_of
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
 
     timings = timings or Timings()
@@ -541,7 +540,7 @@ def plot_again(
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
 
     with store.reopen_run(directory) as (scenario, dataset, _), TemporaryDirectory() as drawing:
         phases, drawn = scenario.phases, thinned(dataset)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import naming, write_whole
+from mjsheaf.files import naming, write_whole
 from mjsheaf.results import store, thinned
 from mjsheaf.runs.publish import account_of, scenario_of, shown_bound
 from mjsheaf.scenario import Scenario
@@ -85,7 +85,7 @@ def plot(result: xr.Dataset | str | Path, *, title: bool = True) -> Figures:
         InputError: The result is not from `simulate`, other functions have removed its scenario, or the directory holds
             no run.
     """
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.show.plots import figures_of
 
     with _opened(result, "plot") as (scenario, dataset, _):
@@ -113,7 +113,7 @@ def replay(result: xr.Dataset | str | Path, *, height: int = _HEIGHT) -> ReplayP
     Raises:
         InputError: See `plot`; or the directory holds a run of an earlier version that recorded fewer variables.
     """
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.page import page_of, require_shown
 
     again = None

@@ -16,13 +16,11 @@ import xarray as xr
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.law.obstacles import ObstacleArrays, points_kept_from
-from mjsheaf.media.moving import WITHOUT_MEAN
-from mjsheaf.media.probe import mean_flow
+from mjsheaf.media.medium import WITHOUT_MEAN, mean_flow
 from mjsheaf.media.waves import Components
-from mjsheaf.results.dataset import join
+from mjsheaf.results.dataset import join, labelled_edges
 from mjsheaf.results.metrics import edge_residuals, mean_known
 from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
-from mjsheaf.results.variables import labelled_edges
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import MOMENTS, automatic_scales, groups_of, round_number
 from mjsheaf.team import Edge, Team

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.io.files import whole_file
+from mjsheaf.files import whole_file
 from mjsheaf.show.style import MATPLOTLIB
 from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
