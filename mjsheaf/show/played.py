@@ -8,7 +8,7 @@ face where they go.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 import xarray as xr
@@ -93,17 +93,6 @@ class Samples:
             between(self.harmonic_extension[before], self.harmonic_extension[after]),
             between(self.error[before], self.error[after]),
         )
-
-
-class Run(Protocol):
-    """A finished run, in memory (`Samples`) or read from its file when it is looked at."""
-
-    @property
-    def time(self) -> Array:
-        """Time of each sample, increasing. Shape (T,), in s."""
-
-    def at(self, times: Array) -> Samples:
-        """Interpolate; see `Samples.at`."""
 
 
 def joined(chunk: xr.Dataset, quantity: str) -> Array:
@@ -488,7 +477,7 @@ class Played:
 
     Attributes:
         name: Name of the scenario.
-        run: Poses of all vehicles over time.
+        run: Poses of all vehicles over time, in memory or read from a file when they are looked at.
         agent_ids: Labels of the N agents.
         target_ids: Labels of the V - N targets.
         group: Index of each vehicle's group, which gives its colour, shape (V,).
@@ -509,7 +498,7 @@ class Played:
     """
 
     name: str
-    run: Run
+    run: Samples | RecordedRun
     agent_ids: list[str]
     target_ids: list[str]
     group: IntArray
