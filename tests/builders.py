@@ -23,11 +23,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
-from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import AUTOPILOT, STOPPED
-from mjsheaf.media import disturbance
+from mjsheaf.media import varying as disturbance
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
+from mjsheaf.paths import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.show.played import Samples
 from mjsheaf.studies import Plan, load_plan

@@ -35,6 +35,7 @@ from mjsheaf.checking.separation import safety_record
 from mjsheaf.checking.slips import drifts_of, slips_of
 from mjsheaf.checking.theorem.certificate import Certificate, Search, certificate_of, obstacle_of_team
 from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.theorem.theorem import Rho
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.checking.topology.cohomology import fragility, spectrum_of
 from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
@@ -42,7 +43,6 @@ from mjsheaf.checking.topology.mending import plan_augmentation
 from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
 from mjsheaf.errors import UndecidedError
 from mjsheaf.io.norms import per_agent
-from mjsheaf.law.theorem import Rho
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team

@@ -19,8 +19,8 @@ from mjsheaf.checking.stuck import MIN_DURATION, MIN_SPEED, find_stuck
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.loop.log import samples_in_piece
 from mjsheaf.loop.session import engine_of, moved_by, require_simulable
-from mjsheaf.loop.trajectory import samples_in_piece
 from mjsheaf.results.dataset import join, make_datasets, of_phase
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario

@@ -35,7 +35,7 @@ from mjsheaf.cli.terminal import print_lines, print_note, progress_bars, saying_
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field
 
 if TYPE_CHECKING:
-    from mjsheaf.law.controller import Controller
+    from mjsheaf.law.in_python import Controller
     from mjsheaf.runs.expecting import Trial
     from mjsheaf.runs.publish import Outcome
     from mjsheaf.scenario import Scenario

@@ -13,7 +13,7 @@ from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation, span_of_phase
 from mjsheaf.comparing.measures import Series, budgets_of, errors_by_scope, formation_size, unknown_errors, whole_run
 from mjsheaf.comparing.ringing import predicted_damping, ringing_of
 from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, PhaseRecord, levers_of, verdict_of
-from mjsheaf.jit import working_time
+from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results.dataset import law_of
 from mjsheaf.runs.diagnostics import examine_terms

@@ -8,8 +8,8 @@ from pydantic import Field
 from mjsheaf.comparing.ladder import inertial_tau, without_links, without_terms
 from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
 from mjsheaf.io.section import FiniteRecord
+from mjsheaf.loop.log import Trajectory
 from mjsheaf.loop.session import engine_of
-from mjsheaf.loop.trajectory import Trajectory
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects

@@ -54,7 +54,7 @@ from mjsheaf.comparing.measures import (
 from mjsheaf.comparing.recording import Recording, record_run
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.law.links import LinkArrays
-from mjsheaf.loop.trajectory import Trajectory
+from mjsheaf.loop.log import Trajectory
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario.law_file import LawFile
 from mjsheaf.system import Phase, System, phases_of

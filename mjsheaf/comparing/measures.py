@@ -10,7 +10,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.loop.trajectory import Trajectory
+from mjsheaf.loop.log import Trajectory
 from mjsheaf.results import metrics
 from mjsheaf.system import System
 

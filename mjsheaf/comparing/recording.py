@@ -9,9 +9,9 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.comparing.measures import Series, error_series, positions_at_q_star
-from mjsheaf.law.controller import Controller
+from mjsheaf.law.in_python import Controller
+from mjsheaf.loop.log import Log, Trajectory
 from mjsheaf.loop.session import engine_of
-from mjsheaf.loop.trajectory import Log, Trajectory
 from mjsheaf.runs.simulate import dataset_of
 from mjsheaf.system import Phase
 

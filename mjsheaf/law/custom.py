@@ -32,12 +32,12 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, Take
+from mjsheaf.compile.jit import INTERPRETED, NumbaError, inline_jit, types, user_jit
+from mjsheaf.compile.parts import for_each
 from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.io.files import digest_of
 from mjsheaf.io.section import Section
 from mjsheaf.io.user_code import describe, execute_file
-from mjsheaf.jit import INTERPRETED, NumbaError, inline_jit, types, user_jit
-from mjsheaf.parts import for_each
 from mjsheaf.team import Team
 
 _PREFIX = "Term_"

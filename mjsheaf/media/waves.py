@@ -24,9 +24,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Take
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.io.section import Number, Positive, Section
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import Bounds, sine
+from mjsheaf.media.varying import Bounds, sine
 from mjsheaf.noise import generator_of
 
 GRAVITY = 9.81

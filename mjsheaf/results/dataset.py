@@ -14,7 +14,7 @@ from mjsheaf._version import __version__
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.law.links import NEW
 from mjsheaf.law.terms import traffic_of
-from mjsheaf.loop.trajectory import Trajectory
+from mjsheaf.loop.log import Trajectory
 from mjsheaf.results import variables as declared
 from mjsheaf.results.variables import Samples, labelled_edges
 from mjsheaf.system import Phase, System

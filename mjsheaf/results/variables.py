@@ -26,7 +26,7 @@ from mjsheaf.team import Edge
 from mjsheaf.team.shapes import Path
 
 if TYPE_CHECKING:
-    from mjsheaf.loop.trajectory import Log, Trajectory
+    from mjsheaf.loop.log import Log, Trajectory
     from mjsheaf.system import System
 
 Key = tuple[str, str]

@@ -486,8 +486,8 @@ def _close_pairs(x: Array, apart: Array, sizes: Array) -> "list[tuple[int, int, 
 
 def _overlap(vehicles: "list[Any]", positions: Array, quaternions: Array) -> bool:
     """Return True if two vehicles at positions (2, 3), m, and attitudes (2, 4) overlap; geoms count as convex."""
-    from mjsheaf.engine import mujoco
-    from mjsheaf.loop.arena import compose
+    from mjsheaf.mujoco_import import mujoco
+    from mjsheaf.vehicles.arena import compose
 
     arena = compose(vehicles, ["a", "b"])
     model, data = arena.model, mujoco.MjData(arena.model)

@@ -22,12 +22,12 @@ import xarray as xr
 
 from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
+from mjsheaf.compile.jit import working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
-from mjsheaf.jit import working_time
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from mjsheaf.checking.finished import HeldBound, RunBound
-    from mjsheaf.law.controller import Controller
+    from mjsheaf.law.in_python import Controller
     from mjsheaf.system import Phase, System
 
 
@@ -280,7 +280,7 @@ def _write_data(
     timings: Timings,
 ) -> tuple[xr.Dataset, float | None]:
     """Write result.nc and the exports; return the data and the duration of the simulation, s, None if unknown."""
-    from mjsheaf.loop.trajectory import samples_in_piece
+    from mjsheaf.loop.log import samples_in_piece
 
     pieces = split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
     sinks = sinks_of(exports, directory, scenario, phases)

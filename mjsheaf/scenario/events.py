@@ -15,7 +15,7 @@ from pydantic import Discriminator, Field, Tag, ValidationError
 
 from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.io.section import Id, NonNegative, Section, split_path, validation_problems
-from mjsheaf.law.station import Station
+from mjsheaf.law.separation import Station
 from mjsheaf.system import Phase, System, TimeGrid
 from mjsheaf.team import Edge, Team
 

@@ -10,7 +10,7 @@ from typing import Any
 from mjsheaf.errors import InputError, expected, visible
 from mjsheaf.io.files import confined
 from mjsheaf.io.user_code import describe, execute_file, in_this_directory
-from mjsheaf.law.controller import Controller
+from mjsheaf.law.in_python import Controller
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping
-from mjsheaf.dynamics.motion import Recorded
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion
 from mjsheaf.io.files import confined, resource_directory
 from mjsheaf.io.section import plain, split_path, validation_problems
 from mjsheaf.io.yaml import parse_yaml, read_yaml
+from mjsheaf.paths import Recorded
 from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
 from mjsheaf.team.edges import edge_from_pair
 

@@ -8,7 +8,8 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from mjsheaf.arrays import Array
 from mjsheaf.errors import in_field
 from mjsheaf.io.section import Section
-from mjsheaf.media import Disturbance, FlowField, disturbance
+from mjsheaf.media import Disturbance, FlowField
+from mjsheaf.media import varying as disturbance
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.team import Team
 

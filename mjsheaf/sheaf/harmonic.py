@@ -30,8 +30,8 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.compile.jit import allocating_jit
 from mjsheaf.errors import SheafError
-from mjsheaf.jit import allocating_jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, parts
 from mjsheaf.sheaf.cochains import Cochains
 from mjsheaf.sheaf.edges import EdgeSet

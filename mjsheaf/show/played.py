@@ -16,8 +16,7 @@ import xarray as xr
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.law.obstacles import ObstacleArrays, points_kept_from
-from mjsheaf.media.moving import WITHOUT_MEAN
-from mjsheaf.media.probe import mean_flow
+from mjsheaf.media.medium import WITHOUT_MEAN, mean_flow
 from mjsheaf.media.waves import Components
 from mjsheaf.results.dataset import join
 from mjsheaf.results.metrics import edge_residuals, mean_known

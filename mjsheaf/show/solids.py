@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.engine import mujoco
 from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
-from mjsheaf.loop.arena import compose
+from mjsheaf.mujoco_import import mujoco
+from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.loading import SEEN_GROUPS
 from mjsheaf.vehicles.vehicle import Vehicle
 

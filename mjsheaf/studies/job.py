@@ -15,12 +15,12 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import Ending, bound_ahead, bound_of_run, ending_of_run, judge
+from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError, raise_first
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
 from mjsheaf.loop.session import moved_by, require_simulable
-from mjsheaf.media import disturbance
-from mjsheaf.remember import remember_last
+from mjsheaf.media import varying as disturbance
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known

@@ -35,9 +35,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, freeze
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Section
-from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import add, cross, triple
 
 Range = tuple[float, float] | None  # a range of MuJoCo's: lower and upper limit, or None
@@ -520,7 +520,7 @@ AnyActuator = Annotated[Azimuth | Rudder, Field(discriminator="kind")]
 
 
 def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: float) -> dict[str, Any]:
-    from mjsheaf.engine import mujoco  # not at import, as ideal kinematics do not need it
+    from mjsheaf.mujoco_import import mujoco  # not at import, as ideal kinematics do not need it
 
     return {
         "name": name,

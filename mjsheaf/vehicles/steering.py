@@ -18,8 +18,8 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.io.section import Section
-from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.body import Body
 from mjsheaf.vehicles.vectors import cross, product, subtract, triple
 

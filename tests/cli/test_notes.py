@@ -9,7 +9,7 @@ import pytest
 
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of_run
-from mjsheaf.engine import mujoco
+from mjsheaf.mujoco_import import mujoco
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mjsheaf.dynamics.recordings import read_positions
 from mjsheaf.errors import InputError
 from mjsheaf.io.geography import EARTH
+from mjsheaf.recordings.positions import read_positions
 
 COUNT = 4
 T = np.array([0.0, 60.0, 120.0, 300.0])

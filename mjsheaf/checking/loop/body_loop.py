@@ -37,7 +37,7 @@ from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectru
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.io.section import Record
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
-from mjsheaf.media.moving import WITHOUT_MEAN
+from mjsheaf.media.medium import WITHOUT_MEAN
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import is_one_sided, turning_of

@@ -39,7 +39,7 @@ from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
-from mjsheaf.media.moving import of_kind
+from mjsheaf.media.medium import of_kind
 from mjsheaf.media.waves import Components
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of

@@ -43,7 +43,7 @@ from mjsheaf.errors import UndecidedError, listed, raise_first
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.terms import traffic_of
-from mjsheaf.media.disturbance import evaluate
+from mjsheaf.media.varying import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.system import System
 

@@ -28,13 +28,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.dynamics.motion import MotionArrays
+from mjsheaf.compile.jit import jit
+from mjsheaf.compile.tiers import tiered
 from mjsheaf.errors import UndecidedError, listed
-from mjsheaf.jit import jit
-from mjsheaf.law.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_control, new_memory
+from mjsheaf.law.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_memory
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.law.rounds import RoundArrays
-from mjsheaf.tiers import tiered
+from mjsheaf.paths import MotionArrays
 
 INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 """Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the
@@ -483,7 +483,7 @@ def _one_agent(law: LawArrays) -> ControlArrays:
         )
     custom = tuple(term._replace(agents=1) for term in law.custom)
     alone = LawArrays(edges, np.array([1.0, 0.0, 0.0]), np.full(3, np.inf), 0, terms, LinkArrays(), custom)
-    return new_control(alone, motion)
+    return ControlArrays(alone, motion)
 
 
 @tiered(seconds=2.0, numbers=np.inf)

@@ -15,7 +15,7 @@ from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.law import disagreement
-from mjsheaf.media.probe import mean_flow
+from mjsheaf.media.medium import mean_flow
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.directed import largest_gain
 from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearController, LinearLaw
-from mjsheaf.jit import jit
+from mjsheaf.compile.jit import jit
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.loop.linear import LinearVehicle
-from mjsheaf.tiers import Tiered
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
 _NO_GAIN = 1e-12  # times the period: a gain below it is rounding, and one over its inverse

@@ -32,7 +32,7 @@ from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
-from mjsheaf.media.disturbance import evaluate
+from mjsheaf.media.varying import evaluate
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of

@@ -19,8 +19,8 @@ from zlib import crc32
 
 import numpy as np
 
-from mjsheaf.jit import INTERPRETED, Dispatcher
-from mjsheaf.machine_code import source_hash
+from mjsheaf.compile.jit import INTERPRETED, Dispatcher
+from mjsheaf.compile.machine_code import source_hash
 
 _MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
 _PROCESSES = 4  # Python may take so many times the limit of a process in all of them together
@@ -65,7 +65,7 @@ class Tiered:
     """A compiled function, carried out by Python while that is quicker than compiling it.
 
     Args:
-        compiled: Function as `mjsheaf.jit.jit` makes it. It is called by Python alone.
+        compiled: Function as `mjsheaf.compile.jit.jit` makes it. It is called by Python alone.
         seconds: Processor time that it may take in Python, s.
         numbers: Numbers in the arrays of a call that Python may carry out.
         records: True if the arguments hold arrays of records.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from mjsheaf.jit import inline_jit, overload
+from mjsheaf.compile.jit import inline_jit, overload
 
 FunctionOf = Callable[[type], Any]
 """Called with the type of a part; returns the compiled function for it, or None if there is nothing to do."""

@@ -10,11 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
-from mjsheaf.dynamics.logs import read_bag, read_mcap
-from mjsheaf.dynamics.selection import Axes, Rows, Selection
-from mjsheaf.dynamics.tables import read_table
-from mjsheaf.dynamics.tracks import read_netcdf
 from mjsheaf.errors import InputError, shortened
+from mjsheaf.recordings.logs import read_bag, read_mcap
+from mjsheaf.recordings.selection import Axes, Rows, Selection
+from mjsheaf.recordings.tables import read_netcdf, read_table
 
 MAX_ROWS = 200_000
 """Maximum number of rows; a scenario with more could not be read again."""

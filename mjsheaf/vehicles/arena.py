@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.dynamics.motion import position_at
-from mjsheaf.engine import mujoco, refusing
+from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
-from mjsheaf.jit import inline_jit
 from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
+from mjsheaf.mujoco_import import mujoco, refusing
+from mjsheaf.paths import position_at
 from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import is_at_origin, mass_properties, read_spec
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -1,4 +1,4 @@
-"""Compiled functions: one decorator. Machine code is kept on disk: see `mjsheaf.machine_code`."""
+"""Compiled functions: one decorator. Machine code is kept on disk: see `mjsheaf.compile.machine_code`."""
 
 import contextlib
 import ctypes
@@ -29,9 +29,8 @@ try:
     from numba.extending import intrinsic, lower_builtin, type_callable
     from numba.extending import overload as overload
 
-    from mjsheaf.machine_code import StoredCode
-    from mjsheaf.waiting import is_waiting as is_waiting
-    from mjsheaf.waiting import keep_code
+    from mjsheaf.compile.machine_code import StoredCode, keep_code
+    from mjsheaf.compile.machine_code import is_waiting as is_waiting
 except ValueError:  # numba reads its environment variables as it is imported
     raise InputError(
         f"NUMBA_NUM_THREADS: {os.environ.get('NUMBA_NUM_THREADS', '')[:40]!r}; expected a whole number from 1 on"
@@ -277,7 +276,7 @@ def _link_into_callers(compiled: Any, apart: bool, options: dict[str, Any]) -> N
 
     @cache
     def for_callers() -> Any:
-        from mjsheaf.linking import linked
+        from mjsheaf.compile.linking import linked
 
         return linked(compiled.py_func, apart, **options)
 

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.jit import inline_jit
+from mjsheaf.compile.jit import inline_jit
 from mjsheaf.noise import normal_of
 from mjsheaf.team import Edge, Team
 

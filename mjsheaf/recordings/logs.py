@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.dynamics.selection import Axes, Rows, Selection, arrange
 from mjsheaf.errors import InputError, listed
+from mjsheaf.recordings.selection import Axes, Rows, Selection, arrange
 
 _HEADER = ("header.stamp", "header.frame_id")
 _FOXGLOVE = ("timestamp", "frame_id")

@@ -12,19 +12,18 @@ import numpy as np
 
 from mjsheaf.arguments import phases_given
 from mjsheaf.arrays import Array, IntArray, Room
-from mjsheaf.engine import mujoco, quiet
+from mjsheaf.compile.jit import external, inline_jit, jit, on_stack
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError, expected
-from mjsheaf.jit import external, inline_jit, jit, on_stack
-from mjsheaf.law.controller import Controller, Law
-from mjsheaf.loop.arena import Arena, compose, movers_of, place_obstacles
-from mjsheaf.loop.block import ALONE, command_alone
+from mjsheaf.law.in_python import Controller, Law
+from mjsheaf.loop.block import ALONE, at, attitude, command_alone
 from mjsheaf.loop.bodies import apply_wrench, turn_gears
 from mjsheaf.loop.engine import Commanded, Recorder
 from mjsheaf.loop.loop import HUGE, Bodies, ClosedLoop, begin_span, record
-from mjsheaf.loop.motion import at, attitude
 from mjsheaf.media.medium import advance
+from mjsheaf.mujoco_import import mujoco, quiet
 from mjsheaf.system import System
-from mjsheaf.tiers import Tiered
+from mjsheaf.vehicles.arena import Arena, compose, movers_of, place_obstacles
 
 # Of the very library that the Python bindings use.
 _mj_step = external(next(Path(mujoco.__file__).parent.glob("libmujoco*")), "mj_step", "void", "voidptr", "voidptr")
@@ -41,7 +40,7 @@ class MujocoArrays(NamedTuple):
         gear: Gears actuator_gear.
         model, data: Addresses of the model and its data.
         mocap: Positions mocap_pos of obstacles that move, shape (M, 3), m.
-        movers: Motion of those; see `mjsheaf.loop.arena.movers_of`.
+        movers: Motion of those; see `mjsheaf.vehicles.arena.movers_of`.
     """
 
     qacc: Array
@@ -139,7 +138,7 @@ class World(ClosedLoop):
 
         Args:
             scenario: a Scenario, the System that one describes, or the phases of a run.
-            controller: a law in Python in place of the agents' own; see `mjsheaf.law.controller`.
+            controller: a law in Python in place of the agents' own; see `mjsheaf.law.in_python`.
             commanded: True if `add_to_command` gives the agents' whole command, in place of their own law; 'thrust' if
                 it gives the commands of their actuators, in place of law and autopilot.
             visible: False for a model without the geoms that are only to be seen: the same motion to the bit, sooner.

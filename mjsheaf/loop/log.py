@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.jit import inline_jit
+from mjsheaf.compile.jit import inline_jit
 from mjsheaf.law.law import LawArrays
 from mjsheaf.system import Phase, System
 

@@ -16,8 +16,7 @@ from numba.core.caching import CompileResultCacheImpl
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 
-from mjsheaf.machine_code import StoredCode
-from mjsheaf.waiting import keep_code
+from mjsheaf.compile.machine_code import StoredCode, keep_code
 
 
 class LinkedLibrary(JITCodeLibrary):
