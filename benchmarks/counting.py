@@ -1,7 +1,7 @@
 """How many operations the fused engine's step takes: its own functions, run on numbers that count.
 
 With NUMBA_DISABLE_JIT=1 in the environment the interpreter runs what is otherwise compiled. As a program this reads a
-pickled loop and its MOTIONs, and prints what `count` returns, as JSON.
+pickled loop and its RIGIDs, and prints what `count` returns, as JSON.
 """
 
 import json
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.loop.fused import advance_block
+from mjsheaf.loop.log import Log
 from mjsheaf.loop.loop import Loop, run_law
-from mjsheaf.loop.trajectory import Log
 
 _STEPS = 20  # physics steps while operations are counted
 

@@ -11,8 +11,8 @@ from benchmarks import peer_rates
 from benchmarks.measuring import Row, at_least, best, informs, swarm
 from mjsheaf.errors import InputError
 from mjsheaf.loop.fused import Fused
+from mjsheaf.loop.mujoco_engine import World
 from mjsheaf.loop.session import ENGINES
-from mjsheaf.loop.world import World
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import on_engine
 from mjsheaf.threads import usable_processors

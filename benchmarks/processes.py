@@ -168,7 +168,7 @@ def time_video(end: float) -> None:
 
 def _bare_frame(painter: Any) -> float:
     """Time of a frame of MuJoCo's own renderer, s."""
-    from mjsheaf.engine import mujoco
+    from mjsheaf.mujoco_import import mujoco
     from mjsheaf.video.scene import COSTLY
 
     width, height = painter.model.vis.global_.offwidth, painter.model.vis.global_.offheight

@@ -8,10 +8,10 @@ import numpy as np
 
 import mjsheaf
 from benchmarks.measuring import WANTED, Row, at_least, at_most, best, elapsed, informs, swarm, timed
-from mjsheaf.engine import mujoco
 from mjsheaf.loop.fused import Fused
+from mjsheaf.loop.mujoco_engine import World
 from mjsheaf.loop.session import engine_of
-from mjsheaf.loop.world import World
+from mjsheaf.mujoco_import import mujoco
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import on_engine, phases_of
 from mjsheaf.threads import usable_processors

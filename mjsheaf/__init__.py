@@ -10,14 +10,13 @@ from mjsheaf._version import __version__
 
 if TYPE_CHECKING:
     from mjsheaf import envs
-    from mjsheaf.checking import check
-    from mjsheaf.law.controller import Controller, PerAgent
+    from mjsheaf.checking.check import check
     from mjsheaf.law.custom import register
+    from mjsheaf.law.in_python import Controller, PerAgent
+    from mjsheaf.loop.mujoco_engine import World
     from mjsheaf.loop.session import Session
-    from mjsheaf.loop.world import World
     from mjsheaf.runs.many import simulate_many
-    from mjsheaf.runs.publish import save
-    from mjsheaf.runs.showing import plot, replay
+    from mjsheaf.runs.publish import plot, replay, save
     from mjsheaf.runs.simulate import simulate
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import NonlinearSheaf, Sheaf
@@ -31,16 +30,16 @@ _HOME = {
     "simulate": "mjsheaf.runs.simulate",
     "simulate_many": "mjsheaf.runs.many",
     "check": "mjsheaf.checking",
-    "medium": "mjsheaf.media.probe",
+    "medium": "mjsheaf.media.medium",
     "Session": "mjsheaf.loop.session",
-    "World": "mjsheaf.loop.world",
+    "World": "mjsheaf.loop.mujoco_engine",
     "load_vehicle": "mjsheaf.vehicles.loading",
     "save": "mjsheaf.runs.publish",
-    "plot": "mjsheaf.runs.showing",
-    "replay": "mjsheaf.runs.showing",
+    "plot": "mjsheaf.runs.publish",
+    "replay": "mjsheaf.runs.publish",
     "register": "mjsheaf.law.custom",
-    "Controller": "mjsheaf.law.controller",
-    "PerAgent": "mjsheaf.law.controller",
+    "Controller": "mjsheaf.law.in_python",
+    "PerAgent": "mjsheaf.law.in_python",
 }
 
 __all__ = [

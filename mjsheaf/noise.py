@@ -8,7 +8,7 @@ from hashlib import blake2b
 
 import numpy as np
 
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit
 
 _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)

@@ -48,7 +48,7 @@ class State:
     def now(self) -> tuple[str, int, int]:
         """Return what is being done, the amount done and the whole amount: those of compilation while there is one."""
         # It is not loaded for this, which takes long; while it is being loaded it lacks the functions.
-        jit = sys.modules.get("mjsheaf.jit")
+        jit = sys.modules.get("mjsheaf.compile.jit")
         waiting = getattr(jit, "is_waiting", None)
         if waiting and waiting():
             return "waiting for another process that compiles the same loops", 0, 0

@@ -9,22 +9,20 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.dynamics.effectiveness import EffectivenessArrays
-from mjsheaf.dynamics.motion import MotionArrays, position_at, reference_bounds
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.law import ControlArrays, LawArrays, edges_of
-from mjsheaf.law.law import new_control
 from mjsheaf.law.obstacles import ObstacleArrays
 from mjsheaf.law.safety import SafetyArrays
-from mjsheaf.law.separation import Safety, pack_safety
-from mjsheaf.law.station import Station, no_station
-from mjsheaf.media import FlowField, disturbance
-from mjsheaf.media.disturbance import Bounds
+from mjsheaf.law.separation import Safety, Station, no_station, pack_safety
+from mjsheaf.media import FlowField
+from mjsheaf.media import varying as disturbance
 from mjsheaf.media.flow import AXIS, CENTRE
 from mjsheaf.media.gusts import Exposure
-from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
-from mjsheaf.media.moving import Parts, bounds_of
+from mjsheaf.media.medium import MediumArrays, Parts, bounds_of, pack_medium, pack_parts
+from mjsheaf.media.varying import Bounds
+from mjsheaf.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.team import Team
+from mjsheaf.vehicles.allocation import EffectivenessArrays
 from mjsheaf.vehicles.effects import Effects, capability_of, embody, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -253,7 +251,7 @@ class System:
     @cached_property
     def control(self) -> ControlArrays:
         """The law and the references for compiled code."""
-        return new_control(self._with_safety(self.law, np.zeros(len(self.planar))), self.motion)
+        return ControlArrays(self._with_safety(self.law, np.zeros(len(self.planar))), self.motion)
 
     @cached_property
     def control_of_bodies(self) -> ControlArrays:
@@ -264,7 +262,7 @@ class System:
         if terms.lead.any():
             tau = np.array([vehicle.reduced_model().tau[0] for vehicle in self.vehicles[: terms.agents]])
             law = law._replace(terms=terms._replace(lead=terms.lead * (1.0 + tau / terms.period)))
-        return new_control(self._with_safety(law, self.safety_margins) if self.safety else law, self.motion)
+        return ControlArrays(self._with_safety(law, self.safety_margins) if self.safety else law, self.motion)
 
     def _with_safety(self, law: LawArrays, margins: Array) -> LawArrays:
         """Return a law that keeps vehicles apart as the scenario demands, by margins (V,) in m more."""

@@ -23,11 +23,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
-from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import AUTOPILOT, STOPPED
-from mjsheaf.media import disturbance
+from mjsheaf.media import varying as disturbance
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
+from mjsheaf.paths import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.show.played import Samples
 from mjsheaf.studies import Plan, load_plan
@@ -609,6 +609,7 @@ def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, *
         group=np.array([0, 0, 1, 2, 2]),
         group_names=["pair", "single", "targets"],
         colours=np.array([[0.2, 0.6, 1.0], [1.0, 0.6, 0.2], [1.0, 0.3, 0.3]]),
+        radii=np.full(5, 2.7),
         edges=[(0, 1, "communication"), (1, 2, "communication"), (0, 3, "sensing"), (2, 4, "sensing")],
         surface="water",
     )

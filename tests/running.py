@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from mjsheaf.arrays import Array
-from mjsheaf.law.controller import Controller, Law
+from mjsheaf.law.in_python import Controller, Law
+from mjsheaf.loop.log import Trajectory
 from mjsheaf.loop.session import engine_of
-from mjsheaf.loop.trajectory import Trajectory
 from mjsheaf.system import Phase, System
 
 Run = System | Sequence[Phase]

@@ -247,7 +247,8 @@ def _resolve(path: str) -> None:
 
 def test_files_that_extending_names_are_there() -> None:
     text = (DOCS / "extending.md").read_text()
-    for name in re.findall(r"`((?:control|team|vehicles|scenario|simulation)/\w+\.py|system\.py)`", text):
+    packages = "law|team|vehicles|scenario|loop|media|page|live|envs|cli|export"
+    for name in re.findall(rf"`((?:{packages})/\w+\.py|system\.py)`", text):
         assert (REPOSITORY / "mjsheaf" / name).is_file(), name
 
 

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 import mjsheaf
-from mjsheaf import machine_code
+from mjsheaf.compile import machine_code
 
 PACKAGE = Path(mjsheaf.__file__).parent
 HASHES = """
 import sys
 from pathlib import Path
-from mjsheaf import machine_code
-root = Path(machine_code.__file__).resolve().parent
+from mjsheaf.compile import machine_code
+root = Path(machine_code.__file__).resolve().parents[1]
 for name in sys.argv[1:]:
     print(machine_code.source_hash(root / name))
 """
@@ -54,7 +54,7 @@ def test_an_edit_of_the_decorator_makes_all_code_stale(tmp_path: Path) -> None:
     package = tmp_path / "site [1]" / "mjsheaf"
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", "models", "scenarios"))
     before = hashes(package)
-    source = package / "jit.py"
+    source = package / "compile/jit.py"
     source.write_text(source.read_text() + "\n# an edit\n")
     after = hashes(package)
     assert all(after[name] != before[name] for name in FILES)
@@ -62,7 +62,7 @@ def test_an_edit_of_the_decorator_makes_all_code_stale(tmp_path: Path) -> None:
 
 def test_imports_are_found_as_the_parser_finds_them() -> None:
     """Oracle: Python's own parser, on every file with compiled functions."""
-    package = Path(machine_code.__file__).resolve().parent
+    package = Path(machine_code.__file__).resolve().parents[1]
     for path in sorted(path for pattern in machine_code.SOURCES for path in package.glob(pattern)):
         nodes = [node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ImportFrom)]
         ours = [node for node in nodes if not node.level and str(node.module).split(".")[0] == "mjsheaf"]
@@ -73,7 +73,7 @@ def test_imports_are_found_as_the_parser_finds_them() -> None:
 TWO = """
 import sys, time
 from numba.core import event
-from mjsheaf.jit import is_waiting, jit
+from mjsheaf.compile.jit import is_waiting, jit
 
 class Slow(event.Listener):
     count = 0

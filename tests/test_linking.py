@@ -9,7 +9,7 @@ import pytest
 PROGRAM = """
 import numpy as np
 from numba.core import event
-from mjsheaf.jit import jit
+from mjsheaf.compile.jit import jit
 
 compiled = []
 

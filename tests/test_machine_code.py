@@ -14,8 +14,8 @@ import numba
 import pytest
 
 import mjsheaf
-from mjsheaf import machine_code
-from mjsheaf.jit import INTERPRETED, jit
+from mjsheaf.compile import machine_code
+from mjsheaf.compile.jit import INTERPRETED, jit
 
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
 
@@ -117,8 +117,10 @@ def test_files_of_other_versions_stay_a_month(directory: Path) -> None:
     assert (recent.exists(), old.exists(), another.exists()) == (True, False, True)
 
 
-CALLEE = "from mjsheaf.jit import inline_jit\n\n\n@inline_jit\ndef f(x):\n    return 1.0 * x\n"
-CALLER = "from mjsheaf.law.zz_f import f\nfrom mjsheaf.jit import jit\n\n\n@jit\ndef g(x):\n    return f(x) + 0.0\n"
+CALLEE = "from mjsheaf.compile.jit import inline_jit\n\n\n@inline_jit\ndef f(x):\n    return 1.0 * x\n"
+CALLER = (
+    "from mjsheaf.law.zz_f import f\nfrom mjsheaf.compile.jit import jit\n\n\n@jit\ndef g(x):\n    return f(x) + 0.0\n"
+)
 WAIT = "import sys\nprint('imported', flush=True)\nsys.stdin.readline()\n"
 BOTH = f"from mjsheaf.law.zz_g import g\n{WAIT}print(g(2.0))\n"
 LATE = f"import mjsheaf.law.zz_f\n{WAIT}from mjsheaf.law.zz_g import g\nprint(g(2.0))\n"

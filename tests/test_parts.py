@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mjsheaf.arrays import Array
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.parts import for_each, has_any
+from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.compile.parts import for_each, has_any
 
 
 class Scaled(NamedTuple):

@@ -17,7 +17,8 @@ import pytest
 from numba.core import event
 
 import mjsheaf
-from mjsheaf import jit, progress
+from mjsheaf import progress
+from mjsheaf.compile import jit
 from mjsheaf.errors import InputError
 
 SLOW = """

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf import tiers
+from mjsheaf.compile import tiers
 
 COUNT = """
 from numba.core import event
@@ -26,7 +26,7 @@ class Listener(event.Listener):
 
 event.register("numba:compile", Listener())
 import mjsheaf
-from mjsheaf import tiers
+from mjsheaf.compile import tiers
 
 take = tiers.Tiered._take
 tiers.Tiered._take = lambda self, kinds, _: take(self, kinds, 0.02 * (self.compiled.py_func.__name__ == "_follow"))

@@ -11,9 +11,9 @@ from mjsheaf.checking.examination import examine_scenario
 from mjsheaf.checking.problems import describe_changes, untried_of
 from mjsheaf.checking.record import CheckRecord, Problem, TriedFix
 from mjsheaf.checking.screen import screen
+from mjsheaf.checking.theorem.theorem import RhoLike, as_rho
 from mjsheaf.checking.trial import MAX_VEHICLE_STEPS, TrialRecord, try_mission
 from mjsheaf.errors import InputError
-from mjsheaf.law.theorem import RhoLike, as_rho
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 

@@ -6,11 +6,11 @@
 import numpy as np
 
 from mjsheaf.checking.authority import shortfalls_of
-from mjsheaf.dynamics.motion import Adrift, Motion, Recorded, Static
 from mjsheaf.errors import listed
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow
-from mjsheaf.media.probe import mean_flow
+from mjsheaf.media.medium import mean_flow
+from mjsheaf.paths import Adrift, Motion, Recorded, Static
 from mjsheaf.scenario.scenario import Scenario
 from mjsheaf.vehicles.vehicle import Vehicle
 

@@ -23,7 +23,7 @@ from mjsheaf.errors import InputError
 
 if TYPE_CHECKING:
     from mjsheaf.checking.examination import Examination
-    from mjsheaf.law.theorem import Rho
+    from mjsheaf.checking.theorem.theorem import Rho
     from mjsheaf.show.style import FigureOptions
 
 
@@ -133,7 +133,7 @@ def _rho_of(text: str | None) -> "Rho | None":
     Raises:
         InputError: The text is not a polynomial with coefficients of at least 0.
     """
-    from mjsheaf.law.theorem import as_rho
+    from mjsheaf.checking.theorem.theorem import as_rho
 
     if text is None:
         return None

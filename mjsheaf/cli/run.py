@@ -40,7 +40,7 @@ from mjsheaf.cli.options import (
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field, printable, shortened
 
 if TYPE_CHECKING:
-    from mjsheaf.law.controller import Controller
+    from mjsheaf.law.in_python import Controller
     from mjsheaf.runs.expecting import Trial
     from mjsheaf.runs.publish import Outcome
     from mjsheaf.runs.simulate import Progress

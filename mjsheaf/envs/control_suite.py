@@ -7,10 +7,10 @@ from typing import Any, cast
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.engine import mujoco
 from mjsheaf.envs.episode import Episode
 from mjsheaf.envs.suite import Physics, control, specs, wrapper
-from mjsheaf.loop.world import World
+from mjsheaf.loop.mujoco_engine import World
+from mjsheaf.mujoco_import import mujoco
 from mjsheaf.scenario import Scenario
 
 

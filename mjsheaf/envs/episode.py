@@ -20,8 +20,8 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.loop.engine import Commanded
 from mjsheaf.loop.loop import ClosedLoop
-from mjsheaf.loop.scores import SquareErrors
 from mjsheaf.loop.session import Session
+from mjsheaf.loop.worlds import SquareErrors
 from mjsheaf.noise import next_seed
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from mjsheaf.arrays import Array
-from mjsheaf.envs.flat import RENDER_MODES, FlatEpisode
+from mjsheaf.envs.gym import RENDER_MODES, FlatEpisode
 from mjsheaf.scenario import Scenario
 
 
@@ -109,7 +109,7 @@ def parallel_env(scenario: Scenario, **options: Any) -> TeamParallelEnv:
     Args:
         scenario: The scenario, as `mjsheaf.load_scenario` returns it.
         **options: `horizon`, `seed`, `action`, `engine` and `same_episode` of `Episode`; `parts` of an observation (see
-            `mjsheaf.envs.flat.PARTS`); `render_mode` None or 'rgb_array'.
+            `mjsheaf.envs.gym.PARTS`); `render_mode` None or 'rgb_array'.
 
     Raises:
         InputError: The scenario cannot be simulated on bodies, or an option is not valid.

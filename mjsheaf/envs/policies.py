@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from mjsheaf.arguments import require_type
 from mjsheaf.arrays import Array
-from mjsheaf.envs.flat import FlatEpisode
+from mjsheaf.envs.gym import FlatEpisode
 from mjsheaf.errors import InputError
 from mjsheaf.team import Edge
 

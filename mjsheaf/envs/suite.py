@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
-from mjsheaf.engine import mujoco
+from mjsheaf.mujoco_import import mujoco
 
 __all__ = ["MovableCamera", "Physics", "control", "mujoco", "specs", "wrapper"]
 

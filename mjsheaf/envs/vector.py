@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from mjsheaf.arguments import real_numbers, require_scenario, require_seed, require_whole
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.envs.episode import named_edges, scaled
-from mjsheaf.envs.flat import FlatEpisode
-from mjsheaf.envs.gym import TeamEnv
+from mjsheaf.envs.gym import FlatEpisode, TeamEnv
 from mjsheaf.errors import InputError
-from mjsheaf.law.sample import View
+from mjsheaf.law.in_python import View
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import Loop
 from mjsheaf.loop.worlds import Worlds

@@ -32,10 +32,10 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, Take
+from mjsheaf.compile.jit import INTERPRETED, NumbaError, inline_jit, types, user_jit
+from mjsheaf.compile.parts import for_each
 from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.files import describe, digest_of, execute_file
-from mjsheaf.jit import INTERPRETED, NumbaError, inline_jit, types, user_jit
-from mjsheaf.parts import for_each
 from mjsheaf.section import Section
 from mjsheaf.team import Team
 

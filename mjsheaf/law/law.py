@@ -6,7 +6,7 @@ and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
     deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.law.links`)
-    compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.curved`)
+    compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.edges`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python commands
     custom      terms that users registered (see `mjsheaf.law.custom`)
@@ -26,10 +26,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
-from mjsheaf.dynamics.motion import MotionArrays, add_reference
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.law.curved import compare, pack_kinds
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.custom import add_custom, carry_custom, names_of, new_custom_memory
+from mjsheaf.law.edges import compare, pack_kinds
 from mjsheaf.law.links import (
     LinkArrays,
     LinkedRows,
@@ -53,6 +52,7 @@ from mjsheaf.law.terms import (
     remember,
     require_symmetric,
 )
+from mjsheaf.paths import MotionArrays, add_reference
 from mjsheaf.team import Edge, Member, Team
 
 
@@ -144,45 +144,21 @@ class LawArrays(NamedTuple):
         return bool(self.links.table["random"].any()) or self.terms.noisy or self.terms.rounds.lossy
 
 
-class Stages(NamedTuple):
-    """Optional stages of a law: (1,) where a team has them, and () where it has not.
-
-    The types differ, so that compiled code leaves out the stages that a team does not have.
-
-    Attributes:
-        terms: Shipped terms beyond -k1 eta.
-        links: Links over which measurements are made.
-        rounds: Links over which agents exchange numbers.
-    """
-
-    terms: tuple[int, ...]
-    links: tuple[int, ...]
-    rounds: tuple[int, ...]
-
-
 class ControlArrays(NamedTuple):
-    """Parameters of the onboard computers; see `new_control`.
+    """Parameters of the onboard computers.
 
     Attributes:
         law: Law of the vehicles.
         motion: References of the targets.
-        stages: Optional stages that the law has.
     """
 
     law: LawArrays
     motion: MotionArrays
-    stages: Stages
 
 
 def with_seed(law: LawArrays, seed: int) -> LawArrays:
     """Return a law whose links and terms draw from another seed."""
     return law._replace(seed=np.array([seed]))
-
-
-def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
-    """Make the parameters of the onboard computers."""
-    present = [law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect]
-    return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
 
 
 class Memory(NamedTuple):
@@ -384,21 +360,21 @@ def _end_link(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, befor
 
 
 @inline_jit
-def evaluate_law(control, t, x, drift, memory):
+def evaluate_law(control, t, x, carried, memory):
     """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m.
 
-    `drift` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
+    `carried` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
     """
-    law, stages, edges = control.law, control.stages, control.law.edges
+    law, edges = control.law, control.law.edges
     V = x.shape[0]
-    navigate(stages.terms, law, x, drift, memory.command, memory.terms)
+    navigate(law, x, carried, memory.command, memory.terms)
     measure(edges, x, memory.y)
-    deliver(stages.links, law, t, x, drift is not None, memory.y, memory.terms, memory.links)
+    deliver(law, t, x, carried is not None, memory.y, memory.terms, memory.links)
     compare(edges.kinds, edges, memory.y, memory.compared)
     pull_back(edges, memory.compared, memory.residual)
     for v in range(V):
         respond(law, v, memory)
-    add_terms(stages.terms, stages, law, x, memory)
+    add_terms(law, x, memory)
     add_custom(law.custom, memory.custom, None, t, memory.residual, memory.command, memory.evaluated)
     for v in range(V):
         add_given(control, v, t, x, memory)
@@ -406,8 +382,8 @@ def evaluate_law(control, t, x, drift, memory):
     for v in range(V):
         clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(law.safety, memory.safety, v)
         if not clipped:
-            integrate(stages.terms, law.terms, v, memory.residual[v], memory.terms)
-    remember(stages.terms, law.terms, x, memory.y, memory.terms)
+            integrate(law.terms, v, memory.residual[v], memory.terms)
+    remember(law.terms, x, memory.y, memory.terms)
 
 
 @inline_jit

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Take
+from mjsheaf.compile.jit import as_records, inline_jit, jit
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.jit import as_records, inline_jit, jit
-from mjsheaf.law.curved import disturb
+from mjsheaf.law.edges import disturb
 from mjsheaf.noise import normal_of, stream_of, uniforms
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods
@@ -56,6 +56,7 @@ class LinkArrays(NamedTuple):
     """The links of a team of V vehicles: L edges of E have one that changes anything; by default none has.
 
     Attributes:
+        present: (1,) if any edge of the run has one; (), another type, leaves them out of the compiled code.
         table: the links, of the type LINK, shape (L,).
         of: the link of each edge, or -1, shape (E,); empty without links.
         lift: what is added to z for the distance between bodies, shape (V,), m.
@@ -66,6 +67,7 @@ class LinkArrays(NamedTuple):
         record: True if measurements are recorded.
     """
 
+    present: tuple[int, ...] = ()
     table: NDArray[np.void] = as_records(np.zeros(0, dtype=LINK))
     of: IntArray = np.zeros(0, dtype=np.int64)
     lift: Array = np.zeros(0)
@@ -270,6 +272,7 @@ def pack_links(
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
     facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
     return LinkArrays(
+        present=(1,),
         table=as_records(table),
         of=of,
         lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
@@ -334,11 +337,10 @@ def _require_delays(team: Team, links: Links, period: float) -> None:
 
 
 @jit
-def deliver(stage, law, t, x, bodies, y, terms, memory):
+def deliver(law, t, x, bodies, y, terms, memory):
     """Turn true measurements y (m,) of time t, s, into those that arrive now; y = -b where nothing does.
 
     Args:
-        stage: () where the team has no links.
         law: Law of the team.
         t: Time, s.
         x: Positions, shape (V, 3), m.
@@ -347,9 +349,9 @@ def deliver(stage, law, t, x, bodies, y, terms, memory):
         terms: Memory of the terms.
         memory: Memory of the links.
     """
-    if len(stage) == 0:
-        return
     links = law.links
+    if len(links.present) == 0:
+        return
     n = int(np.rint((t - links.start) / links.period))
     if memory.attitude.shape[0] > 0 and not bodies:
         face_along(links, x, n, memory)

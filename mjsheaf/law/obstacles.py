@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.dynamics.motion import MotionArrays, position_at
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.paths import MotionArrays, position_at
 
 SPHERE, CAPSULE, BOX, HALF_SPACE = 0, 1, 2, 3
 """Kinds of obstacles."""

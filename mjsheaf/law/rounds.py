@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray, Take
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import in_field
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.law.curved import slope
+from mjsheaf.law.edges import slope
 from mjsheaf.law.links import distance, linked_edges, next_state, require_held
 from mjsheaf.noise import uniforms
 from mjsheaf.team import Team
@@ -53,7 +53,7 @@ class RoundArrays(NamedTuple):
     """Links of the rounds of N agents with C communication edges, the first of a law; by default all is perfect.
 
     Attributes:
-        imperfect: True if a message can be delayed or lost, on any edge.
+        present: (1,) if a message can be delayed or lost, on any edge; () leaves them out of the compiled code.
         delay: Delay of a message, periods; if positive, there is one round a period.
         loss: Chain of losses of each edge.
         streams: Random streams, shape (C, 2).
@@ -63,7 +63,7 @@ class RoundArrays(NamedTuple):
         stiffest: largest eigenvalue of any D_i.
     """
 
-    imperfect: bool = False
+    present: tuple[int, ...] = ()
     delay: int = 0
     loss: Losses = Losses()
     streams: IntArray = np.zeros((0, 2), dtype=np.int64)
@@ -72,6 +72,11 @@ class RoundArrays(NamedTuple):
     own: Array = np.zeros((0, 3, 3))
     inverse: Array = np.zeros((0, 3, 3))
     stiffest: float = 1.0
+
+    @property
+    def imperfect(self) -> bool:
+        """Return True if a message can be delayed or lost."""
+        return bool(self.present)
 
     @property
     def lossy(self) -> bool:
@@ -176,7 +181,7 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
         require_held(4 * (delay + 1) * sum(1 + len(edge.F_tail) for edge in team.communication))
     own = _diagonal_blocks(team)
     return RoundArrays(
-        imperfect=True,
+        present=(1,),
         delay=delay,
         loss=Losses(*(float(getattr(loss, name)) for name in Losses._fields)),
         streams=np.array([one.stream for one in edges], dtype=np.int64).reshape(-1, 2),

@@ -18,7 +18,7 @@ holds. Hence h >= 0 from the first sample at which it holds, if no problem is in
 the range to within D in one period. A pair closer than D / 2 gets a weaker constraint than this one, which grows with
 1 / |z|: if the two part at q, |z| grows by h_c q, and (|z| + h_c q)^2 = |z|^2 - gamma h_c h gives q. The speed limit
 scales commands, which keeps constraints whose bound is not positive. For the others it is part of the problem: see
-`mjsheaf.law.halfspaces`.
+`nearest_within`.
 
 What is far is not in the way. Let q = s + d + |u_law| / w_i, with the largest s, d and 1 / w_i of any vehicle, and D
 the largest distance. Beyond r = q / gamma + sqrt((q / gamma)^2 + D^2), gamma (r^2 - D^2) / (2 r) > q, and the bound
@@ -27,6 +27,32 @@ within range are farther, the command stays, and no constraint is written.
 
 If the law's command satisfies all constraints, it does not change by a bit. Which vehicles are within range follows
 from positions, for any edges and links of the team: every agent has a separate sensor of this range.
+
+Vehicles near one another, by a grid of cells, for compiled code.
+
+Space is cut into cells at least as wide as the range, so that the neighbours of a vehicle lie in its own cell and those
+around it. Cells along x follow one another, and vehicles are sorted by cell, so that three cells in a row are one run
+of vehicles. There are at most two cells a vehicle: the work is proportional to the number of vehicles.
+
+Velocity nearest to a desired one under linear inequalities and a speed limit, in R^3, for compiled code.
+
+    minimise |u - w|^2  subject to  a_k . u >= c_k for every k, and |u| <= limit
+
+Constraints are added one at a time. If the nearest velocity under the previous constraints satisfies the next one, it
+is kept. If not, the next constraint is active at the new minimum, because the objective is strictly convex. The problem
+then reduces to the plane of that constraint, with a second one to a line, and with a third one to a point (Seidel,
+Discrete Comput. Geom. 6, 1991). So active sets are found exactly, with at most three constraints.
+
+With a limit, let m >= 0 be the multiplier of |u|^2 <= limit^2. The minimum is the velocity nearest to s w without a
+limit, with s = 1 / (1 + m) in (0, 1]. |u| does not decrease with s, so bisection finds it. If c_k <= 0 for all k, zero
+is allowed, and the caller may scale u down instead, because the set of allowed velocities is convex.
+
+If no velocity satisfies all constraints, c_k is replaced by c_k - t with the smallest t that makes the problem
+feasible: t is the minimum of the largest violation. At this t the set of allowed velocities has no interior: it is a
+point where a plane touches the ball, or part of a plane between two that face each other. Rounding decides whether such
+a set is found at all, and a ball and a plane that overlap by delta meet in a disc of radius sqrt(2 limit delta), which
+has an unbounded derivative at 0. Hence a set that is thinner than `_THICKNESS` is made that thick: t is the smallest
+one plus `_THICKNESS`, or 0 if that is negative. The minimum is then a Lipschitz function of the constraints.
 """
 
 from typing import Any, NamedTuple
@@ -34,11 +60,161 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, Take
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.law.halfspaces import nearest_within
-from mjsheaf.law.neighbours import Cells, find_near, new_cells, sort_into_cells
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.obstacles import ObstacleArrays, distance_from
 from mjsheaf.vehicles.vectors import square_of, subtract, triple
+
+_FARTHEST = 1e10  # m; positions beyond it are a blow-up, which is reported elsewhere
+_USUAL = 4.0  # mean distances from the middle, within which cells end
+_ROUNDING = 1e-12  # fraction by which cells are wider, because a product may round up
+_GROWTH = 1.25  # of the cells' width until there are few enough
+_FEW = 32  # vehicles that lie in one cell, which is quicker than several
+
+
+class Cells(NamedTuple):
+    """A grid of cells; all of its arrays are scratch space, and what is found with them does not depend on it.
+
+    They hold whole numbers as float64, as all that is part of the one array of a run.
+
+    Attributes:
+        places: Positions of all vehicles in one space, shape (V, 3), m.
+        corner: Smallest coordinates of the grid, shape (3,), m.
+        shape: Number of cells along each axis, and how many there are in a metre, shape (4,).
+        cell: Number of each vehicle's cell, shape (V,).
+        start: Where the vehicles of each cell begin in `order`, shape (2 V + 1,).
+        order: Vehicles sorted by cell, and in a cell by number, shape (V,).
+        sorted: Positions in this order, shape (V, 3), m.
+        found: Vehicles near one vehicle, not in order, shape (V,).
+    """
+
+    places: Array
+    corner: Array
+    shape: Array
+    cell: Array
+    start: Array
+    order: Array
+    sorted: Array
+    found: Array
+
+
+def new_cells(V: int, take: Take = np.zeros) -> Cells:
+    """Return room for the cells of V vehicles; none at all for none."""
+    some = V > 0
+    return Cells(
+        places=take((V, 3)),
+        corner=take(3 * some),
+        shape=take(4 * some),
+        cell=take(V),
+        start=take((2 * V + 1) * some),
+        order=take(V),
+        sorted=take((V, 3)),
+        found=take(V),
+    )
+
+
+@inline_jit
+def _lay_out(cells, reach):
+    """Choose the width of the cells and their number along each axis; return False for positions that blew up.
+
+    The few vehicles that are far from all others count for the outermost cells: they would make all cells wide.
+    """
+    V, shape = cells.places.shape[0], cells.shape
+    for axis in range(3):
+        lowest, highest, total, away = np.inf, -np.inf, 0.0, 0.0
+        for v in range(V):
+            x = cells.places[v, axis]
+            if not abs(x) <= _FARTHEST:
+                return False
+            lowest = min(lowest, x)
+            highest = max(highest, x)
+            total += x
+        middle = total / V
+        for v in range(V):
+            away += abs(cells.places[v, axis] - middle)
+        usual = _USUAL * away / V
+        cells.corner[axis] = max(lowest, middle - usual)
+        shape[axis] = max(min(highest, middle + usual) - cells.corner[axis], 0.0)
+    width = np.inf if V <= _FEW else max(reach, 1e-3)
+    while _cells_along(shape, 0, width) * _cells_along(shape, 1, width) * _cells_along(shape, 2, width) > 2.0 * V:
+        width *= _GROWTH
+    for axis in range(3):
+        shape[axis] = _cells_along(shape, axis, width)
+    shape[3] = (1.0 - _ROUNDING) / width
+    return True
+
+
+@inline_jit
+def _cells_along(extent, axis, width):
+    return np.floor(extent[axis] / width) + 1.0
+
+
+@inline_jit
+def _place_along(cells, axis, value):
+    """Return the number of the cell along an axis that holds a coordinate, or the nearest one."""
+    place = (value - cells.corner[axis]) * cells.shape[3]
+    return int(min(max(place, 0.0), cells.shape[axis] - 1.0))
+
+
+@jit
+def sort_into_cells(cells, reach):
+    """Sort the vehicles at `cells.places` into cells.
+
+    Args:
+        cells: The grid, with the present places.
+        reach: Distance within which every vehicle's neighbours are wanted, m.
+
+    Returns:
+        False if a position is not a number or huge.
+    """
+    if not _lay_out(cells, reach):
+        return False
+    V, start = cells.places.shape[0], cells.start
+    count = int(cells.shape[0] * cells.shape[1] * cells.shape[2])
+    for c in range(count + 1):
+        start[c] = 0.0
+    for v in range(V):
+        x, y, z = triple(cells.places[v])
+        row = _place_along(cells, 2, z) * int(cells.shape[1]) + _place_along(cells, 1, y)
+        cell = row * int(cells.shape[0]) + _place_along(cells, 0, x)
+        cells.cell[v] = cell
+        start[cell] += 1.0
+    for c in range(count):
+        start[c + 1] += start[c]
+    for v in range(V - 1, -1, -1):  # so that each cell's vehicles keep their order, and `start` ends where they begin
+        cell = int(cells.cell[v])
+        start[cell] -= 1.0
+        k = int(start[cell])
+        cells.order[k] = v
+        for i in range(3):
+            cells.sorted[k, i] = cells.places[v, i]
+    return True
+
+
+@inline_jit
+def find_near(cells, v, reach, near):
+    """Write the numbers of the vehicles within `reach` of vehicle v to `near`, in order, and return how many there are.
+
+    The vehicles are sorted by `sort_into_cells` for this reach.
+    """
+    own, count, farthest = triple(cells.places[v]), 0, reach * reach
+    column, line, layer = _place_along(cells, 0, own[0]), _place_along(cells, 1, own[1]), _place_along(cells, 2, own[2])
+    wide, high, deep = int(cells.shape[0]), int(cells.shape[1]), int(cells.shape[2])
+    for k in range(max(layer - 1, 0), min(layer + 2, deep)):
+        for j in range(max(line - 1, 0), min(line + 2, high)):
+            row = (k * high + j) * wide
+            first, end = cells.start[row + max(column - 1, 0)], cells.start[row + min(column + 2, wide)]
+            for n in range(int(first), int(end)):  # without a branch, which would be mispredicted
+                cells.found[count] = cells.order[n]
+                within = square_of(subtract(own, triple(cells.sorted[n]))) <= farthest
+                count += within & (cells.order[n] != v)
+    for n in range(count):
+        m = n
+        while m > 0 and near[m - 1] > cells.found[n]:
+            near[m] = near[m - 1]
+            m -= 1
+        near[m] = cells.found[n]
+    return count
+
 
 CORRECTION, WANTED, CAUSE, VIOLATION = 0, 1, 2, 3
 """Columns of `SafetyMemory.found`."""
@@ -307,3 +483,140 @@ def _give_way(safety, v, count, limit, wanted, command, work):
     work.found[v, CORRECTION] = np.sqrt(dx * dx + dy * dy + dz * dz)
     work.found[v, VIOLATION] = max(work.found[v, VIOLATION], violation)
     command[0], command[1], command[2] = ux, uy, uz
+
+
+_SLACK = 1e-13  # m/s, for velocities and bounds of about 1: a constraint is violated beyond it
+_PARALLEL = 1e-20  # square of the sine of the angle between two planes, below which they do not meet
+_THICKNESS = 1e-10  # m/s, for bounds of about 1; far above _SLACK
+_BISECTIONS = 60
+
+
+@inline_jit
+def _lacks(rows, k, shift, x, y, z):
+    """Return by how much constraint k falls short at a velocity, m/s, less rounding; positive where it is violated."""
+    short = rows[k, 3] - shift - (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z)
+    if short <= 0.0:
+        return short
+    return short - _SLACK * (1.0 + abs(rows[k, 3]) + abs(x) + abs(y) + abs(z))
+
+
+@jit
+def _on_line(rows, k, j, shift, wx, wy, wz):
+    """Return the velocity nearest to w with constraints k and j active under those before j; False if there is none."""
+    ax, ay, az = rows[k, 0], rows[k, 1], rows[k, 2]
+    bx, by, bz = rows[j, 0], rows[j, 1], rows[j, 2]
+    lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+    across = lx * lx + ly * ly + lz * lz
+    if across <= _PARALLEL * aa * bb:
+        return False, wx, wy, wz
+    step = (rows[k, 3] - shift - (ax * wx + ay * wy + az * wz)) / aa
+    x, y, z = wx + step * ax, wy + step * ay, wz + step * az
+    # On from there within plane k, along l x a: without the cancellation of the normal equations.
+    step = (rows[j, 3] - shift - (bx * x + by * y + bz * z)) / across
+    x, y, z = x + step * (ly * az - lz * ay), y + step * (lz * ax - lx * az), z + step * (lx * ay - ly * ax)
+    for i in range(j):
+        if _lacks(rows, i, shift, x, y, z) <= 0.0:
+            continue
+        ix, iy, iz = rows[i, 0], rows[i, 1], rows[i, 2]
+        along = ix * lx + iy * ly + iz * lz
+        if along * along <= _PARALLEL * across * (ix * ix + iy * iy + iz * iz):
+            return False, x, y, z
+        step = (rows[i, 3] - shift - (ix * x + iy * y + iz * z)) / along
+        x, y, z = x + step * lx, y + step * ly, z + step * lz
+        for earlier in range(i):
+            if _lacks(rows, earlier, shift, x, y, z) > 0.0:
+                return False, x, y, z
+    return True, x, y, z
+
+
+@jit
+def _in_plane(rows, k, shift, wx, wy, wz):
+    """Return the velocity nearest to w with constraint k active under those before it; False if there is none."""
+    ax, ay, az = rows[k, 0], rows[k, 1], rows[k, 2]
+    square = ax * ax + ay * ay + az * az
+    if square == 0.0:
+        return False, wx, wy, wz
+    step = (rows[k, 3] - shift - (ax * wx + ay * wy + az * wz)) / square
+    x, y, z = wx + step * ax, wy + step * ay, wz + step * az
+    for j in range(k):
+        if _lacks(rows, j, shift, x, y, z) > 0.0:
+            found, x, y, z = _on_line(rows, k, j, shift, wx, wy, wz)
+            if not found:
+                return False, x, y, z
+    return True, x, y, z
+
+
+@jit
+def nearest(rows, count, shift, wx, wy, wz):
+    """Return the velocity nearest to w under constraints, without a limit.
+
+    Args:
+        rows: a_k and c_k of each constraint, shape (>= count, >= 4), c_k in m/s.
+        count: Number of constraints.
+        shift: What is taken off every c_k, m/s.
+        wx, wy, wz: The velocity w, m/s.
+
+    Returns:
+        True if there is one, and its components, m/s.
+    """
+    x, y, z = wx, wy, wz
+    for k in range(count):
+        if _lacks(rows, k, shift, x, y, z) > 0.0:
+            found, x, y, z = _in_plane(rows, k, shift, wx, wy, wz)
+            if not found:
+                return False, x, y, z
+    return True, x, y, z
+
+
+@jit
+def _is_feasible(rows, count, shift, limit):
+    """Return True if a velocity within the limit satisfies the constraints, each less `shift`."""
+    found, x, y, z = nearest(rows, count, shift, 0.0, 0.0, 0.0)
+    return found and x * x + y * y + z * z <= limit * limit * (1.0 + _SLACK)
+
+
+@jit
+def nearest_within(rows, count, limit, wx, wy, wz):
+    """Return the velocity nearest to w under the constraints, and the violation.
+
+    The limit applies if some c_k > 0. If no c_k is positive, the velocity may exceed the limit, because it still
+    satisfies the constraints when it is scaled down.
+
+    Args:
+        rows, count, wx, wy, wz: As for `nearest`.
+        limit: Largest speed, m/s; may be infinite.
+
+    Returns:
+        Its components, and the smallest possible largest violation, m/s: 0 unless the constraints are infeasible.
+    """
+    found, x, y, z = nearest(rows, count, 0.0, wx, wy, wz)
+    largest = -np.inf
+    for k in range(count):
+        largest = max(largest, rows[k, 3])
+    if found and (largest <= 0.0 or x * x + y * y + z * z <= limit * limit):
+        return x, y, z, 0.0
+    shift, violation, thickness = 0.0, 0.0, _THICKNESS * (1.0 + abs(largest))
+    if not _is_feasible(rows, count, -thickness, limit):
+        low, high = -thickness, max(largest, 0.0)  # at the upper end, zero satisfies all
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            if _is_feasible(rows, count, middle, limit):
+                high = middle
+            else:
+                low = middle
+        violation = max(high, 0.0)
+        shift = high + thickness
+    found, x, y, z = nearest(rows, count, shift, wx, wy, wz)
+    if found and x * x + y * y + z * z <= limit * limit:
+        return x, y, z, violation
+    low, high = 0.0, 1.0
+    for _ in range(_BISECTIONS):
+        share = 0.5 * (low + high)
+        found, x, y, z = nearest(rows, count, shift, share * wx, share * wy, share * wz)
+        if found and x * x + y * y + z * z <= limit * limit:
+            low = share
+        else:
+            high = share
+    found, x, y, z = nearest(rows, count, shift, low * wx, low * wy, low * wz)
+    return x, y, z, violation

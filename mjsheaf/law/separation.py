@@ -1,18 +1,27 @@
-"""The section `safety` of a scenario, and its arrays for compiled code: see `mjsheaf.law.safety`."""
+"""The section `safety` of a scenario, and its arrays for compiled code: see `mjsheaf.law.safety`.
+
+Station keeping is the other part: vehicles that have yet to join hold their position, each by itself. Vehicle v at x
+commands gain (position - x) - w relative to the medium, whose velocity w it measures there: over ground it returns to
+its position at the rate of the gain. The speed is limited as the vehicle's commands are.
+
+The gain is 1 / (4 (tau + h)), at most MAX_GAIN, with the time constant tau of the body and the control period h: the
+loop of position and velocity is then critically damped or slower.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.dynamics import motion as motions
-from mjsheaf.dynamics.motion import Adrift, Motion
+from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.law.obstacles import KINDS, ObstacleArrays
 from mjsheaf.law.safety import SafetyArrays
+from mjsheaf.law.terms import limit_speed
+from mjsheaf.paths import Adrift, Motion, pack_motions, reference_bounds
 from mjsheaf.section import Id, Number, Point, Positive, Section, Tagged
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
@@ -315,6 +324,44 @@ def pack_obstacles(safety: Safety, height: float, start: float, end: float) -> O
         axes[k] = x, y, np.cross(x, y)
     dimensions = [len(one.place) for one in some]
     with in_field("safety.obstacles"):
-        motion = motions.pack([one.motion for one in some], places, start, dimensions, end)
+        motion = pack_motions([one.motion for one in some], places, start, dimensions, end)
     kinds = np.array([KINDS.index(one.kind) for one in some], dtype=np.int64)
-    return ObstacleArrays(kinds, axes, size, motions.reference_bounds(motion, parts=_PARTS)[0], motion)
+    return ObstacleArrays(kinds, axes, size, reference_bounds(motion, parts=_PARTS)[0], motion)
+
+
+MAX_GAIN = 1.0
+"""Largest gain of station keeping, 1/s."""
+
+
+class Station(NamedTuple):
+    """Positions that vehicles hold, for compiled code.
+
+    Attributes:
+        holds: True for each vehicle that holds its position, shape (V,).
+        position: Controlled position to hold, padded, shape (V, 3), m.
+        gain: Gain of each vehicle, shape (V,), 1/s.
+        limit: Largest commanded speed of each vehicle, shape (V,), m/s.
+    """
+
+    holds: BoolArray
+    position: Array
+    gain: Array
+    limit: Array
+
+    def with_time_constants(self, tau: Array, period: float) -> "Station":
+        """Return the same station with gains for time constants tau (V,) and a control period, in s."""
+        delay = np.maximum(tau + period, 0.25 / MAX_GAIN)
+        return self._replace(gain=0.25 / delay)
+
+
+def no_station(V: int) -> Station:
+    """Return a station that none of V vehicles keeps."""
+    return Station(np.zeros(V, dtype=np.bool_), np.zeros((V, 3)), np.zeros(V), np.full(V, np.inf))
+
+
+@inline_jit
+def keep_station(station, v, x, w, command):
+    """Write into command (3,) the velocity with which vehicle v at x (3,) holds its position in a medium at w (3,)."""
+    for i in range(3):
+        command[i] = station.gain[v] * (station.position[v, i] - x[i]) - w[i]
+    limit_speed(station.limit[v], command)

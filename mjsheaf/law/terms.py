@@ -24,9 +24,9 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.law.curved import Slopes, slope
+from mjsheaf.law.edges import Slopes, slope
 from mjsheaf.law.rounds import (
     FEEDFORWARD,
     NEWTON,
@@ -83,7 +83,7 @@ class Odometry(Section):
     noise: NonNegative = Field(
         0.0, description="standard deviation of each coordinate of the displacement, at each sample [m]"
     )
-    bias: float = Field(0.0, ge=-1e9, le=1e9, description="drift of each coordinate [m/s]")
+    bias: float = Field(0.0, ge=-1e9, le=1e9, description="growth of the error of each coordinate [m/s]")
 
 
 class Terms(NamedTuple):
@@ -110,6 +110,7 @@ class TermArrays(NamedTuple):
     """The terms for compiled code; by default the law is the paper's.
 
     Attributes:
+        present: (1,) with terms; () leaves them out of the compiled code.
         agents: N; 0 where the law is the paper's.
         dimension: Dimension of each agent, shape (N,).
         period: between samples, s.
@@ -118,7 +119,8 @@ class TermArrays(NamedTuple):
         steepest: Largest 1 / |z| with which rounds count bearing edges, shape (C + S,), 1/m; empty without such edges.
         fresh: True if rounds of newton begin with 0 at every sample.
         feedforward, newton: rounds; 0 without.
-        measured, drift: share of a new measurement that the filters of target velocity and drift take; drift 0 without.
+        measured, drift: share of a new measurement that the filters of target velocity and medium velocity
+            take; drift 0 without.
         lead: Lead of feedforward, in samples, shape (N,).
         settled: samples on the same edges after which an agent's feedforward leads.
         integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
@@ -127,6 +129,7 @@ class TermArrays(NamedTuple):
         rounds: links over which rounds go.
     """
 
+    present: tuple[int, ...] = ()
     agents: int = 0
     dimension: IntArray = np.zeros(0, dtype=np.int64)
     period: float = 1.0
@@ -152,7 +155,7 @@ class TermArrays(NamedTuple):
         if not self.agents:
             return self
         by_agent = {name: getattr(self, name)[agents] for name in ("dimension", "lead", "streams")}
-        return self._replace(agents=len(agents), **by_agent)
+        return self._replace(present=self.present[: len(agents)], agents=len(agents), **by_agent)
 
     @property
     def noisy(self) -> bool:
@@ -178,7 +181,7 @@ class TermMemory(NamedTuple):
         x: Positions at that sample, shape (V, 3), m; an agent knows only their difference to its present position.
         moved: displacement since then by odometry, shape (V, 3), m.
         walked: the sum of that since the start, shape (V, 3), m.
-        seen: drift since then, as measured, shape (V, 3), m/s.
+        seen: velocity of the medium since then, as measured, shape (V, 3), m/s.
         v: the solution of H v = B p', shape (V, 3), m/s.
         delta: the solution of H delta = -eta, shape (V, 3), m.
         drift: the observer's, shape (V, 3), m/s.
@@ -291,6 +294,7 @@ def pack_terms(
         return without
     first = len(team.communication)
     packed = without._replace(
+        present=(1,),
         agents=len(team.agents),
         dimension=np.array([a.dimension for a in team.agents], dtype=np.int64),
         period=period,
@@ -451,21 +455,20 @@ def solve(edges, terms, rounds, b, y, x, memory):
 
 
 @jit
-def navigate(stage, law, x, drift, command, memory):
+def navigate(law, x, carried, command, memory):
     """Write what agents see of their own motion since the sample before.
 
     Args:
-        stage: () where the law has no terms.
         law: the law.
         x: positions, shape (V, 3), m.
-        drift: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
+        carried: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
             the part of the displacement that the command does not explain.
         command: since the sample before, as limited, shape (V, 3), m/s.
         memory: see TermMemory.
     """
-    if len(stage) == 0 or memory.clock[0] == 0.0:
-        return
     terms = law.terms
+    if len(terms.present) == 0 or memory.clock[0] == 0.0:
+        return
     h = terms.period
     for v in range(terms.agents):
         error = (0.0, 0.0, 0.0, 0.0)
@@ -475,26 +478,26 @@ def navigate(stage, law, x, drift, command, memory):
             wrong = terms.noise * error[i] + terms.bias * h
             memory.moved[v, i] = x[v, i] - memory.x[v, i] + wrong
             memory.walked[v, i] += memory.moved[v, i]
-            if drift is None:
+            if carried is None:
                 memory.seen[v, i] = memory.moved[v, i] / h - command[v, i]
             else:
-                memory.seen[v, i] = drift[v, i] + wrong / h
+                memory.seen[v, i] = carried[v, i] + wrong / h
 
 
 @jit
-def add_terms(stage, stages, law, x, everything):
-    """Add the terms, unless `stage` is (), to the agents' commands, which hold -k1 eta.
+def add_terms(law, x, everything):
+    """Add the terms, if there are any, to the agents' commands, which hold -k1 eta.
 
     They are computed from the memory of the law, `everything`. The positions x (V, 3) decide only whether rounds reach
     a neighbour.
     """
-    if len(stage) == 0:
-        return
     terms, memory, command = law.terms, everything.terms, everything.command
+    if len(terms.present) == 0:
+        return
     if terms.newton > 0:
-        _ascend(stages, law, x, everything, command, memory)
+        _ascend(law, x, everything, command, memory)
     if terms.feedforward > 0:
-        _feed_forward(stages, law, x, everything.y, command, memory, everything.links)
+        _feed_forward(law, x, everything.y, command, memory, everything.links)
     if terms.drift > 0.0 and memory.clock[0] > 0.0:
         share = terms.drift if memory.clock[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
         for v in range(terms.agents):
@@ -508,11 +511,11 @@ def add_terms(stage, stages, law, x, everything):
 
 
 @inline_jit
-def _exchange(stage, law, term, x, b, y, found, memory):
-    """Improve the solution (V, 3) of H found = b (V, 3) by a term's rounds, over links unless `stage` is ()."""
+def _exchange(law, term, x, b, y, found, memory):
+    """Improve the solution (V, 3) of H found = b (V, 3) by a term's rounds, over links if these are imperfect."""
     terms = law.terms
     rounds = terms.newton if term == NEWTON else terms.feedforward
-    if len(stage) == 0:
+    if len(terms.rounds.present) == 0:
         solve(law.edges, terms, rounds, b, y, found, memory)
     else:
         first, n = 0 if term == NEWTON else terms.newton, int(memory.clock[0])
@@ -521,7 +524,7 @@ def _exchange(stage, law, term, x, b, y, found, memory):
 
 
 @inline_jit
-def _ascend(stages, law, x, everything, command, memory):
+def _ascend(law, x, everything, command, memory):
     """Put k1 delta in place of -k1 eta, where H delta = -eta."""
     terms = law.terms
     for v in range(terms.agents):
@@ -529,14 +532,14 @@ def _ascend(stages, law, x, everything, command, memory):
             memory.right[v, i] = -everything.residual[v, i]
             if terms.fresh:
                 memory.delta[v, i] = 0.0
-    _exchange(stages.rounds, law, NEWTON, x, memory.right, everything.y, memory.delta, memory)
+    _exchange(law, NEWTON, x, memory.right, everything.y, memory.delta, memory)
     for v in range(terms.agents):
         for i in range(3):
             command[v, i] = law.gain[v] * memory.delta[v, i]
 
 
 @inline_jit
-def _feed_forward(stages, law, x, y, command, memory, links):
+def _feed_forward(law, x, y, command, memory, links):
     """Add the velocity of q*: v, and ahead of that by how it changed."""
     terms = law.terms
     if memory.clock[0] > 0.0:
@@ -545,7 +548,7 @@ def _feed_forward(stages, law, x, y, command, memory, links):
             if memory.since[v] > terms.settled:
                 for i in range(3):
                     command[v, i] -= terms.lead[v] * memory.v[v, i]
-        _exchange(stages.rounds, law, FEEDFORWARD, x, memory.right, y, memory.v, memory)
+        _exchange(law, FEEDFORWARD, x, memory.right, y, memory.v, memory)
         for v in range(terms.agents):
             if memory.since[v] > terms.settled:
                 for i in range(3):
@@ -604,9 +607,9 @@ def _velocity_of(edges, memory, links, has_link, i, r):
 
 
 @inline_jit
-def integrate(stage, terms, v, residual, memory):
-    """Integrate eta_i (3,) of an agent over a period into z_i, up to the largest correction, unless `stage` is ()."""
-    if len(stage) == 0:
+def integrate(terms, v, residual, memory):
+    """Integrate eta_i (3,) of an agent over a period into z_i, up to the largest correction, if there are terms."""
+    if len(terms.present) == 0:
         return
     if v < terms.agents and terms.integral > 0.0:
         z = memory.z[v]
@@ -616,9 +619,9 @@ def integrate(stage, terms, v, residual, memory):
 
 
 @inline_jit
-def remember(stage, terms, x, y, memory):
-    """Keep what the next sample compares with, unless `stage` is ()."""
-    if len(stage) == 0:
+def remember(terms, x, y, memory):
+    """Keep what the next sample compares with, if there are terms."""
+    if len(terms.present) == 0:
         return
     memory.clock[0] += 1.0
     for r in range(y.shape[0]):

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import body_loop, medium_on_path
 from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.targets import follow_targets
-from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, UndecidedError
 from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session

@@ -49,8 +49,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.jit import apart_jit, as_records, inline_jit, jit
-from mjsheaf.loop.trajectory import quaternions_of
+from mjsheaf.compile.jit import apart_jit, as_records, inline_jit, jit
+from mjsheaf.loop.log import quaternions_of
 from mjsheaf.vehicles.actuators import CHANNEL, FIXED, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest
 from mjsheaf.vehicles.body import GRAVITY

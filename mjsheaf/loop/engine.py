@@ -14,12 +14,11 @@ import numpy as np
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError, UnstableError
-from mjsheaf.law.controller import Controller, Law, controller_of
 from mjsheaf.law.custom import naming_terms
-from mjsheaf.law.law import ControlArrays, Memory, carry, new_control
-from mjsheaf.law.sample import Sample, View
+from mjsheaf.law.in_python import Controller, Law, Sample, View, controller_of
+from mjsheaf.law.law import ControlArrays, Memory, carry
 from mjsheaf.law.terms import Traffic
-from mjsheaf.loop.trajectory import Log, Trajectory, pieces_of
+from mjsheaf.loop.log import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, on_engine, phases_of
 
 if TYPE_CHECKING:
@@ -242,7 +241,7 @@ class Engine(ABC):
         if not self._commanded:
             return control
         supplied = len(self.system.team.agents)
-        return new_control(control.law.without_terms._replace(supplied=supplied), control.motion)
+        return ControlArrays(control.law.without_terms._replace(supplied=supplied), control.motion)
 
     def _enter_phase(self) -> int:
         """Enter the phase that the present step belongs to, and return the number of steps taken."""

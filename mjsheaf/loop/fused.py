@@ -25,21 +25,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Room
-from mjsheaf.jit import INTERPRETED, inline_jit, jit, on_stack
-from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes
+from mjsheaf.compile.jit import INTERPRETED, inline_jit, jit, on_stack
+from mjsheaf.compile.tiers import Tiered
+from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes, pack_rigid
 from mjsheaf.loop.bodies import kinds_of
 from mjsheaf.loop.engine import Recorder
 from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, begin_span, first_bad
-from mjsheaf.loop.motion import pack_motion
 from mjsheaf.media.medium import advance as advance_medium
-from mjsheaf.tiers import Tiered
 
 _MOST_NUMBERS = 50_000  # of a loop whose vehicles Python commands: some 150 vehicles
 _WORTH_A_THREAD = 25_000  # vehicles times steps between two evaluations of the law: a round takes 0.2 ms
 
 
 @inline_jit
-def advance_block(loop, motion, first, last, step, count, log, row, bad):
+def advance_block(loop, rigid, first, last, step, count, log, row, bad):
     """Move vehicles from first up to last by `count` steps from step number `step`, fewer where one becomes bad.
 
     Their samples before the first step are recorded as `row` of the log, unless that is negative. Neighbours of one
@@ -48,43 +47,43 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     Returns:
         True if no vehicle became bad; see `Fused._bad` on `bad`.
     """
-    return _advance_block(loop.params.fleet.lanes, loop, motion, first, last, step, count, log, row, bad)
+    return _advance_block(loop.params.fleet.lanes, loop, rigid, first, last, step, count, log, row, bad)
 
 
 @inline_jit
-def _advance_block(lanes, loop, motion, first, last, step, count, log, row, bad):
+def _advance_block(lanes, loop, rigid, first, last, step, count, log, row, bad):
     if len(lanes) == 0:  # a matter of types: the rest is not compiled
-        return advance_alone(loop, motion, first, last, step, count, log, row, bad)
+        return advance_alone(loop, rigid, first, last, step, count, log, row, bad)
     all_good, fleet, helm = True, loop.params.fleet, loop.params.helm
     begin = first
     while begin < last:
         end = end_of_kind(fleet.bodies, begin, last)
         if fits_lanes(fleet, helm, begin, end):
-            all_good &= advance_lanes(loop, motion, begin, end, step, count, log, row, bad)
+            all_good &= advance_lanes(loop, rigid, begin, end, step, count, log, row, bad)
         else:
             while end < last and not fits_lanes(fleet, helm, end, end_of_kind(fleet.bodies, end, last)):
                 end = end_of_kind(fleet.bodies, end, last)
-            all_good &= advance_alone(loop, motion, begin, end, step, count, log, row, bad)
+            all_good &= advance_alone(loop, rigid, begin, end, step, count, log, row, bad)
         begin = end
     return all_good
 
 
 @inline_jit
-def advance_blocks(loop, motion, first, last, step, count, log, row, bad):
+def advance_blocks(loop, rigid, first, last, step, count, log, row, bad):
     """Move the vehicles of blocks from first up to last; other arguments and the result as for `advance_block`."""
     blocks, all_good = loop.params.fleet.blocks, True
     for b in range(first, last):
-        all_good &= advance_block(loop, motion, blocks[b], blocks[b + 1], step, count, log, row, bad)
+        all_good &= advance_block(loop, rigid, blocks[b], blocks[b + 1], step, count, log, row, bad)
     return all_good
 
 
 @jit
-def advance(loop, motion, count, recorder, bad):
+def advance(loop, rigid, count, recorder, bad):
     """Take `count` steps with all vehicles, fewer where one becomes bad.
 
     Args:
         loop: The closed loop.
-        motion: A MOTION for each kind of vehicle.
+        rigid: A RIGID for each kind of vehicle.
         count: Number of steps.
         recorder: Destination of samples.
         bad: See `Fused._bad`.
@@ -95,15 +94,15 @@ def advance(loop, motion, count, recorder, bad):
     while k < end:
         span = min(params.per_law - k % params.per_law, end - k)
         row = begin_span(loop, k, recorder)
-        if not advance_blocks(loop, motion, 0, B, k, span, recorder.log, row, bad):
+        if not advance_blocks(loop, rigid, 0, B, k, span, recorder.log, row, bad):
             return
         k += span
         steps[0] = k
 
 
 @jit
-def _advance_part(loop, motion, first, last, step, count, log, row, bad):
-    advance_blocks(loop, motion, first, last, step, count, log, row, bad)
+def _advance_part(loop, rigid, first, last, step, count, log, row, bad):
+    advance_blocks(loop, rigid, first, last, step, count, log, row, bad)
 
 
 @inline_jit
@@ -138,7 +137,7 @@ class Fused(ClosedLoop):
     def _prepare(self) -> None:
         plan, V = self.system.bodies, len(self._vehicles)
         plan.refuse_contacts()
-        self._motion = pack_motion(kinds_of(self._vehicles)[0], self._timestep)
+        self._rigid = pack_rigid(kinds_of(self._vehicles)[0], self._timestep)
         self._bad = np.full(V, NEVER)
         self._gain = self._fleet.channels["gain"].reshape(-1, 1).copy()
         steps = 1 if self.system.grid.continuous else self.steps_per_sample
@@ -153,8 +152,8 @@ class Fused(ClosedLoop):
 
     @property
     def compiled(self) -> tuple[Loop, NDArray[np.void]]:
-        """Arguments of the compiled code: the loop, and a MOTION for each kind of vehicle."""
-        return self._loop, self._motion
+        """Arguments of the compiled code: the loop, and a RIGID for each kind of vehicle."""
+        return self._loop, self._rigid
 
     def continue_in(self, room: Room) -> Loop:
         """Continue with a copy of the loop in a room, and return that; see `loop_in`."""
@@ -169,7 +168,7 @@ class Fused(ClosedLoop):
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         self._bad[:] = NEVER
         if self._pool is None:
-            advance(self._loop, self._motion, count, recorder, self._bad)
+            advance(self._loop, self._rigid, count, recorder, self._bad)
         else:
             # Not by this thread, where Ctrl-C would leave some vehicles behind.
             moving = self._pool.submit(self._move_in_parts, self._pool, step + count, recorder)
@@ -188,10 +187,10 @@ class Fused(ClosedLoop):
             span = min(params.per_law - k % params.per_law, end - k)
             row = begin_span(self._loop, k, recorder)
             others = [
-                pool.submit(_advance_part, self._loop, self._motion, first, last, k, span, log, row, self._bad)
+                pool.submit(_advance_part, self._loop, self._rigid, first, last, k, span, log, row, self._bad)
                 for first, last in pairwise(self._ends[1:])
             ]
-            _advance_part(self._loop, self._motion, 0, self._ends[1], k, span, log, row, self._bad)
+            _advance_part(self._loop, self._rigid, 0, self._ends[1], k, span, log, row, self._bad)
             for other in others:
                 other.result()
             self._count[0] = k + span

@@ -19,15 +19,14 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, Room, lay_out
-from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
-from mjsheaf.law.station import Station, keep_station, no_station
+from mjsheaf.law.separation import Station, keep_station, no_station
 from mjsheaf.loop.engine import Engine, Recorder
-from mjsheaf.loop.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
-from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
-from mjsheaf.media.moving import unknown_flow
+from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state, unknown_flow
 from mjsheaf.system import System
+from mjsheaf.vehicles.allocation import EffectivenessArrays, allocate
 
 _A = np.array(
     [

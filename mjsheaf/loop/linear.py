@@ -1,7 +1,7 @@
 """A vehicle's own loop, linearised: from the velocity that the law commands to the position that it controls.
 
 The loop is the one that `World` steps: autopilot, attitude, thruster lag, drag, added mass and MuJoCo's integrator.
-Each vehicle is brought to the equilibrium in which it holds station in a steady, uniform medium, and the map of one
+Each vehicle is brought to the equilibrium in which it holds its place in a steady, uniform medium, and the map of one
 physics step is differenced there. Its powers give the map of a control period over which the command is held: at an
 equilibrium that is the chain rule, and it takes some hundred steps instead of some thousands.
 
@@ -17,17 +17,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, lay_out
-from mjsheaf.engine import mujoco, quiet
+from mjsheaf.compile.remember import remember_last
 from mjsheaf.law import ControlArrays
-from mjsheaf.law.station import no_station
-from mjsheaf.loop.arena import compose
+from mjsheaf.law.separation import no_station
 from mjsheaf.loop.bodies import pack_fleet
+from mjsheaf.loop.log import quaternions_of
 from mjsheaf.loop.loop import AUTOPILOT, Bodies, Params, controlled_positions, new_loop
-from mjsheaf.loop.trajectory import quaternions_of
-from mjsheaf.loop.world import evaluate_forces, mujoco_arrays
+from mjsheaf.loop.mujoco_engine import evaluate_forces, mujoco_arrays
 from mjsheaf.media import FlowField
 from mjsheaf.media.medium import pack_medium
-from mjsheaf.remember import remember_last
+from mjsheaf.mujoco_import import mujoco, quiet
+from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.vehicle import Vehicle
 
 _PROBE = 1e-6  # m, rad, m/s, rad/s; and, times the mass, of a thruster's force in N: half of what is differenced
@@ -46,7 +46,7 @@ _WAYS = 64  # instants after the command to stop at which the way is computed
 
 @dataclass(frozen=True)
 class HeldPoint:
-    """A vehicle that is to hold station.
+    """A vehicle that is to hold its place.
 
     Attributes:
         vehicle: what it is.
@@ -73,20 +73,20 @@ class LinearVehicle(NamedTuple):
     D: Array
 
 
-def _linear_key(stations: Sequence[HeldPoint], control: ControlArrays, timestep: float, steps: int) -> tuple[Any, ...]:
+def _linear_key(points: Sequence[HeldPoint], control: ControlArrays, timestep: float, steps: int) -> tuple[Any, ...]:
     """Of the vehicles and where they are; not the law, which is not evaluated."""
-    return list(stations), timestep, steps
+    return list(points), timestep, steps
 
 
 @remember_last(_linear_key)
 @quiet()
 def linearise(
-    stations: Sequence[HeldPoint], control: ControlArrays, timestep: float, steps: int
+    points: Sequence[HeldPoint], control: ControlArrays, timestep: float, steps: int
 ) -> list[LinearVehicle | str]:
-    """Linearise each vehicle's loop about the equilibrium in which it keeps its station.
+    """Linearise each vehicle's loop about the equilibrium in which it keeps its place.
 
     Args:
-        stations: Vehicles with their stations; all are linearised side by side in one arena.
+        points: Vehicles and where they stay; all are linearised side by side in one arena.
         control: Any control; compiled code needs it as an argument, but the law is not evaluated.
         timestep: Physics step, s.
         steps: Number of physics steps in a control period; 1 if the law is evaluated at each.
@@ -97,7 +97,7 @@ def linearise(
     Raises:
         InputError: A vehicle does not fit into an arena.
     """
-    bench = _Bench(stations, control, timestep)
+    bench = _Bench(points, control, timestep)
     found = bench.settle()
     models = bench.differentiate()
     return [why if why else _over(model, steps) for why, model in zip(found, models, strict=True)]
@@ -149,8 +149,8 @@ def stopping_times(vehicles: Sequence[Vehicle], control: ControlArrays, timestep
     """Compute the stopping time of each vehicle, s: tau unless its linear loop overshoots."""
     times = [float(vehicle.reduced_model().tau.max()) for vehicle in vehicles]
     driven = [v for v, vehicle in enumerate(vehicles) if vehicle.actuators]
-    stations = [HeldPoint(vehicles[v], np.zeros(3), 0.0) for v in driven]
-    models = linearise(stations, control, timestep, steps) if driven else []
+    points = [HeldPoint(vehicles[v], np.zeros(3), 0.0) for v in driven]
+    models = linearise(points, control, timestep, steps) if driven else []
     for v, model in zip(driven, models, strict=True):
         time = 0.0 if isinstance(model, str) else stopping_time(model, steps * timestep)
         if time > _OVERSHOOT * times[v]:
@@ -181,15 +181,15 @@ class _Bench:
     one of the command, and one after a step is how far the controlled position has moved.
     """
 
-    def __init__(self, stations: Sequence[HeldPoint], control: ControlArrays, timestep: float) -> None:
-        vehicles = [station.vehicle for station in stations]
+    def __init__(self, points: Sequence[HeldPoint], control: ControlArrays, timestep: float) -> None:
+        vehicles = [point.vehicle for point in points]
         V = len(vehicles)
         arena = compose(vehicles, [f"V{v}" for v in range(V)], timestep=timestep, visible=False)
         self.model, self.data, self.timestep = arena.model, mujoco.MjData(arena.model), timestep
         n = np.array([vehicle.dimension for vehicle in vehicles])
-        flows = [FlowField(dimension=3, drift=station.medium.tolist()) for station in stations]
+        flows = [FlowField(dimension=3, drift=point.medium.tolist()) for point in points]
         medium = pack_medium(V, n == 2, flows, np.arange(V), 0.0)
-        heading = np.array([station.heading for station in stations])
+        heading = np.array([point.heading for point in points])
         fleet, self.arrays = pack_fleet(vehicles, heading, timestep), mujoco_arrays(self.model, self.data)
         helm, gain = np.full(V, AUTOPILOT, dtype=np.int8), self.model.actuator_gainprm
         params = Params(control, medium, fleet, no_station(V), helm, gain, timestep)
@@ -208,7 +208,7 @@ class _Bench:
         self.still = np.zeros((V, 12 + lagging.max()))
         self.qpos = np.hstack([np.zeros((V, 3)), quaternions_of(heading)])
         self.qvel, self.act = np.zeros((V, 6)), arena.trim
-        self.command = -np.array([station.medium for station in stations]).reshape(V, 3) * self.controlled
+        self.command = -np.array([point.medium for point in points]).reshape(V, 3) * self.controlled
 
     def settle(self) -> list[str]:
         """Bring every vehicle to its equilibrium; say for each why there is none, or nothing."""

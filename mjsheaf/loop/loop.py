@@ -1,7 +1,7 @@
 """Loop on bodies: the law at its period, the measurements and commands of each vehicle, and the samples.
 
-An engine moves the bodies: MuJoCo (see `world`), or our own function (see `fused`). The whole step is compiled code.
-Samples are recorded inside the loop, into arrays allocated once.
+An engine moves the bodies: MuJoCo (see `mujoco_engine`), or our own function (see `fused`). The whole step is compiled
+code. Samples are recorded inside the loop, into arrays allocated once.
 """
 
 from abc import abstractmethod
@@ -12,18 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
-from mjsheaf.jit import inline_jit
-from mjsheaf.law.controller import Controller
+from mjsheaf.compile.jit import inline_jit
+from mjsheaf.compile.tiers import Tiered
+from mjsheaf.law.in_python import Controller
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
-from mjsheaf.law.station import Station, keep_station
+from mjsheaf.law.separation import Station, keep_station
 from mjsheaf.loop.bodies import Fleet, pack_fleet
 from mjsheaf.loop.engine import Engine, Recorder
-from mjsheaf.loop.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
-from mjsheaf.media.disturbance import HarmonicArrays
-from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
-from mjsheaf.media.moving import Parts, unknown_flow
+from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
+from mjsheaf.media.medium import (
+    MediumArrays,
+    MediumState,
+    Parts,
+    advance,
+    hold,
+    medium_velocity,
+    new_state,
+    unknown_flow,
+)
+from mjsheaf.media.varying import HarmonicArrays
 from mjsheaf.system import Phase, System
-from mjsheaf.tiers import Tiered
 from mjsheaf.vehicles.actuators import ANGLE
 
 HUGE = 1e10
@@ -90,7 +98,7 @@ def seeded_of(params: Params) -> Seeded:
 
 def with_seeded(params: Params, seeded: Seeded) -> Params:
     """Return constants with others of those that depend on the seed."""
-    law, motion, _ = params.control
+    law, motion = params.control
     control = params.control._replace(law=law._replace(seed=seeded.seed), motion=motion._replace(origin=seeded.origin))
     medium = params.medium._replace(harmonics=seeded.harmonics, parts=seeded.parts)
     return params._replace(control=control, medium=medium)
@@ -108,7 +116,7 @@ class State(NamedTuple):
         ctrl: Commands of all actuators, shape (A,).
         act: Activations of the actuators with a lag.
         x: Positions that the law sees, padded, shape (V, 3), m.
-        drift: Velocity of the medium as each vehicle measures it, shape (V, 3), m/s.
+        carried: Velocity of the medium as each vehicle measures it, shape (V, 3), m/s.
         medium: State of the medium.
         memory: Memory of the law.
     """
@@ -119,7 +127,7 @@ class State(NamedTuple):
     ctrl: Array
     act: Array
     x: Array
-    drift: Array
+    carried: Array
     medium: MediumState
     memory: Memory
 
@@ -171,12 +179,12 @@ def run_law(loop, t):
         for v in range(bodies.shape[0]):
             w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
             for i in range(3):
-                state.drift[v, i] = w[i]
+                state.carried[v, i] = w[i]
     attitude = memory.links.attitude
     for v in range(attitude.shape[0]):
         for i in range(4):
             attitude[v, i] = state.qpos[bodies[v].qpos + 3 + i]
-    evaluate_law(params.control, t, state.x, state.drift, memory)
+    evaluate_law(params.control, t, state.x, state.carried, memory)
     for v in range(bodies.shape[0]):
         if params.station.holds[v]:
             advance(params.medium, t, v, v + 1, state.medium)
@@ -284,8 +292,8 @@ def new_loop(params: Params, bodies: Callable[[Room], Bodies], room: Room) -> Lo
     V, law = len(params.fleet.bodies), params.control.law
     steps, moved = room.take(1), bodies(room)
     memory = new_memory(law, V, room)
-    x, drift = room.take((V, 3)), room.take((V, 3))
-    return Loop(params, State(steps, *moved, x, drift, new_state(params.medium, room.take), memory))
+    x, carried = room.take((V, 3)), room.take((V, 3))
+    return Loop(params, State(steps, *moved, x, carried, new_state(params.medium, room.take), memory))
 
 
 def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: Controller | None = None) -> str:

@@ -15,8 +15,7 @@ from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.threads import usable_processors
 
 if TYPE_CHECKING:
-    from mjsheaf.law.controller import Controller, Law
-    from mjsheaf.law.sample import Sample
+    from mjsheaf.law.in_python import Controller, Law, Sample
     from mjsheaf.loop.engine import Commanded, Engine
     from mjsheaf.scenario import Scenario
     from mjsheaf.system import Phase, System
@@ -200,7 +199,7 @@ def engine_of(
         from mjsheaf.loop.fused import Fused
 
         return Fused(run, controller=controller, commanded=commanded, scenario=scenario)
-    from mjsheaf.loop.world import World
+    from mjsheaf.loop.mujoco_engine import World
 
     return World(scenario or run, controller=controller, commanded=commanded, visible=visible)
 
@@ -254,8 +253,8 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
             backend takes is not one to compare; or a g that is not of full row rank.
         NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
     """
-    from mjsheaf.dynamics.effectiveness import without_full_row_rank
     from mjsheaf.system import DEFAULT_VEHICLE, phases_of
+    from mjsheaf.vehicles.allocation import without_full_row_rank
 
     require_backend(backend)
     phases = phases_of(run)

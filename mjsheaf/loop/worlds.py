@@ -7,29 +7,30 @@ go through the very functions of the fused engine, and each ends bit for bit as 
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import BoolArray, IntArray, Room, lay_out, leaves_of, mapped
+from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out, leaves_of, mapped
+from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError
-from mjsheaf.jit import inline_jit, jit
 from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.law import look, unlook
 from mjsheaf.loop.fused import Fused, advance_blocks, command_vehicles
+from mjsheaf.loop.log import new_log
 from mjsheaf.loop.loop import NEVER, Params, blow_up_of, is_seeded, run_law, seeded_of, with_seeded
-from mjsheaf.loop.scores import goal_of, require_scorable, square_errors
-from mjsheaf.loop.trajectory import new_log
+from mjsheaf.system import System
 
 
 @jit
-def take_periods(loop, row, motion, goal, nothing, values, alive, bad, squares):
+def take_periods(loop, row, rigid, goal, nothing, values, alive, bad, squares):
     """Take one control period in every world that is alive, and measure at its end.
 
     Args:
         loop: A loop of the worlds' team, whose own numbers lie in `row`.
         row: Numbers of one world, shape (n,).
-        motion: A MOTION for each kind of vehicle.
+        rigid: A RIGID for each kind of vehicle.
         goal: Goal of the errors; see `scores`.
         nothing: Log without samples.
         values: Rows of the worlds, shape (W, n).
@@ -42,7 +43,7 @@ def take_periods(loop, row, motion, goal, nothing, values, alive, bad, squares):
             continue
         for k in range(row.shape[0]):
             row[k] = values[w, k]
-        if take_period(loop, motion, nothing, bad[w]):
+        if take_period(loop, rigid, nothing, bad[w]):
             square_errors(goal, loop.state.x, squares[w])
         for k in range(row.shape[0]):
             values[w, k] = row[k]
@@ -63,11 +64,11 @@ def begin_periods(loop, row, values, which):
 
 
 @inline_jit
-def take_period(loop, motion, nothing, bad):
+def take_period(loop, rigid, nothing, bad):
     """Take the next control period, and evaluate the law at its end.
 
     Args:
-        loop, motion, nothing: See `take_periods`.
+        loop, rigid, nothing: See `take_periods`.
         bad: Time at which each vehicle diverged, shape (V,).
 
     Returns:
@@ -78,7 +79,7 @@ def take_period(loop, motion, nothing, bad):
     unlook(float(k), memory.held, memory.kept)
     for _ in range(params.per_sample // params.per_law):
         run_law(loop, params.start + k * params.timestep)
-        if not advance_blocks(loop, motion, 0, B, k, params.per_law, nothing, -1, bad):
+        if not advance_blocks(loop, rigid, 0, B, k, params.per_law, nothing, -1, bad):
             return False
         k += params.per_law
     look(float(k), memory.held, memory.kept)
@@ -148,11 +149,11 @@ class Worlds:
         if not runs:
             raise InputError("no run; expected one or more")
         first, system = runs[0], runs[0].system
-        shared, self._motion = _shared(first.params()), first.compiled[1]
+        shared, self._rigid = _shared(first.params()), first.compiled[1]
         for w, run in enumerate(runs):
             _require_world(run)
             _require_same(w, _shared(run.params()), shared)
-            _require_same(w, run.compiled[1], self._motion, "motion")
+            _require_same(w, run.compiled[1], self._rigid, "rigid")
             _require_same(w, run.system.team.members, system.team.members, "team")
             _require_same(w, run.system.grid, system.grid, "time")
         W = len(runs)
@@ -214,10 +215,108 @@ class Worlds:
         system = self._runs[0].system
         with naming_terms(system.law.custom, system.team, self._loop.state.memory.evaluated):
             of_worlds = self.values, alive, self._bad, self.squares
-            take_periods(self._loop, self._row, self._motion, self._goal, self._nothing, *of_worlds)
+            take_periods(self._loop, self._row, self._rigid, self._goal, self._nothing, *of_worlds)
         found = {}
         for w in np.flatnonzero((self._bad != NEVER).any(axis=1) & alive).tolist():
             vehicle = int(np.argmin(self._bad[w]))
             step = int(self._bad[w, vehicle]) // 2
             found[w] = blow_up_of(self._runs[w].system, self._loops[w], vehicle, step)
         return found
+
+
+_MOST_NUMBERS = 12_000_000  # of what carries targets to q*
+
+
+class Goal(NamedTuple):
+    """Reference for the errors of N agents.
+
+    Attributes:
+        carry, rest: Coefficients of q* = carry p + rest for stacked positions p, shapes (n_q, n_p) and (n_q,).
+        own: Vehicle and axis of each number of q, then of p, shape (n_q + n_p, 2).
+        first: Index of each agent's first number in q, shape (N + 1,).
+    """
+
+    carry: Array
+    rest: Array
+    own: IntArray
+    first: IntArray
+
+
+@inline_jit
+def square_error(goal, x, i):
+    """|q*_i - q_i|^2 of agent i, m^2, where vehicles are at x (V, 3), m."""
+    n, total = goal.rest.shape[0], 0.0
+    for r in range(goal.first[i], goal.first[i + 1]):
+        e = goal.rest[r] - x[goal.own[r, 0], goal.own[r, 1]]
+        for c in range(goal.carry.shape[1]):
+            e += goal.carry[r, c] * x[goal.own[n + c, 0], goal.own[n + c, 1]]
+        total += e * e
+    return total
+
+
+@inline_jit
+def square_errors(goal, x, squares):
+    """Write |q*_i - q_i|^2 of all agents into squares (N,), m^2; NaN for absent agents."""
+    for i in range(squares.shape[0]):
+        squares[i] = square_error(goal, x, i)
+
+
+class SquareErrors:
+    """Squared errors |q*_i - q_i|^2 of the agents of a team, called with positions.
+
+    Attributes:
+        team: The team.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.team = system.team
+        self._goal = goal_of(system) if _is_scorable(system) else None
+
+    def __call__(self, x: Array) -> Array:
+        """Compute them where vehicles are at x (V, 3), m, shape (N,), m^2; NaN for absent agents."""
+        N = len(self.team.agents)
+        squares = np.empty(N)
+        if self._goal is None:
+            return np.asarray(((self.team.harmonic_extension(x) - x[:N]) ** 2).sum(axis=1))
+        _square_errors(self._goal, x, squares)
+        return squares
+
+
+_square_errors = Tiered(square_errors)
+
+
+def require_scorable(system: System) -> None:
+    """Refuse a team of which no errors can be computed this way.
+
+    Raises:
+        InputError: what carries its targets to q* is too large, or q* is no linear function of them.
+    """
+    if not system.team.plain:
+        raise InputError(
+            "communication: q* of a team with range, bearing or directed edges, or without targets and anchors, is no "
+            "linear function of the targets, as worlds that step together require; expected separate runs"
+        )
+    n_q, n_p = system.team.first_state[-1], system.team.dirichlet.B.shape[1]
+    if not _is_scorable(system):
+        raise InputError(
+            f"agents: {n_q} coordinates of theirs by {n_p} of targets are too many for worlds that step together; "
+            f"expected a product of at most {_MOST_NUMBERS}, or runs one by one"
+        )
+
+
+def _is_scorable(system: System) -> bool:
+    """Return True if q* is a linear function of the targets, of moderate size."""
+    team = system.team
+    return team.plain and int(team.first_state[-1]) * team.dirichlet.B.shape[1] <= _MOST_NUMBERS
+
+
+def goal_of(system: System) -> Goal:
+    """Return the goal of a system that passed `require_scorable`."""
+    team, n_p = system.team, system.team.dirichlet.B.shape[1]
+    rest = team.extend(np.zeros(n_p))
+    return Goal(
+        carry=np.ascontiguousarray((team.extend(np.eye(n_p)) - rest).T),
+        rest=rest,
+        own=np.column_stack(np.divmod(team.slots, 3)).astype(np.int64),
+        first=np.asarray(team.first_state, dtype=np.int64),
+    )

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array
+from mjsheaf.compile.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.errors import InputError, raise_first
-from mjsheaf.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.media.gusts import Gusts
 from mjsheaf.media.varying import MovingVortices, Ramp, Tide
 from mjsheaf.media.waves import Waves

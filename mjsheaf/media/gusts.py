@@ -28,9 +28,9 @@ from pydantic import Field, field_validator
 from scipy.special import gammainc
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import Bounds, unbounded
+from mjsheaf.media.varying import Bounds, unbounded
 from mjsheaf.noise import normals, stream_of
 from mjsheaf.section import Number, Positive, Section
 

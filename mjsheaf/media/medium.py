@@ -3,26 +3,163 @@
 `MediumArrays` holds the parameters, which nothing changes during a phase of a run; `MediumState` holds all that
 depends on time. A loop calls `hold` at each sample, `advance` once for each time and range of vehicles, and then
 `medium_velocity` and `surface_about` at as many points as it likes. A medium that moves is a part of both, of a kind in
-`mjsheaf.media.moving`; no loop changes. Vehicles are advanced in ranges by several threads at once, so that the state
+`KINDS`; no loop changes. Vehicles are advanced in ranges by several threads at once, so that the state
 of each vehicle is its own. It is a function of time alone: at any time, a run can continue with a new state.
+
+What moves is a tuple of parts, each a named tuple of the type of its kind. A kind is a row of `KINDS`: compiled
+functions of its parameters and its state; see `mjsheaf.compile.parts`.
+
+`medium` returns the medium of a scenario, to be looked at: velocities and surface at any times and places, as a run
+meets them.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from mjsheaf.arguments import require_scenario
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
-from mjsheaf.errors import in_field
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity, evaluate_sines, pack
+from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.compile.parts import for_each, has_any
+from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.media.flow_files import Medium
-from mjsheaf.media.gridded import GriddedFlow, flow_at_start, pack_grid
-from mjsheaf.media.gusts import Exposure, pack_frozen, pack_gusts
-from mjsheaf.media.moving import Parts, add_surfaces, add_velocities, hold_parts, new_states
-from mjsheaf.media.varying import pack_varying
-from mjsheaf.media.waves import pack_waves
+from mjsheaf.media.gridded import (
+    GridArrays,
+    GriddedFlow,
+    bound_grid,
+    describe_unknown,
+    flow_at_start,
+    grid_velocity,
+    new_grid_state,
+    pack_grid,
+)
+from mjsheaf.media.gusts import (
+    Exposure,
+    FrozenArrays,
+    GustArrays,
+    bound_frozen,
+    bound_gusts,
+    frozen_velocity,
+    gust_velocity,
+    hold_frozen,
+    hold_gusts,
+    new_frozen_state,
+    new_gust_state,
+    pack_frozen,
+    pack_gusts,
+)
+from mjsheaf.media.varying import (
+    Bounds,
+    HarmonicArrays,
+    VaryingArrays,
+    bound_varying,
+    disturbance_velocity,
+    evaluate_sines,
+    pack,
+    pack_varying,
+    varying_velocity,
+)
+from mjsheaf.media.waves import WaveArrays, bound_waves, new_wave_state, pack_waves, wave_surface, wave_velocity
+from mjsheaf.vehicles.vectors import add
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
+    from mjsheaf.system import System
+
+
+Parts = tuple[Any, ...]
+"""Parameters or states of the parts of a medium."""
+
+
+class Kind(NamedTuple):
+    """Functions of a kind of moving medium, whose parameters have a field `met` by vehicle: 0 for those outside it.
+
+    Attributes:
+        bound: Called with (parameters); returns the `Bounds` of what each vehicle can meet.
+        new_state: Called with (parameters, function that returns zeros of a shape); returns a state.
+        hold: Called with (parameters, state, t, first, last) at every sample.
+        velocity: Called with (parameters, state, t, v, x, y, z); returns three numbers, m/s.
+        surface: Called with (parameters, state, t, v, x, y); returns elevation, slopes along x and y, and rate.
+    """
+
+    bound: Callable[[Any], Bounds]
+    velocity: Any
+    new_state: Callable[[Any, Take], Any] = lambda part, take: ()
+    hold: Any = None
+    surface: Any = None
+
+
+KINDS: dict[type, Kind] = {
+    VaryingArrays: Kind(bound_varying, varying_velocity),
+    GridArrays: Kind(bound_grid, grid_velocity, new_grid_state),
+    GustArrays: Kind(bound_gusts, gust_velocity, new_gust_state, hold_gusts),
+    FrozenArrays: Kind(bound_frozen, frozen_velocity, new_frozen_state, hold_frozen),
+    WaveArrays: Kind(bound_waves, wave_velocity, new_wave_state, surface=wave_surface),
+}
+
+
+WITHOUT_MEAN = (GustArrays, FrozenArrays, WaveArrays)
+"""Kinds whose velocity at a fixed place has no mean."""
+
+
+def new_states(parts: Parts, take: Take) -> Parts:
+    """Return states of all parts."""
+    return tuple(KINDS[type(part)].new_state(part, take) for part in parts)
+
+
+def bounds_of(parts: Parts, vehicles: int) -> Bounds:
+    """Return the bounds of all parts together."""
+    total = Bounds(np.zeros(vehicles), np.zeros(vehicles), np.zeros(vehicles), 0.0)
+    for part in parts:
+        more = KINDS[type(part)].bound(part)
+        rate = max(total.rate, more.rate)
+        total = Bounds(total.speed + more.speed, total.change + more.change, total.slope + more.slope, rate)
+    return total
+
+
+def unknown_flow(parts: Parts, states: Parts, v: int) -> str:
+    """Return why vehicle v met a flow that is not known, or an empty string."""
+    for part, state in zip(parts, states, strict=True):
+        if isinstance(part, GridArrays) and (why := describe_unknown(part, state, v)):
+            return why
+    return ""
+
+
+def of_kind(parts: Parts, kind: type) -> list[Any]:
+    """Return the parts of a kind."""
+    return [part for part in parts if isinstance(part, kind)]
+
+
+hold_parts = for_each(lambda kind: KINDS[kind].hold)
+"""Called with (parts, states, (), t, first, last): see `Kind.hold`."""
+
+
+@inline_jit
+def _add_surface(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+
+
+add_velocities = for_each(lambda kind: KINDS[kind].velocity, add)
+"""Called with (parts, states, velocity, t, v, x, y, z): returns the velocity and those of all parts, m/s."""
+
+add_surfaces = for_each(lambda kind: KINDS[kind].surface, _add_surface)
+"""Called with (parts, states, surface, t, v, x, y): returns the surface (elevation, slopes, rate) and those of all."""
+
+_have_surface = has_any(lambda kind: KINDS[kind].surface)
+
+
+@inline_jit
+def upright_in(parts, surface, R):
+    """Return the components of a surface's normal along x and y of a body with the attitude R (9,)."""
+    if _have_surface(parts):
+        return R[6] - surface[1] * R[0] - surface[2] * R[3], R[7] - surface[1] * R[1] - surface[2] * R[4]
+    return R[6], R[7]
+
 
 _MEDIA: dict[str, Medium] = {"wind": "air", "current": "water"}
 """Medium of a flow field by its name; those by role have none."""
@@ -38,7 +175,7 @@ class MediumArrays(NamedTuple):
         rows: First row of `kernels` that each vehicle meets, and the row after the last, shape (V, 2).
         harmonics: Harmonics of the disturbances.
         level: Height of the undisturbed surface, m.
-        parts: Parameters of what moves; see `mjsheaf.media.moving`.
+        parts: Parameters of what moves; see `mjsheaf.media.medium`.
     """
 
     agents: int
@@ -192,3 +329,134 @@ def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
 def surface_about(medium, state, v, x, y):
     """Return height, m, slopes along x and y, and rate, m/s, of the surface above a point where vehicle v is."""
     return add_surfaces(medium.parts, state.parts, (medium.level, 0.0, 0.0, 0.0), state.time[v], v, x, y)
+
+
+@jit
+def _velocities(medium, state, v, times, positions, out):
+    for k in range(times.shape[0]):
+        x = positions[k]
+        hold(medium, times[k], v, v + 1, state)
+        advance(medium, times[k], v, v + 1, state)
+        out[k, 0], out[k, 1], out[k, 2] = medium_velocity(medium, state, v, x[0], x[1], x[2])
+
+
+@jit
+def _elevations(medium, state, times, positions, out):
+    for k in range(times.shape[0]):
+        advance(medium, times[k], 0, 1, state)
+        out[k] = surface_about(medium, state, 0, positions[k, 0], positions[k, 1])[0] - medium.level
+
+
+def mean_flow(system: "System", vehicle: int, time: float, points: Array) -> Array:
+    """Return the medium without gusts and waves.
+
+    Args:
+        system: The system.
+        vehicle: Number of a vehicle that meets it.
+        time: Time, s.
+        points: Points, shape (K, 3), m.
+
+    Returns:
+        Velocities, shape (K, 3), m/s; NaN outside a file, and on land.
+    """
+    medium, out = undisturbed(system.medium, WITHOUT_MEAN), np.zeros(points.shape)
+    times = np.full(len(points), time)
+    _velocities(medium, new_state(medium), vehicle, times, np.ascontiguousarray(points, dtype=np.float64), out)
+    return out
+
+
+class MediumOfRun:
+    """The medium that the vehicles of a scenario meet: steady flow, gusts and waves, without `disturbance`."""
+
+    def __init__(self, scenario: "Scenario") -> None:
+        """Prepare the medium of all phases."""
+        self._phases = scenario.phases
+        self._index = self._phases[0].system.team.index
+
+    def velocity(self, vehicle_id: str, times: ArrayLike, positions: ArrayLike) -> Array:
+        """Return the velocity of the medium that a vehicle would meet.
+
+        Args:
+            vehicle_id: Id of an agent or a target.
+            times: Times, which rise and may pass the end of the run, shape (T,), s. Gusts are those of the last sample.
+            positions: Positions, shape (T, 3), or (3,) for all times, m.
+
+        Returns:
+            Velocities, shape (T, 3), m/s; a planar vehicle's z is 0.
+
+        Raises:
+            InputError: There is no such vehicle, or times or positions are not as described.
+        """
+        if vehicle_id not in self._index:
+            raise InputError(f"unknown vehicle {vehicle_id!r}; {expected(vehicle_id, self._index)}")
+        v = self._index[vehicle_id]
+        t, x = _samples(times, positions)
+        out = np.zeros_like(x)
+        for part, medium in self._media(t):
+            state = new_state(medium)
+            _velocities(medium, state, v, t[part], x[part], out[part])
+            if why := unknown_flow(medium.parts, state.parts, v):
+                raise InputError(f"{vehicle_id}: {why}")
+        return out
+
+    def surface(self, times: ArrayLike, positions: ArrayLike) -> Array:
+        """Return the elevation of the water above its undisturbed surface.
+
+        Args:
+            times: Times, which rise and may pass the end of the run, shape (T,), s.
+            positions: Positions, shape (T, 3), or (3,) for all times, m; their z is not used.
+
+        Returns:
+            Elevations, shape (T,), m.
+
+        Raises:
+            InputError: Times or positions are not as described.
+        """
+        t, x = _samples(times, positions)
+        out = np.zeros(len(t))
+        for part, medium in self._media(t):
+            _elevations(medium, new_state(medium), t[part], x[part], out[part])
+        return out
+
+    def _media(self, times: Array) -> Iterator[tuple[slice, MediumArrays]]:
+        """Yield the medium of each phase, and which of the times are in it."""
+        starts = np.searchsorted(times, [phase.time - 1e-9 for phase in self._phases])
+        starts[0] = 0
+        for phase, (first, last) in zip(self._phases, pairwise([*starts, len(times)]), strict=True):
+            if first < last:
+                yield slice(first, last), undisturbed(_lasting(phase.system, float(times[last - 1])).medium)
+
+
+def _lasting(system: "System", end: float) -> "System":
+    """Return the system of a run that lasts until a time at least, s."""
+    grid = system.grid
+    steps = int(np.ceil((end - grid.start) / grid.period))
+    return system if steps <= grid.steps or not system.moving else replace(system, grid=replace(grid, steps=steps))
+
+
+def _samples(times: ArrayLike, positions: ArrayLike) -> tuple[Array, Array]:
+    """Return times (T,) and positions (T, 3).
+
+    Raises:
+        InputError: They are not of these shapes or not finite, or the times do not rise.
+    """
+    t: Any = np.asarray(times, dtype=np.float64)
+    x: Any = np.asarray(positions, dtype=np.float64)
+    if t.ndim != 1 or not np.isfinite(t).all() or (np.diff(t) < 0.0).any():
+        raise InputError(f"times have shape {t.shape}; expected (T,), finite and rising, s")
+    if x.shape not in ((3,), (len(t), 3)) or not np.isfinite(x).all():
+        raise InputError(f"positions have shape {x.shape}; expected {(len(t), 3)} or (3,), finite, m")
+    return t, np.ascontiguousarray(np.broadcast_to(x, (len(t), 3)))
+
+
+def medium(scenario: "Scenario") -> MediumOfRun:
+    """Return the medium of a scenario, as its runs meet it.
+
+    Args:
+        scenario: The scenario, as `mjsheaf.load_scenario` returns it.
+
+    Raises:
+        InputError: It is no Scenario.
+    """
+    require_scenario(scenario)
+    return MediumOfRun(scenario)

@@ -24,8 +24,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Take
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import Bounds, sine
+from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.media.varying import Bounds, sine
 from mjsheaf.noise import generator_of
 from mjsheaf.section import Number, Positive, Section
 

@@ -24,7 +24,7 @@ from mjsheaf.law.law import disagreement
 from mjsheaf.law.links import NEW, SILENT
 from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.law.terms import traffic_of
-from mjsheaf.loop.trajectory import Log, Trajectory
+from mjsheaf.loop.log import Log, Trajectory
 from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
 from mjsheaf.system import Phase, System
 from mjsheaf.team import Edge

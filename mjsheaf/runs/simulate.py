@@ -11,9 +11,9 @@ from mjsheaf.scenario import Scenario
 if TYPE_CHECKING:
     import xarray as xr
 
-    from mjsheaf.law.controller import Controller, Law
+    from mjsheaf.law.in_python import Controller, Law
     from mjsheaf.loop.engine import Engine
-    from mjsheaf.loop.trajectory import Trajectory
+    from mjsheaf.loop.log import Trajectory
     from mjsheaf.system import Phase, System
 
 Progress = Callable[[str, int, int], None]
@@ -45,7 +45,7 @@ def simulate(
             evaluations of the law; None takes all processors. MuJoCo, small teams and laws in Python run on one. The
             result is the same bit for bit.
         controller: Law in Python that replaces the agents' own, `law(t, sample)` -> velocities (N, 3), m/s, called once
-            per control period; see `mjsheaf.law.controller`.
+            per control period; see `mjsheaf.law.in_python`.
         allow_drift: True to also simulate a team whose harmonic extension is not unique, with the q* of minimum norm;
             attrs['free_directions'] of the result then names the free directions.
         progress: True shows a bar on a terminal or in a notebook, and False shows nothing. A function is called
@@ -96,8 +96,8 @@ def stream(
         samples: Maximum number of samples in a piece; a few megabytes of them unless given.
         only: Names of the variables to collect; all unless given.
     """
-    from mjsheaf.law.controller import controller_of
-    from mjsheaf.loop.trajectory import samples_in_piece
+    from mjsheaf.law.in_python import controller_of
+    from mjsheaf.loop.log import samples_in_piece
     from mjsheaf.system import phases_of
 
     called = controller_of(controller, phases_of(run)[0].system, seed)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
-from mjsheaf.jit import compilation_time, working_time
+from mjsheaf.compile.jit import compilation_time, working_time
 
 
 def join_timings(before: dict[str, float], after: dict[str, float]) -> dict[str, float]:

@@ -12,10 +12,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping
-from mjsheaf.dynamics.motion import Recorded
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion, visible
 from mjsheaf.files import confined, describe, execute_file, in_this_directory, parse_yaml, read_yaml, resource_directory
-from mjsheaf.law.controller import Controller
+from mjsheaf.law.in_python import Controller
+from mjsheaf.paths import Recorded
 from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
 from mjsheaf.section import plain, split_path, validation_problems
 from mjsheaf.team.edges import edge_from_pair

@@ -14,17 +14,13 @@ from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from mjsheaf.arguments import require_seed
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.dynamics import ControlEffectiveness, Motion
-from mjsheaf.dynamics import effectiveness as effectivenesses
-from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError, in_field, shortened, visible
-from mjsheaf.law.curved import bound_slopes
 from mjsheaf.law.custom import CustomTerm, pack_custom
+from mjsheaf.law.edges import bound_slopes
 from mjsheaf.law.law import LawArrays, pack_law, with_seed
 from mjsheaf.law.links import pack_links
 from mjsheaf.law.rounds import pack_rounds
-from mjsheaf.law.separation import Safety
-from mjsheaf.law.station import Station
+from mjsheaf.law.separation import Safety, Station
 from mjsheaf.law.terms import (
     Drift,
     Feedforward,
@@ -34,9 +30,11 @@ from mjsheaf.law.terms import (
     Terms,
     pack_terms,
 )
-from mjsheaf.media import Disturbance, FlowField, disturbance
+from mjsheaf.media import Disturbance, FlowField
+from mjsheaf.media import varying as disturbance
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
+from mjsheaf.paths import Fixed, Motion, pack_motions
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
 from mjsheaf.section import Duration, Id, NonNegative, Number, Point, Positive, Section
@@ -44,6 +42,8 @@ from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeG
 from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import Group, PairOrEdge
 from mjsheaf.team.links import Links
+from mjsheaf.vehicles import allocation as effectivenesses
+from mjsheaf.vehicles.allocation import ControlEffectiveness
 from mjsheaf.vehicles.effects import Effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -602,7 +602,7 @@ class Scenario(Section):
     @property
     def _fixed(self) -> BoolArray:
         """True for each target that is fixed, shape (M,)."""
-        return np.array([isinstance(motion, motions.Fixed) for motion in self.target_motions], dtype=np.bool_)
+        return np.array([isinstance(motion, Fixed) for motion in self.target_motions], dtype=np.bool_)
 
     @cached_property
     def whole(self) -> System:
@@ -639,7 +639,7 @@ class Scenario(Section):
         initial, heading = self.spread.place(agents, targets, self.seed)
         dimensions = [member.dimension for member in team.members]
         moves, names = [*[None] * len(agents), *self.target_motions], [f"targets.{id}.motion" for id in team.index]
-        motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end, names)
+        motion = pack_motions(moves, initial, self.time.start, dimensions, self.time.end, names)
         with in_field("agents"):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
         packed = self._pack_law(team, law, self.links, initial, heading)

@@ -30,8 +30,8 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.compile.jit import allocating_jit
 from mjsheaf.errors import SheafError
-from mjsheaf.jit import allocating_jit
 from mjsheaf.sheaf.edges import Cochains, EdgeSet, parts
 from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, section_basis
 from mjsheaf.threads import one_thread

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.finished import BROKEN
+from mjsheaf.checking.theorem.of_run import BROKEN
 from mjsheaf.files import SUFFIXES
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.panels import (

@@ -30,11 +30,12 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, bound_ahead, bound_of_run, ending_of_run, judge
+from mjsheaf.checking.finished import Ending, ending_of_run, judge
+from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
+from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.loop.session import moved_by, require_simulable
-from mjsheaf.media import disturbance
-from mjsheaf.remember import remember_last
+from mjsheaf.media import varying as disturbance
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
@@ -311,7 +312,7 @@ def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | No
 
 
 def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.page import page_of
 
     phases = scenario.phases

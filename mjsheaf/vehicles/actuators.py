@@ -35,8 +35,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, freeze
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
-from mjsheaf.jit import inline_jit, jit
 from mjsheaf.section import Section
 from mjsheaf.vehicles.vectors import add, cross, triple
 
@@ -520,7 +520,7 @@ AnyActuator = Annotated[Azimuth | Rudder, Field(discriminator="kind")]
 
 
 def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: float) -> dict[str, Any]:
-    from mjsheaf.engine import mujoco  # not at import, as ideal kinematics do not need it
+    from mjsheaf.mujoco_import import mujoco  # not at import, as ideal kinematics do not need it
 
     return {
         "name": name,

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.section import Section
 from mjsheaf.vehicles.body import Body
 from mjsheaf.vehicles.vectors import cross, product, subtract, triple

@@ -3,7 +3,7 @@
 A rotation is a tuple of its nine entries by rows; it maps body axes to world axes.
 """
 
-from mjsheaf.jit import inline_jit
+from mjsheaf.compile.jit import inline_jit
 
 
 @inline_jit

@@ -15,7 +15,7 @@ from mjsheaf.scenario.scenario import Video
 from mjsheaf.show.played import OUTLIER_FACTOR, UPRIGHT, Played, Region, Samples, played
 
 if TYPE_CHECKING:
-    from mjsheaf.engine import mujoco
+    from mjsheaf.mujoco_import import mujoco
     from mjsheaf.system import Phase
 
 PANEL = 320  # width of the panel next to the scene, in pixels of a 1000x720 frame
@@ -107,7 +107,7 @@ def film_of(
         dataset: Data of the run, in memory or an open file. They are read frame by frame.
         phases: Phases of the scenario, if they were built already.
     """
-    from mjsheaf.loop.world import arena_of
+    from mjsheaf.loop.mujoco_engine import arena_of
 
     content = played(scenario, dataset, phases)
     system = (phases or scenario.phases)[0].system

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import mjsheaf
 from mjsheaf.law import disagreement
-from mjsheaf.law.sample import Sample
+from mjsheaf.law.in_python import Sample
 from mjsheaf.scenario import scenario_from_mapping
 
 _KICK = 1e-6  # m

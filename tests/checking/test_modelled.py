@@ -11,7 +11,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import examine
-from mjsheaf.checking.loop.modelled import unmodelled_parts
+from mjsheaf.checking.loop.linear_law import unmodelled_parts
 from mjsheaf.law.law import EdgeArrays, LawArrays
 from mjsheaf.law.links import LINK, LinkArrays
 from mjsheaf.law.rounds import RoundArrays
@@ -27,15 +27,15 @@ def system() -> System:
 
 
 FIELDS: dict[str, tuple[tuple[str, ...], str]] = {
-    "law": (LawArrays._fields, "edges gain limit supplied terms links custom safety"),
+    "law": (LawArrays._fields, "edges gain limit supplied terms links custom safety seed"),
     "edges": (EdgeArrays._fields, "tail head listens first F_tail F_head P_tail P_head b kinds"),
     "terms": (
         TermArrays._fields,
-        "agents dimension period sensing eigenvalues steepest fresh feedforward newton measured drift lead settled "
-        "integral largest noise bias seed streams rounds",
+        "present agents dimension period sensing eigenvalues steepest fresh feedforward newton measured drift lead "
+        "settled integral largest noise bias streams rounds",
     ),
-    "rounds": (RoundArrays._fields, "imperfect delay loss streams range lift own inverse stiffest"),
-    "links": (LinkArrays._fields, "table of lift facing size odometry start period seed record"),
+    "rounds": (RoundArrays._fields, "present delay loss streams range lift own inverse stiffest"),
+    "links": (LinkArrays._fields, "present table of lift facing size odometry start period record"),
     "link": (
         LINK.names or (),
         "edge place width moves delay hold random lossy bursts bearing noise bias range_noise bearing_noise range "

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem import targets
 from mjsheaf.checking.theorem.constants import coarser, difference_along
 from mjsheaf.checking.theorem.flow_bounds import bound_slopes
 from mjsheaf.checking.theorem.targets import Carrier, Cells, follow_targets
-from mjsheaf.checking.topology.cohomology import spectrum_of
-from mjsheaf.dynamics import Lissajous, Waypoints
-from mjsheaf.dynamics.motion import Motion, pack, reference_bounds
-from mjsheaf.media.disturbance import evaluate
+from mjsheaf.media.varying import evaluate
+from mjsheaf.paths import Lissajous, Motion, Waypoints, pack_motions, reference_bounds
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import field_of, flow_jacobian
 from tests.checking.adversarial import adversarial_scenario
@@ -207,7 +206,7 @@ def test_bounds_of_references_are_never_exceeded_and_nearly_attained() -> None:
         Waypoints(points=rng.uniform(-5, 5, (4, 3)).tolist(), speed=0.5, closed=True),
         None,
     ]
-    packed = pack(motions, start, 2.0, [3, 3, 3, 3])
+    packed = pack_motions(motions, start, 2.0, [3, 3, 3, 3])
     speed, acceleration = reference_bounds(packed)
     assert speed[3] == acceleration[3] == 0.0
     amplitude, rate, phase = (x[0] for x in (packed.amplitude, packed.rate, packed.phase))

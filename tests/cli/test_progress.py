@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 from numba.core import event
 
-from mjsheaf import jit, progress
+from mjsheaf import progress
 from mjsheaf.cli import options
+from mjsheaf.compile import jit
 
 
 def redirect(monkeypatch: pytest.MonkeyPatch) -> tuple[io.StringIO, io.StringIO]:

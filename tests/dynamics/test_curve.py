@@ -14,8 +14,7 @@ from scipy.interpolate import CubicSpline
 import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.checking.slips import slips_of
-from mjsheaf.dynamics.curve import MAX_DEVIATION, fit_curve
-from mjsheaf.dynamics.motion import Recorded, pack, reference_bounds
+from mjsheaf.paths import MAX_DEVIATION, Recorded, fit_curve, pack_motions, reference_bounds
 
 
 def off_track(t: Array, places: Array) -> Array:
@@ -66,7 +65,7 @@ def test_bursts_are_thinned(late: float) -> None:
     assert np.abs(curve.path(at) - np.column_stack([0.5 * at, 0 * at, 10 + 0 * at])).max() < 0.06
     assert "its spline is up to" in curve.note
     assert f"20 of {len(t)} samples" in curve.note
-    motion = pack([Recorded(samples=np.column_stack([t, places]).tolist())], np.zeros((1, 3)), 0.0, [3], t[-1])
+    motion = pack_motions([Recorded(samples=np.column_stack([t, places]).tolist())], np.zeros((1, 3)), 0.0, [3], t[-1])
     speed, _ = reference_bounds(motion)
     assert speed[0] < 2.0  # of the curve that is followed, not of 1 cm in 50 us
 

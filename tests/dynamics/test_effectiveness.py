@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from mjsheaf.dynamics import ControlEffectiveness, effectiveness
 from mjsheaf.errors import InputError
+from mjsheaf.vehicles import allocation as effectiveness
+from mjsheaf.vehicles.allocation import ControlEffectiveness
 
 
 def matrix(g: ControlEffectiveness, q: ArrayLike, t: float) -> NDArray[np.float64]:

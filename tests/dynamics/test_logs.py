@@ -25,9 +25,9 @@ from rosbags.rosbag2 import Writer as Bag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from mjsheaf.cf import EARTH
-from mjsheaf.dynamics.logs import POSITIONS
-from mjsheaf.dynamics.recordings import read_positions
 from mjsheaf.errors import InputError
+from mjsheaf.recordings.logs import POSITIONS
+from mjsheaf.recordings.positions import read_positions
 
 SECOND = 10**9
 START = 1_700_000_000

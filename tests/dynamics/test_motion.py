@@ -12,8 +12,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mjsheaf.dynamics import Lissajous, Motion, Waypoints, motion
+from mjsheaf import paths as motion
 from mjsheaf.errors import InputError
+from mjsheaf.paths import Lissajous, Motion, Waypoints
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ class Target:
         positions = np.zeros((3, 3))
         positions[1, : len(initial)] = initial
         self.free, self.pulled = (
-            motion.pack(
+            motion.pack_motions(
                 [None, given_motion.model_copy(update={"pull": pull}), None], positions, start, [2, len(initial), 3]
             )
             for pull in (0.0, 1.0)
@@ -150,7 +151,7 @@ def test_open_paths_begin_and_end_at_rest_and_stay(case: tuple[Waypoints, Array,
 
 def test_pull_brings_a_target_back() -> None:
     path = Waypoints(points=[[10.0, 0.0]], speed=1.0, pull=2.5)
-    packed = motion.pack([path], np.zeros((1, 3)), 0.0, [2])
+    packed = motion.pack_motions([path], np.zeros((1, 3)), 0.0, [2])
     command = np.zeros(3)
     motion.add_reference(packed, 0, 50.0, np.array([9.0, 1.0, 0.0]), command)  # at rest at (10, 0) by now
     np.testing.assert_allclose(command, [2.5, -2.5, 0.0], atol=1e-9)
@@ -168,9 +169,9 @@ def test_several_targets_keep_their_own_references() -> None:
     ]
     sizes = [3, 3, 2, 2, 3]
     positions = rng.uniform(-9, 9, (5, 3))
-    together = motion.pack(motions, positions, 1.0, sizes)
+    together = motion.pack_motions(motions, positions, 1.0, sizes)
     for v, (one, n) in enumerate(zip(motions, sizes, strict=True)):
-        alone = motion.pack([one], positions[v : v + 1], 1.0, [n])
+        alone = motion.pack_motions([one], positions[v : v + 1], 1.0, [n])
         for t in np.linspace(1.0, 40.0, 15):
             expected, got = np.ones(3), np.ones(3)
             motion.add_reference(alone, 0, t, positions[v], expected)
@@ -197,4 +198,4 @@ def test_several_targets_keep_their_own_references() -> None:
 )
 def test_wrong_motions_are_refused(wrong: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        motion.pack([wrong], np.zeros((1, 3)), 0.0, [3])
+        motion.pack_motions([wrong], np.zeros((1, 3)), 0.0, [3])

@@ -13,9 +13,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import mjsheaf
-from mjsheaf.dynamics.motion import Recorded, Waypoints, add_reference, pack, reference_bounds
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.files import read_yaml
+from mjsheaf.paths import Recorded, Waypoints, add_reference, pack_motions, reference_bounds
 
 SCENARIO: dict[str, Any] = {
     "time": {"end": 4},
@@ -36,7 +36,7 @@ def test_the_reference_is_the_cubic_spline() -> None:
     t = np.cumsum(rng.uniform(0.1, 1.0, 40))
     points = rng.uniform(-5, 5, (40, 3))
     motion = Recorded(samples=np.column_stack([t, points]).tolist(), pull=0.0)
-    packed = pack([None, motion], np.zeros((2, 3)), t[0], [3, 3], t[-1])
+    packed = pack_motions([None, motion], np.zeros((2, 3)), t[0], [3, 3], t[-1])
     spline = CubicSpline(t, points)
     speed, acceleration = reference_bounds(packed)
     for at in np.concatenate([t[:-1], rng.uniform(t[0], t[-1], 300)]):
@@ -49,7 +49,7 @@ def test_the_reference_is_the_cubic_spline() -> None:
 
 def test_a_target_in_the_plane_takes_x_and_y() -> None:
     samples = [[0.0, 0.0, 1.0, 7.0], [1.0, 3.0, 1.0, 9.0]]
-    packed = pack([Recorded(samples=samples, pull=0.0)], np.zeros((1, 3)), 0.0, [2], 1.0)
+    packed = pack_motions([Recorded(samples=samples, pull=0.0)], np.zeros((1, 3)), 0.0, [2], 1.0)
     command = np.zeros(3)
     add_reference(packed, 0, 0.5, np.zeros(3), command)
     np.testing.assert_allclose(command, [3.0, 0.0, 0.0], atol=1e-12)
@@ -123,7 +123,7 @@ def test_files_stay_beside_the_scenario(tmp_path: Path) -> None:
 def test_bounds_of_speed_hold_and_are_tight_where_pieces_are_cut(parts: int) -> None:
     """A quintic from rest to rest over 10 m at a mean speed of 2 m/s is fastest half way, at 15 / 8 of that."""
     moving = Waypoints(points=[[10.0, 0.0]], speed=2.0)
-    motion = pack([moving], np.zeros((1, 3)), 0.0, [2])
+    motion = pack_motions([moving], np.zeros((1, 3)), 0.0, [2])
     speed, acceleration = reference_bounds(motion, parts)
     assert speed[0] >= 3.75 * (1.0 - 1e-12)
     assert acceleration[0] >= 10.0 / 3.0**0.5 * 4.0 / 10.0 * (1.0 - 1e-9)

@@ -389,7 +389,7 @@ def test_only_the_environment_loads_its_library() -> None:
 def test_no_way_to_draw_stops_it(backend: str | None) -> None:
     variables = {} if backend is None else {"MUJOCO_GL": backend}
     code = (
-        "import os, mjsheaf.engine, mjsheaf.envs; before = dict(os.environ); env = mjsheaf.envs.dm_env;"
+        "import os, mjsheaf.mujoco_import, mjsheaf.envs; before = dict(os.environ); env = mjsheaf.envs.dm_env;"
         "print(callable(env), dict(os.environ) == before)"
     )
     assert child(code, **variables) == "True True"

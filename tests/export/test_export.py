@@ -93,6 +93,20 @@ def numbers(message: Any, names: str) -> list[float]:
     return [getattr(message, name) for name in names]
 
 
+@pytest.mark.slow
+def test_a_run_without_targets_is_exported(tmp_path: Path) -> None:
+    """What would have no columns is left out."""
+    team = load_scenario("range_formation", {"time.end": 0.1})
+    run = simulate(team)
+    assert not run.sizes["target"]
+    found = messages(write("mcap", tmp_path / "run.mcap", run, team))
+    assert len(found["/errors"]) == len(found["/tf"]) == run.sizes["time"]
+    fields = found["/errors"][0][1].DESCRIPTOR.fields_by_name
+    assert {"disagreement", "tracking_error"} <= set(fields)
+    assert all(run[name].size for name in fields)
+    assert "/vehicles" in bag(write("ros2", tmp_path / "bag", run, team))
+
+
 def test_poses_and_counts_of_mcap_are_those_of_the_run(run: xr.Dataset, scenario: Scenario, tmp_path: Path) -> None:
     found = messages(write("mcap", tmp_path / "run.mcap", run, scenario, samples=7))
     times = np.rint(1e9 * run["time"].values).astype(int).tolist()

@@ -6,7 +6,7 @@ import quadprog  # type: ignore[import-not-found]
 from scipy.optimize import linprog
 
 from mjsheaf.arrays import Array
-from mjsheaf.law.halfspaces import nearest, nearest_within
+from mjsheaf.law.safety import nearest, nearest_within
 
 
 def random_rows(rng: np.random.Generator, count: int, dimension: int) -> Array:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mjsheaf.arrays import Array
-from mjsheaf.law.neighbours import Cells, find_near, new_cells, sort_into_cells
+from mjsheaf.law.safety import Cells, find_near, new_cells, sort_into_cells
 
 
 def near(cells: Cells, v: int, reach: float) -> list[int]:

@@ -12,12 +12,12 @@ import xarray as xr
 import mjsheaf
 from mjsheaf import load_scenario, simulate, simulate_many
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.dynamics.motion import add_reference, position_at
 from mjsheaf.errors import MjsheafError
 from mjsheaf.law.law import new_memory
 from mjsheaf.law.obstacles import distances
 from mjsheaf.law.safety import keep_apart
 from mjsheaf.law.separation import Safety, pack_safety
+from mjsheaf.paths import add_reference, position_at
 from mjsheaf.results.metrics import safety_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import phases_of

@@ -18,7 +18,7 @@ from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.arrays import Room
 from mjsheaf.errors import InputError
 from mjsheaf.law import ControlArrays
-from mjsheaf.law.controller import Agent, Controller, LocalSample, PerAgent
+from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.law.law import Memory, evaluate_law, new_memory
 from mjsheaf.law.links import new_link_memory
 from mjsheaf.law.rounds import new_lines

@@ -17,8 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.stats import ortho_group
 
-from mjsheaf.errors import InputError
-from mjsheaf.law.theorem import (
+from mjsheaf.checking.theorem.theorem import (
     Rho,
     RhoLike,
     Theorem,
@@ -26,6 +25,7 @@ from mjsheaf.law.theorem import (
     gain_for_radius,
     theorem_1,
 )
+from mjsheaf.errors import InputError
 from tests.strategies import examples
 
 number = st.floats(0.01, 5.0)

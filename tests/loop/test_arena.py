@@ -15,8 +15,8 @@ import pytest
 
 from mjsheaf.errors import InputError
 from mjsheaf.files import resource_directory
-from mjsheaf.loop import arena as arena_module
-from mjsheaf.loop.arena import compose
+from mjsheaf.vehicles import arena as arena_module
+from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import TETRAHEDRON, Edit, alone, altered, ask, find

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 import mjsheaf
 from mjsheaf.errors import InputError
-from mjsheaf.law.controller import Agent, Controller, LocalSample, PerAgent
-from mjsheaf.law.sample import ReadOnlyTeam, Sample
+from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent, ReadOnlyTeam, Sample
 from mjsheaf.scenario.load import load_controller
 from tests.builders import mixed_scenario
 from tests.commands import IDEAL, RUN_FILES, answer_of, call, is_refusal

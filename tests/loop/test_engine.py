@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjsheaf.engine import quiet, refusing
 from mjsheaf.errors import InputError, UnstableError
+from mjsheaf.mujoco_import import quiet, refusing
 from tests.builders import alone
 
 BOX = """<mujoco><asset><mesh name="hull" file="hull.obj"/></asset><worldbody><body name="hull">

@@ -16,17 +16,17 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.comparing.compare import compare
+from mjsheaf.compile.jit import on_stack
+from mjsheaf.compile.tiers import _as_records, in_python
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.jit import on_stack
 from mjsheaf.loop import block
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.fused import Fused, advance_block
-from mjsheaf.loop.trajectory import Log
-from mjsheaf.loop.world import apply_forces
+from mjsheaf.loop.log import Log
+from mjsheaf.loop.mujoco_engine import apply_forces
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
 from mjsheaf.system import on_engine
-from mjsheaf.tiers import _as_records, in_python
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import DATA, POWERED, RAFT, altered, find, make_scenario, mixed_scenario, refused
 
@@ -128,7 +128,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         before = w.copy()
         apply_forces(world._loop, world._arrays, of_world.start + k * h)
         mujoco.mj_step(world.model, world.data)
-        assert advance_block(fused._loop, fused._motion, 0, V, k, 1, nothing, -1, fused._bad)
+        assert advance_block(fused._loop, fused._rigid, 0, V, k, 1, nothing, -1, fused._bad)
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)
         pushes = np.abs(world.data.actuator_force[:, None] * world.model.actuator_gear)
         pushed = np.add.reduceat(pushes, world.arena.thruster[:-1]) + np.abs(world.data.qfrc_applied.reshape(V, 6))
@@ -220,9 +220,9 @@ def test_a_vehicle_in_lanes_moves_as_it_does_alone(components: int, tmp_path: Pa
             getattr(theirs, name)[:] = getattr(ours, name)
         theirs.memory.command[:] = ours.memory.command
         together._bad[:] = alone._bad[:] = -1
-        good = advance_block(together._loop, together._motion, 0, V, 5 * k, 5, nothing, -1, together._bad)
+        good = advance_block(together._loop, together._rigid, 0, V, 5 * k, 5, nothing, -1, together._bad)
         for v in range(V):
-            advance_block(alone._loop, alone._motion, v, v + 1, 5 * k, 5, nothing, -1, alone._bad)
+            advance_block(alone._loop, alone._rigid, v, v + 1, 5 * k, 5, nothing, -1, alone._bad)
         found = together._bad >= 0
         assert worse <= found.any()
         assert good == (not found.any()) == (alone._bad < 0).all()
@@ -267,7 +267,7 @@ def test_lanes_beyond_the_last_boat_have_no_undefined_numbers(monkeypatch: pytes
     monkeypatch.setattr(block, "on_stack", keep)
     fused = Fused(scenario.phases)
     nothing = Log(*(np.empty((0,) * values.ndim) for values in fused._unrecorded.log[:-1]))
-    arguments = _as_records((fused._loop, fused._motion, 0, 3, 0, 1, nothing, -1, fused._bad))
+    arguments = _as_records((fused._loop, fused._rigid, 0, 3, 0, 1, nothing, -1, fused._bad))
     assert in_python(block.advance_lanes)(*arguments)
     compared = 0
     for each in blocks:

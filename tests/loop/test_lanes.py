@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf.jit import user_jit
+from mjsheaf.compile.jit import user_jit
 from mjsheaf.loop.block import advance_lanes
 from mjsheaf.loop.fused import Fused
+from mjsheaf.loop.log import new_log
 from mjsheaf.loop.loop import NEVER
-from mjsheaf.loop.trajectory import new_log
 from mjsheaf.scenario import load_scenario
 from mjsheaf.system import on_engine
 

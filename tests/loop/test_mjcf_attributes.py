@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
-from mjsheaf.loop.arena import compose
+from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.loading import load_vehicle
 
 STEPS, STEP = 60, 0.005  # s

@@ -9,7 +9,7 @@ import pytest
 from mjsheaf import World, load_scenario
 from mjsheaf.errors import InputError
 from mjsheaf.loop.fused import Fused
-from mjsheaf.loop.trajectory import Log
+from mjsheaf.loop.log import Log
 from mjsheaf.loop.worlds import Worlds
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from mjsheaf import Session, World, load_scenario, simulate, simulate_many
 from mjsheaf.live.live import Recorder
+from mjsheaf.loop.log import Log
 from mjsheaf.loop.loop import ClosedLoop
-from mjsheaf.loop.trajectory import Log
 from mjsheaf.results.dataset import make_datasets
 from mjsheaf.system import System
 from tests.builders import mixed_scenario

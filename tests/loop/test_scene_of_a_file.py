@@ -10,8 +10,8 @@ import pytest
 
 from mjsheaf import check, load_scenario, simulate
 from mjsheaf.errors import InputError
-from mjsheaf.loop.arena import compose
 from mjsheaf.vehicles import loading
+from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import Edit, altered, find

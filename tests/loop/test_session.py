@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import mjsheaf
 from mjsheaf import Session, World, simulate
 from mjsheaf.errors import InputError, NotUniqueError, UnstableError
-from mjsheaf.law.sample import Sample
+from mjsheaf.law.in_python import Sample
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario, refused
 

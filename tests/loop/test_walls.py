@@ -7,10 +7,10 @@ import pytest
 
 import mjsheaf
 from mjsheaf import load_scenario, simulate
-from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.law.obstacles import centres, distances
-from mjsheaf.loop.arena import PREFIX
+from mjsheaf.mujoco_import import mujoco
+from mjsheaf.vehicles.arena import PREFIX
 
 _WALLS = [
     {"id": "pole", "kind": "capsule", "ends": [[0.0, -1.0, 3.0], [1.0, 1.0, 7.0]], "radius": 0.5},

@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.errors import InputError
-from mjsheaf.media import Disturbance, disturbance
-from mjsheaf.media.disturbance import disturbance_velocity, evaluate_sines
+from mjsheaf.media import Disturbance
+from mjsheaf.media import varying as disturbance
+from mjsheaf.media.varying import disturbance_velocity, evaluate_sines
 
 kinds = st.builds(
     Disturbance,

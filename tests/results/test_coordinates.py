@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.loop import trajectory
+from mjsheaf.loop import log as trajectory
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario

@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.loop import trajectory
+from mjsheaf.loop import log as trajectory
 from mjsheaf.results import join, make_dataset, netcdf, open_dataset, thinned, write_dataset
 from mjsheaf.results.netcdf import length_of_piece, pieces_of
 from mjsheaf.runs.simulate import stream

@@ -14,8 +14,8 @@ import xarray as xr
 
 import mjsheaf
 from mjsheaf import simulate
+from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
-from mjsheaf.jit import inline_jit
 from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
 from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, reference
 from mjsheaf.results.netcdf import Memory, send

@@ -17,9 +17,9 @@ from mjsheaf import load_vehicle
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.files import read_yaml
-from mjsheaf.loop.arena import attachable
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import list_scenarios, load_scenario
+from mjsheaf.vehicles.arena import attachable
 from tests.builders import RAFT
 from tests.commands import DATA_FILES, only_errors
 from tests.strategies import scaled

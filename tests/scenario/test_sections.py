@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf.dynamics import ControlEffectiveness, Lissajous, Waypoints
 from mjsheaf.errors import InputError
 from mjsheaf.media import Disturbance, FlowField
 from mjsheaf.media.flow import Source
+from mjsheaf.paths import Lissajous, Waypoints
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
 from mjsheaf.section import Section
 from mjsheaf.team import Anchor, LinearEdge
 from mjsheaf.team.edges import Explicit
+from mjsheaf.vehicles.allocation import ControlEffectiveness
 
 PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
     (Agent, {"id": "A1", "position": np.array([1, 2])}, {"id": "A1", "position": [1.0, 2.0]}),

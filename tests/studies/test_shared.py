@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.targets import follow_targets
-from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import read_scenario, scenario_from_mapping

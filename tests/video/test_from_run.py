@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 import mjsheaf.video
 from mjsheaf import medium, simulate
 from mjsheaf.errors import InputError
-from mjsheaf.loop import trajectory
+from mjsheaf.loop import log as trajectory
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from mjsheaf import simulate
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
+from mjsheaf.mujoco_import import mujoco
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
 from mjsheaf.show.style import (
     MAX_GAP_FRACTION,

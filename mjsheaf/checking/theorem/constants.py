@@ -33,17 +33,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
-from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.law.theorem import disturbance_bound
-from mjsheaf.media import disturbance
-from mjsheaf.media.disturbance import evaluate
+from mjsheaf.checking.theorem.theorem import disturbance_bound
+from mjsheaf.media import varying as disturbance
 from mjsheaf.media.gridded import GridArrays
 from mjsheaf.media.gusts import FrozenArrays, GustArrays
-from mjsheaf.media.medium import moving_along, undisturbed
-from mjsheaf.media.moving import Parts, bounds_of
-from mjsheaf.media.varying import VaryingArrays
+from mjsheaf.media.medium import Parts, bounds_of, moving_along, undisturbed
+from mjsheaf.media.varying import VaryingArrays, evaluate
 from mjsheaf.media.waves import WaveArrays
 from mjsheaf.system import System
 

@@ -37,8 +37,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
+from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError, raise_first
-from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.flow import (
     ACROSS,
     ALONG,

@@ -26,20 +26,19 @@ import numpy as np
 from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
-from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
-from mjsheaf.jit import inline_jit, jit
-from mjsheaf.law.law import ControlArrays, evaluate_law, new_control, new_memory, pack_edges
+from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.compile.remember import remember_last
+from mjsheaf.compile.tiers import tiered
+from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
-from mjsheaf.media import disturbance
-from mjsheaf.media.medium import MediumArrays, moving_velocity
-from mjsheaf.media.moving import of_kind
+from mjsheaf.media import varying as disturbance
+from mjsheaf.media.medium import MediumArrays, moving_velocity, of_kind
 from mjsheaf.media.waves import WaveArrays
-from mjsheaf.remember import remember_last
+from mjsheaf.paths import MotionArrays, add_reference, reference_bounds
 from mjsheaf.system import System
-from mjsheaf.tiers import tiered
 
 _FIRST_CELLS = 50  # of a call that follows the targets; later calls fill more
 MOST_STEPS = 1_500_000
@@ -528,7 +527,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
         harmonics=disturbance.pack(system.harmonics[N:]),
         parts=tuple(part._replace(met=part.met[N:]) for part in medium.parts),
     )
-    return new_control(alone, motion._replace(**own)), around, system.initial[N:].copy()
+    return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
 def _rates(

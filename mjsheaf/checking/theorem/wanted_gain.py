@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsheaf.checking.theorem.certificate import Certificate, Search, certificate_of, obstacle_of_law
-from mjsheaf.law.theorem import gain_for_radius
+from mjsheaf.checking.theorem.theorem import gain_for_radius
 
 _ACCURACY = 1.01  # ratio of the result to the largest gain known to be too small
 _MAX_DOUBLINGS = 30

@@ -1,0 +1,287 @@
+"""Compiled functions: one decorator. Machine code is kept on disk: see `mjsheaf.compile.machine_code`."""
+
+import contextlib
+import ctypes
+import gc
+import logging
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from time import perf_counter
+from types import SimpleNamespace
+from typing import Any
+
+import llvmlite.binding
+import numpy as np
+from llvmlite import ir
+from numpy.typing import NDArray
+
+from mjsheaf.errors import InputError
+
+try:
+    from numba import config, njit
+    from numba import types as types
+    from numba.core import event
+    from numba.core.codegen import get_host_cpu_features
+    from numba.core.dispatcher import Dispatcher as Dispatcher
+    from numba.core.errors import NumbaError as NumbaError
+    from numba.extending import intrinsic, lower_builtin, type_callable
+    from numba.extending import overload as overload
+
+    from mjsheaf.compile.machine_code import StoredCode, keep_code
+    from mjsheaf.compile.machine_code import is_waiting as is_waiting
+except ValueError:  # numba reads its environment variables as it is imported
+    raise InputError(
+        f"NUMBA_NUM_THREADS: {os.environ.get('NUMBA_NUM_THREADS', '')[:40]!r}; expected a whole number from 1 on"
+    ) from None
+
+# Vectors of 256 bits, as LLVM itself prefers on most processors with AVX-512: a loop over 4 lanes has no remainder, and
+# code that reads several numbers right after it wrote them one by one does not wait for them. Gathers and scatters take
+# longer than the loads and stores that they stand for.
+_features = get_host_cpu_features()
+if config.CPU_FEATURES is None and "+avx2" in _features:  # type: ignore[attr-defined]
+    config.CPU_FEATURES = f"{_features},+prefer-256-bit,+prefer-no-gather,+prefer-no-scatter"  # type: ignore[attr-defined]
+
+_logger = logging.getLogger("mjsheaf")
+# Thresholds of the garbage collector during compilation. numba makes millions of objects, few of them garbage: with
+# Python's own thresholds, looking for it took a tenth of the time.
+_RARELY = 50_000, 20, 20
+
+
+class _Compilations(event.Listener):
+    """Counts the functions that numba compiles, and adds up the time: seconds that later runs do not take.
+
+    Attributes:
+        seconds: Time that compiling took, s.
+        count: Functions that were compiled.
+        expected: About how many functions will have been compiled when the present compilation ends.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self.count = 0
+        self.expected = 0
+        self._compiled: set[Any] = set()
+        self._begun: list[float] = []  # one within the other
+        self._announced = False
+        self._usual = gc.get_threshold()
+
+    def on_start(self, event: Any) -> None:
+        function = event.data["dispatcher"].py_func
+        if not self._begun:
+            self.expected = self.count + len(_functions_called(function, self._compiled))
+            self._usual = gc.get_threshold()
+            gc.set_threshold(*_RARELY)
+        self._begun.append(perf_counter())
+        if not self._announced and str(function.__module__).startswith("mjsheaf."):
+            self._announced = True
+            _logger.info("compiling the loops for this machine, once")
+
+    def on_end(self, event: Any) -> None:
+        begun = self._begun.pop()
+        self.count += 1
+        self._compiled.add(event.data["dispatcher"].py_func)
+        if not self._begun:
+            self.seconds += perf_counter() - begun
+            gc.set_threshold(*self._usual)
+
+    @property
+    def under_way(self) -> bool:
+        """True while something is compiled."""
+        return bool(self._begun)
+
+
+def _functions_called(function: Any, known: set[Any]) -> set[Any]:
+    """Return a function and those for compilation that it calls, directly or not, without those that are `known`."""
+    reached = set()
+    pending = [function]
+    while pending:
+        caller = pending.pop()
+        reached.add(caller)
+        code = getattr(caller, "__code__", None)
+        named = (caller.__globals__.get(name) for name in code.co_names) if code else ()
+        called = {one.py_func for one in named if hasattr(one, "py_func")}
+        pending += called - reached - known
+    return reached
+
+
+_compilations = _Compilations()
+event.register("numba:compile", _compilations)
+
+
+def compilation_time() -> float:
+    """Return how long this process has compiled, s."""
+    return _compilations.seconds
+
+
+def compiling() -> tuple[int, int] | None:
+    """Return the number of the function that is being compiled and about how many there are; None if there is none."""
+    if not _compilations.under_way:
+        return None
+    number = _compilations.count + 1
+    return number, max(number, _compilations.expected)
+
+
+def working_time() -> float:
+    """Return a time in s, for differences, from a clock that stops during compilation."""
+    return perf_counter() - _compilations.seconds
+
+
+def jit(function: Callable[..., Any]) -> Any:
+    """Compile a function: cached on disk, without the interpreter's lock, division as in C.
+
+    It makes no arrays, and counts no references to those it is handed. numba counts one, by an atomic instruction, at
+    every slice, row and field that is taken: that took a third of the time of closing the loop about a physics step.
+    Its option for that is not a public one; a numba without it refuses to compile, and does not go wrong silently.
+    """
+    return _compile(function, _nrt=False)
+
+
+def allocating_jit(function: Callable[..., Any]) -> Any:
+    """Compile a function that makes arrays; otherwise as `jit`."""
+    return _compile(function)
+
+
+def inline_jit(function: Callable[..., Any]) -> Any:
+    """Compile as `jit` does, and always inline, so that a call costs nothing.
+
+    A call copies every number of its arguments, and the loop of a run has over a thousand: shapes and strides of its
+    arrays. That took 12 to 40 % of the fused engine's time.
+    """
+    return _compile(function, _nrt=False, forceinline=True)
+
+
+def apart_jit(function: Callable[..., Any]) -> Any:
+    """Compile as `jit` does, and never inline, so that what rarely happens does not lengthen what often does."""
+    return _compile(function, apart=True, _nrt=False, forceinline=False)
+
+
+def user_jit(function: Callable[..., Any]) -> Any:
+    """Compile a function of a user's as `jit` does, but for the cache, which has it as a part of what calls it.
+
+    An index out of range raises an IndexError: it would read and write the numbers of others.
+    """
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "boundscheck": True, "_nrt": False}
+    return function if INTERPRETED else njit(**options)(function)
+
+
+INTERPRETED = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]  # NUMBA_DISABLE_JIT of the environment
+"""True if nothing is compiled, so that a debugger can stop in any loop."""
+
+
+def as_records(values: NDArray[np.void]) -> NDArray[np.void]:
+    """Return records whose fields are attributes, as compiled code reads them."""
+    return values.view(np.recarray) if INTERPRETED else values
+
+
+def external(library: Path, name: str, result: str, *arguments: str) -> Any:
+    """Return a function of a shared library that compiled code can call.
+
+    Args:
+        library: File of the library.
+        name: Symbol of the function.
+        result: Type of what it returns, by numba's name for it.
+        arguments: Types of its arguments, likewise.
+    """
+    if INTERPRETED:
+        function = getattr(ctypes.CDLL(str(library)), name)
+        function.restype = _C_TYPES[result]
+        function.argtypes = [_C_TYPES[argument] for argument in arguments]
+        return function
+    llvmlite.binding.load_library_permanently(str(library))
+    signature = getattr(types, result)(*(getattr(types, argument) for argument in arguments))
+    return types.ExternalFunction(name, signature)
+
+
+@intrinsic
+def _two_to_by_bits(_: Any, exponent: Any) -> Any:
+    def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+        # 1.5 * 2^52 plus a whole number ends with the bits of that number, here with those of a double's exponent.
+        bits, real = ir.IntType(64), ir.DoubleType()
+        biased = builder.fadd(arguments[0], ir.Constant(real, 1.5 * 2.0**52 + 1023.0))
+        return builder.bitcast(builder.shl(builder.bitcast(biased, bits), ir.Constant(bits, 52)), real)
+
+    return types.float64(types.float64), generate
+
+
+two_to_by_bits: Any = _two_to_by_bits
+"""Return 2 to the power of a whole number from -1022 to 1023, given as a float, by arithmetic on lanes."""
+
+
+def on_stack(dtype: np.dtype[np.void]) -> Any:
+    """Return a record on the stack of the compiled function that calls this; its values are undefined.
+
+    No other memory overlaps it, and LLVM can prove so: loops over its lanes become vector instructions. It must not
+    outlive the function. In lanes it must not be handed to a function that is not inlined.
+    """
+    assert dtype.fields is not None
+    return SimpleNamespace(**{name: np.empty(field.shape, object) for name, (field, *_) in dtype.fields.items()})
+
+
+@type_callable(on_stack)
+def _type_on_stack(_: Any) -> Any:
+    return lambda dtype: dtype.dtype
+
+
+@lower_builtin(on_stack, types.DType)
+def _lower_on_stack(context: Any, builder: Any, signature: Any, _: Any) -> Any:
+    # Not a function that returns it: a record is returned by its value.
+    record = signature.return_type
+    with builder.goto_entry_block():
+        place = builder.alloca(ir.ArrayType(ir.IntType(8), record.size))
+        place.align = 64
+    return builder.bitcast(place, context.get_value_type(record))
+
+
+def lanes_for(count: int) -> int:
+    """Return the number of lanes that `count` vehicles need, a multiple of 4, of which LLVM knows nothing else.
+
+    It makes vector instructions of a loop over so many lanes, with no remainder. It would unroll a short loop over a
+    number that it knows before it tries.
+    """
+    return (count + 3) // 4 * 4
+
+
+@type_callable(lanes_for)
+def _type_lanes_for(_: Any) -> Any:
+    return lambda count: types.int64
+
+
+@lower_builtin(lanes_for, types.Integer)
+def _lower_lanes_for(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+    number = ir.IntType(64)
+    registers = builder.sdiv(builder.add(arguments[0], ir.Constant(number, 3)), ir.Constant(number, 4))
+    hidden = builder.asm(ir.FunctionType(number, [number]), "", "=r,0", [registers], False)
+    return builder.mul(hidden, ir.Constant(number, 4))
+
+
+_C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}
+
+
+def _compile(function: Callable[..., Any], apart: bool = False, **options: Any) -> Any:
+    if INTERPRETED:
+        return function
+    options |= {"nogil": True, "error_model": "numpy"}
+    own: dict[str, Any] = {**options, "no_cfunc_wrapper": True}
+    compiled: Any = njit(**own)(function)
+    with contextlib.suppress(RuntimeError):  # no directory can be written: compile anew in each process
+        keep_code(compiled, StoredCode(function))
+    _link_into_callers(compiled, apart, options)
+    return compiled
+
+
+def _link_into_callers(compiled: Any, apart: bool, options: dict[str, Any]) -> None:
+    """Hand compiled callers the function's code for linking, and share that for integers among literal integers."""
+
+    @cache
+    def for_callers() -> Any:
+        from mjsheaf.compile.linking import linked
+
+        return linked(compiled.py_func, apart, **options)
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        return for_callers().get_call_template(tuple(types.unliteral(argument) for argument in args), kws)
+
+    compiled.get_call_template = get_call_template
+    compiled.get_overload = lambda signature: for_callers().get_overload(signature)

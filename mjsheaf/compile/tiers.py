@@ -1,0 +1,196 @@
+"""Functions that run in Python at first, and compiled once they have enough to do.
+
+Compiling a function takes seconds, and a check of a few vehicles needs some of them for milliseconds only. Python and
+compiled code carry out the same operations in the same order, so that results have the same bits whichever is taken;
+tests hold the functions that use this to it. A function is compiled, for arguments of certain types, when Python has
+taken a while for such arguments in one process, or when it has taken about as long as compiling takes in several ones,
+which add up their times in a file. Machine code on disk is used at once.
+"""
+
+import contextlib
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from time import thread_time
+from types import FunctionType
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from mjsheaf.compile.jit import INTERPRETED, Dispatcher
+from mjsheaf.compile.machine_code import source_hash
+
+_MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
+_PROCESSES = 4  # Python may take so many times the limit of a process in all of them together
+_NOTICEABLE = 0.1  # s: a process writes down its time in steps of this size
+_MAX_NUMBERS = 10_000  # in the arrays of a call that Python carries out
+
+
+_FUNCTIONS: dict[str, Callable[..., float]] = {
+    "exp": math.exp,
+    "log": math.log,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "arcsin": math.asin,
+    "arccos": math.acos,
+    "arctan": math.atan,
+    "arctan2": math.atan2,
+}
+"""Functions of numpy and those of the C library, which compiled code calls; numpy itself differs by rounding."""
+
+
+class _Numpy:
+    """numpy with the functions of the C library, for scalars."""
+
+    def __getattr__(self, name: str) -> Any:
+        of_numpy = getattr(np, name)
+        of_library = _FUNCTIONS.get(name)
+        if of_library is None:
+            return of_numpy
+
+        def call(*arguments: float) -> Any:
+            try:
+                return of_library(*arguments)
+            except (ValueError, OverflowError):  # nan and infinity
+                return of_numpy(*arguments)
+
+        setattr(self, name, call)
+        return call
+
+
+class Tiered:
+    """A compiled function, carried out by Python while that is quicker than compiling it.
+
+    Args:
+        compiled: Function as `mjsheaf.compile.jit.jit` makes it. It is called by Python alone.
+        seconds: Processor time that it may take in Python, s.
+        numbers: Numbers in the arrays of a call that Python may carry out.
+        records: True if the arguments hold arrays of records.
+
+    Attributes:
+        compiled: The compiled function.
+    """
+
+    def __init__(
+        self, compiled: Any, seconds: float = _MAX_SECONDS, numbers: float = _MAX_NUMBERS, records: bool = False
+    ) -> None:
+        self.compiled = compiled
+        self._python: Callable[..., Any] | None = None
+        self._left: dict[Any, float] = {}  # of the time of Python, s, by types of arguments; -inf of those compiled
+        self._seconds = seconds
+        self._numbers = numbers
+        self._records = records
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the function, in Python or compiled."""
+        if INTERPRETED:
+            return self.compiled(*arguments)
+        kinds = _kinds_of(arguments)
+        if kinds not in self._left:
+            spent = _total_time(_file_of_times(self.compiled, kinds))
+            self._left[kinds] = self._seconds if spent <= _PROCESSES * self._seconds else 0.0
+        if self._left[kinds] <= 0.0 or (self._numbers < np.inf and _numbers_in(arguments) > self._numbers):
+            self._hand_over(kinds)
+            return self.compiled(*arguments)
+        self._python = self._python or in_python(self.compiled)
+        begun = thread_time()
+        with np.errstate(all="ignore"):  # as compiled code
+            result = self._python(*(_as_records(arguments) if self._records else arguments))
+        self._take(kinds, thread_time() - begun)
+        return result
+
+    def _take(self, kinds: Any, seconds: float) -> None:
+        """Take a time in s from what is left to Python."""
+        before = self._left[kinds] // _NOTICEABLE
+        self._left[kinds] -= seconds
+        steps = before - self._left[kinds] // _NOTICEABLE
+        if steps:
+            _add_time(_file_of_times(self.compiled, kinds), steps * _NOTICEABLE)
+
+    def _hand_over(self, kinds: Any) -> None:
+        """Leave calls with these types to compiled code, in later processes too."""
+        if self._left[kinds] > -math.inf:
+            self._left[kinds] = -math.inf
+            _add_time(_file_of_times(self.compiled, kinds), math.inf)
+
+
+def tiered(**limits: Any) -> Callable[[Any], Tiered]:
+    """Return a decorator that makes a Tiered function with other limits."""
+    return lambda compiled: Tiered(compiled, **limits)
+
+
+_NUMPY = _Numpy()
+
+
+def in_python(compiled: Any) -> Callable[..., Any]:
+    """Return a compiled function as a function of Python that calls no compiled one."""
+    return _in_python(compiled, {})
+
+
+def _in_python(compiled: Any, made: dict[int, Callable[..., Any]]) -> Callable[..., Any]:
+    function = compiled.py_func
+    names: dict[str, Any] = {}
+    twin = FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
+    made[id(compiled)] = twin
+    for name, value in function.__globals__.items():
+        if name in function.__code__.co_names and isinstance(value, Dispatcher):
+            names[name] = made.get(id(value)) or _in_python(value, made)
+        else:
+            names[name] = _NUMPY if value is np else value
+    return twin
+
+
+def _file_of_times(compiled: Any, kinds: Any) -> Path:
+    """Return a file next to the machine code of a function, with the times that Python took for it, s.
+
+    There is one for each combination of types. Where no machine code can be kept, times cannot either: the file is the
+    one that stays empty.
+    """
+    function = compiled.py_func
+    source = Path(function.__code__.co_filename).resolve()
+    kind = crc32(repr(kinds).encode())
+    name = f"{source.stem}.{function.__qualname__}.{source_hash(source)}.{kind:08x}.used"
+    return Path(compiled.stats.cache_path, name) if compiled.stats.cache_path else Path(os.devnull)
+
+
+def _total_time(file: Path) -> float:
+    """Return the sum of the times in a file, s; 0 if there is none, and infinity if it is not readable."""
+    try:
+        return sum(map(float, file.read_text(encoding="ascii").split()))
+    except FileNotFoundError:
+        return 0.0
+    except (OSError, ValueError):
+        return math.inf
+
+
+def _add_time(file: Path, seconds: float) -> None:
+    """Append a time to a file, in one write, as other processes append to it too."""
+    with contextlib.suppress(OSError), open(file, "a", encoding="ascii") as times:
+        times.write(f"{seconds:.3f}\n")
+
+
+def _numbers_in(tree: Any) -> int:
+    """Count the numbers in the arrays of nested tuples."""
+    if isinstance(tree, tuple):
+        return sum(map(_numbers_in, tree))
+    return int(np.size(tree)) if isinstance(tree, np.ndarray) else 0
+
+
+def _kinds_of(tree: Any) -> Any:
+    """Return the types of arguments, by which numba compiles; layouts of arrays do not count."""
+    if isinstance(tree, tuple):
+        return type(tree), *map(_kinds_of, tree)
+    return (tree.dtype, tree.ndim) if isinstance(tree, np.ndarray) else type(tree)
+
+
+def _as_records(tree: Any) -> Any:
+    """Return nested tuples with records whose fields are attributes, as compiled code reads them."""
+    if isinstance(tree, tuple):
+        values = map(_as_records, tree)
+        return type(tree)._make(values) if hasattr(tree, "_make") else tuple(values)
+    if isinstance(tree, np.ndarray) and tree.dtype.names:
+        return tree.view(np.recarray)
+    return tree

@@ -1,0 +1,1 @@
+"""Positions of targets out of tables, netCDF and logs, for the motion `recorded`."""
