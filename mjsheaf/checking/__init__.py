@@ -1,10 +1,10 @@
 """The paper's assumptions and Theorem 1 for a team and its scenario: whether they hold, why not, and what to change.
 
-Rooms: `topology` looks at the team's sheaf alone; `theorem` follows the targets' path, takes the theorem's constants
-along it, finds the region that proves itself and decides the assumptions; `loop` has the sampled law with its terms,
-links and vehicles. examination gathers all in the record of record.py, problems says why it is not ok, check tries the
-mission and the fixes. screen and report print the record, and figures draws it. finished compares a run with the
-certificate and says how it ended; stuck finds agents that do not move.
+`spectrum`, `fragility` and `repairs` look at the team's sheaf alone; `theorem` follows the targets' path, takes the
+theorem's constants along it, finds the region that proves itself and decides the assumptions; `loop` has the sampled
+law with its terms, links and vehicles. `examination` gathers all in a record, `problems` says why it is not ok, and
+`check` tries the mission and the fixes. `screen` and `report` print the record, `figures` draws it. `finished` says how
+a run ended.
 """
 
 from mjsheaf.checking.check import check
