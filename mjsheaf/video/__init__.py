@@ -2,12 +2,9 @@
 
 Modules:
 
-- film: the content of a video: a team over time, the viewer's options, and the content of each frame;
-- from_run: the content of a run's video, or of two runs side by side;
+- film: the content of a video, of a run or of two side by side, the viewer's options, and the content of each frame;
 - draw: the whole of it, film and model in, video file out;
-- camera, scene, overlay: where the camera is, vehicles and decoration as pixels, what is written over them;
-- sizes, flow: scales of vehicles and colours of speeds, which the page shares;
-- legend, text: the panel next to the scene, and lettering;
+- camera, scene, overlay: where the camera is, vehicles, decoration and sea as pixels, what is written over them;
 - gl: which offscreen OpenGL works here.
 
 `draw` and `scene` import MuJoCo, which fails where MUJOCO_GL names a backend that is not there: ask
