@@ -16,7 +16,7 @@ install = { { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)
 	|| $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
 	--editable '$(1)'; } $(if $(PYTHONDONTWRITEBYTECODE),&& { $(BIN)/python -m compileall -q -j 0 $(VENV)/lib mjsheaf >/dev/null || true; })
 
-.PHONY: demo test test-ci test-all lint compiled $(LOOPS) docs clean bundle check-bundle
+.PHONY: demo bench test test-ci test-all lint compiled $(LOOPS) docs clean bundle check-bundle
 
 # EXTRAS='[dev,docs]' installs all that others below need, too, at once.
 $(STAMP): pyproject.toml constraints.txt
@@ -41,6 +41,10 @@ demo: $(STAMP)
 	@test ! -e $(DEMO)/video.mp4 || echo "        in full quality: $(BIN)/mjsheaf video $(DEMO) --quality good"
 	@echo "plots   $(DEMO)/errors.png trajectories.png configurations.png   (for a paper: run --format pdf --no-title)"
 	@echo "data    $(DEMO)/result.nc summary.json"
+
+# Speed on this machine next to references; TOPICS names some of them and options: TOPICS='fused sheaf --full'.
+bench: $(STAMP)
+	@$(BIN)/python -m benchmarks $(TOPICS)
 
 lint: $(TESTS)
 	$(BIN)/ruff check .

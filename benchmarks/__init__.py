@@ -1,1 +1,1 @@
-"""Measurements that need the source tree; `mjsheaf bench` finds them here."""
+"""Measurements of speed and memory: `make bench`."""

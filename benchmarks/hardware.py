@@ -11,7 +11,7 @@ from time import thread_time
 import numpy as np
 
 from benchmarks import counting
-from mjsheaf.bench import Row, best, informs, swarm
+from benchmarks.measuring import Row, best, informs, swarm
 from mjsheaf.errors import MjsheafError
 from mjsheaf.loop.fused import Fused
 from mjsheaf.system import on_engine

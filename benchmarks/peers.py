@@ -1,4 +1,4 @@
-"""Vehicle-steps per second of a closed loop, next to those of other simulators: `mjsheaf bench peers`."""
+"""Vehicle-steps per second of a closed loop, next to those of other simulators: `make bench TOPICS=peers`."""
 
 import json
 import subprocess
@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 
 from benchmarks import peer_rates
-from mjsheaf.bench import Row, at_least, best, informs, swarm
+from benchmarks.measuring import Row, at_least, best, informs, swarm
 from mjsheaf.errors import InputError
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.mujoco_engine import World

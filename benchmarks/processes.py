@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from mjsheaf.bench import WANTED, Row, at_most, best, informs, timed
+from benchmarks.measuring import WANTED, Row, at_most, best, informs, timed
 from mjsheaf.errors import MjsheafError
 
 _FIRST_RUN = """

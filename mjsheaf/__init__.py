@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from mjsheaf.loop.mujoco_engine import World
     from mjsheaf.loop.session import Session
     from mjsheaf.runs.many import simulate_many
-    from mjsheaf.runs.publish import save
-    from mjsheaf.runs.showing import plot, replay
+    from mjsheaf.runs.publish import plot, replay, save
     from mjsheaf.runs.simulate import simulate
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import NonlinearSheaf, Sheaf
@@ -36,8 +35,8 @@ _HOME = {
     "World": "mjsheaf.loop.mujoco_engine",
     "load_vehicle": "mjsheaf.vehicles.loading",
     "save": "mjsheaf.runs.publish",
-    "plot": "mjsheaf.runs.showing",
-    "replay": "mjsheaf.runs.showing",
+    "plot": "mjsheaf.runs.publish",
+    "replay": "mjsheaf.runs.publish",
     "register": "mjsheaf.law.custom",
     "Controller": "mjsheaf.law.in_python",
     "PerAgent": "mjsheaf.law.in_python",

@@ -78,7 +78,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioF
 def _expects(path: Path) -> bool | None:
     """Return True if a scenario has an `expect:` block, and None for other files, which are ignored."""
     from mjsheaf.errors import ScenarioError
-    from mjsheaf.io.yaml import read_yaml
+    from mjsheaf.files import read_yaml
 
     try:
         text = path.read_bytes().decode("utf-8", errors="replace")
@@ -173,7 +173,7 @@ def _skip(reason: str, item: Expectation) -> None:
 def _compare(backends: list[str], item: Expectation) -> None:
     """Pass where the scenario runs as it expects on these backends; properties of the report take what was found."""
     from mjsheaf.runs.expecting import expected_law, try_scenario
-    from mjsheaf.scenario.law_file import find_law
+    from mjsheaf.scenario.load import find_law
 
     scenario = item.parent.load()
     start = item.config.invocation_params.dir

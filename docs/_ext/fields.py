@@ -9,12 +9,11 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
-from mjsheaf.io.files import list_studies
-from mjsheaf.io.yaml import read_yaml
+from mjsheaf.files import list_studies, read_yaml
 from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.scenario.load import read_scenario
 from mjsheaf.scenario.swarm import Swarm
-from mjsheaf.studies.schema import StudyFile
+from mjsheaf.studies.plan import StudyFile
 from mjsheaf.vehicles.loading import list_vehicles
 from mjsheaf.vehicles.vehicle import VehicleDescription
 

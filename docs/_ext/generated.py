@@ -15,9 +15,9 @@ import vehicles
 from sphinx.application import Sphinx
 
 from mjsheaf.cli.main import app as command_line
-from mjsheaf.results import variables
+from mjsheaf.results import dataset
 from mjsheaf.scenario import Scenario, list_scenarios
-from mjsheaf.studies.schema import StudyFile
+from mjsheaf.studies.plan import StudyFile
 from mjsheaf.vehicles.vehicle import VehicleDescription
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -69,7 +69,7 @@ def generate(_: Sphinx) -> None:
         write(to / "gallery" / f"{name}.md", gallery.page(name))
     write(to / "gallery_fields.md", gallery.cards())
     write(to / "commands_fields.md", commands_page())
-    write(to / "variables_fields.md", variables.reference())
+    write(to / "variables_fields.md", dataset.reference())
     stalks.write(to / "stalks.svg")
     sheaves.write(to)
     write(to / "vehicles_fields.md", vehicles.page(to / "vehicles"))

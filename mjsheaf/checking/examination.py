@@ -11,14 +11,13 @@ import numpy as np
 
 from mjsheaf.arguments import require_number
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import medium_on_path
-from mjsheaf.checking.loop.directed import held_eigenvalues, zero_of
+from mjsheaf.checking.fragility import fragility
+from mjsheaf.checking.loop.body_loop import medium_on_path, with_bodies
 from mjsheaf.checking.loop.disturbance import predict_rms
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import link_answers
 from mjsheaf.checking.loop.margins import margins
 from mjsheaf.checking.loop.steady import steady_error
-from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.problems import problems_of
 from mjsheaf.checking.proposals import propose
@@ -31,19 +30,17 @@ from mjsheaf.checking.record import (
     TheoremSummary,
     WeakerBound,
 )
+from mjsheaf.checking.repairs import Rigidity, describe_edges, plan_augmentation, rigidity_of, suggest_edges
 from mjsheaf.checking.separation import safety_record
 from mjsheaf.checking.slips import drifts_of, slips_of
+from mjsheaf.checking.spectrum import held_eigenvalues, spectrum_of, zero_of
 from mjsheaf.checking.theorem.certificate import Certificate, Search, certificate_of, obstacle_of_team
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.theorem import Rho
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
-from mjsheaf.checking.topology.cohomology import fragility, spectrum_of
-from mjsheaf.checking.topology.connecting import describe_edges, suggest_edges
-from mjsheaf.checking.topology.mending import plan_augmentation
-from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.norms import per_agent
 from mjsheaf.scenario import Scenario
+from mjsheaf.section import per_agent
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
@@ -201,7 +198,7 @@ def _examine_one(
     links = link_answers(system, path)
     targets = with_bodies(targets_loop(system), system, path)
     rigidity = _rigidity(system, original)
-    mending = None if system.team.free or system.team.stressed else plan_augmentation(system.team)
+    mending = None if system.team.free or system.team.stressed else plan_augmentation(system.team, system.initial)
     edges = suggest_edges(system.team, system.initial)
     record = CheckRecord(
         scenario=system.name,

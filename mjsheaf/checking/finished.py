@@ -1,4 +1,4 @@
-"""Ending of a finished run, and the fraction of Theorem 1's bound that it reached.
+"""Ending of a finished run, and agents that are commanded to move and do not.
 
 `compare`, `sweep` and `run` judge the ending by the team's tracking error E(t), the RMS over agents of |q*_i - q_i|,
 over the last quarters of a run:
@@ -7,286 +7,38 @@ over the last quarters of a run:
     growing    E, or the oscillation of a team that nothing drives, grows, and does not grow more slowly
     circling   E keeps its level, but the team drives itself: nothing else moves, and the errors oscillate undecayed; or
                the loop of its vehicles is unstable (see `margins`), and only their limits keep it where it is
-    stuck      as settled, but an agent is commanded to move and does not, to the end (see `stuck`)
+    stuck      as settled, but an agent is commanded to move and does not, to the end (see below)
     moving     anything else: E still changes
 
 Where targets move, E alone does not show that an oscillation is the team's own. There the loop of the vehicles decides.
+
+An agent is stuck while, for MIN_DURATION or longer and second after second,
+
+- the commanded velocity relative to the medium has a mean above MIN_SPEED, and varies by less than its mean,
+- the vehicle moves through the medium at less than a tenth of that, and of the speed of which it is capable, and does
+  not gather speed.
+
+An agent that has left the team is not stuck, and neither is one that is carried along by the medium it should rest in.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.checking.authority import authority_of
 from mjsheaf.checking.loop.body_loop import loop_along
-from mjsheaf.checking.loop.held_law import envelope
-from mjsheaf.checking.loop.modelled import because_of, unmodelled_parts
-from mjsheaf.checking.stuck import find_stuck
-from mjsheaf.checking.theorem.certificate import Certificate, certify
-from mjsheaf.errors import UndecidedError
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
-from mjsheaf.system import Phase, System, during
+from mjsheaf.system import Phase, System
+from mjsheaf.vehicles.effects import capability_of, turning_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Ending = Literal["settled", "moving", "growing", "circling", "stuck"]
-
-_ACCURACY_IN_TOLERANCES = 100.0  # error of a run over the tolerance of its integrator
-_ACCURACY_ON_BODIES = 0.01  # of the initial error: below it only inertia is seen
-
-BROKEN = 1.0 + 1e-6
-"""A ratio of measured to bound above this breaks the bound."""
-
-
-@dataclass(frozen=True)
-class RunBound:
-    """The bound of a run.
-
-    Attributes:
-        certificate: Certificate of the system.
-        bodies: True for a run with bodies, whose inertia the theorem does not model.
-        departure: largest distance of the run's targets from the certificate's path, m.
-        accuracy: error of the run itself, which does not count, m: from its integrator's tolerance, and on bodies a
-            share of the initial error.
-        blew_up: True if the run ended before its time.
-        initial_error: measured |e| at the first sample, m.
-        start: time of the first sample, s.
-        law: what the run's law is where that is not the paper's, or empty.
-        ratio: largest measured / bound after the start, where both are |e(t0)|; None where no bound applies.
-        settled_ratio: the same over the second half of the run, where the initial error has less to say.
-        worst: when the ratio is attained, s.
-    """
-
-    certificate: Certificate
-    bodies: bool
-    departure: float
-    accuracy: float
-    blew_up: bool
-    initial_error: float
-    start: float
-    law: str = ""
-    ratio: float | None = None
-    settled_ratio: float | None = None
-    worst: float | None = None
-
-    @property
-    def reason(self) -> str:
-        """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
-        law = f"the run has {self.law}, and the theorem is about the paper's law" if self.law else ""
-        return law or self.certificate.reason or ("" if self.bodies else self.departed)
-
-    @property
-    def departed(self) -> str:
-        """That the run has other targets than were checked; or empty."""
-        error = self.certificate.constants.path.error
-        departed = (
-            f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
-        )
-        return departed if self.departure > error else ""
-
-    @property
-    def applies(self) -> bool:
-        """Return True if the theorem applies to this run."""
-        return not self.reason
-
-    @property
-    def approximate(self) -> bool:
-        """Return True if the run only approaches the theorem's setting: a held law, or bodies."""
-        return self.certificate.approximate or self.bodies
-
-    def at(self, time: Array) -> Array:
-        """The theorem's bound on |e| at times in s, in m; infinite where it does not apply."""
-        return self.certificate.bound(self.initial_error, time - self.start)
-
-    @property
-    def wrong(self) -> bool:
-        """Return True if the run exceeds a bound that applies, which bodies may and the ideal law cannot."""
-        return bool(self.violation()) and not self.bodies
-
-    def violation(self) -> str:
-        """Describe how the run exceeds a bound that applies, in a sentence; empty where it does not."""
-        if self.ratio is None or (self.ratio <= BROKEN and (self.bodies or not self.blew_up)):
-            return ""
-        if self.bodies:
-            return (
-                f"Theorem 1 is about ideal kinematics; on bodies |e| is up to {self.ratio:.4g} times its bound, at "
-                f"t = {self.worst:.6g} s"
-            )
-        found = "the run blows up, which Theorem 1 excludes"
-        if not self.blew_up:
-            found = (
-                f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s, which proves a "
-                "constant wrong"
-            )
-        return f"{found}: please report it; constants: {self.certificate.describe_constants()}"
-
-
-def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int = 0) -> RunBound:
-    """Compare one phase of a run with its system's certificate, from where it began; the run is read in pieces."""
-    last = dataset["time"].values[-1:]
-    system, dataset = _phase_of(run, dataset, which)
-    certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
-    initial_error = float(np.sqrt((dataset["tracking_error"][0].values ** 2).sum()))
-    farthest, departure = _departure(certificate, dataset)
-    bound = RunBound(
-        certificate=certificate,
-        bodies=bodies,
-        departure=departure,
-        accuracy=_accuracy(system, farthest, initial_error, bodies),
-        blew_up=dataset.attrs["status"] == "unstable" and bool((dataset["time"].values[-1:] == last).all()),
-        initial_error=initial_error,
-        start=float(dataset["time"][0]),
-        law=_other_law(system, dataset.attrs.get("controller", "")),
-    )
-    return bound if bound.reason else _compared(bound, dataset)
-
-
-def _accuracy(system: System, farthest: float, initial_error: float, bodies: bool) -> float:
-    """Bound the numerical error of a run that reaches this distance from the origin, m: see `RunBound`."""
-    rtol, atol = system.tolerance
-    return max(_ACCURACY_IN_TOLERANCES * (atol + rtol * farthest), _ACCURACY_ON_BODIES * initial_error * bodies)
-
-
-def bound_ahead(system: System) -> Array | None:
-    """Theorem 1's bound on |e| at the samples of a run on bodies, and its accuracy, shape (T,), m; None without one.
-
-    It is known before the run, as far as its targets keep to their path.
-    """
-    system = system.remaining
-    certificate = certify(system)
-    if _other_law(system, "") or certificate.reason:
-        return None
-    q, p = system.team.split(system.initial)
-    initial_error = float(np.linalg.norm(system.team.extend(p) - q))
-    elapsed = system.grid.samples - system.grid.start
-    farthest = float(np.abs(system.initial).max())
-    return certificate.bound(initial_error, elapsed) + _accuracy(system, farthest, initial_error, bodies=True)
-
-
-@dataclass(frozen=True)
-class HeldBound:
-    """The bound of the held law on a run: see `held_law`.
-
-    Attributes:
-        samples: Bound on |e| at each sample, shape (T,), m; None where there is none.
-        reason: why there is none, or empty.
-        ratio, settled_ratio, worst: See `RunBound`.
-    """
-
-    samples: Array | None
-    reason: str
-    ratio: float | None = None
-    settled_ratio: float | None = None
-    worst: float | None = None
-
-    @property
-    def wrong(self) -> bool:
-        """Return True if the run exceeds the bound."""
-        return self.ratio is not None and self.ratio > BROKEN
-
-    def violation(self) -> str:
-        """Describe how the run exceeds the bound, in a sentence; empty where it does not."""
-        if not self.wrong:
-            return ""
-        where = f"|e| reaches {self.ratio:.4g} times the bound of the held law at t = {self.worst:.6g} s"
-        return f"{where}, which proves it wrong: please report it"
-
-
-def held_bound_of_run(
-    run: System | Sequence[Phase], dataset: "xr.Dataset", theorem: RunBound, which: int = 0
-) -> HeldBound:
-    """Compare one phase of a run with the bound of its held law.
-
-    The bound knows no bodies, no laws in Python, and nothing that terms remember of a phase before.
-    """
-    system, dataset = _phase_of(run, dataset, which)
-    python = f"the run has {theorem.law}" if dataset.attrs.get("controller") else ""
-    reason = "the run is one of bodies" if theorem.bodies else python or theorem.departed
-    if not reason and which > 0 and system.law.extended:
-        reason = "terms remember the phase before, which the bound does not cover"
-    if reason:
-        return HeldBound(None, reason)
-    try:
-        bound = envelope(system, theorem.certificate)
-    except UndecidedError as why:
-        return HeldBound(None, str(why))
-    if bound.clipped:
-        return HeldBound(None, bound.clipped)
-    error, time = _measured(dataset)
-    samples = bound.samples[: len(error)]
-    return HeldBound(samples, "", *_largest(np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf), time))
-
-
-def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) -> tuple[System, "xr.Dataset"]:
-    """As `of_phase`, the system over that phase alone and from where the run was at its start."""
-    system, own = of_phase(run, dataset, which)
-    if isinstance(run, System) or len(run) == 1:
-        return system, own
-    initial = None
-    if which > 0:
-        start = [np.nan_to_num(own[name][0].values) for name in ("agent_position", "target_position")]
-        initial = run[which].system.initial.copy()
-        here = np.append(run[which].system.team.present, np.ones(len(system.team.targets), dtype=np.bool_))
-        initial[here] = np.concatenate(start)
-    return during(run, which, initial), own
-
-
-def bounds_of_phases(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[tuple[RunBound, HeldBound]]:
-    """Compare each phase that a run reached with the bounds of Theorem 1 and of the held law."""
-    end = float(dataset["time"][-1]) + 0.5 * phases[0].system.grid.period
-    came = [k for k, phase in enumerate(phases) if k == 0 or phase.time < end]
-    theorems = [bound_of_run(phases, dataset, k) for k in came]
-    return [
-        (theorem, held_bound_of_run(phases, dataset, theorem, k)) for k, theorem in zip(came, theorems, strict=True)
-    ]
-
-
-def _other_law(system: System, controller: str) -> str:
-    """Name the law of a run where it is not the paper's, in words; or return an empty text."""
-    if controller:
-        return f"a law of its own, {controller}"
-    if parts := unmodelled_parts(system):
-        return f"a law that is not certified, {because_of(parts)}"
-    return "terms beyond -k1 eta" if system.law.extended else ""
-
-
-def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
-    error, time = _measured(dataset)
-    share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
-    ratio, settled, worst = _largest(share, time)
-    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
-
-
-def _largest(share: Array, time: Array) -> tuple[float, float, float]:
-    """The largest share of a bound after the start, where both are |e(t0)|; that of the second half; when, s."""
-    share[0] = 0.0
-    worst = int(share.argmax())
-    return float(share[worst]), float(share[len(share) // 2 :].max()), float(time[worst])
-
-
-def _measured(dataset: "xr.Dataset") -> tuple[Array, Array]:
-    """|e| at the samples of a run, m, and their times, s, shape (T,) each."""
-    pieces = (piece["tracking_error"].values for piece in pieces_of(dataset, ["tracking_error"]))
-    return np.concatenate([np.sqrt((values**2).sum(axis=1)) for values in pieces]), dataset["time"].values
-
-
-def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, float]:
-    """The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m."""
-    path, departure, farthest, done = certificate.constants.path, 0.0, 0.0, 0
-    for piece in pieces_of(dataset, ["agent_position", "target_position"]):
-        agents, targets = piece["agent_position"].values, np.nan_to_num(piece["target_position"].values)
-        farthest = max(farthest, *(float(np.nanmax(np.abs(x), initial=0.0)) for x in (agents, targets)))
-        first = -done % path.stride
-        known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
-        apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
-        departure = max(departure, float(apart.max(initial=0.0)))
-        done += len(targets)
-    return farthest, departure
-
 
 LEVEL = (
     "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
@@ -437,3 +189,174 @@ def _reversals(values: Array) -> int:
     sign = np.sign(own - own.mean())
     sign = sign[sign != 0.0]
     return int((sign[1:] != sign[:-1]).sum())
+
+
+# -- agents that do not move -------------------------------------------------------------------------------------------
+
+MIN_DURATION = 5.0
+"""Time for which a stuck agent does not move, s."""
+MIN_SPEED = 0.05
+"""Commanded speed below which an agent counts as commanded to stay, m/s."""
+
+_BLOCK = 1.0  # s, over which velocities are averaged
+_MAX_BLOCKS = 2000
+_MAX_MADE = 0.1  # of the commanded speed
+_MAX_GAIN = 0.02  # of the commanded speed, that an agent which is still under way gathers from block to block
+_MOSTLY = 0.5  # of thrusters at a limit
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """The longest time for which one agent is stuck.
+
+    Attributes:
+        agent: Its number.
+        start, end: Begin and end of that time, s.
+        asked: Mean commanded speed meanwhile, m/s.
+        error: Tracking error at the end of it, m.
+        reason: Cause, in words.
+    """
+
+    agent: int
+    start: float
+    end: float
+    asked: float
+    error: float
+    reason: str
+
+    @property
+    def duration(self) -> float:
+        """Time from start to end, s."""
+        return self.end - self.start
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Means over blocks of time, of every agent.
+
+    Attributes:
+        time: Begin of each block and end of the last, shape (B + 1,), s.
+        asked: Commanded velocity relative to the medium, shape (B, N, 3), m/s.
+        spread: RMS deviation of that from its mean, shape (B, N), m/s.
+        made: Velocity relative to the medium, shape (B, N, 3), m/s.
+        speed: RMS of that, shape (B, N), m/s.
+        flow: Speed of the medium, shape (B, N), m/s.
+        saturation: Fraction of thrusters at a limit, shape (B, N).
+        error: Tracking error, shape (B, N), m.
+    """
+
+    time: Array
+    asked: Array
+    spread: Array
+    made: Array
+    speed: Array
+    flow: Array
+    saturation: Array
+    error: Array
+
+
+def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
+    """Find the agents of a run on bodies that are stuck, the longest first; it is read in pieces."""
+    time = dataset["time"].values
+    if dataset.attrs["backend"] != "physics" or len(time) < 2 or time[-1] - time[0] < MIN_DURATION:
+        return []
+    system = phases[0].system
+    blocks = _average(dataset, len(system.team.agents))
+    still = _is_still(blocks) & _is_present(phases, blocks.time)
+    for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command
+        still[:, v] &= blocks.speed[:, v] < _MAX_MADE * capability_of(system.vehicles[v]).least_speed
+    found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]
+    return sorted((stuck for stuck in found if stuck), key=lambda stuck: (-stuck.duration, stuck.agent))
+
+
+def _average(dataset: "xr.Dataset", agents: int) -> _Blocks:
+    """Average a run over blocks of time."""
+    time = dataset["time"].values
+    span = float(time[-1] - time[0])
+    count = min(len(time) - 1, max(1, int(span / _BLOCK)), _MAX_BLOCKS)
+    edges = np.linspace(time[0], time[-1], count + 1)
+    number, done = np.zeros(count), 0
+    sums = {
+        **{name: np.zeros((count, agents, 3)) for name in ("asked", "made")},
+        **{name: np.zeros((count, agents)) for name in ("spread", "speed", "flow", "saturation", "error")},
+    }
+    names = ["velocity_command", "agent_velocity", "agent_flow", "agent_saturation", "tracking_error"]
+    for piece in pieces_of(dataset, names):
+        command, velocity, flow, saturation, error = (np.nan_to_num(piece[name].values) for name in names)
+        block = np.clip(np.searchsorted(edges, time[done : done + len(error)], side="right") - 1, 0, count - 1)
+        planar = np.isnan(piece["velocity_command"].values[..., 2])
+        through = np.where(planar[..., None] & np.array([False, False, True]), 0.0, velocity - flow)
+        each = {
+            "asked": command,
+            "made": through,
+            "spread": (command**2).sum(axis=2),
+            "speed": (through**2).sum(axis=2),
+            "flow": np.linalg.norm(flow, axis=2),
+            "saturation": saturation,
+            "error": error,
+        }
+        for name, values in each.items():
+            np.add.at(sums[name], block, values)
+        np.add.at(number, block, 1.0)
+        done += len(error)
+    mean = {
+        name: np.moveaxis(np.moveaxis(total, 0, -1) / np.maximum(number, 1.0), -1, 0) for name, total in sums.items()
+    }
+    square = mean["spread"] - (mean["asked"] ** 2).sum(axis=2)
+    return _Blocks(edges, **{**mean, "spread": np.sqrt(np.maximum(square, 0.0)), "speed": np.sqrt(mean["speed"])})
+
+
+def _is_still(blocks: _Blocks) -> BoolArray:
+    """Return True for agents that are commanded to move and do not, shape (B, N)."""
+    asked = np.linalg.norm(blocks.asked, axis=2)
+    gained = np.zeros_like(asked)
+    gained[1:] = np.linalg.norm(np.diff(blocks.made, axis=0), axis=2)
+    wanted = (asked > MIN_SPEED) & (blocks.spread < asked)
+    return np.asarray(wanted & (blocks.speed < _MAX_MADE * asked) & (gained < _MAX_GAIN * asked))
+
+
+def _is_present(phases: Sequence[Phase], edges: Array) -> BoolArray:
+    """Return True for agents that belong to the team in each block, shape (B, N)."""
+    present = np.array([phase.system.team.present for phase in phases])
+    begin = np.array([phase.time for phase in phases])
+    first, last = (np.clip(np.searchsorted(begin, when, side="right") - 1, 0, None) for when in (edges[:-1], edges[1:]))
+    return np.asarray(present[first] & present[last])
+
+
+def _longest(system: System, blocks: _Blocks, still: BoolArray, v: int) -> Stuck | None:
+    """Return the longest time for which an agent is still, shape (B,); None where that is too short."""
+    change = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    begins, ends = change[::2], change[1::2]
+    k = int((blocks.time[ends] - blocks.time[begins]).argmax())
+    begin, end = int(begins[k]), int(ends[k])
+    if blocks.time[end] - blocks.time[begin] < MIN_DURATION - 1e-9:
+        return None
+    part = slice(begin, end)
+    asked = float(np.linalg.norm(blocks.asked[part, v], axis=1).mean())
+    return Stuck(
+        agent=v,
+        start=float(blocks.time[begin]),
+        end=float(blocks.time[end]),
+        asked=asked,
+        error=float(blocks.error[end - 1, v]),
+        reason=_reason(system, v, asked, float(blocks.flow[part, v].mean()), float(blocks.saturation[part, v].mean())),
+    )
+
+
+def _reason(system: System, v: int, asked: float, flow: float, saturation: float) -> str:
+    """Say why an agent does not move."""
+    vehicle = system.vehicles[v]
+    able = capability_of(vehicle).least_speed
+    if flow > able:
+        return f"the medium moves at {flow:.3g} m/s, and its vehicle makes {able:.3g} m/s"
+    authority = authority_of(vehicle)
+    if authority.lacking:
+        turning = turning_of(vehicle)
+        if turning is not None and asked < 2.0 * turning.speed:
+            return (
+                f"its vehicle cannot push astern, and drifts rather than turn round for less than "
+                f"{turning.speed:.2g} m/s; a higher gain brings it nearer"
+            )
+        return f"its thrusters are one-sided: they push {authority.describe()}"
+    held = "its thrusters push against each other, or something holds it"
+    return "its thrusters are at a limit" if saturation > _MOSTLY else held

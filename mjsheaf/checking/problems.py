@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from mjsheaf.checking.loop.linear_law import because_of
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS
-from mjsheaf.checking.loop.modelled import because_of
 from mjsheaf.checking.record import CheckRecord, PartRecord, Problem
 from mjsheaf.checking.separation import MOSTLY, SafetyRecord
 from mjsheaf.errors import listed
@@ -19,7 +19,7 @@ _FIXES = {
     2: "give this vehicle thrusters, or `steering`, that push along every axis",
     4: "as for assumption 2",
 }
-_UNITS = {"controller.gain": " 1/s", "safety.rate": " 1/s", "controller.velocity_limit": " m/s"}
+_UNITS = {"gain": " 1/s", "rate": " 1/s", "velocity_limit": " m/s"}  # of fields that a fix sets
 _RESERVE = 0.5  # fraction of the largest gain that is proposed
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
 
@@ -196,7 +196,9 @@ def _of_gain(kind: str, what: str, why: str = "", gain: float | None = None, ano
 
 def describe_changes(changes: Mapping[str, float]) -> str:
     """Describe the fields that a fix sets."""
-    return " and ".join(f"set {name} to {value:g}{_UNITS.get(name, '')}" for name, value in changes.items())
+    return " and ".join(
+        f"set {name} to {value:g}{_UNITS.get(name.split('.')[-1], '')}" for name, value in changes.items()
+    )
 
 
 def _late_phase(part: PartRecord, tau: float) -> float:

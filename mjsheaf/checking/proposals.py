@@ -10,9 +10,8 @@ from mjsheaf.checking.loop.body_loop import loop_on_path
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop, loop_of
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
+from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 from mjsheaf.system import System
 
 

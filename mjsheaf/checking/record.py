@@ -4,6 +4,7 @@ from typing import Any
 
 from pydantic import Field
 
+from mjsheaf.checking.fragility import Fragility
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.loop.links import LinkRecord
@@ -11,14 +12,12 @@ from mjsheaf.checking.loop.margins import Margins
 from mjsheaf.checking.loop.steady import SteadyError
 from mjsheaf.checking.loop.targets_loop import TargetsLoop
 from mjsheaf.checking.proposals import Proposal
+from mjsheaf.checking.repairs import Augmentation, Rigidity
 from mjsheaf.checking.separation import SafetyRecord
+from mjsheaf.checking.spectrum import RelativeCohomology
 from mjsheaf.checking.theorem.certificate import Assumption
-from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology
-from mjsheaf.checking.topology.mending import Augmentation
-from mjsheaf.checking.topology.rigidity import Rigidity
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 
 
 class RegionSummary(Record):
@@ -194,8 +193,3 @@ class CheckRecord(PartRecord):
     notes: list[str] = Field(
         default_factory=list, description="values in the files that look like mistakes, in sentences"
     )
-
-    @property
-    def imperfect_links(self) -> bool:
-        """True if links delay, lose or disturb measurements, or have a range."""
-        return self.links is not None and not self.links.exact

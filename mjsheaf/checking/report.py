@@ -25,7 +25,18 @@ WIDTH = 120
 """Smallest width of the page."""
 
 _FIRST = ("assumptions", "trial", "steady", "theorem", "region", "law", "links", "margins", "proposals")
-_IN_HEADINGS = ("scenario", "ok", "problems", "notes", "drifts", "topology_fix", "topology_edges", "start", "events")
+_IN_HEADINGS = (
+    "scenario",
+    "ok",
+    "problems",
+    "notes",
+    "drifts",
+    "topology_fix",
+    "topology_edges",
+    "start",
+    "events",
+    "phases",
+)
 _SAID_ELSEWHERE = ("norm", "unit", "holds", "applies")  # by descriptions, `value`, `verdict`, `reason` and the screen
 _RMS = "_per_agent"  # ends the names of fields that have an error as RMS over agents, not as norm of the whole team
 _MOST_ROWS = 4  # of a list in a part of the record
@@ -35,50 +46,45 @@ _WIDEST_VALUE = 26  # characters; what is longer takes the place of its descript
 
 def report(record: CheckRecord) -> Group:
     """Return the record as a page for a terminal; of later phases, it has what differs from the phase before."""
-    page = [Text("\n".join(screen(record, whole=True))), *_parts(record, None)]
+    page = [Text("\n".join(screen(record, whole=True))), *_part(record, "", None)]
     for before, phase in zip(record.phases, record.phases[1:], strict=False):
-        page += [Text(f"\nFrom {phase.start:g} s on: {', '.join(phase.events)}", style="bold"), *_parts(phase, before)]
+        page += [
+            Text(f"\nFrom {phase.start:g} s on: {', '.join(phase.events)}", style="bold"),
+            *_part(phase, "", before),
+        ]
     return Group(*page)
 
 
-def _parts(record: BaseModel, before: BaseModel | None) -> Iterator[Any]:
-    """Yield a table of a record's plain fields, and those of its parts; only differences from a record before."""
+def _part(record: BaseModel, path: str, before: BaseModel | None) -> Iterator[Any]:
+    """Yield the fields of a record and of the records in it as lines, then the lists of records in it as tables.
+
+    Args:
+        record: The record.
+        path: Its name; empty for the whole record, whose records are parts of their own.
+        before: Record of the same kind, from which differences alone are shown; None shows all.
+    """
     rows: list[Row] = []
     parts: list[Any] = []
-    for name, value, old in _fields(record, before):
-        if name in _IN_HEADINGS or name == "phases":
-            continue
-        if isinstance(value, BaseModel):
-            parts += _part(value, name, old)
-        elif _is_list(value):
-            parts += [Text(), *_list(value, name, old, most=len(value))]
-        else:
-            rows.append(_row("", name, value, old, record))
-    if rows:
-        yield from _lines(rows)
-    yield from parts
-
-
-def _part(record: BaseModel, path: str, before: BaseModel | None) -> Iterator[Any]:
-    """Yield a table of the fields of a record and of the records in it, then the lists of records in it."""
-    rows: list[Row] = []
-    lists: list[Any] = []
-    left = [("  ", path, record, *field) for field in _fields(record, before)]
+    left = [("  " if path else "", path, record, *field) for field in _fields(record, before)]
     while left:
         indent, above, owner, name, value, old = left.pop(0)
+        inside = f"{above}.{name}".removeprefix(".")
+        if not path and name in _IN_HEADINGS:
+            continue
         if _is_list(value):
-            lists += _list(value, f"{above}.{name}", old, most=_MOST_ROWS)
+            parts += _list(value, inside, old, most=_MOST_ROWS) if path else [Text(), *_list(value, inside, old)]
+        elif isinstance(value, BaseModel) and not path:
+            parts += _part(value, name, old)
         elif isinstance(value, BaseModel):
-            inner = [(f"{indent}  ", f"{above}.{name}", value, *field) for field in _fields(value, old)]
+            inner = [(f"{indent}  ", inside, value, *field) for field in _fields(value, old)]
             rows += [(indent + name, "", _meaning(value))] if inner else []
             left = inner + left
         else:
             rows.append(_row(indent, name, value, old, owner))
-    if rows:
-        yield Text()
-        yield _title(path, record)
-        yield from _lines(rows)
-    yield from lists
+    if rows and path:
+        yield from (Text(), _title(path, record))
+    yield from _lines(rows)
+    yield from parts
 
 
 def _fields(record: BaseModel, before: BaseModel | None) -> list[tuple[str, Any, Any]]:
@@ -112,7 +118,7 @@ def _is_list(value: Any) -> bool:
 
 def _lines(rows: list[Row]) -> Iterator[Text]:
     """Yield rows as lines; a long value takes the place of its description, which is cut to the rest of its line."""
-    names = max(len(name) for name, _, _ in rows)
+    names = max((len(name) for name, _, _ in rows), default=0)
     values = max((len(value) for _, value, _ in rows if len(value) <= _WIDEST_VALUE), default=0)
     for name, value, remark in rows:
         start = f"{name:<{names}}  "
@@ -149,7 +155,7 @@ def _title(path: str, record: BaseModel) -> Text:
     return Text.assemble((path, "bold"), "  ", (_meaning(record), "dim"), no_wrap=True, overflow="ellipsis")
 
 
-def _list(records: list[BaseModel], path: str, before: list[BaseModel] | None, most: int) -> Iterator[Any]:
+def _list(records: list[BaseModel], path: str, before: list[BaseModel] | None, most: int = 100) -> Iterator[Any]:
     """Yield a table with a row for each of some alike records, and what its columns mean."""
     known = {_text(one) for one in before or ()}
     records = [one for one in records if _text(one) not in known]

@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from textwrap import wrap
 
+from mjsheaf.checking.fragility import Fragility
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.steady import SteadyError
 from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.record import CheckRecord, TheoremSummary
 from mjsheaf.checking.separation import SafetyRecord
-from mjsheaf.checking.topology.cohomology import Fragility
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.errors import joined
 
@@ -182,6 +182,8 @@ def in_yaml(value: object) -> str:
     """Return a value as in a scenario file, of a mapping without fields that have their default 0 or false."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {in_yaml(inner)}" for key, inner in value.items() if inner) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(in_yaml, value)) + "]"
     if isinstance(value, bool | None):
         return {True: "true", False: "false", None: "null"}[value]
     return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -32,9 +32,9 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.errors import select_true
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.obstacles import distances, nearest_points
 from mjsheaf.law.safety import SafetyArrays
+from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 
 if TYPE_CHECKING:

@@ -14,9 +14,11 @@ from mjsheaf.cli.options import (
     SetOption,
     TitleOption,
     changes_of,
+    make_console,
+    print_lines,
+    progress_bars,
     require_file_name,
 )
-from mjsheaf.cli.terminal import make_console, print_lines, progress_bars
 from mjsheaf.errors import InputError
 
 if TYPE_CHECKING:
@@ -144,7 +146,7 @@ def _rho_of(text: str | None) -> "Rho | None":
 def _draw(examination: "Examination", figures: "FigureOptions", plot: Path) -> list[Path]:
     """Draw an examination into files, and return them."""
     from mjsheaf.checking.figures import draw_check
-    from mjsheaf.io.files import naming, whole_file
+    from mjsheaf.files import naming, whole_file
     from mjsheaf.show.panels import write_figure
 
     figure = draw_check(examination, figures)

@@ -18,16 +18,21 @@ from mjsheaf.cli.options import (
     TitleOption,
     VideoOption,
     figure_options,
+    make_console,
+    make_table,
     prepare,
+    print_lines,
+    print_note,
+    progress_bars,
+    saying_what_is_kept,
 )
-from mjsheaf.cli.outcome import describe_files
-from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars, saying_what_is_kept
+from mjsheaf.cli.run import describe_files
 from mjsheaf.errors import UnstableError, in_field
 
 if TYPE_CHECKING:
-    from mjsheaf.comparing.overlay import RunsRecord
-    from mjsheaf.comparing.report import Published
-    from mjsheaf.comparing.verdict import CompareRecord
+    from mjsheaf.comparing.causes import CompareRecord
+    from mjsheaf.comparing.publish import Published
+    from mjsheaf.runs.overlay import RunsRecord
 
 _WIDTH = 120  # least on a terminal, as numbers must not be cut; that of report.txt
 _FILES = {
@@ -61,8 +66,8 @@ def compare(
     bodies right) to a directory (default runs/NAME-compare).
     """
     with progress_bars() as bars:
-        from mjsheaf.comparing.report import publish
-        from mjsheaf.scenario.law_file import find_law
+        from mjsheaf.comparing.publish import publish
+        from mjsheaf.scenario.load import find_law
 
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
@@ -90,8 +95,7 @@ def compare(
 
 def _print_comparison(record: "CompareRecord", *, full: bool) -> None:
     """Print one screen, or the whole report."""
-    from mjsheaf.comparing.report import report
-    from mjsheaf.comparing.summary import summary
+    from mjsheaf.comparing.page import report, summary
 
     if full:
         make_console(_WIDTH).print(report(record))
@@ -101,7 +105,7 @@ def _print_comparison(record: "CompareRecord", *, full: bool) -> None:
 
 def _draw_video(published: "Published", quality: str) -> None:
     """Draw the video of a published comparison and print its path, or why there is none."""
-    from mjsheaf.comparing.report import add_video
+    from mjsheaf.comparing.publish import add_video
 
     directory = published.directory
     print_lines(f"drawing the video; all other files are written: open {directory / 'report.html'} in any browser")
@@ -127,7 +131,7 @@ def compare_runs(
     """
     figures = figure_options(formats, title)
     with progress_bars() as bars:
-        from mjsheaf.comparing.overlay import publish_runs
+        from mjsheaf.runs.overlay import publish_runs
 
         record, place, replaced = publish_runs(directories, out, figures, bars)
     _print_record(record)

@@ -16,12 +16,10 @@ import typer
 from mjsheaf._version import __version__
 from mjsheaf.cli.check import check
 from mjsheaf.cli.compare import compare, compare_runs
-from mjsheaf.cli.export import export
-from mjsheaf.cli.listing import bench, list_, new, schema
+from mjsheaf.cli.options import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
 from mjsheaf.cli.run import expect, plot, report, run, video
 from mjsheaf.cli.sweep import sweep
-from mjsheaf.cli.terminal import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
-from mjsheaf.cli.view import view
+from mjsheaf.cli.tools import export, list_, new, schema, view
 from mjsheaf.errors import InputError, MjsheafError, printable
 
 app = typer.Typer(
@@ -49,7 +47,6 @@ _COMMANDS: dict[Callable[..., None], str] = {
     compare_runs: "runs/midpoint-ideal runs/midpoint-physics",
     sweep: "midpoint --grid controller.gain=0.1,1,10 --seeds 0:20 --out s",
     expect: "midpoint.yaml --update",
-    bench: "loop peers",
     new: "mine",
     list_: "--vehicles mine.yaml",
     schema: "--study",

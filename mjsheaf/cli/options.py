@@ -1,22 +1,202 @@
-"""Arguments, options and errors that several commands share.
+"""Options and errors of several commands, and the terminal: streams, tables, progress, signals.
 
 Modules of this package import only typer at the top. Each command imports the rest when it runs, so that help appears
 at once.
+
+Ctrl-C, SIGTERM and SIGHUP end a command in order: incomplete files are removed. A signal raises an exception where it
+arrives. Inside a callback of a library, or a hook of fork, Python prints the exception and continues. Therefore the
+signal is also stored, and code that reports progress calls `raise_if_stopped`. A second signal has no effect, because
+it would interrupt the removal of files.
 """
 
-from collections.abc import Iterable
+import io
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from mjsheaf.cli.terminal import print_note
-from mjsheaf.errors import InputError, MjsheafError, raise_first
+from mjsheaf.errors import InputError, MjsheafError, printable
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.segment import Segment
+    from rich.table import Table
+
     from mjsheaf.scenario import Scenario
     from mjsheaf.show.style import FigureOptions
+
+_WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+_received: int | None = None
+
+
+class Stopped(SystemExit):
+    """Raised by a signal that ends this process; `code` is 128 plus the signal's number, as shells expect."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(128 + number)
+        self.message = f"{_WORDS[signal.Signals(number)]}; nothing was written"
+
+
+@contextmanager
+def saying_what_is_kept(describe: Callable[[], str]) -> Iterator[None]:
+    """Report the files written before a signal ended the block, as text returned by `describe`."""
+    try:
+        yield
+    except Stopped as stopped:
+        stopped.message = stopped.message.replace("nothing was written", describe())
+        raise
+
+
+def raise_if_stopped() -> None:
+    """Raise `Stopped` if a signal has arrived; its own exception may have been lost."""
+    if _received is not None:
+        raise Stopped(_received)
+
+
+def was_stopped() -> bool:
+    """Return True if a signal has arrived that ends this process."""
+    return _received is not None
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Let signals raise `Stopped` inside the block. A signal that the process ignores stays ignored.
+
+    After the first signal all are ignored, because the process is ending and libraries clean up.
+    """
+    global _received
+    _received = None
+    if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _WORDS}
+    hook = sys.unraisablehook
+
+    def show_lost(lost: Any) -> None:
+        if not isinstance(lost.exc_value, Stopped):
+            hook(lost)
+
+    sys.unraisablehook = show_lost
+    try:
+        for number, handler in before.items():
+            if handler is not signal.SIG_IGN:
+                signal.signal(number, _stop)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler if _received is None else signal.SIG_IGN)
+        sys.unraisablehook = hook
+
+
+def _stop(number: int, _frame: FrameType | None) -> None:
+    global _received
+    error = sys.exception()  # of this thread, on its way out in an `except`, `finally` or `with`
+    while error is not None and not isinstance(error, Stopped):
+        error = error.__context__
+    if error is None:  # else an earlier signal is being obeyed
+        _received = number
+        raise Stopped(number)
+
+
+def open_streams() -> None:
+    """Make the standard streams usable.
+
+    A closed one is opened on the null device: the next file that is opened would take its number, and what a library
+    prints would go into that file. What an encoding lacks is written as an escape.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+    sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def make_console(min_width: int = 20, **options: Any) -> "Console":
+    """Make a console of at least `min_width` columns, even if the terminal or COLUMNS is narrower.
+
+    With fewer columns than the default, a table has no room for its text.
+    """
+    from rich.console import Console
+
+    class Cleaned(Console):
+        """Console that escapes control sequences in the text it prints."""
+
+        def render(self, *arguments: Any, **named: Any) -> "Iterator[Segment]":
+            for segment in super().render(*arguments, **named):
+                yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+    console = Cleaned(highlight=False, emoji=False, **options)
+    console.width = max(console.width, min_width)
+    return console
+
+
+def make_table(*headings: str, numbers: Sequence[str] = (), fixed: Sequence[str] = (), **options: Any) -> "Table":
+    """Make a table without rows.
+
+    Args:
+        headings: Headings of the columns.
+        numbers: Headings of columns of numbers, which are right-aligned.
+        fixed: Headings of columns that are never wrapped.
+        options: Options of rich's Table.
+    """
+    from rich.table import Column, Table
+
+    columns = [Column(h, justify="right" if h in numbers else "left", no_wrap=h in fixed) for h in headings]
+    return Table(*columns, title_justify="left", header_style="", **options)
+
+
+def print_lines(*lines: object) -> None:
+    """Print lines as they are, however wide the terminal."""
+    for line in lines:
+        make_console(soft_wrap=True).print(line, markup=False)
+
+
+def print_note(text: str) -> None:
+    """Print a note on stderr."""
+    make_console(stderr=True, soft_wrap=True).print(f"note: {text}", markup=False)
+
+
+@contextmanager
+def progress_bars(
+    what: str = "loading", *, lines: Literal["stdout", "stderr"] | None = "stdout", above: Sequence[str] = ()
+) -> Iterator[Callable[[str, int, int], None]]:
+    """Yield a function of (activity, done, total) that shows progress.
+
+    It draws a bar on stderr if that is a terminal, and writes lines otherwise. Progress appears within a second, also
+    while loops are being compiled. A call raises `Stopped` if a signal has arrived.
+
+    Args:
+        what: Activity until the first call.
+        lines: Stream for lines; None writes none.
+        above: Lines that a terminal shows above the bar, as long as it is there.
+    """
+    from mjsheaf.progress import Lines, Terminal, View, displaying
+
+    view: Callable[[], View] | None = partial(Lines, getattr(sys, lines)) if lines else None
+    if sys.stderr.isatty():
+        view = partial(Terminal, above)
+    with displaying(view, what) as show:
+
+        def report(what: str, done: int, total: int) -> None:
+            raise_if_stopped()
+            if show is not None:
+                show(what, done, total)
+
+        yield report
 
 
 Backend = StrEnum("Backend", ["PHYSICS", "IDEAL"])
@@ -138,13 +318,10 @@ def require_file_name(option: str, path: Path, *suffixes: str) -> None:
         InputError: The name has another suffix or is a directory, or its directory does not exist.
     """
     expected = f"{option} {path}: expected a file whose name ends in {' or '.join(suffixes)}"
-    raise_first(
-        InputError,
-        {
-            expected: path.suffix not in suffixes or path.is_dir(),
-            f"{option} {path}: there is no directory {path.parent}": not path.parent.is_dir(),
-        },
-    )
+    if path.suffix not in suffixes or path.is_dir():
+        raise InputError(expected)
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no directory {path.parent}")
 
 
 def note_idle_seed(scenario: str, backend: str) -> None:

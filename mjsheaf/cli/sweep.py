@@ -19,8 +19,11 @@ from mjsheaf.cli.options import (
     changes_of,
     figure_options,
     note_idle_seed,
+    print_lines,
+    print_note,
+    progress_bars,
+    saying_what_is_kept,
 )
-from mjsheaf.cli.terminal import print_lines, print_note, progress_bars, saying_what_is_kept
 from mjsheaf.errors import InputError
 
 if TYPE_CHECKING:

@@ -2,22 +2,19 @@
 
 Modules:
 
-- recording: Runs in memory, with their phases.
-- ladder: Variants of a scenario, from ideal kinematics to its own bodies, and their runs.
+- variants: Variants of a scenario, from ideal kinematics to its own bodies, and their runs.
 - measures: Errors, distances and saturation of a run, and the budget of an error by effect.
 - demands: Commanded speeds against the vehicles' speeds, and the cost of the velocity limit.
 - convergence: Bodies with a shrinking time constant.
-- ringing: Damping predicted and measured, and the usable gain.
-- gains: Limits of the gain, and runs at higher gains.
-- verdict: Contents of compare.json, and the verdict in sentences.
+- gains: Ringing of the vehicles' loop, limits of the gain, and runs at higher gains.
+- causes: Contents of compare.json, and the verdict in sentences.
 - compare: The whole comparison.
-- report: The page and the directory.
-- summary: The answer on one screen.
+- page: The answer on one screen, and the whole report.
 - figures: Plots of the comparison.
-- overlay: Finished runs compared with the first of them.
+- publish: The directory.
 """
 
+from mjsheaf.comparing.causes import CompareRecord
 from mjsheaf.comparing.compare import Comparison, compare
-from mjsheaf.comparing.verdict import CompareRecord
 
 __all__ = ["CompareRecord", "Comparison", "compare"]

@@ -1,25 +1,36 @@
 """The whole comparison as one record: ladder, budgets, ringing, convergence, demands and verdict."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.loop.body_loop import BodyLoop, loop_along
+from mjsheaf.checking.loop.body_loop import loop_along
+from mjsheaf.comparing.causes import CompareRecord, LoopRecord, PhaseRecord, levers_of, verdict_of
 from mjsheaf.comparing.convergence import ConvergenceRecord, converge
-from mjsheaf.comparing.demands import JUDGED, UnlimitedRuns, demands_of, fastest_vehicles, run_without_limits
-from mjsheaf.comparing.gains import examine_gain
-from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation, span_of_phase
-from mjsheaf.comparing.measures import Series, budgets_of, errors_by_scope, formation_size, unknown_errors, whole_run
-from mjsheaf.comparing.ringing import predicted_damping, ringing_of
-from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, PhaseRecord, levers_of, verdict_of
+from mjsheaf.comparing.demands import (
+    JUDGED,
+    demands_of,
+    fastest_vehicles,
+    velocity_limit_of,
+)
+from mjsheaf.comparing.gains import Way, examine_gain, find_ringing, ways_of
+from mjsheaf.comparing.measures import (
+    Series,
+    budgets_of,
+    errors_by_scope,
+    formation_size,
+    series_at_q_star,
+    whole_run,
+)
+from mjsheaf.comparing.variants import Run, ladder_of, run_ablation, span_of_phase
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results.dataset import law_of
 from mjsheaf.runs.diagnostics import examine_terms
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import LawFile
+from mjsheaf.scenario.load import LawFile
 from mjsheaf.system import Phase, phases_of
 
 
@@ -41,8 +52,8 @@ def compare(
 ) -> Comparison:
     """Compare a scenario's ideal kinematics with its bodies.
 
-    Every variant of a scenario with events runs the same phases. Ringing is measured in the phase with the smallest
-    predicted damping ratio. Convergence is measured for the team of the first phase.
+    Every variant of a scenario with events runs the same phases. Ringing is that of the phase with the smallest damping
+    ratio. Convergence is measured for the team of the first phase.
 
     Args:
         scenario: Scenario from `load_scenario`.
@@ -62,13 +73,12 @@ def compare(
     system = phases[0].system
     runs = run_ablation(phases, ladder_of(phases, controlled=law is not None), progress, law=law, seed=scenario.seed)
     ideal = runs["ideal"]
-    at_q_star = ideal.recording.series_at_q_star()
-    limits = run_without_limits(phases, runs, law, scenario.seed)
+    at_q_star = series_at_q_star(phases, ideal.dataset)
     draft = CompareRecord(
         mjsheaf_version=__version__,
         scenario=scenario.name,
         seed=scenario.seed,
-        **_about_law(phases, runs, law, scenario.seed, progress),
+        **_about_law(phases, runs, law, progress),
         time_s=system.grid.period * system.grid.steps,
         formation_size_m=formation_size(system),
         ladder=[run.record(ideal) for run in runs.values()],
@@ -77,10 +87,10 @@ def compare(
             errors_by_scope(at_q_star, whole_run(system), complete=ideal.finished),
         ),
         convergence=_convergence(phases, law, progress),
-        velocity_limit=limits.record() if limits else None,
+        velocity_limit=velocity_limit_of(runs),
         demands=[demand for key in JUDGED for demand in demands_of(system, key, runs[key])],
         fastest=fastest_vehicles(system),
-        phases=_phases(phases, runs, at_q_star, limits),
+        phases=_phases(phases, runs, at_q_star),
         verdict=[],
         wall_time_s=working_time() - begun,
         video=None,
@@ -90,66 +100,51 @@ def compare(
 
 
 def _about_law(
-    phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None, seed: int, progress: Progress
+    phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None, progress: Progress
 ) -> dict[str, Any]:
     """Return the fields of a `CompareRecord` about the law; a law in Python has only a name."""
     if law is not None:
         return {"law": law.label, "controller": law.label, "gain": None, "usable_gain": None, "ringing": None}
     system = phases[0].system
-    watched = _least_damped_phase(phases)
-    remaining = phases[watched].system.remaining
-    progress("free-decay test", 0, 1)
-    ringing = ringing_of(remaining)
-    progress("free-decay test", 1, 1)
-    loop = _loop(phases, runs["ideal"])
-    gains = examine_gain(phases, runs, remaining, ringing, loop.largest_gain if loop else None, progress)
+    ways = ways_of(phases, runs["ideal"])
+    progress("closing the vehicles' loop", 0, 1)
+    number, ringing = find_ringing(ways)
+    loop = _loop(ways)
+    progress("closing the vehicles' loop", 1, 1)
+    gains = examine_gain(phases, runs, ringing, loop.largest_gain, progress)
     return {
         "law": law_of(system),
         "gain": system.gain,
         "terms": list(system.law.term_names),
-        "harm": _harm(phases, runs["all"], seed),
+        "harm": _harm(phases, runs["all"]),
         "usable_gain": min((limit.gain for limit in gains.limits), default=None),
         "gains": gains,
         "loop": loop,
         "ringing": ringing,
-        "ringing_phase": watched if ringing and len(phases) > 1 else None,
+        "ringing_phase": number if ringing and len(phases) > 1 else None,
     }
 
 
-def _phases(
-    phases: Sequence[Phase], runs: dict[str, Run], at_q_star: Series, limits: UnlimitedRuns | None
-) -> list[PhaseRecord]:
+def _phases(phases: Sequence[Phase], runs: dict[str, Run], at_q_star: Series) -> list[PhaseRecord]:
     """Return the errors of every phase that the ideal run reached; none without events."""
-    count = len(runs["ideal"].recording.pieces) if any(phase.events for phase in phases) else 0
-    return [_phase(phases, k, runs, at_q_star, limits) for k in range(count)]
+    count = runs["ideal"].phases_reached if any(phase.events for phase in phases) else 0
+    return [_phase(phases, k, runs, at_q_star) for k in range(count)]
 
 
-def _phase(
-    phases: Sequence[Phase], k: int, runs: dict[str, Run], at_q_star: Series, limits: UnlimitedRuns | None
-) -> PhaseRecord:
-    """Return the errors of a phase, by its number; unknown ones of runs that did not reach it."""
+def _phase(phases: Sequence[Phase], k: int, runs: dict[str, Run], at_q_star: Series) -> PhaseRecord:
+    """Return the errors of a phase, by its number; those of runs that did not reach it are null."""
     span = span_of_phase(phases, k)
     there = errors_by_scope(at_q_star, span, complete=runs["ideal"].finished_phase(k))
-    unknown = unknown_errors(there)
-    reached = {key for key, run in runs.items() if k < len(run.recording.pieces)}
-    errors = {key: run.errors_in_phase(k) if key in reached else unknown for key, run in runs.items()}
+    errors = {key: run.errors_in_phase(k) for key, run in runs.items()}
     return PhaseRecord(
         start=phases[k].time,
         end=float(phases[k].system.grid.span(span.end - 1, span.end)[0]),
         events=list(phases[k].events),
         errors=errors,
         budgets=budgets_of(errors, there),
-        velocity_limit=limits.record(k) if limits is not None and reached.issuperset(JUDGED) else None,
+        velocity_limit=velocity_limit_of(runs, k) if k < runs["all"].phases_reached else None,
         levers=[],
     )
-
-
-def _least_damped_phase(phases: Sequence[Phase]) -> int:
-    """Return the number of the phase with the smallest predicted damping ratio."""
-    if len(phases) == 1:
-        return 0
-    dampings = [predicted_damping(phase.system.remaining) for phase in phases]
-    return min(range(len(phases)), key=dampings.__getitem__)
 
 
 def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Progress) -> ConvergenceRecord:
@@ -161,11 +156,9 @@ def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Progres
     return ConvergenceRecord(points=[], start_s=grid.start, end_s=grid.start, slope=None, constant=None, reason=why)
 
 
-def _loop(phases: Sequence[Phase], ideal: Run) -> LoopRecord | None:
+def _loop(ways: Sequence[Way]) -> LoopRecord:
     """Analyse the loop of the scenario's bodies in the mean flow along the ideal run, in the worst of all phases."""
-    if not ideal.finished:
-        return None
-    loops = list(_loops(phases, ideal))
+    loops = [loop_along(way.system, way.time, way.q_star) for way in ways]
     stable = {loop.stable for loop in loops}
     gains = [loop.largest_gain for loop in loops if loop.largest_gain is not None]
     reasons = [*(loop.reason for loop in loops), "" if loops else "the run is too short"]
@@ -176,18 +169,9 @@ def _loop(phases: Sequence[Phase], ideal: Run) -> LoopRecord | None:
     )
 
 
-def _loops(phases: Sequence[Phase], ideal: Run) -> Iterator[BodyLoop]:
-    """Yield the loop of the bodies in each phase; the systems of the ideal run are without the effects of bodies."""
-    for phase, piece in zip(phases, ideal.recording.pieces, strict=False):
-        if len(piece.time) > 1:
-            team = phase.system.team
-            q_star = team.harmonic_extension(piece.positions)[:, team.present]
-            yield loop_along(phase.system.remaining, piece.time, q_star)
-
-
-def _harm(phases: Sequence[Phase], run: Run, seed: int) -> list[str]:
+def _harm(phases: Sequence[Phase], run: Run) -> list[str]:
     """Return warnings about the law's terms in the run of the scenario as given."""
     if not any(phase.system.law.extended for phase in phases):
         return []
-    found = examine_terms(phases, run.recording.dataset("physics", seed))
+    found = examine_terms(phases, run.dataset)
     return list(found.warnings) if found else []

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.comparing.ladder import inertial_tau, without_links, without_terms
-from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
-from mjsheaf.io.section import FiniteRecord
+from mjsheaf.comparing.measures import positions_at_q_star
+from mjsheaf.comparing.variants import inertial_tau, without_links, without_terms
 from mjsheaf.loop.log import Trajectory
 from mjsheaf.loop.session import engine_of
 from mjsheaf.runs.simulate import Progress, no_progress
+from mjsheaf.section import FiniteRecord
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects
 
@@ -86,8 +86,11 @@ def _measure(system: System, ideal: Trajectory, tau: float, start: float) -> Poi
     timestep = period / np.ceil(period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
     here = _with_inertia(system, tau)
     run = engine_of(replace(here, bodies=replace(here.bodies, timestep=float(timestep)))).run()
-    apart = largest_distance(run, ideal, start) if run.status == "finished" else None
-    return PointRecord(tau_s=tau, timestep_s=timestep, distance_m=apart.distance_m if apart else None)
+    distance = None
+    if run.status == "finished":
+        apart = (run.positions - ideal.positions)[run.time >= start - 1e-9, : len(system.team.agents)]
+        distance = float(np.linalg.norm(apart, axis=2).max())
+    return PointRecord(tau_s=tau, timestep_s=timestep, distance_m=distance)
 
 
 def _record(start: float, end: float, points: list[PointRecord], reason: str = "") -> ConvergenceRecord:

@@ -1,22 +1,18 @@
-"""Speeds that the law and the motions command, against the speeds that vehicles reach.
+"""Speeds that the law and the motions command, against the speeds that vehicles reach, and the cost of their limit.
 
-The cost of the law's velocity limit follows from the ideal run and the scenario as given, both run again without it.
+The cost of the law's velocity limit follows from the variants of the ladder without it.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from mjsheaf.arrays import Array
-from mjsheaf.comparing.ladder import Run, changed_systems, ladder_of, run_ablation, span_of_phase
-from mjsheaf.comparing.measures import Role, ScopeRecord, Span, middle_of, vehicles_by_role, whole_run
-from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.scenario.law_file import LawFile
-from mjsheaf.system import Phase, System
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.comparing.measures import Role, ScopeRecord, Span, vehicles_by_role, whole_run
+from mjsheaf.comparing.variants import Run, has_limits, span_of_phase
+from mjsheaf.section import Finite, FiniteRecord
+from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles
 
@@ -26,7 +22,6 @@ JUDGED: tuple[Literal["ideal"], Literal["all"]] = ("ideal", "all")
 """Keys of the runs whose demands and limits are examined."""
 
 _DOMAIN: dict[int, Domain] = {2: "the plane", 3: "space"}
-_MOST_SAMPLES = 20_000  # approximate maximum number of samples of a run that are examined
 _AT_LIMIT = 1.0 - 1e-9  # of the limit
 
 
@@ -88,8 +83,7 @@ def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[D
     """Return the speeds commanded to each kind of vehicle in the second half of a run; none if it blew up."""
     if not run.finished:
         return []
-    time = run.trajectory.time
-    chosen, speed = _commanded_speeds(run, time >= middle_of(system) - 1e-9)
+    speed, chosen = _late_speeds(run, whole_run(system))
     found = []
     for (role, name), members in vehicles_by_role(system).items():
         k, j = np.unravel_index(int(speed[:, members].argmax()), (len(chosen), len(members)))
@@ -102,7 +96,7 @@ def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[D
                 moves_in=_DOMAIN[system.team.members[v].dimension],
                 asked_m_s=float(speed[k, v]),
                 who=system.team.members[v].id,
-                time_s=float(time[chosen[k]]),
+                time_s=float(run.time[chosen[k]]),
                 share_beyond=float((speed[:, v] > able.least_speed).mean()),
                 least_speed_m_s=able.least_speed,
                 forward_speed_m_s=able.forward_speed,
@@ -122,81 +116,47 @@ def fastest_vehicles(system: System) -> list[FastestRecord]:
     return [fastest[domain] for domain in _DOMAIN.values() if domain in fastest]
 
 
-@dataclass(frozen=True)
-class UnlimitedRuns:
-    """Runs with the law's velocity limit, and the same runs without it.
+def velocity_limit_of(runs: dict[str, Run], number: int | None = None) -> VelocityLimitRecord | None:
+    """Compare runs with and without the velocity limit, over the whole run or a phase; None if no agent has one there.
 
-    Attributes:
-        limited: Runs of the ladder by key.
-        without: Runs without velocity limits by key, those of JUDGED.
+    Args:
+        runs: Runs of the ladder by key.
+        number: Number of the phase, which the ideal run and the scenario as given must have reached; None for the whole
+            run.
     """
-
-    limited: dict[str, Run]
-    without: dict[str, Run]
-
-    def record(self, phase: int | None = None) -> VelocityLimitRecord | None:
-        """Compare them over the whole run, or over a phase; None if no agent has a limit there."""
-        ideal = self.limited["ideal"]
-        system, phases = ideal.system, ideal.recording.phases
-        span = whole_run(system) if phase is None else span_of_phase(phases, phase)
-        some = phases if phase is None else phases[phase : phase + 1]
-        limits = np.array([one.system.law.limit[: len(system.team.agents)] for one in some])
-        limited = np.isfinite(limits) & (limits > 0.0)
-        if not limited.any():
-            return None
-        asked, _ = _late_speeds(self.without["ideal"], span)
-        most = np.where(limited.any(axis=0), asked.max(axis=0, initial=0.0), -1.0)
-        return VelocityLimitRecord(
-            lowest_m_s=float(limits[limited].min()),
-            highest_m_s=float(limits[limited].max()),
-            asked_m_s=float(most.max()),
-            who=system.team.agent_ids[int(most.argmax())],
-            runs=[self._compared(key, phase, span) for key in JUDGED],
-        )
-
-    def _compared(self, key: Literal["ideal", "all"], phase: int | None, span: Span) -> UnlimitedRecord:
-        without = self.without[key]
-        speed, limits = _late_speeds(self.limited[key], span)
-        held = (speed >= _AT_LIMIT * limits)[limits > 0.0]
-        return UnlimitedRecord(
-            run=key,
-            share_at_limit=float(held.mean()) if held.size else 0.0,
-            status_without=without.trajectory.status,
-            errors_without=without.errors if phase is None else without.errors_in_phase(phase),
-        )
-
-
-def run_without_limits(
-    phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None = None, seed: int = 0
-) -> UnlimitedRuns | None:
-    """Run a scenario without its velocity limits; None if no agent has one. See `run_ablation` for `law` and `seed`."""
-    agents = len(phases[0].system.team.agents)
-    if not any(np.isfinite(phase.system.law.limit[:agents]).any() for phase in phases):
+    phases = runs["ideal"].phases
+    system = phases[0].system
+    some = phases if number is None else phases[number : number + 1]
+    if not has_limits(some):
         return None
-    unlimited = changed_systems(phases, _without_limits)
-    judged = [variant for variant in ladder_of(unlimited) if variant.key in JUDGED]
-    return UnlimitedRuns(runs, run_ablation(unlimited, judged, law=law, seed=seed))
+    span = whole_run(system) if number is None else span_of_phase(phases, number)
+    limits = np.array([phase.system.law.limit[: len(system.team.agents)] for phase in some])
+    limited = np.isfinite(limits) & (limits > 0.0)
+    speed, _ = _late_speeds(runs["ideal-limit"], span)
+    largest = np.where(limited.any(axis=0), speed[:, : limits.shape[1]].max(axis=0, initial=0.0), -1.0)
+    return VelocityLimitRecord(
+        lowest_m_s=float(limits[limited].min()),
+        highest_m_s=float(limits[limited].max()),
+        asked_m_s=float(largest.max()),
+        who=system.team.agent_ids[int(largest.argmax())],
+        runs=[_compared(key, runs, number, span) for key in JUDGED],
+    )
 
 
-def _without_limits(system: System) -> System:
-    """Return the system without velocity limits; absent agents are still commanded to rest."""
-    return replace(system, law=system.law._replace(limit=np.where(system.law.limit > 0.0, np.inf, 0.0)))
+def _compared(key: Literal["ideal", "all"], runs: dict[str, Run], number: int | None, span: Span) -> UnlimitedRecord:
+    speed, chosen = _late_speeds(runs[key], span)
+    limits = runs[key].limits[chosen]
+    held = (speed[:, : limits.shape[1]] >= _AT_LIMIT * limits)[limits > 0.0]
+    without = runs[f"{key}-limit"]
+    return UnlimitedRecord(
+        run=key,
+        share_at_limit=float(held.mean()) if held.size else 0.0,
+        status_without=without.dataset.attrs["status"],
+        errors_without=without.errors if number is None else without.errors_in_phase(number),
+    )
 
 
-def _late_speeds(run: Run, span: Span) -> tuple[Array, Array]:
-    """Return |v_c| of every agent in the second half of a span, thinned, and its limit, shapes (T, N), m/s.
-
-    The limit of an absent agent is 0.
-    """
-    chosen, speeds = _commanded_speeds(run, span.last_half(len(run.trajectory.time)))
-    return speeds[:, : len(run.system.team.agents)], run.recording.limits[chosen]
-
-
-def _commanded_speeds(run: Run, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
-    """Return the indices of the selected samples, thinned, and |v_c| of every vehicle there, shape (T, V), m/s.
-
-    At most about _MOST_SAMPLES are returned. v_c is the law's command, relative to the medium.
-    """
-    chosen = np.flatnonzero(wanted)
-    chosen = chosen[:: max(1, len(chosen) // _MOST_SAMPLES)]
-    return chosen, np.linalg.norm(run.trajectory.log.command[chosen], axis=2)
+def _late_speeds(run: Run, span: Span) -> tuple[Array, IntArray]:
+    """Return |v_c| of every vehicle in the second half of a span, shape (T, V), m/s, and the numbers of its samples."""
+    chosen = np.flatnonzero(span.last_half(len(run.asked)))
+    return run.asked[chosen], chosen

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from mjsheaf.arrays import Array
-from mjsheaf.comparing.ladder import Run, RungRecord, display_name
+from mjsheaf.comparing.causes import CompareRecord
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
-from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.comparing.variants import Run, RungRecord, display_name
 from mjsheaf.results.netcdf import thin
 from mjsheaf.show.panels import (
     NORMAL,
@@ -52,7 +51,7 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
     figure = new_figure(WIDTH, 1.1 + 2.1 * len(drawn), title, options)
     panels = figure.subplots(len(drawn), 1, sharex=True)
     rungs, footnote = choose_rungs(record)
-    start = float(ideal.trajectory.time[0])
+    start = float(ideal.time[0])
     end = start + record.time_s
     eventful = [phase for phase in record.phases if phase.events]
     for axis, (name, title) in zip(panels, drawn.items(), strict=True):
@@ -83,7 +82,7 @@ def _draw_rungs(axis: Any, name: str, rungs: list[RungRecord], runs: dict[str, R
     ends = []
     for k, rung in enumerate(rungs):
         run = runs[rung.key]
-        apart = farthest(run, runs["ideal"])
+        apart = distances(run.dataset, runs["ideal"].dataset).max(axis=1)
         keep = thin(len(apart), _MOST_POINTS)
         y = (run.series[TEAM] | {"distance": apart})[name][keep]
         y = np.where(y > 0.0, y, np.nan)  # a logarithmic axis has no zero
@@ -93,7 +92,7 @@ def _draw_rungs(axis: Any, name: str, rungs: list[RungRecord], runs: dict[str, R
             label = rung.label
         if np.isfinite(y).any():
             style = _style(rung, k)
-            axis.plot(run.trajectory.time[keep], y, **style)
+            axis.plot(run.time[keep], y, **style)
             ends.append((float(y[np.isfinite(y)][-1]), label, style["color"]))
     log_axis(axis, "y", np.concatenate(values), decades=4)
     return ends
@@ -181,12 +180,6 @@ def _named(rungs: list[RungRecord], reason: str) -> list[str]:
     """Describe the effects of variants that are not drawn, with the reason; empty if there are none."""
     effects = [display_name(rung.effect or "") for rung in rungs]
     return [f"{', '.join(effects)} ({reason})"] if effects else []
-
-
-def farthest(run: Run, ideal: Run) -> Array:
-    """Compute the distance of the present agent farthest from its ideal run at each sample, shape (T,), m."""
-    apart = distances(run.trajectory, ideal.trajectory)
-    return np.where(run.recording.present[: len(apart)], apart, 0.0).max(axis=1)
 
 
 def _style(rung: RungRecord, k: int) -> dict[str, Any]:

@@ -1,18 +1,17 @@
 """Measures of a run (errors, distance to the ideal run, saturation) and the budget of an error by effect."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
-from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.loop.log import Trajectory
 from mjsheaf.results import metrics
-from mjsheaf.system import System
+from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
+from mjsheaf.system import Phase, System
 
 Role = Literal["agents", "targets"]
 ROLES: tuple[Role, Role] = ("agents", "targets")
@@ -30,6 +29,9 @@ TEAM = "team"
 
 Series = dict[str, dict[str, Array]]
 """Errors over time by scope, then by field of ErrorsRecord, shape (T,), m; NaN where undefined."""
+
+
+_MEASURED = ("tracking_error", "formation_error", "centering_error")
 
 
 class ErrorsRecord(FiniteRecord):
@@ -69,10 +71,24 @@ class SaturationRecord(FiniteRecord):
     share: float = Field(description="fraction of time and thrusters at a limit, 0 to 1")
 
 
-def error_series(system: System, positions: Array) -> Series:
-    """Compute the errors of positions, shape (T, V, 3), m: the team's first, then its groups'."""
-    team, groups = metrics.error_series(system.team, positions)
-    return {TEAM: team, **groups}
+def series_of(system: System, dataset: xr.Dataset) -> Series:
+    """Read the errors of a run over time: the team's first, then its groups'."""
+    team, groups = metrics.series_of(system.team, dataset, 0)
+    return {scope: {name: own[name] for name in _MEASURED} for scope, own in {TEAM: team, **groups}.items()}
+
+
+def series_at_q_star(phases: Sequence[Phase], dataset: xr.Dataset) -> Series:
+    """Compute the errors over time that a run would have with every agent at its harmonic extension."""
+    positions = np.concatenate([dataset["harmonic_extension"].values, dataset["target_position"].values], axis=1)
+    number = dataset["phase"].values
+    parts = []
+    for k in np.unique(number):
+        team, groups = metrics.error_series(phases[k].system.team, positions[number == k])
+        parts.append({TEAM: team, **groups})
+    return {
+        scope: {name: np.concatenate([part[scope][name] for part in parts]) for name in own}
+        for scope, own in parts[0].items()
+    }
 
 
 @dataclass(frozen=True)
@@ -120,12 +136,6 @@ def errors_by_scope(series: Series, span: Span, *, complete: bool) -> dict[str, 
     }
 
 
-def unknown_errors(like: Mapping[str, ScopeRecord]) -> dict[str, ScopeRecord]:
-    """Return null errors for the same scopes."""
-    nothing = ErrorsRecord(tracking_error=None, formation_error=None, centering_error=None)
-    return {scope: ScopeRecord(final=nothing, late=nothing) for scope in like}
-
-
 def positions_at_q_star(system: System, positions: Array) -> Array:
     """Return positions of a run with its agents moved to the harmonic extension of its targets, shape (T, V, 3), m."""
     team = system.team
@@ -152,27 +162,31 @@ def root_mean_square(values: Array, chosen: BoolArray) -> float:
     return float(np.sqrt((known**2).mean())) if known.size else float("nan")
 
 
-def distances(one: Trajectory, other: Trajectory) -> Array:
-    """Compute each agent's distance between two runs, over the samples that both have, shape (T, N), m."""
-    N, samples = len(one.system.team.agents), min(len(one.time), len(other.time))
-    return np.asarray(np.linalg.norm(one.positions[:samples, :N] - other.positions[:samples, :N], axis=2))
+def distances(one: xr.Dataset, other: xr.Dataset) -> Array:
+    """Compute each agent's distance between two runs, over the samples that both have, shape (T, N), m.
 
-
-def largest_distance(
-    one: Trajectory, other: Trajectory, start: float, present: BoolArray | None = None
-) -> DistanceRecord | None:
-    """Find the largest of `distances` after time `start`, s; None without samples, or if it is not finite.
-
-    Only agents that are `present` at a sample of `one` count, shape (T, N); None counts all.
+    It is 0 while the agent is absent.
     """
+    samples = min(one.sizes["time"], other.sizes["time"])
+    apart = one["agent_position"].values[:samples] - other["agent_position"].values[:samples]
+    distance = np.linalg.norm(np.nan_to_num(apart), axis=2)
+    return np.where(present_in(one)[:samples], distance, 0.0)
+
+
+def largest_distance(one: xr.Dataset, other: xr.Dataset, start: float) -> DistanceRecord | None:
+    """Find the largest of `distances` after time `start`, s; None without samples, or if it is not finite."""
     apart = distances(one, other)
-    apart[one.time[: len(apart)] < start - 1e-9] = -1.0
-    if present is not None:
-        apart[~present[: len(apart)]] = -1.0
+    time = one["time"].values[: len(apart)]
+    apart[time < start - 1e-9] = -1.0
     k, i = np.unravel_index(int(apart.argmax()), apart.shape)
     if not 0.0 <= apart[k, i] < np.inf:
         return None
-    return DistanceRecord(distance_m=float(apart[k, i]), agent=one.system.team.agent_ids[i], time_s=float(one.time[k]))
+    return DistanceRecord(distance_m=apart[k, i], agent=str(one["agent"].values[i]), time_s=time[k])
+
+
+def present_in(dataset: xr.Dataset) -> BoolArray:
+    """Return True for agents that are part of the team at each sample of a run, shape (T, N)."""
+    return np.isfinite(dataset["tracking_error"].values)
 
 
 def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
@@ -183,37 +197,25 @@ def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
     return found
 
 
-def saturation_of(trajectory: Trajectory, roles: list[Role], present: BoolArray) -> list[SaturationRecord]:
+def saturation_of(system: System, dataset: xr.Dataset, roles: Sequence[Role]) -> list[SaturationRecord]:
     """Measure the fraction of time that thrusters are at a limit, for all agents, then by role and vehicle.
 
-    Only the given `roles` are reported, which are bodies. Agents count while they are `present`, shape (T, N).
+    Only the given `roles` are reported, which are bodies. Agents count while they are present.
     """
-    if not trajectory.log.saturation.size:  # ideal kinematics
+    if "agent_saturation" not in dataset:
         return []
-    system, N = trajectory.system, present.shape[1]
-    share = saturated_share(trajectory, present)
-    counted = present.sum(axis=0) > 0
-    thrusters = np.array([len(vehicle.thrusters) for vehicle in system.vehicles[:N]])
-    weights = np.where(counted, thrusters * present.sum(axis=0), 0)
-    found: dict[tuple[Role, str], float] = {("agents", ""): np.average(np.nan_to_num(share[:N]), weights=weights)}
-    for kind, members in vehicles_by_role(system).items():
-        there = [v for v in members if v >= N or counted[v]]
-        if there:
-            found[kind] = float(share[there].mean())
-    return [SaturationRecord(role=r, vehicle=name, share=value) for (r, name), value in found.items() if r in roles]
-
-
-def saturated_share(trajectory: Trajectory, present: BoolArray) -> Array:
-    """Compute the fraction of time and thrusters at a limit of every vehicle, shape (V,); NaN for agents never present.
-
-    Agents count while they are `present`, shape (T, N).
-    """
-    saturation, N = trajectory.log.saturation, present.shape[1]
-    share = saturation.mean(axis=0)
+    present = present_in(dataset)
     count = present.sum(axis=0)
-    total = np.where(present, saturation[:, :N], 0.0).sum(axis=0)
-    share[:N] = np.divide(total, count, out=np.full(N, np.nan), where=count > 0)
-    return share
+    N = len(count)
+    total = np.where(present, dataset["agent_saturation"].values, 0.0).sum(axis=0)
+    share = np.append(total / np.maximum(count, 1), dataset["target_saturation"].values.mean(axis=0))
+    weights = count * [len(vehicle.thrusters) for vehicle in system.vehicles[:N]]
+    found = [SaturationRecord(role="agents", vehicle="", share=np.average(share[:N], weights=weights))]
+    for (role, name), members in vehicles_by_role(system).items():
+        there = [v for v in members if v >= N or count[v]]
+        if there and role in roles:
+            found.append(SaturationRecord(role=role, vehicle=name, share=share[there].mean()))
+    return found
 
 
 class ItemRecord(FiniteRecord):

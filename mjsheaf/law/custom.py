@@ -35,9 +35,8 @@ from mjsheaf.arrays import Array, Take
 from mjsheaf.compile.jit import INTERPRETED, NumbaError, inline_jit, types, user_jit
 from mjsheaf.compile.parts import for_each
 from mjsheaf.errors import InputError, expected, in_field, raise_first
-from mjsheaf.io.files import digest_of
-from mjsheaf.io.section import Section
-from mjsheaf.io.user_code import describe, execute_file
+from mjsheaf.files import describe, digest_of, execute_file
+from mjsheaf.section import Section
 from mjsheaf.team import Team
 
 _PREFIX = "Term_"

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, visible
-from mjsheaf.io.user_code import describe, in_this_directory
+from mjsheaf.files import describe, in_this_directory
 from mjsheaf.law.law import LawArrays, Memory, link_of, rows_of_measuring_edges
 from mjsheaf.law.terms import Traffic
 from mjsheaf.sheaf.nonlinear import measure

@@ -18,11 +18,11 @@ from pydantic import Field, field_validator, model_validator
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.io.section import Id, Number, Point, Positive, Section, Tagged
 from mjsheaf.law.obstacles import KINDS, ObstacleArrays
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.law.terms import limit_speed
 from mjsheaf.paths import Adrift, Motion, pack_motions, reference_bounds
+from mjsheaf.section import Id, Number, Point, Positive, Section, Tagged
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 

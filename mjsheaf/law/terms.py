@@ -26,7 +26,6 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.law.edges import Slopes, slope
 from mjsheaf.law.rounds import (
     FEEDFORWARD,
@@ -38,6 +37,7 @@ from mjsheaf.law.rounds import (
     relax,
 )
 from mjsheaf.noise import normals, stream_of
+from mjsheaf.section import NonNegative, Positive, Section
 from mjsheaf.team import Team
 
 _SETTLED = 1e-3  # of an error: what rounds leave of it once v may be extrapolated

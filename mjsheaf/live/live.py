@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import body_loop, medium_on_path
 from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.targets import follow_targets
-from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, UndecidedError
 from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
@@ -27,13 +27,13 @@ from mjsheaf.media.flow import FlowField
 from mjsheaf.page.page import Live, law_in_words, page_of
 from mjsheaf.page.replay import Packer, Scene, add_samples, origin_of
 from mjsheaf.results.dataset import join, make_datasets
-from mjsheaf.results.sinks import Memory, Sink
+from mjsheaf.results.netcdf import Memory, Sink
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
 from mjsheaf.show.played import edges_of
 from mjsheaf.system import Phase, System
 from mjsheaf.team.null_modes import free_axes
-from mjsheaf.team.shapes import Path
+from mjsheaf.team.team import Path
 from mjsheaf.threads import one_thread
 
 MAX_FACTOR = 10.0

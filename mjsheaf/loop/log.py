@@ -20,7 +20,7 @@ def samples_in_piece(system: System) -> int:
 
 
 class Extra(NamedTuple):
-    """Recorded values of variables with a compiled reader (see `results.variables`).
+    """Recorded values of variables with a compiled reader (see `results.dataset`).
 
     Attributes:
         values: Values of all these variables, one after the other, shape (T, V, width).
@@ -105,7 +105,7 @@ def new_log(T: int, law: LawArrays, *, inputs: tuple[int, int] | None = None, ac
 
 def _new_extra(T: int, V: int) -> Extra | tuple[()]:
     """Return room for the variables that have a compiled reader."""
-    from mjsheaf.results.variables import compiled
+    from mjsheaf.results.dataset import compiled
 
     entries = compiled()
     if not entries:

@@ -25,10 +25,10 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.errors import InputError, raise_first
-from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.media.gusts import Gusts
 from mjsheaf.media.varying import MovingVortices, Ramp, Tide
 from mjsheaf.media.waves import Waves
+from mjsheaf.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.vehicles.vectors import add, cross, triple
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),

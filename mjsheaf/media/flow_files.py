@@ -14,10 +14,9 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from mjsheaf.arrays import Array
+from mjsheaf.cf import converts, coordinates_of, decoded, factor, open_netcdf, text_of
 from mjsheaf.errors import InputError, expected, in_field, listed, shortened
-from mjsheaf.io.cf import coordinates_of, decoded, open_netcdf, text_of
-from mjsheaf.io.files import digest_of
-from mjsheaf.io.units import converts, factor
+from mjsheaf.files import digest_of
 from mjsheaf.media.places import Plane, plane_of
 
 if TYPE_CHECKING:

@@ -16,12 +16,12 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.io.files import digest_of
-from mjsheaf.io.section import NonNegative, Number
+from mjsheaf.files import digest_of
 from mjsheaf.media.flow import FlowField
 from mjsheaf.media.flow_files import Grid, Medium, Reading, Request, read_flow
 from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.varying import Bounds
+from mjsheaf.section import NonNegative, Number
 
 _ROUNDING = 1e-9
 

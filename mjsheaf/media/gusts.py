@@ -30,9 +30,9 @@ from scipy.special import gammainc
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.media.varying import Bounds, unbounded
 from mjsheaf.noise import normals, stream_of
+from mjsheaf.section import Number, Positive, Section
 
 FOOT = 0.3048  # m
 LOWEST = 10.0 * FOOT

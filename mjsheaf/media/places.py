@@ -1,6 +1,6 @@
 """Places of a grid in the plane about an origin, from its longitudes and latitudes or its projection.
 
-Longitude and latitude become x and y by an affine map: see `mjsheaf.io.geography`. A projected grid keeps its axes, and
+Longitude and latitude become x and y by an affine map: see `mjsheaf.cf`. A projected grid keeps its axes, and
 the plane is turned to them where the origin is; pyproj knows the projections of CF.
 """
 
@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array
+from mjsheaf.cf import EARTH, coordinates_of, factor, text_of, to_plane
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.io.cf import coordinates_of, text_of
-from mjsheaf.io.geography import EARTH, to_plane
-from mjsheaf.io.units import factor
 
 if TYPE_CHECKING:
     import xarray as xr

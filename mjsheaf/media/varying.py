@@ -18,8 +18,8 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.noise import generator_of
+from mjsheaf.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.vehicles.vectors import triple
 
 LARGEST_PHASE = 1e7

@@ -25,9 +25,9 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.media.varying import Bounds, sine
 from mjsheaf.noise import generator_of
+from mjsheaf.section import Number, Positive, Section
 
 GRAVITY = 9.81
 """m/s^2, as in MuJoCo's models."""

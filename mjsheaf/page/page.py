@@ -18,18 +18,18 @@ from pydantic_core import to_json
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import naming, write_whole
-from mjsheaf.io.section import LARGEST
+from mjsheaf.files import naming, write_whole
 from mjsheaf.page.replay import REQUIRED, Ghost, pack
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
 from mjsheaf.scenario import Scenario
+from mjsheaf.section import LARGEST
 from mjsheaf.show.played import Played, has_bodies, played
 from mjsheaf.show.solids import kinds_of
 from mjsheaf.show.style import list_scales
 from mjsheaf.vehicles.effects import capability_of, of_each
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.finished import HeldBound, RunBound
+    from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
     from mjsheaf.system import Phase, System
 
 Bounds = Sequence[tuple["RunBound", "HeldBound"]]
@@ -71,7 +71,7 @@ def page_of(
         phases: Phases of the run.
         dataset: its data, in memory or opened.
         summary: Contents of summary.json, as far as they are known.
-        bounds: what they say of each phase of the run: see `finished.bounds_of_phases`.
+        bounds: what they say of each phase of the run: see `of_run.bounds_of_phases`.
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
         ghosts: Other runs, drawn translucent.
         again: the command that makes the run again, and where; None for that in a run's directory.
@@ -100,7 +100,7 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
         InputError: the directory holds no run, one that does not fit its scenario, or one of a version
             that recorded less; or the file cannot be written.
     """
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.results.store import reopen_run
 
     path = directory / "report.html" if path is None else path

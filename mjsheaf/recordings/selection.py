@@ -5,8 +5,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array
+from mjsheaf.cf import to_plane
 from mjsheaf.errors import InputError, listed
-from mjsheaf.io.geography import to_plane
 
 Rows = list[list[float]]
 Axes = Literal["enu", "ned"]

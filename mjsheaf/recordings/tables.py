@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsheaf.arrays import Array
+from mjsheaf.cf import decoded, factor, open_netcdf
 from mjsheaf.errors import InputError, in_field, listed, shortened
-from mjsheaf.io.cf import decoded, open_netcdf
-from mjsheaf.io.units import factor
 from mjsheaf.recordings.selection import Rows, Selection, arrange
 
 if TYPE_CHECKING:

@@ -1,24 +1,471 @@
-"""A run as an xarray Dataset with CF attributes, the contents of result.nc."""
+"""A run as an xarray Dataset with CF attributes, the contents of result.nc.
+
+Every variable and every coordinate is one entry of a list. An entry has a name, dimensions, a unit, a meaning, the runs
+that have it, and a function that reads it: either from samples (`values`), or in the loop during the run (`read`). The
+lists define result.nc, the data of every other sink, and the reference page.
+"""
 
 import json
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import astuple
-from typing import Any
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import astuple, dataclass, field
+from functools import cached_property
+from numbers import Integral
+from pathlib import PurePath
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
-from mjsheaf.arrays import Array, IntArray
-from mjsheaf.law.links import NEW
+from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.law.law import disagreement
+from mjsheaf.law.links import NEW, SILENT
+from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.law.terms import traffic_of
-from mjsheaf.loop.log import Trajectory
-from mjsheaf.results import variables as declared
-from mjsheaf.results.variables import Samples, labelled_edges
+from mjsheaf.loop.log import Log, Trajectory
+from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
 from mjsheaf.system import Phase, System
-from mjsheaf.team.shapes import Path
+from mjsheaf.team import Edge
+from mjsheaf.team.team import Path
+
+Key = tuple[str, str]
+"""Kind and name of an edge, such as ('sensing', 'A1-T1')."""
+
+
+@dataclass
+class Samples:
+    """Samples of a run under one system, the source of all variables.
+
+    Attributes:
+        trajectory: Recorded samples.
+        linked: Edges of the run that have a link in some phase, in order.
+        sizes: Dimension of the values that each edge of the run compares.
+        delivered: Fraction of each linked edge's measurements that have arrived, shape (L,).
+        path: q* up to these samples.
+    """
+
+    trajectory: "Trajectory"
+    linked: list[Key]
+    sizes: dict[Key, int]
+    delivered: Array
+    path: Path = field(default_factory=Path)
+    _known: dict[Any, NDArray[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.system: System = self.trajectory.system
+        self.log: Log = self.trajectory.log
+        self.team = self.system.team
+        self.agents = len(self.team.agents)
+        self.positions = self.log.positions
+
+    @property
+    def on_bodies(self) -> bool:
+        """True on bodies, False on ideal kinematics."""
+        return bool(len(self.log.origin))
+
+    def of_present(self, values: Array) -> Array:
+        """Return values of agents (T, N, 3), NaN where one is absent or lacks the coordinate."""
+        return np.where(self.team.present[:, None], self.padded(values)[:, : self.agents], np.nan)
+
+    @cached_property
+    def _coordinates(self) -> BoolArray:
+        """Coordinates that each vehicle has, shape (V, 3)."""
+        return np.arange(3) < np.array([[member.dimension] for member in self.team.members])
+
+    def padded(self, values: Array) -> Array:
+        """Return values (T, V, 3), NaN where a vehicle lacks the coordinate."""
+        return np.where(self._coordinates, values, np.nan)
+
+    @cached_property
+    def errors(self) -> Errors:
+        """Errors of the team."""
+        return evaluate_errors(self.team, self.positions, self.path)
+
+    @cached_property
+    def eta(self) -> Array:
+        """True disagreement of the agents, padded, shape (T, V, 3), m."""
+        return disagreement(self.system.law, self.positions) if self.linked else self.log.residual
+
+    @cached_property
+    def own_edges(self) -> list[Key]:
+        """Edges of the present phase in the order of the law."""
+        return [key for key, _ in labelled_edges(self.system)]
+
+    @cached_property
+    def columns(self) -> dict[Key, int]:
+        """Number of each edge of the run."""
+        return {key: e for e, key in enumerate(self.sizes)}
+
+    @cached_property
+    def heard(self) -> NDArray[np.int8]:
+        """Measurement that each edge of the run received: 0 none, 1 the last one held, 2 a new one, (T, edges)."""
+        heard = np.full((len(self.positions), len(self.columns)), SILENT, dtype=np.int8)
+        heard[:, [self.columns[key] for key in self.own_edges]] = NEW
+        linked = [self.columns[self.own_edges[e]] for e in self.system.law.links.table["edge"]]
+        heard[:, linked] = self.log.heard
+        return heard
+
+    @cached_property
+    def measurements(self) -> Array:
+        """Measurements of all edges as delivered, shape (T, m), m; NaN if none was received."""
+        first = self.system.law.edges.first
+        begin = np.cumsum([0, *self.sizes.values()])
+        found = np.full((len(self.positions), begin[-1]), np.nan)
+        for e, key in enumerate(self.own_edges):
+            k = self.columns[key]
+            y = self.log.measurements[:, first[e] : first[e + 1]]
+            found[:, begin[k] : begin[k + 1]] = np.where(self.heard[:, [k]] == SILENT, np.nan, y)
+        return found
+
+    @cached_property
+    def arrival(self) -> Array:
+        """Fraction of all edges that receive a new measurement, shape (T,)."""
+        edges = len(self.own_edges)
+        arrived = edges - self.log.heard.shape[1] + (self.log.heard == NEW).sum(axis=1)
+        return np.asarray(arrived / max(edges, 1))
+
+    @cached_property
+    def clearances(self) -> Array:
+        """Smallest distance minus the required one over all pairs, shape (T,), m."""
+        system = self.system
+        safety = system.separation(np.zeros(len(system.planar)))
+        places = self.log.origin if self.on_bodies else self.positions + safety.lift
+        return clearances(safety, self.trajectory.time, places)
+
+    @cached_property
+    def channels(self) -> list[list[Any]]:
+        """Channels of each vehicle's thrusters."""
+        return [list(vehicle.channels) for vehicle in self.system.vehicles]
+
+    def by_channel(self, values: Array) -> Array:
+        """Return values of all actuators (T, A) by vehicle, NaN where one has fewer, shape (T, V, channels)."""
+        counts = np.array([len(own) for own in self.channels])
+        has = np.arange(counts.max()) < counts[:, None]
+        found = np.full((len(self.positions), *has.shape), np.nan)
+        found[:, has] = values
+        return found
+
+    def channel_labels(self, field: str) -> NDArray[Any]:
+        """Return a field of each vehicle's channels, empty where it has fewer, shape (V, channels)."""
+        width = max(len(own) for own in self.channels)
+        rows = [[getattr(channel, field) for channel in own] + [""] * (width - len(own)) for own in self.channels]
+        return np.array(rows, dtype=object)
+
+    def read(self, entry: "Variable") -> NDArray[Any]:
+        """Return the values of an entry at all samples."""
+        source = entry.values or entry.name
+        if source not in self._known:
+            found = entry.values(self) if entry.values else self._recorded(entry)
+            self._known[source] = found if isinstance(found, np.ndarray) else np.array(found, dtype=object)
+        values = self._known[source]
+        if entry.rows is None:
+            return values
+        rows = slice(0, self.agents) if entry.rows == "agent" else slice(self.agents, None)
+        return values[:, rows] if entry.dimensions[0] == "time" else values[rows]
+
+    def _recorded(self, entry: "Variable") -> Array:
+        """Return the values that the loop recorded for an entry, shape (T, V) or (T, V, width)."""
+        before = 0
+        for other in compiled():
+            if other.name == entry.name:
+                break
+            before += other.width
+        own = self.log.extra.values[:, :, before : before + entry.width]
+        return own if len(entry.dimensions) > 2 else own[:, :, 0]
+
+
+def labelled_edges(system: "System") -> list[tuple[Key, Edge]]:
+    """Return the edges of communication and sensing in the order of the law: kind and name, such as 'A1-A2', and edge.
+
+    The second of several edges between the same ends is 'A1-A2-2'.
+    """
+    met: dict[Key, int] = {}
+    found = []
+    for kind, edges in (("communication", system.team.communication), ("sensing", system.team.sensing)):
+        for edge in edges:
+            key = kind, f"{edge.tail}-{edge.head}"
+            met[key] = met.get(key, 0) + 1
+            found.append(((kind, key[1] + (f"-{met[key]}" if met[key] > 1 else "")), edge))
+    return found
+
+
+Test = Callable[[Samples], bool]
+
+
+class Variable(NamedTuple):
+    """A recorded variable, or a coordinate.
+
+    Attributes:
+        name: Its name in result.nc.
+        dimensions: Names of its dimensions.
+        unit: Unit in CF notation, or a function of samples; empty for labels.
+        long_name: Meaning of the variable.
+        values: Function that reads it from samples; None if `read` does.
+        where: Function that returns True if a run has it, with the same result for all pieces of a run.
+        present: Description of `where` for the reference page.
+        rows: 'agent' or 'target' if `values` returns both, agents first; None if it returns the recorded values.
+        read: Compiled function `read(run, memory, v, out)` that writes the `width` numbers of vehicle v into `out` at
+            every sample. `run` is the Loop on bodies and the Integrator on ideal kinematics; `memory` is the law's.
+        width: Number of values that `read` writes for each vehicle.
+    """
+
+    name: str
+    dimensions: tuple[str, ...]
+    unit: str | Callable[[Samples], str]
+    long_name: str
+    values: Callable[[Samples], Any] | None = None
+    where: Test = lambda _: True
+    present: str = ""
+    rows: str | None = None
+    read: Any = None
+    width: int = 1
+
+    def attributes(self, samples: Samples) -> dict[str, str]:
+        """Return its attributes in result.nc."""
+        unit = self.unit if isinstance(self.unit, str) else self.unit(samples)
+        return {**({"units": unit} if unit else {}), "long_name": self.long_name}
+
+
+def compiled() -> list[Variable]:
+    """Return the entries that are recorded by the loop itself."""
+    return [entry for entry in VARIABLES if entry.read is not None]
+
+
+def of_each(
+    name: str,
+    dimensions: tuple[str, ...],
+    unit: str | Callable[[Samples], str],
+    long_name: str,
+    values: Callable[[Samples], Any],
+    **options: Any,
+) -> list[Variable]:
+    """Return an entry for agents and one for targets; {} in name and long_name stands for 'agent' or 'target'."""
+    found = []
+    for kind in ("agent", "target"):
+        own = tuple(dimension.format(kind) for dimension in dimensions)
+        found.append(Variable(name.format(kind), own, unit, long_name.format(kind), values, rows=kind, **options))
+    return found
+
+
+def _renamed(pair: list[Variable], agents: str) -> list[Variable]:
+    """Return a pair of entries with another name for the agents' one."""
+    return [pair[0]._replace(name=agents), pair[1]]
+
+
+_BODY = ("time", "agent", "axis")
+_EACH = ("time", "{}")
+_BODIES: dict[str, Any] = {"where": lambda s: s.on_bodies, "present": "on bodies"}
+_IDEAL: dict[str, Any] = {"where": lambda s: not s.on_bodies, "present": "on ideal kinematics"}
+_LINKED: dict[str, Any] = {"where": lambda s: bool(s.linked), "present": "over links"}
+_PLAIN: dict[str, Any] = {"where": lambda s: not s.linked, "present": "without links"}
+_BACKEND_WORDS = {"physics": _BODIES["present"], "ideal": _IDEAL["present"]}
+_GROUPED: dict[str, Any] = {"where": lambda s: bool(s.team.formations), "present": "with formations"}
+_HEARD: dict[str, Any] = {
+    "where": lambda s: bool(s.linked) or s.system.law.links.record,
+    "present": "over links, or with `links.record`",
+}
+_SAFE: dict[str, Any] = {"where": lambda s: s.system.safety is not None, "present": "with `safety`"}
+_RECORD: dict[str, Any] = {"where": lambda s: s.system.law.links.record, "present": "with `links.record`"}
+
+
+def _thruster_unit(samples: Samples) -> str:
+    """Return N, or 1 if some channels are angles; see the coordinate thruster_unit."""
+    return "N" if all(channel.unit == "N" for own in samples.channels for channel in own) else "1"
+
+
+def _positions(samples: Samples) -> Array:
+    """Return the controlled positions; NaN if a vehicle lacks the coordinate."""
+    return samples.padded(samples.positions)
+
+
+VARIABLES: list[Variable] = [
+    Variable("agent_position", _BODY, "m", "controlled position of each agent", _positions, rows="agent"),
+    Variable("target_position", ("time", "target", "axis"), "m", "position of each target", _positions, rows="target"),
+    Variable("harmonic_extension", _BODY, "m", "q*, the harmonic extension of the targets",
+             lambda s: s.errors.harmonic_extension),
+    Variable("disagreement", ("time", "agent"), "m", "|eta_i|, norm of the disagreement",
+             lambda s: np.where(s.team.present, np.linalg.norm(s.eta[:, : s.agents], axis=2), np.nan)),
+    Variable("disagreement_vector", _BODY, "m", "eta_i, the disagreement, the true one",
+             lambda s: s.of_present(s.eta), **_LINKED),
+    Variable("disagreement_vector", _BODY, "m", "eta_i, the disagreement, as the law had it",
+             lambda s: s.of_present(s.eta), **_PLAIN),
+    Variable("measured_disagreement_vector", _BODY, "m", "eta_i from the measurements that the law received",
+             lambda s: s.of_present(s.log.residual), **_LINKED),
+    Variable("arrival", ("time",), "1", "fraction of all edges that receive a new measurement",
+             lambda s: s.arrival, **_LINKED),
+    Variable("delivery", ("edge",), "1", "fraction of an edge's measurements that arrived until now",
+             lambda s: s.delivered, **_LINKED),
+    Variable("heard", ("time", "measuring_edge"), "1",
+             "measurement of an edge: 0 none, 1 the last one held, 2 a new one", lambda s: s.heard, **_HEARD),
+    Variable("measurement", ("time", "measured_number"), "m",
+             "y_e = F_head x_head - F_tail x_tail as delivered; NaN without a measurement",
+             lambda s: s.measurements, **_RECORD),
+    Variable("tracking_error", ("time", "agent"), "m", "|q*_i - q_i|", lambda s: s.errors.tracking),
+    Variable("velocity_command", _BODY, "m s-1",
+             "commanded velocity relative to the medium, limited: -k1 eta_i and terms, or of a law in Python",
+             lambda s: s.padded(s.log.command)[:, : s.agents]),
+    Variable("formation_error", ("time",), "m", "RMS residual over the edges inside formations",
+             lambda s: s.errors.formation_rms()),
+    Variable("centering_error", ("time",), "m",
+             "largest distance of a group's centroid from its desired position",
+             lambda s: s.errors.largest_centering()),
+    Variable("group_formation_error", ("time", "formation"), "m", "RMS residual over the edges of a group",
+             lambda s: np.column_stack([s.errors.formation_rms(f.name) for f in s.team.formations]), **_GROUPED),
+    Variable("group_centering_error", ("time", "formation"), "m",
+             "distance of each centroid from its place: target's projection plus mean displacement",
+             lambda s: np.column_stack([s.errors.centering[f.name] for f in s.team.formations]), **_GROUPED),
+    *of_each("{}_velocity", ("time", "{}", "axis"), "m s-1", "velocity over ground of each {}'s body",
+             lambda s: s.log.velocity, **_BODIES),
+    *of_each("{}_velocity", ("time", "{}", "axis"), "m s-1", "velocity over ground of each {}",
+             lambda s: s.padded(s.log.velocity), **_IDEAL),
+    *of_each("{}_flow", ("time", "{}", "axis"), "m s-1", "velocity of flow and disturbance about each {}",
+             lambda s: s.padded(s.log.medium)),
+    *of_each("{}_separation", _EACH, "m", "distance from each {} to the nearest other vehicle",
+             lambda s: separations(s.log.origin if s.on_bodies else s.positions)),
+    Variable("separation", ("time",), "m",
+             "smallest distance minus the required one, over all pairs with an agent, and obstacles",
+             lambda s: s.clearances, **_SAFE),
+    Variable("safety_correction", ("time", "agent"), "m s-1",
+             "by how much the filter that keeps vehicles apart changed each agent's limited command",
+             lambda s: s.log.safety[:, : s.agents, CORRECTION], **_SAFE),
+    Variable("safety_cause", ("time", "agent"), "1",
+             "vehicle or obstacle whose constraint the law's command violated most: 0 none, 1 the first agent, then "
+             "agents, targets and obstacles in order",
+             lambda s: s.log.safety[:, : s.agents, CAUSE].astype(np.int64), **_SAFE),
+    Variable("safety_violation", ("time", "agent"), "m s-1",
+             "violation that had to be accepted, as the constraints of an agent contradict one another",
+             lambda s: s.log.safety[:, : s.agents, VIOLATION], **_SAFE),
+    *_renamed(of_each("{}_command", ("time", "{}", "channel"), _thruster_unit,
+                      "u_i = W_i^+ [force; moment] + trim, thruster commands of each {}",
+                      lambda s: s.by_channel(s.log.thruster_command), **_BODIES), "command"),
+    *of_each("{}_thrust", ("time", "{}", "channel"), _thruster_unit,
+             "what each {}'s thrusters do at the sample: their commands after lag",
+             lambda s: s.by_channel(s.log.thruster_output), **_BODIES),
+    *of_each("{}_body_position", ("time", "{}", "axis"), "m", "position of each {}'s body, its origin",
+             lambda s: s.log.origin, **_BODIES),
+    *of_each("{}_height", _EACH, "m", "z of each {}'s body", lambda s: s.log.origin[..., 2], **_BODIES),
+    *of_each("{}_orientation", ("time", "{}", "quaternion"), "1", "attitude of each {}, body to world",
+             lambda s: s.log.quaternions, **_BODIES),
+    *of_each("{}_saturation", _EACH, "1", "fraction of each {}'s thrusters at a limit",
+             lambda s: s.log.saturation, **_BODIES),
+    Variable("command", ("time", "agent", "channel"), "1",
+             "u_i = g_i^+ times the velocity command, control input of each agent",
+             lambda s: np.where(np.arange(s.log.inputs.shape[2]) < s.system.effectiveness.inputs[:, None],
+                                s.log.inputs, np.nan), **_IDEAL),
+]  # fmt: skip
+"""All recorded variables, in the order of result.nc. To record one more, add an entry."""
+
+
+def _groups(samples: Samples) -> list[str]:
+    """Return the group of each agent and the first group about each target, empty without one."""
+    groups: dict[str, str] = {}
+    for formation in samples.team.formations:
+        groups |= dict.fromkeys(formation.members, formation.name)
+    for formation in samples.team.formations:
+        groups.setdefault(formation.about or "", formation.name)
+    return [groups.get(member.id, "") for member in samples.team.members]
+
+
+def _vehicles(samples: Samples) -> list[str]:
+    """Return the name of each vehicle's file, without its suffix."""
+    return [PurePath(name).stem for name in samples.system.bodies.vehicle]
+
+
+def _kinds(samples: Samples) -> list[str]:
+    """Return `surface` for a vehicle in the plane, `underwater` for one that starts below the water, else `aerial`."""
+    bodies = samples.system.bodies
+    under = (samples.system.initial[:, 2] < bodies.surface_height) & (bodies.surface == "water")
+    spatial = np.where(under, "underwater", "aerial")
+    planar = np.array([member.dimension == 2 for member in samples.team.members])
+    return [str(kind) for kind in np.where(planar, "surface", spatial)]
+
+
+def _of_members(kind: str, prefix: str, belonging: str) -> list[Variable]:
+    """Return the group, vehicle and kind of every agent or target; names are unique in a dataset."""
+    options: dict[str, Any] = {"rows": kind}
+    return [
+        Variable(f"{prefix}group", (kind,), "", f"{belonging}, empty without one", _groups, **options),
+        Variable(f"{prefix}vehicle", (kind,), "",
+                 f"vehicle of each {kind}; on ideal kinematics the one that it stands for", _vehicles, **options),
+        Variable(f"{prefix}kind", (kind,), "",
+                 f"surface, aerial or underwater: where each {kind} moves", _kinds, **options),
+    ]  # fmt: skip
+
+
+def _of_channels(name: str, what: str, of: str) -> list[Variable]:
+    """Return entries for a field of each channel of the thrusters."""
+    pair = of_each("{}_" + name, ("{}", "channel"), "", f"{what} each channel of each {{}}, empty where it has fewer",
+                   lambda s: s.channel_labels(of), **_BODIES)  # fmt: skip
+    return _renamed(pair, name)
+
+
+COORDINATES: list[Variable] = [
+    Variable("agent", ("agent",), "", "agent", lambda s: s.team.agent_ids),
+    Variable("target", ("target",), "", "target", lambda s: s.team.target_ids),
+    Variable("axis", ("axis",), "", "axis of the world frame", lambda _: ["x", "y", "z"]),
+    *_of_members("agent", "", "group of each agent"),
+    *_of_members("target", "target_", "first group about each target"),
+    Variable("edge", ("edge",), "", "edge that has a link", lambda s: [name for _, name in s.linked], **_LINKED),
+    Variable("edge_kind", ("edge",), "", "communication or sensing", lambda s: [kind for kind, _ in s.linked],
+             **_LINKED),
+    Variable("measuring_edge", ("measuring_edge",), "", "edge", lambda s: [" ".join(key) for key in s.sizes],
+             **_HEARD),
+    Variable("measured_number", ("measured_number",), "", "edge, and number in its stalk",
+             lambda s: [f"{kind} {name} {r}" for (kind, name), m in s.sizes.items() for r in range(m)], **_RECORD),
+    Variable("formation", ("formation",), "", "formation group", lambda s: [f.name for f in s.team.formations],
+             **_GROUPED),
+    Variable("quaternion", ("quaternion",), "", "component of the unit quaternion",
+             lambda _: ["w", "x", "y", "z"], **_BODIES),
+    *_of_channels("thruster", "thruster behind", "name"),
+    *_of_channels("thruster_unit", "unit of", "unit"),
+]  # fmt: skip
+"""All coordinates but `time` and `phase`, which number the samples."""
+
+
+def reference() -> str:
+    """Return the table of all variables, in Markdown."""
+    lines = ["| Variable | Dimensions | Unit | Meaning |", "|---|---|---|---|"]
+    for entry in VARIABLES:
+        unit = entry.unit if isinstance(entry.unit, str) else "N or 1"
+        meaning = entry.long_name.replace("|", r"\|") + (f" ({entry.present})" if entry.present else "")
+        lines.append(f"| `{entry.name}` | {', '.join(entry.dimensions)} | {unit} | {meaning} |")
+    return "\n".join(lines) + "\n"
+
+
+_ATTRIBUTES = {"backend": str, "status": str, "message": str, "exchange_rounds": Integral, "numbers_sent": Integral}
+
+
+def fault_of(dataset: xr.Dataset) -> str:
+    """Describe why a dataset is not that of a run, such as 'has no agent_flow'; empty if it is one."""
+    for name, kind in _ATTRIBUTES.items():
+        if not isinstance(dataset.attrs.get(name), kind):
+            return f"has no attribute {name}" if name not in dataset.attrs else f"has a wrong attribute {name}"
+    if dataset.attrs["backend"] not in _BACKEND_WORDS:
+        return f"has the backend {dataset.attrs['backend']!r}"
+    time = Variable("time", ("time",), "s", "time")
+    always = {"", _BACKEND_WORDS[dataset.attrs["backend"]]}
+    for entry in (time, *COORDINATES, *VARIABLES):
+        if entry.name in dataset.variables:
+            fault = _fault_of_variable(dataset.variables[entry.name], entry)
+            if fault:
+                return fault
+        elif entry.present in always:
+            return f"has no {entry.name}"
+    if not dataset.sizes["time"]:
+        return "has no samples"
+    return "has not three axes" if dataset.sizes["axis"] != 3 else ""
+
+
+def _fault_of_variable(found: xr.Variable, entry: Variable) -> str:
+    """Describe how a variable differs from its entry; empty if it does not."""
+    if found.dims != entry.dimensions:
+        expected = ", ".join(entry.dimensions)
+        return f"has {entry.name} over ({', '.join(map(str, found.dims))}) and not ({expected})"
+    wrong = entry.unit and found.dtype.kind not in "fiu"
+    return f"has {entry.name} of the type {found.dtype} and not of numbers" if wrong else ""
+
 
 Coordinate = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
 """Dimensions, values and attributes, in the form that xarray expects."""
@@ -222,8 +669,8 @@ def gather(samples: Samples, phase: Coordinate, only: Collection[str] | None = N
     # Collected first, because adding variables one by one aligns all of them each time.
     coordinates: dict[str, Coordinate] = {"time": time}
     variables: dict[str, Coordinate] = {}
-    chosen = [entry for entry in declared.VARIABLES if only is None or entry.name in only]
-    for found, entries in ((coordinates, declared.COORDINATES), (variables, chosen)):
+    chosen = [entry for entry in VARIABLES if only is None or entry.name in only]
+    for found, entries in ((coordinates, COORDINATES), (variables, chosen)):
         for entry in entries:
             if entry.where(samples):
                 found[entry.name] = entry.dimensions, samples.read(entry), entry.attributes(samples)

@@ -11,13 +11,12 @@ import xarray as xr
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.io.norms import PER_AGENT_RMS
-from mjsheaf.io.section import finite
 from mjsheaf.law.obstacles import distances
 from mjsheaf.law.safety import SafetyArrays
+from mjsheaf.section import PER_AGENT_RMS, finite
 from mjsheaf.team import Edge, Formation, Team
 from mjsheaf.team.links import KINDS
-from mjsheaf.team.shapes import Path
+from mjsheaf.team.team import Path
 
 if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect
@@ -271,7 +270,7 @@ def error_series(
     return measures(slice(None), errors.formation_rms(), errors.largest_centering()), groups
 
 
-def _series_of(team: Team, dataset: xr.Dataset, begin: int) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
+def series_of(team: Team, dataset: xr.Dataset, begin: int) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
     """Return the errors over time of a run from sample `begin` on, in the form of `error_series`."""
     data = dataset.isel(time=slice(begin, None))
     eta, tracking = data["disagreement"].values, data["tracking_error"].values
@@ -293,7 +292,7 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
 
     The field `norm` records that none of them is a norm over the whole team: `tracking_error` is the RMS over agents.
     """
-    everyone, groups = _series_of(team, dataset, -1)
+    everyone, groups = series_of(team, dataset, -1)
     own: dict[str, dict[str, Any]] = {}
     for group, series in groups.items():
         own[group] = {**{name: finite(x[0]) for name, x in series.items()}, "norm": PER_AGENT_RMS}
@@ -320,7 +319,7 @@ def phases_in(dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 def error_series_of(team: Team, dataset: xr.Dataset) -> dict[str, list[float | None]]:
     """Return time, s, and the team's errors over time, m, as plain numbers; None if a measure is undefined."""
-    everyone, _ = _series_of(team, dataset, 0)
+    everyone, _ = series_of(team, dataset, 0)
     series = {"time": dataset["time"].values, **everyone}
     return {name: [finite(x) for x in values.tolist()] for name, values in series.items()}
 
@@ -328,7 +327,7 @@ def error_series_of(team: Team, dataset: xr.Dataset) -> dict[str, list[float | N
 def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
     """Compute the RMS of the team's errors over the second half of a run, m; None if a measure is undefined."""
     time = dataset["time"].values
-    everyone, _ = _series_of(team, dataset, int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)))
+    everyone, _ = series_of(team, dataset, int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)))
     return {name: finite(np.sqrt((x**2).mean())) for name, x in everyone.items()}
 
 

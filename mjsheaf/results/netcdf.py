@@ -1,103 +1,88 @@
-"""result.nc: written piece by piece during a run, safely even if the disk gets full, and read on access."""
+"""Outputs of a run, and the one to result.nc, which is written piece by piece during the run and read on access.
+
+A sink receives chunks, each an xarray Dataset of consecutive samples, as short as one sample. Their variables and
+coordinates are those listed in `dataset`. All chunks of a run have the same ones, and differ only in the length of
+`time`.
+"""
 
 import io
+import math
 import os
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, Protocol
 
 import h5netcdf
-import h5py
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from mjsheaf.arrays import IntArray
 from mjsheaf.results.dataset import join
-from mjsheaf.results.sinks import Memory, Sink, send
-from mjsheaf.threads import usable_processors
 
 
-class EnduringFile(io.FileIO):
-    """A file whose writes never fail from HDF5's point of view.
+class Sink(Protocol):
+    """Interface for receiving a run."""
 
-    If a write fails while HDF5 closes a file, HDF5 uses memory that it has freed, and the interpreter crashes. This
-    file therefore accepts every write. Data that the disk refuses stay in memory, where HDF5 can read them back, and
-    the error is stored. The caller checks for it after each piece (`raise_refusal`), before memory is full.
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Start; called once before the first chunk, with its variables and coordinates by name and its attributes."""
 
-    Use it from a thread other than the main one, so that no signal raises an exception inside HDF5's callbacks.
-
-    Attributes:
-        refusal: First error of the disk; None while all writes have succeeded.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, "w+")
-        self._size = 0
-        self._refused: list[tuple[int, bytes]] = []
-        self.refusal: OSError | None = None
-
-    def raise_refusal(self) -> None:
-        """Raise the stored error of the disk, if there is one.
-
-        Raises:
-            OSError: Data could not be written, or read back.
-        """
-        if self.refusal is not None:
-            raise OSError(self.refusal.errno, self.refusal.strerror, str(self.name))
-
-    def write(self, data: Any, /) -> int:
-        """Write all of `data`, and keep in memory what the disk refuses."""
-        rest, end = memoryview(data).cast("B"), self.tell() + memoryview(data).nbytes
-        while rest and self.refusal is None:
-            try:
-                rest = rest[super().write(rest) :]
-            except OSError as error:
-                self.refusal = error
-        if rest:
-            self._refused.append((end - len(rest), bytes(rest)))
-        self._size = max(self._size, end)
-        self.seek(end)
-        return memoryview(data).nbytes
-
-    def readinto(self, buffer: Any, /) -> int:
-        """Read back data from disk or memory, and return the number of bytes."""
-        view, begin = memoryview(buffer).cast("B"), self.tell()
-        end = min(begin + len(view), max(self._size, begin))
-        view[: end - begin] = bytes(end - begin)  # not on the disk
-        try:
-            super().readinto(view[: end - begin])
-        except OSError as error:
-            self.refusal = self.refusal or error
-        for place, kept in self._refused:
-            first, last = max(begin, place), min(end, place + len(kept))
-            if first < last:
-                view[first - begin : last - begin] = kept[first - place : last - place]
-        return self.seek(end) - begin
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """Move to a position; the end includes data in memory."""
-        if whence == os.SEEK_END:
-            offset, whence = offset + self._size, os.SEEK_SET
-        return super().seek(offset, whence)
-
-    def truncate(self, size: int | None = None, /) -> int:
-        """Change the length."""
-        self._size = self.tell() if size is None else size
-        try:
-            super().truncate(self._size)
-        except OSError as error:
-            self.refusal = self.refusal or error
-        return self._size
+    def write(self, chunk: xr.Dataset) -> None:
+        """Receive the next samples; the attributes of the last chunk are those of the whole run."""
 
     def close(self) -> None:
-        """Close the file; a network disk may report an error only now."""
-        try:
-            super().close()
-        except OSError as error:
-            self.refusal = self.refusal or error
+        """Finish; also called if a run ends with an exception, or before it has started."""
+
+
+class Memory:
+    """Sink that keeps a run in memory.
+
+    Attributes:
+        overflowed: True if the run exceeds the limit; none of it is kept then.
+    """
+
+    def __init__(self, limit: float = math.inf) -> None:
+        """Start empty; a run larger than `limit` bytes is not kept."""
+        self.overflowed = False
+        self._left = limit
+        self._chunks: list[xr.Dataset] = []
+
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Do nothing, because chunks contain everything."""
+
+    def write(self, chunk: xr.Dataset) -> None:
+        """Keep a chunk."""
+        self._left -= chunk.nbytes
+        self._chunks.append(chunk)
+        if self._left < 0.0:
+            self.overflowed = True
+            self._chunks.clear()
+
+    def close(self) -> None:
+        """Keep the chunks that were received."""
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """Return the whole run; it stores the length of its chunks, like a file."""
+        first = self._chunks[0]
+        whole = join(self._chunks)
+        for name, variable in first.variables.items():
+            if "time" in variable.dims:
+                whole[name].encoding["chunksizes"] = variable.shape
+        return whole
+
+
+def send(chunks: Iterable[xr.Dataset], *sinks: Sink) -> None:
+    """Pass the chunks of a run in order to all sinks."""
+    with ExitStack() as stack:
+        for sink in sinks:
+            stack.callback(sink.close)
+        for number, chunk in enumerate(chunks):
+            for sink in sinks:
+                if number == 0:
+                    sink.open(chunk.variables, chunk.attrs)
+                sink.write(chunk)
 
 
 _COUNTED = ("delivery",)  # variables without time that later pieces update
@@ -106,6 +91,8 @@ _MOST_POSITIONS = 400_000  # maximum number of agents' positions in a thinned ru
 _FEWEST_SAMPLES = 200
 _POSITIONS_READ = 2**18  # approximate number of positions read at a time, which is six megabytes per variable
 _COMPRESSION = 3  # level of zlib
+_STRUCTURE = 2**20  # bytes reserved for the structure of the file
+_CHUNK_STRUCTURE = 2**16  # bytes reserved for that of each chunk
 MAX_BYTES_HELD = 2**29
 """Maximum size of a run that stays in memory while it is published, bytes."""
 
@@ -121,9 +108,8 @@ def write_dataset(pieces: Iterable[xr.Dataset], path: Path, *others: Sink) -> No
     Raises:
         OSError: The file cannot be written, for example on a full disk. An incomplete file remains.
     """
-    with EnduringFile(path) as file:
+    with path.open("w+b") as file:
         send(pieces, NetCDF(file), *others)
-    file.raise_refusal()
 
 
 def write_and_open(pieces: Iterable[xr.Dataset], path: Path, *others: Sink) -> xr.Dataset:
@@ -143,39 +129,54 @@ def dataset_bytes(dataset: xr.Dataset) -> bytes:
 class NetCDF:
     """Sink that writes netCDF-4 in a separate thread, so that no signal interrupts HDF5."""
 
-    def __init__(self, file: io.BytesIO | EnduringFile) -> None:
-        """Write into an open file, whose errors are checked after each chunk."""
+    def __init__(self, file: IO[bytes]) -> None:
+        """Write into an open, empty file."""
         self._file = file
+        self._reserved = 0
+        self._reserve(_STRUCTURE)
+        file.truncate(0)  # HDF5 begins in an empty file
         self._beside = ThreadPoolExecutor(1)
-        self._packing = ThreadPoolExecutor(usable_processors())
         self._netcdf = self._beside.submit(h5netcdf.File, file, "w")
+
+    def _reserve(self, size: int) -> None:
+        """Reserve room for more bytes, because HDF5 crashes the interpreter if a write fails.
+
+        Raises:
+            OSError: The disk has no room.
+        """
+        if isinstance(self._file, io.BytesIO):
+            return
+        begin = self._reserved
+        self._reserved += size
+        try:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(self._file.fileno(), 0, self._reserved)
+            else:  # macOS: HDF5 has not come as far as the end of what was reserved
+                os.pwrite(self._file.fileno(), bytes(size), begin)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._file.name)) from None
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
         """Do nothing, because the first chunk includes the variables without time."""
 
     def write(self, chunk: xr.Dataset) -> None:
         """Append a chunk to the file."""
-        try:
-            self._beside.submit(_append, self._netcdf.result(), chunk, self._packing).result()
-        except RuntimeError as error:
-            if "new thread" not in str(error):
-                raise
-            raise MemoryError("no thread can be started") from error
-        if isinstance(self._file, EnduringFile):
-            self._file.raise_refusal()
+        netcdf = self._netcdf.result()
+        self._reserve(chunk.nbytes + chunk.nbytes // 64 + _CHUNK_STRUCTURE)  # what does not compress grows a little
+        self._beside.submit(_append, netcdf, chunk).result()
 
     def close(self) -> None:
         """Complete the file."""
-        with self._beside, self._packing:
+        with self._beside:
             self._beside.submit(self._netcdf.result().close).result()
 
 
-def _append(netcdf: h5netcdf.File, piece: xr.Dataset, packing: ThreadPoolExecutor) -> None:
+def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
     """Append a piece to the file; the first one includes the variables without time."""
     if not netcdf.dimensions:
         _begin(netcdf, piece)
     if piece.sizes["time"]:
-        _write_samples(netcdf, piece, packing)
+        _write_samples(netcdf, piece)
     for name, value in piece.attrs.items():  # the last piece has the run's status and its communication
         if netcdf.attrs[name] != value and isinstance(value, int):
             netcdf._h5group.attrs.modify(name, value)  # in place, so that the bytes equal those of a run in one piece
@@ -183,43 +184,17 @@ def _append(netcdf: h5netcdf.File, piece: xr.Dataset, packing: ThreadPoolExecuto
             netcdf.attrs[name] = value
 
 
-def _write_samples(netcdf: h5netcdf.File, piece: xr.Dataset, packing: ThreadPoolExecutor) -> None:
+def _write_samples(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
     """Append the variables with time to the file."""
     begin = len(netcdf.dimensions["time"])
-    end = begin + piece.sizes["time"]
-    netcdf.resize_dimension("time", end)
-    # h5netcdf looks up the lengths of all dimensions at each access, which takes longer than the writing itself.
-    stored = {name: netcdf._h5group[netcdf.variables[name]._h5path] for name in piece.variables}
-    packed = {}
+    netcdf.resize_dimension("time", begin + piece.sizes["time"])
     for name, variable in piece.variables.items():
+        # h5netcdf looks up the lengths of all dimensions at each access, which takes longer than the writing itself.
+        stored = netcdf._h5group[netcdf.variables[name]._h5path]
         if name in _COUNTED:
-            stored[name][...] = variable.values
-        elif _is_chunk_of(stored[name], variable, begin):
-            packed[name] = packing.submit(_pack, variable.values, stored[name].chunks)
+            stored[...] = variable.values
         elif "time" in variable.dims:
-            stored[name][begin:end] = variable.values
-    for name, chunk in packed.items():
-        place = (begin, *(0 for _ in stored[name].shape[1:]))
-        stored[name].id.write_direct_chunk(place, chunk.result())
-
-
-def _is_chunk_of(stored: h5py.Dataset, variable: xr.Variable, begin: int) -> bool:
-    """Return True if values from sample `begin` on start a chunk of a compressed dataset and fit into it."""
-    chunks = stored.chunks
-    if "time" not in variable.dims or stored.compression != "gzip" or stored.dtype != variable.dtype or chunks is None:
-        return False
-    return begin % chunks[0] == 0 and variable.shape[0] <= chunks[0] and variable.shape[1:] == chunks[1:]
-
-
-def _pack(values: NDArray[Any], shape: tuple[int, ...]) -> bytes:
-    """Return a chunk in HDF5's storage format: bytes sorted by significance, then compressed.
-
-    HDF5 compresses one chunk at a time, but this function may run in several threads.
-    """
-    chunk = np.zeros(shape, values.dtype)
-    chunk[: len(values)] = values
-    planes = chunk.reshape(-1).view(np.uint8).reshape(-1, chunk.itemsize).T
-    return zlib.compress(planes.tobytes(), _COMPRESSION)
+            stored[begin:] = variable.values
 
 
 def _begin(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:

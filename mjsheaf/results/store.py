@@ -15,9 +15,8 @@ import xarray as xr
 from pydantic_core import to_json
 
 from mjsheaf._version import __version__
-from mjsheaf.errors import InputError, PlaceError, raise_first
-from mjsheaf.io.files import is_part_of, whole_directory, write_whole
-from mjsheaf.io.yaml import SUFFIXES
+from mjsheaf.errors import InputError, PlaceError
+from mjsheaf.files import SUFFIXES, is_part_of, whole_directory, write_whole
 from mjsheaf.results.netcdf import open_dataset
 from mjsheaf.show.style import names_of
 
@@ -69,16 +68,12 @@ def check_replaceable(directory: Path) -> None:
     exists = directory.exists() or is_link
     mounted = os.path.ismount(directory)
     what = "a mount point" if mounted else "the current directory"
-    raise_first(
-        PlaceError,
-        {
-            f"{directory}: lies inside {run}, the directory of another run; choose another with --out": run is not None,
-            f"{directory}: exists and is not a directory; choose another with --out": exists
-            and (is_link or not directory.is_dir()),
-            f"{directory}: is {what}, which no rename can replace; name a directory in it with --out": mounted
-            or directory.resolve() == Path.cwd(),
-        },
-    )
+    if run is not None:
+        raise PlaceError(f"{directory}: lies inside {run}, the directory of another run; choose another with --out")
+    if exists and (is_link or not directory.is_dir()):
+        raise PlaceError(f"{directory}: exists and is not a directory; choose another with --out")
+    if mounted or directory.resolve() == Path.cwd():
+        raise PlaceError(f"{directory}: is {what}, which no rename can replace; name a directory in it with --out")
     entries = {path.name for path in directory.iterdir()} if exists else set()
     if entries:
         _require_run(directory, entries)
@@ -97,13 +92,12 @@ def _require_run(directory: Path, entries: set[str]) -> None:
         *(f"{BAG}/{name}" for name in strange_in_bag(directory / BAG)),
     ]
     first = next(iter(strange), "")
-    raise_first(
-        PlaceError,
-        {
-            f"{directory}: holds {first!r}, which mjsheaf did not write; move it or choose another with --out": strange,
-            f"{directory}: exists and was not written by mjsheaf; choose another with --out": not holds_run(directory),
-        },
-    )
+    if strange:
+        raise PlaceError(
+            f"{directory}: holds {first!r}, which mjsheaf did not write; move it or choose another with --out"
+        )
+    if not holds_run(directory):
+        raise PlaceError(f"{directory}: exists and was not written by mjsheaf; choose another with --out")
 
 
 def write_checksums(folder: Path) -> None:
@@ -277,13 +271,10 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     """
     no_data = "which keeps no data; expected the directory of a run"
     outputs = "`mjsheaf compare` makes its pages, plots and video"
-    raise_first(
-        InputError,
-        {
-            f"{directory}: holds a comparison, {no_data}. {outputs}": (directory / "compare.json").is_file(),
-            f"{directory}: holds a comparison of runs, {no_data}": (directory / "runs.json").is_file(),
-        },
-    )
+    if (directory / "compare.json").is_file():
+        raise InputError(f"{directory}: holds a comparison, {no_data}. {outputs}")
+    if (directory / "runs.json").is_file():
+        raise InputError(f"{directory}: holds a comparison of runs, {no_data}")
     for name in ("result.nc", "summary.json", "scenario.yaml"):
         if not (directory / name).is_file():
             raise InputError(f"{directory}: holds no {name}; expected the directory of a finished run")

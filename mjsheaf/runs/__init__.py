@@ -1,5 +1,5 @@
 """Simulation of runs, and their directories.
 
-Modules: simulate, many (`simulate_many`), publish (the directory, written atomically), showing
-(figures and pages in Python), diagnostics (notes about a run), expecting (`expect:` blocks), timings (durations).
+Modules: simulate, many (`simulate_many`), publish (the directory, written atomically;
+figures and pages in Python), diagnostics (notes about a run), expecting (`expect:` blocks), timings (durations).
 """

@@ -7,10 +7,10 @@
     medium        flow and disturbance are faster than a vehicle can move
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time
-    stuck         an agent does not move for 5 s although it is commanded to (see `stuck`)
-    terms         the law's terms cause jumping commands, velocity limits or saturated thrusters
+    stuck         an agent does not move for 5 s although it is commanded to (see `finished`)
+    terms         with terms of the law, commands jump, or are at velocity limits, or thrusters saturate
     changing      the team's error has not converged at the end; approaching: it still falls
-    close         vehicles closer than their size, or through each other, while contacts are off
+    close         vehicles closer than their size while contacts are off
     submerged     an aircraft under water or in the ground
 
 Notes are in this order, the most important first. There is one per kind, about the vehicle with the worst value.
@@ -28,16 +28,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.finished import HeldBound, RunBound
-from mjsheaf.checking.loop.held_law import largest_integral
-from mjsheaf.checking.stuck import Stuck, find_stuck
-from mjsheaf.errors import joined, select_true
-from mjsheaf.law.terms import TermArrays
+from mjsheaf.checking.finished import Stuck, find_stuck
+from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
+from mjsheaf.errors import joined
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.reflections import describe_reflections
 from mjsheaf.system import Phase, System
-from mjsheaf.vehicles.effects import is_one_sided
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -67,7 +64,6 @@ MAX_GUST_FRACTION = 0.01
 
 _DIVING = "submersible"  # the vehicle that belongs under water
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
-_MOSTLY, _HARDLY = 0.5, 0.05  # jumps as a fraction of the missing velocity, mean square: main cause, no cause
 EXHAUSTIVE_LIMIT = 100
 """Number of vehicles up to which all pairs are compared at all samples."""
 MAX_JUMP = 0.1
@@ -76,10 +72,6 @@ MIN_JUMP = 1e-6
 """Jump of the command that counts as rounding, m/s."""
 MAX_SHARE = 0.2
 """Fraction of time and agents at the velocity limit, or of time and thrusters at a limit, in a healthy run."""
-MIN_REPORTED_SHARE = 0.01
-"""Minimum of these fractions that a sentence about jumps mentions."""
-NOISE_RATIO = 0.3
-"""Fraction of the largest noise above which another term is also named as a cause of jumps."""
 MIN_SAMPLES = 8
 """Minimum number of samples for an examination of terms."""
 
@@ -117,7 +109,7 @@ class TermsInRun:
         commanded: Commanded speed, RMS over the whole run, m/s.
         at_limit: Fraction of samples and agents at the velocity limit.
         saturated: Fraction of time and agents' thrusters at a limit; None on ideal kinematics.
-        warnings: Sentences with the fault, the term that causes it, and a fix; empty in a healthy run.
+        warnings: Sentences with the fault and what may help; empty in a healthy run.
     """
 
     on: tuple[str, ...]
@@ -274,8 +266,8 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset", stuck: Sequenc
     notes = []
     for v, names in _worst(limits.saturated, MAX_LIMITED_FRACTION, ids):
         fraction = float(limits.saturated[v])
-        text = f"thrusters of {names} are at a limit for {100 * fraction:.0f} % of the time: "
-        notes.append(Note("saturated", text + _why_saturated(phases, dataset, v), ids[v], None, fraction))
+        text = f"thrusters of {names} are at a limit for {100 * fraction:.0f} % of the time"
+        notes.append(Note("saturated", text, ids[v], None, fraction))
     for v, names in _worst(limits.limited, MAX_LIMITED_FRACTION, ids):
         fraction = float(limits.limited[v])
         text = f"the law commands {names} at or above the velocity limit for {100 * fraction:.0f} % of the time"
@@ -298,53 +290,6 @@ def _worst(badness: Array, limit: float, ids: Sequence[str]) -> Iterator[tuple[i
     if above:
         v = int(badness.argmax())
         yield v, _and_others(ids[v], above - 1)
-
-
-def _why_saturated(phases: Sequence[Phase], dataset: "xr.Dataset", v: int) -> str:
-    """Explain why an agent saturates: the law commands too much, or noise and losses make its commands jump.
-
-    Thrusters act on the difference between commanded and actual velocity. The cause follows from the fraction of its
-    mean square that is due to jumps.
-    """
-    law = dataset.attrs.get("controller")
-    asks, chance = f"the law {law} commands too much" if law else "the law commands too much", _chance(phases)
-    if is_one_sided(phases[0].system.vehicles[v]):
-        asks = "they push in one direction only, so the vehicle turns with some at full thrust and others at none"
-    if not chance:
-        return asks
-    missing = jumps = 0.0
-    period, done, names = phases[0].system.grid.period, 0, ("velocity_command", "agent_position", "agent_flow")
-    for piece in pieces_of(dataset, names):
-        there = _conditions(phases, done, piece.sizes["time"])[0][:, v, None]
-        asked, place, flow = (np.where(there, np.nan_to_num(piece[name].values[:, v]), 0.0) for name in names)
-        with np.errstate(all="ignore"):  # a run that blew up
-            made = np.diff(place, axis=0) / period - flow[:-1]
-            missing += float((np.where(there[1:] & there[:-1], asked[:-1] - made, 0.0) ** 2).sum())
-            jumps += float((np.diff(asked, 2, axis=0) ** 2).sum()) / 6.0  # see above: white noise
-        done += len(asked)
-    jump = f"{joined(chance)} make{'s' if len(chance) == 1 else ''} its commands jump; {_calmer(dataset)}"
-    if jumps >= _MOSTLY * missing:
-        return jump
-    return asks if jumps <= _HARDLY * missing else f"{asks}, or {jump}"
-
-
-def _calmer(dataset: "xr.Dataset") -> str:
-    """Advise how to make commands jump less, such as a lower gain if the law has one."""
-    law = dataset.attrs.get("controller")
-    return f"filter measurements in {law}" if law else "lower controller.gain"
-
-
-def _chance(phases: Sequence[Phase]) -> list[str]:
-    """Name the random causes of jumping commands."""
-    laws = [phase.system.law for phase in phases]
-    links = np.concatenate([law.links.table for law in laws])
-    lossy = links["lossy"].any() or any(law.terms.rounds.lossy for law in laws)
-    found = {
-        "noise of measurements": any((links[name] > 0.0).any() for name in ("noise", "range_noise", "bearing_noise")),
-        "loss of messages": lossy,
-        "noise of odometry": any(law.terms.noisy for law in laws),
-    }
-    return select_true(found)
 
 
 def _own_speed(system: System, bodies: bool) -> Array:
@@ -428,30 +373,28 @@ def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
     if len(members) < 2:
         return []
     sizes = np.array([vehicle.size for vehicle in system.vehicles])
-    kinds, measured = ("agent", "target"), ("body_position", "orientation", "separation")
-    names = [f"{kind}_{what}" for kind in kinds for what in measured]
-    closest: tuple[float, float, float, tuple[int, int], Any] = (1.0, 0.0, 0.0, (0, 0), None)
+    kinds = ("agent", "target")
+    closest = 1.0
+    found: tuple[float, float, int, int] | None = None  # distance, m; time, s; both vehicles
     together: set[int] = set()
-    for piece in pieces_of(dataset, names):
-        x, turned, apart = (
-            np.concatenate([piece[f"{kind}_{what}"].values for kind in kinds], axis=1) for what in measured
+    for piece in pieces_of(dataset, [f"{kind}_{what}" for kind in kinds for what in ("body_position", "separation")]):
+        x, apart = (
+            np.concatenate([piece[f"{kind}_{what}"].values for kind in kinds], axis=1)
+            for what in ("body_position", "separation")
         )
         for k, i, j, distance in _close_pairs(x, apart, sizes):
             together |= {i, j}
             share = distance / (0.5 * (sizes[i] + sizes[j]))
-            if share < closest[0]:
-                placed = x[k, [i, j]], turned[k, [i, j]]
-                closest = share, distance, float(piece["time"].values[k]), (i, j), placed
-    share, distance, time, (i, j), placed = closest
-    if placed is None:
+            if share < closest:
+                closest = share
+                found = distance, float(piece["time"].values[k]), i, j
+    if found is None:
         return []
-    pair = f"{members[i].id} and {members[j].id}"
-    through = _overlap([system.vehicles[v] for v in (i, j)], *placed)
-    size = 0.5 * (sizes[i] + sizes[j])
-    what = "go through each other" if through else f"come closer to each other than their size, {size:.3g} m"
+    distance, time, i, j = found
     others = f"; {len(together)} vehicles come closer to another one than their size" if len(together) > 2 else ""
     text = (
-        f"{pair} {what}: their origins are {distance:.3g} m apart at t = {time:.6g} s{others}. "
+        f"{members[i].id} and {members[j].id} come closer to each other than their size, "
+        f"{0.5 * (sizes[i] + sizes[j]):.3g} m: their origins are {distance:.3g} m apart at t = {time:.6g} s{others}. "
         "Contacts are off (physics.contacts: false), so vehicles do not collide"
     )
     return [Note("close", text, members[i].id, time, distance)]
@@ -482,21 +425,6 @@ def _close_pairs(x: Array, apart: Array, sizes: Array) -> "list[tuple[int, int, 
         near = distance < 0.5 * sizes[pairs].sum(axis=1)
         found += [(k, int(i), int(j), float(d)) for (i, j), d in zip(pairs[near], distance[near], strict=True)]
     return found
-
-
-def _overlap(vehicles: "list[Any]", positions: Array, quaternions: Array) -> bool:
-    """Return True if two vehicles at positions (2, 3), m, and attitudes (2, 4) overlap; geoms count as convex."""
-    from mjsheaf.mujoco_import import mujoco
-    from mjsheaf.vehicles.arena import compose
-
-    arena = compose(vehicles, ["a", "b"])
-    model, data = arena.model, mujoco.MjData(arena.model)
-    for at, position, quaternion in zip(arena.qpos, positions, quaternions, strict=True):
-        data.qpos[at : at + 7] = *position, *quaternion
-    mujoco.mj_kinematics(model, data)
-    owner = model.body_rootid[model.geom_bodyid]
-    first, second = (np.flatnonzero(owner == body) for body in arena.body)
-    return any(mujoco.mj_geomDistance(model, data, int(a), int(b), 1.0, None) <= 0.0 for a in first for b in second)
 
 
 def _and_others(name: str, others: int) -> str:
@@ -541,67 +469,28 @@ def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Terms
         at_limit=at_limit / (rest * terms.agents),
         saturated=saturated / rest if bodies else None,
     )
-    return replace(found, warnings=tuple(_harm(system, terms, found)))
+    warning = _harm(system, found)
+    return replace(found, warnings=(warning,) if warning else ())
 
 
-def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:
-    """Compose warnings about the terms."""
-    limited = f"agents are at their velocity limit for {100 * found.at_limit:.0f}% of the second half"
-    saturated = f"agents' thrusters are at a limit for {100 * (found.saturated or 0.0):.0f}% of the second half"
-    if found.jump > max(MAX_JUMP * found.commanded, MIN_JUMP):
-        jumping = (
-            f"commands jump by {found.jump:.3g} m/s RMS from sample to sample "
-            f"({100 * found.jump / found.commanded:.0f}% of the commanded speed)"
-        )
-        limits = {
-            limited: found.at_limit >= MIN_REPORTED_SHARE,
-            saturated: (found.saturated or 0.0) >= MIN_REPORTED_SHARE,
-        }
-        return [f"{'; '.join([jumping, *select_true(limits)])}: {_cause(system, terms, found.on)}"]
+def _harm(system: System, found: TermsInRun) -> str:
+    """Compose a warning about the terms; empty for a healthy run."""
     on = joined(found.on)
-    cannot = f"{limited}, so {on} cannot act: raise velocity_limit, or slow the targets"
-    too_much = f"{saturated}, with {on}: lower controller.gain or velocity_limit, or slow the targets"
-    return select_true({cannot: found.at_limit > MAX_SHARE, too_much: (found.saturated or 0.0) > MAX_SHARE})
-
-
-def _cause(system: System, terms: TermArrays, on: tuple[str, ...]) -> str:
-    """Name the terms that make commands jump, and a fix."""
-    noise = _noise(terms)
-    if noise:
-        blamed = [term for term, own in noise.items() if own >= NOISE_RATIO * max(noise.values())]
-        return _cause_in_noise(blamed, terms)
-    rounds = ", or raise controller.newton.rounds" if terms.newton else ""
-    mend = f"controller.gain ({system.gain:g} 1/s){rounds}"
-    if terms.integral >= largest_integral(system):  # less gain would make it worse
-        mend = f"controller.integral.gain ({terms.integral:g} 1/s^2)"
-    feedback = [term for term in on if term in ("newton", "integral")]  # the others do not depend on the error
-    return f"with {joined(feedback or ['this gain'])} the loop rings; lower {mend}; see mjsheaf check"
-
-
-def _cause_in_noise(blamed: list[str], terms: TermArrays) -> str:
-    """Name the terms that pass the noise of odometry on, and a fix."""
-    filters = " and ".join(f"controller.{term}.filter" for term in blamed)
-    leads = "feedforward" in blamed and terms.lead.any()
-    calm = ", or set controller.feedforward.extrapolate to false, which multiplies it" if leads else ""
-    passes = "passes" if len(blamed) == 1 else "pass"
-    return f"{joined(blamed)} {passes} the noise of odometry on; raise {filters}{calm}"
-
-
-def _noise(terms: TermArrays) -> dict[str, float]:
-    """Compute the noise of odometry in the command of each term for unit maps, m/s RMS; terms without noise are absent.
-
-    A filter with coefficient a reduces white noise to sqrt(a / (2 - a)) of it, and correlates neighbouring samples by
-    1 - a. A lead L turns v into (1 + L) v - L v_before.
-    """
-    white = terms.noise / terms.period
-
-    def left(a: float) -> float:
-        return float(np.sqrt(a / (2.0 - a)))
-
-    found = {}
-    if terms.feedforward and white > 0.0:
-        L, a = float(terms.lead.max()), terms.measured
-        found["feedforward"] = white * left(a) * float(np.sqrt((1.0 + L) ** 2 + L**2 - 2.0 * L * (1.0 + L) * (1.0 - a)))
-    if terms.drift > 0.0 and white > 0.0:
-        found["drift"] = white * left(terms.drift)
-    return found
+    saturated = found.saturated or 0.0
+    if found.jump > max(MAX_JUMP * found.commanded, MIN_JUMP):
+        return (
+            f"with {on}, commands jump by {found.jump:.3g} m/s RMS from sample to sample "
+            f"({100 * found.jump / found.commanded:.0f}% of the commanded speed): lower controller.gain "
+            f"({system.gain:g} 1/s) or the terms' own gains, or raise their filters; see mjsheaf check"
+        )
+    if found.at_limit > MAX_SHARE:
+        return (
+            f"agents are at their velocity limit for {100 * found.at_limit:.0f}% of the second half, so {on} cannot "
+            "act: raise velocity_limit, or slow the targets"
+        )
+    if saturated > MAX_SHARE:
+        return (
+            f"agents' thrusters are at a limit for {100 * saturated:.0f}% of the second half, with {on}: lower "
+            "controller.gain or velocity_limit, or slow the targets"
+        )
+    return ""

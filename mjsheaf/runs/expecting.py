@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from mjsheaf.errors import InputError, NotUniqueError, RankError, select_true
-from mjsheaf.io.files import replace_file
-from mjsheaf.io.yaml import with_field
+from mjsheaf.files import replace_file, with_field
 from mjsheaf.results.metrics import MEASURES, ROUNDING_ERROR, check_expectation, safety_of, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import LawFile, find_law
+from mjsheaf.scenario.load import LawFile, find_law
 
 BACKEND_ORDER = ("ideal", "physics")
 """Names of measures in an `expect:` block."""

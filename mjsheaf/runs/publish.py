@@ -1,10 +1,16 @@
-"""One run as a directory: its data, plots, video and summary, and the resolved scenario, which reproduces it."""
+"""One run as a directory: its data, plots, video and summary, and the resolved scenario, which reproduces it.
 
+In Python, `plot` and `replay` show a run without writing anything.
+"""
+
+import base64
+import html
+import io
 import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
@@ -19,26 +25,29 @@ from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
-from mjsheaf.io.files import naming, write_whole
-from mjsheaf.io.section import LARGEST
-from mjsheaf.io.yaml import SUFFIXES, dump_yaml
+from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
+from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.netcdf import split, write_and_open
-from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.law_file import same_law
+from mjsheaf.scenario.load import same_law
+from mjsheaf.section import LARGEST
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
 from mjsheaf.video import VideoOptions, available_backend
 
 _TERMS = "terms"  # folder of the files of registered terms, next to those of vehicles
 _FLOWS = "flows"  # folder of the files of gridded flow
+_HEIGHT = 640  # px of a replay in a notebook
+_INSTEAD = "a Dataset as `simulate` returns it, or the directory of a run"
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.finished import HeldBound, RunBound
+    from matplotlib.figure import Figure
+
+    from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
     from mjsheaf.law.in_python import Controller
     from mjsheaf.system import Phase, System
 
@@ -344,9 +353,9 @@ def account_of(
     scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, timings: Timings | None = None
 ) -> Account:
     """Compute the errors, bounds and notes of a run from its data, in memory or in an open file."""
-    from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.checking.separation import too_close_in
     from mjsheaf.checking.slips import slips_of
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
 
     timings = timings or Timings()
@@ -541,7 +550,7 @@ def plot_again(
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
-    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
 
     with store.reopen_run(directory) as (scenario, dataset, _), TemporaryDirectory() as drawing:
         phases, drawn = scenario.phases, thinned(dataset)
@@ -603,3 +612,130 @@ def draw_video(film: Callable[[], int]) -> tuple[int, str]:
         raise
     except MjsheafError as error:
         return 0, f"no video: {error}"
+
+
+# -- in Python and notebooks -------------------------------------------------------------------------------------------
+
+
+class Figures(dict[str, "Figure"]):
+    """Matplotlib figures of a run by name. A notebook shows them below one another."""
+
+    def _repr_html_(self) -> str:
+        from mjsheaf.show.panels import write_figure
+
+        pictures = []
+        for name, figure in self.items():
+            file = io.BytesIO()
+            write_figure(figure, file, "png")
+            data = base64.b64encode(file.getvalue()).decode("ascii")
+            pictures.append(f'<img alt="{html.escape(name)}" src="data:image/png;base64,{data}">')
+        return "<br>".join(pictures)
+
+
+@dataclass(frozen=True)
+class ReplayPage:
+    """The page of a run, which a notebook shows in a frame. It needs no network.
+
+    Attributes:
+        html: The page, as in report.html.
+        height: Height of the frame in a notebook, px.
+    """
+
+    html: str = field(repr=False)
+    height: int = _HEIGHT
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page to a file, whole or not at all, and return its path.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        place = Path(path)
+        with naming(place):
+            write_whole(place, self.html.encode("utf-8"))
+        return place
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.html, quote=True)
+        style = f"width: 100%; height: {self.height}px; border: 1px solid #d0d7de"
+        return f'<iframe title="replay" sandbox="allow-scripts" style="{style}" srcdoc="{page}"></iframe>'
+
+
+def plot(result: xr.Dataset | str | Path, *, title: bool = True) -> Figures:
+    """Draw the figures that `mjsheaf run` writes: errors over time, trajectories, first and last configuration.
+
+    The figures belong to the caller. They are not registered with pyplot, whose settings do not change.
+
+    Args:
+        result: A Dataset from `simulate`, or the directory of a finished run.
+        title: True gives each figure a title; figures in a paper have captions instead.
+
+    Returns:
+        Matplotlib figures by name: `errors`, `trajectories` and `configurations`.
+
+    Raises:
+        InputError: The result is not from `simulate`, other functions have removed its scenario, or the directory holds
+            no run.
+    """
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
+    from mjsheaf.show.plots import figures_of
+
+    with _opened(result, "plot") as (scenario, dataset, _):
+        phases = scenario.phases
+        drawn = thinned(dataset)
+        bound = shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
+    first, last = phases[0].system, phases[-1].system
+    with MATPLOTLIB:
+        draw = figures_of(
+            first.team, last.team, drawn, bound, FigureOptions(title=title), scenario.video.eye, first.obstacles
+        )
+        return Figures((name, make()) for name, make in draw.items())
+
+
+def replay(result: xr.Dataset | str | Path, *, height: int = _HEIGHT) -> ReplayPage:
+    """Make the page that replays a run in three dimensions next to its curves, for a notebook or a file.
+
+    Args:
+        result: A Dataset from `simulate`, or the directory of a finished run.
+        height: Height of the frame in a notebook, px.
+
+    Returns:
+        The page, with `save(path)` for a file that any browser opens.
+
+    Raises:
+        InputError: See `plot`; or the directory holds a run of an earlier version that recorded fewer variables.
+    """
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
+    from mjsheaf.page import page_of, require_shown
+
+    again = None
+    with _opened(result, "replay") as (scenario, dataset, summary):
+        require_shown(dataset, "replay: the result")
+        phases = scenario.phases
+        if summary is None:
+            account = account_of(scenario, phases, dataset)
+            summary = account.summary
+            bounds = account.bounds
+            again = f"mjsheaf.simulate(scenario, backend={dataset.attrs['backend']!r})", " in Python"
+        else:
+            bounds = bounds_of_phases(phases, dataset)
+        page = page_of(scenario, phases, dataset, summary, bounds, notes=summary.get("notes", ()), again=again)
+    return ReplayPage(page.decode("utf-8"), height)
+
+
+@contextmanager
+def _opened(
+    result: xr.Dataset | str | Path, doing: str
+) -> Iterator[tuple[Scenario, xr.Dataset, dict[str, Any] | None]]:
+    """Yield the scenario and data of a run and, for a directory, its summary.json.
+
+    Raises:
+        InputError: There is no run.
+    """
+    if isinstance(result, xr.Dataset):
+        yield scenario_of(result, doing), result, None
+    elif isinstance(result, str | Path):
+        with store.reopen_run(Path(result)) as (scenario, dataset, summary):
+            yield scenario, dataset, summary
+    else:
+        raise InputError(f"{doing}: result is a {type(result).__name__}; expected {_INSTEAD}")

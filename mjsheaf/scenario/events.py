@@ -13,9 +13,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Discriminator, Field, Tag, ValidationError
 
-from mjsheaf.errors import InputError, expected, in_field, raise_first
-from mjsheaf.io.section import Id, NonNegative, Section, split_path, validation_problems
+from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.law.separation import Station
+from mjsheaf.section import Id, NonNegative, Section, split_path, validation_problems
 from mjsheaf.system import Phase, System, TimeGrid
 from mjsheaf.team import Edge, Team
 
@@ -223,19 +223,14 @@ class Change(Event):
 
 def _require_changing(path: str, sections: Mapping[str, Section]) -> None:
     """Refuse a field that no event can change, or whose section is missing."""
-    raise_first(
-        InputError,
-        {
-            (
-                "cannot change during a run; expected a field of controller but for its periods, a field of "
-                "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
-                "links.all, links.communication or links.sensing, or one of safety"
-            ): path in _FIXED or not _CHANGING.fullmatch(path),
-            "the scenario has no section safety; expected one from the start of the run": (
-                path.startswith("safety.") and "safety" not in sections
-            ),
-        },
-    )
+    if path in _FIXED or not _CHANGING.fullmatch(path):
+        raise InputError(
+            "cannot change during a run; expected a field of controller but for its periods, a field of "
+            "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
+            "links.all, links.communication or links.sensing, or one of safety"
+        )
+    if path.startswith("safety.") and "safety" not in sections:
+        raise InputError("the scenario has no section safety; expected one from the start of the run")
 
 
 def _files_in(controller: Any) -> Iterator[str]:

@@ -10,12 +10,11 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from mjsheaf.arguments import require_seed
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, in_field, shortened, visible
-from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.edges import bound_slopes
 from mjsheaf.law.law import LawArrays, pack_law, with_seed
@@ -31,20 +30,94 @@ from mjsheaf.law.terms import (
     Terms,
     pack_terms,
 )
+from mjsheaf.media import Disturbance, FlowField
+from mjsheaf.media import varying as disturbance
+from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
 from mjsheaf.paths import Fixed, Motion, pack_motions
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
-from mjsheaf.scenario.medium import Disturbances, Flow
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
+from mjsheaf.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.team import Anchor, Member, Team
-from mjsheaf.team.edges import PairOrEdge
-from mjsheaf.team.formation import Group
+from mjsheaf.team.edges import Group, PairOrEdge
 from mjsheaf.team.links import Links
 from mjsheaf.vehicles import allocation as effectivenesses
 from mjsheaf.vehicles.allocation import ControlEffectiveness
 from mjsheaf.vehicles.effects import Effects
 from mjsheaf.vehicles.vehicle import Vehicle
+
+
+def _kind_of(flow: Any) -> str:
+    """Return the name of the class of a flow, as a file has it."""
+    if isinstance(flow, FlowField):
+        return type(flow).__name__
+    return "GriddedFlow" if isinstance(flow, dict) and "kind" in flow else "FlowField"
+
+
+AnyFlow = Annotated[
+    Annotated[FlowField, Tag("FlowField")] | Annotated[GriddedFlow, Tag("GriddedFlow")], Discriminator(_kind_of)
+]
+"""A flow by kernels, or out of a file."""
+
+
+class Flow(Section):
+    """Flow of the medium, given either by medium (air, water) or, as in the paper, by role (agents, targets)."""
+
+    agents: AnyFlow | None = Field(
+        None, description="flow that all agents meet, planar and spatial ones; not together with air or water"
+    )
+    targets: AnyFlow | None = Field(
+        None, description="flow that all targets meet, planar and spatial ones; not together with air or water"
+    )
+    air: AnyFlow | None = Field(
+        None, description="flow that spatial vehicles meet, agents and targets; not together with agents or targets"
+    )
+    water: AnyFlow | None = Field(
+        None, description="flow that planar vehicles meet, agents and targets; not together with agents or targets"
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "Flow":
+        if (self.agents or self.targets) and (self.air or self.water):
+            raise ValueError("give either agents and targets, or air and water")
+        for name in ("agents", "targets", "air"):
+            if getattr(self, name) is not None and getattr(self, name).waves is not None:
+                raise ValueError(f"{name}.waves: only water has waves; expected them in flow.water")
+        return self
+
+    def parts(self, team: Team) -> dict[str, Any]:
+        """Return the fields of a System that describe its flow: by medium if one is given, else by role."""
+        if self.air is not None or self.water is not None:
+            names = ("wind", "current")
+            fields = (self.air, self.water)
+            met = [0 if member.dimension == 3 else 1 for member in team.members]
+        else:
+            names = ("flow about agents", "flow about targets")
+            fields = (self.agents, self.targets)
+            met = [0] * len(team.agents) + [1] * len(team.targets)
+        flows = [field or FlowField(dimension=2) for field in fields]
+        return {"flows": flows, "flow_names": names, "field": np.array(met, dtype=np.int64)}
+
+
+class Disturbances(Section):
+    """Disturbances of agents and targets."""
+
+    agents: Disturbance | None = Field(None, description="of every agent, drawn independently")
+    targets: Disturbance | None = Field(None, description="of every target, drawn independently")
+
+    def require_resolved(self, last: float) -> None:
+        """Refuse frequencies that the loops do not resolve up to |t| = `last`, s."""
+        for role, kind in (("agents", self.agents), ("targets", self.targets)):
+            if kind is not None:
+                with in_field(f"disturbance.{role}"):
+                    kind.require_resolved(last)
+
+    def draw(self, team: Team, seed: int) -> Array:
+        """Draw the harmonics of each vehicle, shape (V, K, 5)."""
+        kinds = [self.agents] * len(team.agents) + [self.targets] * len(team.targets)
+        return disturbance.draw(kinds, [m.dimension for m in team.members], [m.id for m in team.members], seed)
+
 
 EDGE_FIELDS = ("communication", "sensing", "target_edges")
 """The fields of a scenario that hold edges."""

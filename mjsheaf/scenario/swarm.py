@@ -12,8 +12,8 @@ import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import InputError, raise_first
-from mjsheaf.io.section import Id, NonNegative, Number, Point, Positive, Section
+from mjsheaf.errors import InputError
+from mjsheaf.section import Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.sheaf.nonlinear import Measure
 
 Edges = set[tuple[int, int]]
@@ -68,18 +68,13 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
     _require_alone(raw)
     centre = _centre_of(swarm.about, raw.get("targets"))
     seed = raw.get("seed", 0)
-    raise_first(
-        InputError,
-        {
-            f"seed: expected a whole number from 0 to 2^63 - 1, not {str(seed)[:60]!r}": (
-                type(seed) is not int or not 0 <= seed < 2**63
-            ),
-            (
-                f"swarm.degree: {swarm.degree} is odd; expected an even number with graph {swarm.graph}, as half "
-                "of an agent's links lead each way"
-            ): swarm.graph in ("nearest", "small_world") and swarm.degree % 2,
-        },
-    )
+    if type(seed) is not int or not 0 <= seed < 2**63:
+        raise InputError(f"seed: expected a whole number from 0 to 2^63 - 1, not {str(seed)[:60]!r}")
+    if swarm.graph in ("nearest", "small_world") and swarm.degree % 2:
+        raise InputError(
+            f"swarm.degree: {swarm.degree} is odd; expected an even number with graph {swarm.graph}, as half "
+            "of an agent's links lead each way"
+        )
     return {name: value for name, value in raw.items() if name != "swarm"} | _written_out(swarm, centre, seed)
 
 

@@ -32,10 +32,8 @@ from scipy.sparse.linalg import eigsh
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import allocating_jit
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, parts
-from mjsheaf.sheaf.cochains import Cochains
-from mjsheaf.sheaf.edges import EdgeSet
-from mjsheaf.sheaf.sections import section_basis
+from mjsheaf.sheaf.edges import Cochains, EdgeSet, parts
+from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, section_basis
 from mjsheaf.threads import one_thread
 
 DIRECT_WORK = 5e8
@@ -186,7 +184,7 @@ class DirichletProblem:
     @cached_property
     def solver(self) -> "Solver":
         """The solver of H x = r: a factorisation that is kept, or conjugate gradients; see the module."""
-        return _choose_solver(self._D, self.H, self._null_space, self._regularisation)
+        return _choose_solver(self._D, gram(self._D, self._D), self._null_space, self._regularisation)
 
     def _regularisation(self) -> Array:
         """Diagonal matrix that makes H regular when added to it, shape (n_W,).
@@ -428,7 +426,7 @@ def _choose_solver(
     """
     n = H.shape[0]
     order = csgraph.reverse_cuthill_mckee(H, symmetric_mode=True)
-    place = np.empty(n, dtype=np.int64)
+    place = np.empty_like(order)
     place[order] = np.arange(n)
     column = np.repeat(place, np.diff(H.indptr))
     off = place[H.indices] - column

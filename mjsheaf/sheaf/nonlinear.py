@@ -35,9 +35,9 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import SuperLU, splu
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import SheafError, raise_first
-from mjsheaf.sheaf.blocks import RANK_TOLERANCE, assembled
-from mjsheaf.sheaf.cochains import Cochains
+from mjsheaf.errors import SheafError
+from mjsheaf.sheaf.edges import Cochains, assembled
+from mjsheaf.sheaf.sections import RANK_TOLERANCE
 from mjsheaf.sheaf.sheaf import Sheaf
 
 Measure = Literal["position", "range", "bearing"]
@@ -331,13 +331,10 @@ class NonlinearSheaf:
         m = self._require_fitting(tail, head, [np.shape(F_tail), np.shape(F_head)])
         maps = [np.asarray(F, dtype=np.float64) for F in (F_tail, F_head)]
         where = f"edge ({tail!r}, {head!r})"
-        raise_first(
-            SheafError,
-            {
-                f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}": measures not in MEASURES,
-                f"{where}: no desired {measures}; expected one": desired is None and measures != "position",
-            },
-        )
+        if measures not in MEASURES:
+            raise SheafError(f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}")
+        if desired is None and measures != "position":
+            raise SheafError(f"{where}: no desired {measures}; expected one")
         self.edges.append(
             NonlinearEdge(
                 tail,

@@ -1,4 +1,12 @@
-"""Sections that vanish on some vertices, computed along a forest, with a certificate that none was missed.
+"""Null spaces of sparse matrices, and sections computed along a forest, with a certificate that none was missed.
+
+A singular value counts as zero when it is at most `rtol` times the largest one. Each connected part of a matrix is
+treated apart: exactly, by a dense singular value decomposition, up to DENSE_COLUMNS columns; beyond, by shift-invert
+Lanczos on A^T A, repeated on the complement of what was found until nothing more is null, which also finds every copy
+of a multiple eigenvalue. Rows that meet the same columns are first rotated among themselves, so that what a rotated
+frame only seems to connect is apart.
+
+Sections that vanish on some vertices need no decomposition where a forest determines them.
 
 If the map F_w of an edge e = (u, w) is injective, the value at u and the residual on e determine the value at w:
 x_w = F_w^+ (F_u x_u - y_e). Take a forest of such edges, rooted at fixed vertices, or at free ones if none is
@@ -9,19 +17,193 @@ The certificate: |delta x| >= |x| / |G| for x orthogonal to P. So delta has at m
 which is compared with the tolerance. The inequality |x_w| <= a |x_u| + b |y_e| with a >= |F_w^+ F_u| and b >= |F_w^+|
 bounds G entry by entry, and |G|^2 <= |G|_1 |G|_inf, both sums along the forest. Rotations give
 |G|^2 <= depth times size of a tree, far from any tolerance. If the bound is too weak for a component, the general
-method of `blocks` is used.
+method above is used.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse import csgraph
+from scipy.sparse import linalg as splinalg
 from scipy.sparse.linalg import spsolve_triangular
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.sheaf.blocks import DENSE_COLUMNS, ROUNDING, assembled, largest_singular_value, sparse_null_space
-from mjsheaf.sheaf.edges import EdgeSet, ranges
+from mjsheaf.errors import SheafError
+from mjsheaf.sheaf.edges import EdgeSet, assembled, parts, ranges
+
+RANK_TOLERANCE = 1e-9
+"""Default relative tolerance under which a singular value counts as zero."""
+
+DENSE_COLUMNS = 1200
+"""Largest component that is decomposed densely."""
+
+MOST_CLASSES = 64
+"""Largest dimension of a cokernel that is sought in components of more than DENSE_COLUMNS rows."""
+
+MOST_ENTRIES = 50_000_000
+"""Largest basis of a cokernel, rows times dimension."""
+
+ROUNDING = 64 * np.finfo(np.float64).eps
+
+_LANCZOS_VECTORS = 8
+_INVERTED_COLUMNS = 60  # from which a triangular inverse is tried before a decomposition
+_INVERSE_MARGIN = 0.5  # leaves room for the rounding of the inverse
+
+
+def sparser_rows(matrix: sparse.csr_array) -> sparse.csr_array:
+    """Rotate rows that meet the same columns among themselves, so that each meets as few as possible.
+
+    An edge measured in a rotated frame, R [I -I], connects each coordinate with every other; R^T undoes it and leaves
+    the axes apart. Entries at the level of rounding are zeros here: that moves no singular value by more.
+    """
+    matrix = sparse.csr_array(matrix, copy=True)
+    matrix.sort_indices()
+    length = np.diff(matrix.indptr)
+    values, place = matrix.data, matrix.indptr[:-1]
+    for width in np.unique(length[length > 1]):
+        rows = np.flatnonzero(length == width)
+        meets = matrix.indices[place[rows][:, None] + np.arange(width)]
+        first = np.ones(len(rows), dtype=bool)  # of a run of neighbours that meet the same columns
+        first[1:] = (np.diff(rows) > 1) | np.any(meets[1:] != meets[:-1], axis=1)
+        start = np.flatnonzero(first)
+        size = np.diff(np.append(start, len(rows)))
+        for count in np.unique(size[size > 1]):
+            at = place[rows[start[size == count]]][:, None, None] + width * np.arange(count)[:, None] + np.arange(width)
+            block = values[at]
+            upper = np.asarray(np.linalg.qr(block, mode="r"))
+            upper[np.abs(upper) <= ROUNDING * np.abs(block).max(axis=(1, 2), keepdims=True)] = 0.0
+            values[at] = 0.0
+            values[at[:, : upper.shape[1]]] = upper
+    matrix.eliminate_zeros()  # also those of a stored map such as [I 0], which connect nothing
+    return matrix
+
+
+def sparse_null_space(
+    matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE, scale: float | None = None
+) -> sparse.csc_array:
+    """Return an orthonormal basis of the null space of a matrix, each vector on one part, shape (columns, dimension).
+
+    Singular values of at most rtol times the scale count as zero; that is the matrix's own largest unless given.
+    """
+    scale = largest_singular_value(matrix) if scale is None else scale
+    blocks, found = [], 0
+    for _, columns, part in parts(sparser_rows(matrix)):
+        dense = len(columns) <= DENSE_COLUMNS
+        local = _dense_null_space(part.toarray(), scale, rtol) if dense else _lanczos_null_space(part, scale, rtol)
+        blocks.append((columns[:, None], found + np.arange(local.shape[1]), local))
+        found += local.shape[1]
+    return assembled(blocks, (matrix.shape[1], found)).tocsc()
+
+
+def cokernel_basis(matrix: sparse.csr_array, dimension: int, rtol: float = RANK_TOLERANCE) -> sparse.csc_array:
+    """Return an orthonormal basis of the complement of the image of a matrix, shape (rows, dimension).
+
+    The dimension is known from the rank; singular values of at most rtol times the largest count as zero.
+
+    Raises:
+        SheafError: the basis has more than MOST_ENTRIES numbers; a component has more than DENSE_COLUMNS rows while the
+            dimension exceeds MOST_CLASSES; or a singular value is so close to the tolerance that the dimension found
+            is another.
+    """
+    rows = matrix.shape[0]
+    if dimension == 0:
+        return sparse.csc_array((rows, 0))
+    transposed = sparse.csr_array(matrix.T)
+    largest = 0 if dimension <= MOST_CLASSES else max(len(columns) for _, columns, _ in parts(sparser_rows(transposed)))
+    if largest > DENSE_COLUMNS or rows * dimension > MOST_ENTRIES:
+        raise SheafError(
+            f"a basis of H^1 of dimension {dimension} over {rows} rows is too large; expected at most {MOST_ENTRIES} "
+            f"numbers, and at most {DENSE_COLUMNS} rows in one component or a dimension of at most {MOST_CLASSES}"
+        )
+    basis = sparse_null_space(transposed, rtol, largest_singular_value(matrix))
+    if basis.shape[1] != dimension:
+        raise SheafError(
+            f"H^1 has dimension {dimension} or {basis.shape[1]}: a singular value is at the tolerance of {rtol:g}; "
+            "expected another rtol"
+        )
+    return basis
+
+
+def largest_singular_value(matrix: sparse.csr_array) -> float:
+    """Return the largest singular value of a matrix; 0 where it has no entries."""
+    if matrix.nnz == 0:
+        return 0.0
+    if min(matrix.shape) <= DENSE_COLUMNS:
+        gram = matrix.T @ matrix if matrix.shape[1] <= matrix.shape[0] else matrix @ matrix.T
+        return float(np.sqrt(np.linalg.eigvalsh(gram.toarray())[-1]))  # of the largest value, squaring loses nothing
+    start = np.ones(min(matrix.shape))  # a fixed start vector keeps the answer the same in every run
+    return float(splinalg.svds(matrix, k=1, v0=start, return_singular_vectors=False)[0])
+
+
+def shifted_factor(gram: sparse.csr_array, shift: float) -> splinalg.SuperLU:
+    """The factorisation of gram + shift I."""
+    return splinalg.splu((gram + shift * sparse.eye_array(gram.shape[0])).tocsc())
+
+
+def smallest_eigenvectors(factor: splinalg.SuperLU, known: Array, count: int, tolerance: float = 0.0) -> Array:
+    """Vectors of a few of the smallest eigenvalues off `known`, by shift-invert Lanczos, shape (n, count)."""
+
+    def inverse(x: Array) -> Array:
+        y = factor.solve(x - known @ (known.T @ x))
+        return y - known @ (known.T @ y)
+
+    n = len(known)
+    start = inverse(np.random.default_rng(0).standard_normal(n))  # the same in every run
+    operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
+    try:
+        return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=tolerance)[1]
+    except splinalg.ArpackError:  # so many eigenvalues are equal that its few vectors span them all: more of them
+        return splinalg.eigsh(operator, k=count, ncv=min(n, 6 * count), which="LM", v0=start, tol=tolerance)[1]
+
+
+def _dense_null_space(matrix: Array, scale: float, rtol: float) -> Array:
+    if matrix.shape[0] == 0:
+        return np.eye(matrix.shape[1])
+    matrix = _with_few_rows(matrix)
+    if _surely_injective(matrix, rtol * scale):
+        return np.zeros((matrix.shape[1], 0))
+    _, singular, rows = np.linalg.svd(matrix, full_matrices=True)
+    return rows[np.count_nonzero(singular > rtol * scale) :].T
+
+
+def _surely_injective(upper: Array, tolerance: float) -> bool:
+    """Return True if a triangular inverse proves full rank: the smallest singular value is at least 1 / |R^-1|_F.
+
+    This costs a fraction of a singular value decomposition, which then only matrices of deficient or nearly deficient
+    rank need.
+    """
+    if upper.shape[0] < upper.shape[1] or upper.shape[1] < _INVERTED_COLUMNS:
+        return False
+    inverse, singular = linalg.lapack.dtrtri(np.asfortranarray(upper))
+    norm = float(np.linalg.norm(inverse))
+    return singular == 0 and np.isfinite(norm) and norm * tolerance < _INVERSE_MARGIN
+
+
+def _with_few_rows(matrix: Array) -> Array:
+    """A matrix of the same singular values and right vectors: upper triangular unless there are fewer rows still."""
+    return np.asarray(np.linalg.qr(matrix, mode="r")) if len(matrix) >= matrix.shape[1] else matrix
+
+
+def _lanczos_null_space(matrix: sparse.csr_array, scale: float, rtol: float) -> Array:
+    n = matrix.shape[1]
+    factor = shifted_factor(matrix.T @ matrix, 1e-10 * scale**2)
+    found, count = np.zeros((n, 0)), _LANCZOS_VECTORS
+    while True:
+        vectors = smallest_eigenvectors(factor, found, count)
+        # Lanczos on the square sees singular values only down to 1e-8 of the largest; the candidates' own
+        # singular values, taken on A itself, are exact to machine precision.
+        vectors, _ = np.linalg.qr(vectors - found @ (found.T @ vectors))
+        image = _with_few_rows(matrix @ vectors)
+        _, singular, rows = np.linalg.svd(image, full_matrices=True)
+        null = np.append(singular, np.zeros(len(rows) - len(singular))) <= rtol * scale  # fewer rows than vectors
+        if not null.any():
+            return found
+        found, _ = np.linalg.qr(np.hstack([found, vectors @ rows[null].T]))
+        count = max(count, min(2 * count, n // 4))  # where there is one batch there are often many
+        if found.shape[1] > n // 2:
+            raise SheafError(f"the null space of this {matrix.shape} map has dimension over {n // 2}: too large")
+
 
 _LEAST_CONDITION = 1e-3  # of maps that may carry a value on along a forest
 _MOST_OPEN = 64  # free directions of one component; with more of them the small problem is not small
@@ -35,17 +217,17 @@ class Ways(NamedTuple):
 
     Attributes:
         source, target: Vertices u and w, shape (k,).
-        F_source, F_target: Maps F_u and F_w, shapes (k, m, n_u) and (k, m, n_w).
-        gram: F_w^T F_w, shape (k, n_w, n_w).
+        edge: Numbers of the edges in the bundle, shape (k,).
         inverse: Bound b of |F_w^+|, shape (k,).
+        F_source, F_target: Maps F_u and F_w of all edges of the bundle.
     """
 
     source: IntArray
     target: IntArray
+    edge: IntArray
+    inverse: Array
     F_source: Array
     F_target: Array
-    gram: Array
-    inverse: Array
 
 
 class Forest(NamedTuple):
@@ -86,11 +268,10 @@ def _find_ways(edges: EdgeSet, free: BoolArray) -> list[Ways]:
     ways = []
     for e in edges.bundles:
         for u, F_u, w, F_w in ((e.tail, e.F_tail, e.head, e.F_head), (e.head, e.F_head, e.tail, e.F_tail)):
-            gram = F_w.transpose(0, 2, 1) @ F_w
-            smallest, largest = _eigenvalue_bounds(gram)
+            smallest, largest = _eigenvalue_bounds(F_w.transpose(0, 2, 1) @ F_w)
             good = free[w] & (smallest >= np.maximum(_LEAST_CONDITION**2 * largest, np.finfo(float).tiny))
-            chosen = slice(None) if good.all() else good
-            ways.append(Ways(u[chosen], w[chosen], F_u[chosen], F_w[chosen], gram[chosen], smallest[chosen] ** -0.5))
+            edge = np.flatnonzero(good)
+            ways.append(Ways(u[edge], w[edge], edge, smallest[edge] ** -0.5, F_u, F_w))
     return ways
 
 
@@ -134,8 +315,10 @@ def grow(edges: EdgeSet, free: BoolArray) -> Forest:
         w = np.flatnonzero((way_of >= begin) & (way_of < begin + len(way.target)))
         b[w] = way.inverse[way_of[w] - begin]
         w = w[free[parent[w]]]  # a held vertex carries nothing of x
-        k = way_of[w] - begin
-        M = np.linalg.solve(way.gram[k], way.F_target[k].transpose(0, 2, 1) @ way.F_source[k])
+        k = way.edge[way_of[w] - begin]
+        F = way.F_target[k]
+        adjoint = F.transpose(0, 2, 1)
+        M = np.linalg.solve(adjoint @ F, adjoint @ way.F_source[k])
         square = M.transpose(0, 2, 1) @ M
         frobenius = np.einsum("kaa->k", square)
         a[w] = np.sqrt(np.minimum(frobenius, np.abs(square).sum(axis=2).max(axis=1, initial=0.0)))
@@ -285,16 +468,23 @@ def _certified_null_space(W: Array, forest: Forest, G: float, rtol: float) -> Ar
 
     G bounds the forest's G in the component; see `certified_sections`.
     """
-    square = np.vstack([W, np.zeros((max(W.shape[1] - len(W), 0), W.shape[1]))])
-    _, s, V = np.linalg.svd(np.linalg.qr(square, mode="r"))
-    null = s <= rtol * forest.norm_low
-    above = float(s[~null].min(initial=np.inf))
+    null = np.zeros((0, W.shape[1]))
+    above = np.inf
+    clean = sparse.csr_array(np.where(np.abs(W) > ROUNDING * np.abs(W).max(), W, 0.0))
+    for _, columns, part in parts(sparser_rows(clean)):  # so that null directions of the axes stay apart
+        square = np.vstack([part.toarray(), np.zeros((max(len(columns) - part.shape[0], 0), len(columns)))])
+        _, s, V = np.linalg.svd(np.linalg.qr(square, mode="r"))
+        zero = s <= rtol * forest.norm_low
+        above = min(above, float(s[~zero].min(initial=np.inf)))
+        own = np.zeros((np.count_nonzero(zero), W.shape[1]))
+        own[:, columns] = V[zero]
+        null = np.vstack([null, own])
     # Of x = P r + G y orthogonal to the null part, what of P r is not null is at most
     # (1 + |delta| |G|) |y| / above, and the rest at most 2 |G| |y|.
     inverse = float((1.0 + forest.norm_high * G) / above + 2.0 * G)
     enough = _BOUND_MARGIN * rtol * forest.norm_high
-    weak = inverse * enough > 1.0 or (null.any() and inverse * _SECTION_ACCURACY * forest.norm_high > 1.0)
-    return None if weak else V[null]
+    weak = inverse * enough > 1.0 or (len(null) > 0 and inverse * _SECTION_ACCURACY * forest.norm_high > 1.0)
+    return None if weak else null
 
 
 def _slots(edges: EdgeSet, forest: Forest, chosen: BoolArray) -> IntArray:

@@ -12,11 +12,19 @@ from scipy.sparse import linalg as splinalg
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, InnerProduct, cokernel_basis
-from mjsheaf.sheaf.cochains import Cochain, Cochains
-from mjsheaf.sheaf.edges import EdgeBundle, EdgeSet, Ends, checked_bundle, finite, merge
+from mjsheaf.sheaf.edges import (
+    Cochain,
+    Cochains,
+    EdgeBundle,
+    EdgeSet,
+    Ends,
+    InnerProduct,
+    checked_bundle,
+    finite,
+    merge,
+)
 from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension, energy_of, gram
-from mjsheaf.sheaf.sections import certified_sections, section_basis
+from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, certified_sections, cokernel_basis, section_basis
 
 
 class Sheaf(Cochains):
@@ -282,7 +290,7 @@ class Sheaf(Cochains):
         delta has one representative there, its shortest.
 
         Raises:
-            SheafError: the basis is too large (see `blocks.cokernel_basis`), or its dimension is not decided at this
+            SheafError: the basis is too large (see `sections.cokernel_basis`), or its dimension is not decided at this
                 tolerance, which is as in `betti`.
         """
         basis = cokernel_basis(self.coboundary(), self.betti(rtol=rtol)[1], rtol)

@@ -8,7 +8,7 @@ face where they go.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 import xarray as xr
@@ -18,10 +18,9 @@ from mjsheaf.errors import InputError
 from mjsheaf.law.obstacles import ObstacleArrays, points_kept_from
 from mjsheaf.media.medium import WITHOUT_MEAN, mean_flow
 from mjsheaf.media.waves import Components
-from mjsheaf.results.dataset import join
+from mjsheaf.results.dataset import join, labelled_edges
 from mjsheaf.results.metrics import edge_residuals, mean_known
 from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
-from mjsheaf.results.variables import labelled_edges
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import MOMENTS, automatic_scales, groups_of, round_number
 from mjsheaf.team import Edge, Team
@@ -92,17 +91,6 @@ class Samples:
             between(self.harmonic_extension[before], self.harmonic_extension[after]),
             between(self.error[before], self.error[after]),
         )
-
-
-class Run(Protocol):
-    """A finished run, in memory (`Samples`) or read from its file when it is looked at."""
-
-    @property
-    def time(self) -> Array:
-        """Time of each sample, increasing. Shape (T,), in s."""
-
-    def at(self, times: Array) -> Samples:
-        """Interpolate; see `Samples.at`."""
 
 
 def joined(chunk: xr.Dataset, quantity: str) -> Array:
@@ -487,7 +475,7 @@ class Played:
 
     Attributes:
         name: Name of the scenario.
-        run: Poses of all vehicles over time.
+        run: Poses of all vehicles over time, in memory or read from a file when they are looked at.
         agent_ids: Labels of the N agents.
         target_ids: Labels of the V - N targets.
         group: Index of each vehicle's group, which gives its colour, shape (V,).
@@ -498,6 +486,7 @@ class Played:
         surface_height: z of that plane, m.
         stages: States between events, in order. The first one holds at the start. Empty without events.
         kinds: Kind of each vehicle. Empty if each is a kind of its own.
+        radii: Radius about its origin that holds each vehicle, shape (V,), m.
         scales: Times that each vehicle is drawn larger, shape (V,). None for their true size.
         media: Moving media around the vehicles.
         obstacles: What agents keep away from; None without any.
@@ -507,13 +496,14 @@ class Played:
     """
 
     name: str
-    run: Run
+    run: Samples | RecordedRun
     agent_ids: list[str]
     target_ids: list[str]
     group: IntArray
     group_names: list[str]
     colours: Array
     edges: Sequence[DrawnEdge]
+    radii: Array
     surface: Literal["water", "ground", "none"] = "none"
     surface_height: float = 0.0
     stages: Sequence[Stage] = ()
@@ -577,6 +567,11 @@ class Played:
         """Times that each vehicle is drawn larger, shape (V,)."""
         return np.ones(self.vehicles) if self.scales is None else self.scales
 
+    @property
+    def drawn_radius(self) -> float:
+        """Radius of the largest vehicle as it is drawn, at least 0.1, m."""
+        return float((self.radii * self.drawn_scales).max(initial=0.1))
+
     def stage(self, time: float) -> int:
         """Return the index of the stage at a time in s, 0 if there are no stages."""
         return max(sum(stage.start <= time + 1e-9 for stage in self.stages) - 1, 0)
@@ -615,6 +610,7 @@ def played(scenario: Scenario, dataset: xr.Dataset, phases: "Sequence[Phase] | N
         group_names=names,
         colours=colours,
         edges=_drawn_edges(team),
+        radii=system.vehicle_radii,
         surface=scene.surface,
         surface_height=scene.height,
         stages=[_stage(phase) for phase in phases] if len(phases) > 1 or phases[0].system.team.absent else (),
@@ -624,7 +620,7 @@ def played(scenario: Scenario, dataset: xr.Dataset, phases: "Sequence[Phase] | N
         seas=seas_of(phases) if scene.surface == "water" else (),
     )
     places, given = found.places(), scenario.drawn_scales
-    automatic = automatic_scales(found.kinds, system.vehicle_radii, places)
+    automatic = automatic_scales(found.kinds, found.radii, places)
     scales = np.where(np.isnan(given), automatic, given)
     return replace(found, media=media_of(phases, places), scales=scales)
 

@@ -38,7 +38,8 @@ from mjsheaf.show.panels import (
     settle,
     spread_ends,
 )
-from mjsheaf.show.solids import outline
+from mjsheaf.show.played import joined
+from mjsheaf.show.solids import farthest, outline
 from mjsheaf.show.style import AS_USUAL, DASHES, LOST, OBSTACLE, VIEW, FigureOptions, groups_of, marker_of
 from mjsheaf.team import Team
 
@@ -590,8 +591,7 @@ def _title(dataset: xr.Dataset, what: str) -> str:
 
 def _positions(dataset: xr.Dataset) -> Array:
     """Return the positions (T, V, 3), m, with planar vehicles at z = 0."""
-    both = [dataset["agent_position"].values, dataset["target_position"].values]
-    return np.nan_to_num(np.concatenate(both, axis=1))
+    return np.nan_to_num(joined(dataset, "position"))
 
 
 def include_obstacles(low: Array, high: Array, obstacles: ObstacleArrays | None, times: Array) -> tuple[Array, Array]:
@@ -607,10 +607,9 @@ def include_obstacles(low: Array, high: Array, obstacles: ObstacleArrays | None,
         for n, centre in enumerate(centres(obstacles, float(time))):
             if obstacles.kind[n] == HALF_SPACE:
                 continue
-            seen = [outline(obstacles, n, centre, np.eye(3)[[axis, (axis + 1) % 3]]) for axis in range(3)]
-            along = np.array([corners[:, 0] for corners in seen if corners is not None])
-            low = np.minimum(low, np.clip(along.min(axis=1)[:, None], least, most))
-            high = np.maximum(high, np.clip(along.max(axis=1)[:, None], least, most))
+            half = np.diagonal(farthest(obstacles, n, np.eye(3)))
+            low = np.minimum(low, np.clip((centre - half)[:, None], least, most))
+            high = np.maximum(high, np.clip((centre + half)[:, None], least, most))
     return low, high
 
 

@@ -218,19 +218,23 @@ def outline(obstacles: ObstacleArrays, n: int, centre: Array, projection: Array)
     Returns:
         Corners, shape (P, 2), m.
     """
-    kind, axes, size = int(obstacles.kind[n]), obstacles.axes[n], obstacles.size[n]
     angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False) + np.pi / _CORNERS
     ways = np.column_stack([np.cos(angle), np.sin(angle)]) @ projection  # in space, shape (P, 3)
-    along = np.where(ways @ axes.T >= 0.0, 1.0, -1.0)
-    if kind == HALF_SPACE:
-        normal = projection @ axes[0]
+    if obstacles.kind[n] == HALF_SPACE:
+        normal = projection @ obstacles.axes[n, 0]
         if np.linalg.norm(normal) < 1.0 - _LEVEL:
             return None
         side = np.array([-normal[1], normal[0]])
         return np.asarray(projection @ centre + _FAR * np.array([side, side - normal, -side - normal, -side]))
-    offset = {
+    return np.asarray((centre + farthest(obstacles, n, ways)) @ projection.T)
+
+
+def farthest(obstacles: ObstacleArrays, n: int, ways: Array) -> Array:
+    """Return the farthest points of a body in directions (P, 3) from its centre, shape (P, 3), m."""
+    axes, size = obstacles.axes[n], obstacles.size[n]
+    along = np.where(ways @ axes.T >= 0.0, 1.0, -1.0)
+    return {
         SPHERE: size[0] * ways,
         CAPSULE: along[:, :1] * size[0] * axes[0] + size[1] * ways,
         BOX: (along * size) @ axes,
-    }[kind]
-    return np.asarray((centre + offset) @ projection.T)
+    }[int(obstacles.kind[n])]

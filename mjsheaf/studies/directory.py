@@ -20,13 +20,11 @@ from pathlib import Path
 from typing import IO, Any
 
 from mjsheaf.errors import InputError, PlaceError, shortened
-from mjsheaf.io.files import is_part_of, naming, write_whole
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml, is_part_of, naming, write_whole
 from mjsheaf.results.store import digest, enclosing_run, read_mapping
 from mjsheaf.show.style import names_of
-from mjsheaf.studies.job import STATUSES, JobResult
 from mjsheaf.studies.plan import Plan
-from mjsheaf.studies.schema import Point
+from mjsheaf.studies.workers import STATUSES, JobResult, Point
 
 _LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
 _RUNS, _TRAJECTORIES = "runs", "trajectories"

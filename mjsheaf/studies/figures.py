@@ -15,8 +15,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.finished import BROKEN
-from mjsheaf.io.yaml import SUFFIXES
+from mjsheaf.checking.theorem.of_run import BROKEN
+from mjsheaf.files import SUFFIXES
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.panels import (
     HEADING,
@@ -33,7 +33,7 @@ from mjsheaf.show.panels import (
     settle,
 )
 from mjsheaf.show.style import AS_USUAL, BLUE, RED, FigureOptions, line_style
-from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
+from mjsheaf.studies.plan import Choice, LogUniform, StudyFile
 
 Ends = NDArray[np.str_] | None
 """Description of each run's end."""

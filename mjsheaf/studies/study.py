@@ -16,15 +16,13 @@ import pandas as pd
 import pyarrow as pa
 
 from mjsheaf._version import __version__
-from mjsheaf.io.yaml import parse_yaml
+from mjsheaf.files import parse_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.show.style import AS_USUAL, FigureOptions
 from mjsheaf.studies.directory import StudyDirectory, open_directory, page_of_run
-from mjsheaf.studies.job import STATUSES, ForeignWorkerError
 from mjsheaf.studies.plan import Plan
-from mjsheaf.studies.schema import Point
-from mjsheaf.studies.workers import Runner, SchedulerError
+from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, Point, Runner, SchedulerError
 
 _COLUMNS = {
     "seed": "int64",

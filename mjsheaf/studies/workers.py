@@ -1,35 +1,339 @@
-"""Parallel runs: processes or threads of this machine, or an existing dask cluster."""
+"""One run of a study, from its point to a record of plain values, and the workers that do many of them.
+
+Workers are processes or threads of this machine, or those of an existing dask cluster.
+"""
 
 import asyncio
 import logging
 import multiprocessing as mp
 import os
 import signal
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from functools import partial
-from itertools import islice
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from importlib.metadata import version
+from itertools import islice, pairwise
 from multiprocessing import resource_tracker
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import Connection
+from pathlib import Path
+from queue import SimpleQueue
+from textwrap import shorten
 from threading import Thread
 from typing import Any, Protocol
 
-import psutil
+import numpy as np
+import xarray as xr
 
+from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
-from mjsheaf.errors import InputError
-from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, failed_record, new_record, run_job
+from mjsheaf.arrays import Array
+from mjsheaf.checking.finished import Ending, ending_of_run, judge
+from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
+from mjsheaf.compile.remember import remember_last
+from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.loop.session import moved_by, require_simulable
+from mjsheaf.media import varying as disturbance
+from mjsheaf.results import dataset_bytes, summarize
+from mjsheaf.results.dataset import of_phase
+from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
+from mjsheaf.results.netcdf import thin
+from mjsheaf.results.store import digest
+from mjsheaf.runs.simulate import simulate, stream
+from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario.load import LawFile, map_vehicles
+from mjsheaf.section import PER_AGENT_RMS, finite
+from mjsheaf.system import System
 from mjsheaf.threads import ONE_THREAD, usable_processors
 
-_TRIES_ALONE = 2
-"""Number of times that a run is repeated alone after a worker died during it."""
+STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
+"""Statuses of a run: completed; blown up; refused, because its harmonic extension is not unique; invalid, because its
+point is not a valid scenario; failed with an unexpected error; lost with its worker process."""
+
+_MOST_SAMPLES = 500  # maximum number of samples of errors over time
+_KINDS = ("tracking", "formation", "centering", "group_formation", "group_centering")
+_LIGHT = ("disagreement", *(f"{kind}_error" for kind in _KINDS))
+TRAFFIC = "numbers_per_agent_second"
+"""Field of a record: numbers that an agent sends per second."""
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions of mjsheaf and of the libraries that the bits of a run depend on."""
+    return {"mjsheaf": __version__, **{name: version(name) for name in ("mujoco", "numpy", "numba")}}
+
+
+class ForeignWorkerError(InputError):
+    """A worker has another version of mjsheaf or of a library, or other files, than those that the study began with."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run of a study.
+
+    Attributes:
+        number: Number of the run, from 0.
+        parameters: Values by field path, in the order in which they are set.
+        seed: Seed of the scenario; None keeps the scenario's own.
+    """
+
+    number: int
+    parameters: dict[str, Any] = field(hash=False)
+    seed: int | None = None
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """Overrides that turn the study's scenario into this run's."""
+        return self.parameters if self.seed is None else {**self.parameters, "seed": self.seed}
+
+
+@dataclass(frozen=True)
+class Job:
+    """Input of a worker for one run.
+
+    Attributes:
+        point: Point of the run.
+        source: Name of the scenario, for messages.
+        scenario: Scenario as read, without overrides.
+        overrides: Field paths and values that all runs of the study share.
+        directory: Base of the paths of vehicles in `overrides`.
+        backend: 'physics' or 'ideal'.
+        engine: Physics engine.
+        trajectories: True to keep result.nc.
+        light: True for a record of errors alone, which takes three fifths of the time of one with the ending.
+        versions: Versions of mjsheaf and its libraries in the process that submits the job.
+        law: Law in Python that controls the agents, or None.
+        files: SHA-256 digests of the user's files that the scenario refers to, by path.
+    """
+
+    point: Point
+    source: str
+    scenario: dict[str, Any]
+    overrides: dict[str, Any]
+    directory: str
+    backend: str
+    engine: str = "mujoco"
+    trajectories: bool = False
+    light: bool = False
+    versions: dict[str, str] = field(default_factory=versions)
+    law: LawFile | None = None
+    files: dict[str, str] = field(default_factory=dict)
+
+    def require_unchanged(self) -> None:
+        """Refuse a job once a file is no longer the one that its study began with.
+
+        Raises:
+            ForeignWorkerError: The message names the file.
+        """
+        changed = [path for path, known in self.files.items() if digest(Path(path)) != known]
+        if self.law is not None and self.law.changed:
+            changed.append(self.law.label)
+        if changed:
+            raise ForeignWorkerError(f"{changed[0]}: the file has changed since the study began; choose another --out")
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Overrides that turn the scenario as read into the point's; paths of vehicles are absolute."""
+        directory = Path(self.directory)
+        return {
+            path: map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
+            for path, value in (self.overrides | self.point.overrides).items()
+        }
+
+    @property
+    def seed(self) -> int | None:
+        """Seed of the run, read without building the scenario; None if it is not a valid seed."""
+        given = (self.overrides | self.point.overrides).get("seed", self.scenario.get("seed", 0))
+        return given if type(given) is int and abs(given) < 2**63 else None
+
+    def load(self) -> Scenario:
+        """Return the scenario of the point.
+
+        Raises:
+            ScenarioError: The point is not valid.
+        """
+        changes, seed = self.changes, self.point.seed
+        swarm = "swarm" in self.scenario or any(path.startswith("swarm") for path in changes)
+        if seed is not None and 0 <= seed < 2**63 and not swarm:
+            try:
+                return _of_any_seed(self.scenario, {**changes, "seed": 0}, self.source, self.files).with_seed(seed)
+            except InputError:  # the call below raises it again, with the point's own seed in the message
+                pass
+        return scenario_from_mapping(self.scenario, changes, self.source)
+
+
+@remember_last(lambda *arguments: arguments)
+def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str, files: dict[str, str]) -> Scenario:
+    """Return the scenario of a study's point that all of its seeds share; files are by their content, see `Job`."""
+    return scenario_from_mapping(scenario, changes, source)
+
+
+@dataclass(frozen=True)
+class JobResult:
+    """Result of a worker for one run.
+
+    Attributes:
+        record: Record of the run, a function of the job alone; see `new_record`.
+        seconds: Wall time, s.
+        dataset: Bytes of result.nc; None if trajectories are not kept or the run did not start.
+        page: Bytes of the run's page (see `mjsheaf.page`), or None.
+    """
+
+    record: dict[str, Any]
+    seconds: float = 0.0
+    dataset: bytes | None = None
+    page: bytes | None = None
+
+
+def new_record(point: Point, seed: int | None, status: str, message: str = "", **found: Any) -> dict[str, Any]:
+    """Make the record of a run.
+
+    Its fields are run, parameters, seed, status and message; `final` as in summary.json; `late`, the same measures as
+    RMS over the second half; `ending`; `settled`, True if that is 'settled'; `bound_ratio` and `late_bound_ratio`, see
+    `RunBound`; `numbers_per_agent_second` and `law` as in summary.json. If trajectories are kept, `series` has the
+    errors over time: time, s, and each measure, m, at selected samples.
+    """
+    return {
+        "run": point.number,
+        "parameters": point.parameters,
+        "seed": seed,
+        "status": status,
+        "message": shorten(message, 600, placeholder=" ..."),
+        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "late_bound_ratio", "series", TRAFFIC)),
+        "law": None,
+        **found,
+    }
+
+
+def run_job(job: Job) -> JobResult:
+    """Simulate a point. An error in it becomes the status and message of its record.
+
+    Raises:
+        ForeignWorkerError: This worker has another version of mjsheaf or of a library, or a file has changed.
+    """
+    for name, here in versions().items():
+        if job.versions[name] != here:
+            raise ForeignWorkerError(f"a worker has {name} {here}; expected {job.versions[name]}")
+    job.require_unchanged()
+    begun = time.perf_counter()
+    dataset = page = None
+    try:
+        record, dataset, page = _run(job)
+    except Exception as error:  # one bad point must not end the study: the table reports it
+        record = failed_record(job, error)
+    job.require_unchanged()
+    return JobResult(record, time.perf_counter() - begun, dataset, page)
+
+
+def failed_record(job: Job, error: Exception) -> dict[str, Any]:
+    """Return the record of a run that raised an error."""
+    told = str(error)
+    if isinstance(error, NotUniqueError | InputError):
+        status = "refused" if isinstance(error, NotUniqueError) else "invalid"
+        if job.law is not None and job.law.label in told:  # an error of the law, not of the point
+            status = "failed"
+        return new_record(job.point, job.seed, status, told)
+    what = "not enough memory" if isinstance(error, MemoryError) else type(error).__name__
+    return new_record(job.point, job.seed, "failed", f"{what}: {told}")
+
+
+def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
+    scenario = job.load()
+    controller = job.law.load(scenario.seed) if job.law else None
+    if job.light:
+        phases = moved_by(scenario.phases, job.backend, job.engine, 1)
+        require_simulable(phases, job.backend)
+        samples = scenario.system.grid.steps + 1
+        dataset = next(stream(phases, job.backend, scenario.seed, None, samples, controller, _LIGHT))
+    else:
+        dataset = simulate(scenario, job.backend, engine=job.engine, threads=1, controller=controller, progress=False)
+    system = scenario.system
+    found: dict[str, Any] = {"final": summarize(system.team, dataset), "settled": False, "law": dataset.attrs["law"]}
+    if dataset.attrs["status"] == "finished":
+        found["late"] = {**late_errors(system.team, dataset), "norm": PER_AGENT_RMS}
+        if job.light:
+            found["settled"], ratios = None, _ratios(job, scenario, dataset)
+        else:
+            ending, bound = _ending_of(job, scenario, dataset), bound_of_run(scenario.phases, dataset)
+            found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
+            ratios = bound.ratio, bound.settled_ratio
+        found["bound_ratio"], found["late_bound_ratio"] = map(finite, ratios)
+    if job.trajectories:
+        found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
+    found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]
+    record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
+    kept = (_bytes_of(dataset), _page_of(scenario, dataset, found)) if job.trajectories else (None, None)
+    return record, *kept
+
+
+def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | None, float | None]:
+    """Compute the largest |e| over Theorem 1's bound, after the start and over the second half.
+
+    None where there is no bound, for a law in Python, and for runs with events, which have one in each phase.
+
+    The bound is computed once for runs that differ in the agents' disturbances alone: the theorem needs their sizes,
+    here rounded up. The components that seeds draw add up to the requested size except for rounding.
+    """
+    system = scenario.system
+    if job.law is not None or len(scenario.phases) > 1:
+        return None, None
+    N, harmonics = len(system.team.agents), np.zeros_like(system.harmonics)
+    harmonics[N:] = system.harmonics[N:]
+    if harmonics.shape[1]:
+        size = disturbance.bounds(system.harmonics)[:N]
+        harmonics[:N, 0, 0] = np.round(size, 9) + 1e-9 * (size > 0.0)
+    bound = _bound_of(job, replace(system, harmonics=harmonics))
+    if bound is None or not np.isfinite(bound).any():
+        return None, None
+    ratio = np.sqrt(np.nansum(dataset["tracking_error"].values ** 2, axis=1)) / bound
+    return float(ratio[1:].max()), float(ratio[max(len(ratio) // 2, 1) :].max())
+
+
+@remember_last(
+    lambda job, system: (
+        (job.scenario, job.files, [(path, value) for path, value in job.changes.items() if path != "seed"]),
+        (system.initial, system.harmonics, system.moving),
+        [(edge.tail, edge.head) for edge in (*system.team.communication, *system.team.sensing)],  # a swarm's seed draws
+    )
+)
+def _bound_of(job: Job, system: System) -> Array | None:
+    """Theorem 1's bound on |e| at the samples of a job on bodies, shape (T,), m; None without one."""
+    return bound_ahead(system)
+
+
+def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | None:
+    """Classify the end of a run. Under a law in Python, whose loop is unknown, only its error counts."""
+    if job.law is None:
+        return ending_of_run(scenario.phases, dataset)
+    _, own = of_phase(scenario.phases, dataset, -1)
+    return judge(np.sqrt(mean_known(own["tracking_error"].values ** 2)))
+
+
+def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
+    from mjsheaf.page import page_of
+
+    phases = scenario.phases
+    again = "mjsheaf sweep", "; the study's index.html has the command"
+    return page_of(scenario, phases, dataset, found, bounds_of_phases(phases, dataset), again=again)
+
+
+def _bytes_of(dataset: xr.Dataset) -> bytes:
+    """Return the bytes of result.nc once two consecutive writes agree on them.
+
+    HDF5 once laid out a file differently for the same data. Thousands of later writes have not shown the cause. The
+    bytes of a study must not depend on such an accident.
+    """
+    for before, written in pairwise(dataset_bytes(dataset) for _ in range(5)):
+        if written == before:
+            break
+    return written
+
 
 _LEAST_AHEAD = 64
 """Minimum number of runs submitted to a cluster at a time; more would only fill the scheduler's memory."""
-
-_TOO_MUCH_MEMORY = 75
-"""Exit code of a worker that exceeded its memory limit."""
 
 _CONNECT_S = 10
 
@@ -51,97 +355,75 @@ class Workers:
     """Parallel runner of jobs, created by `local_workers` or `workers_at`.
 
     Args:
-        submit: Function that submits a job. The future raises BrokenExecutor if a worker died.
+        submit: Function that submits a job. The future raises BrokenExecutor if the worker that ran it died.
         ahead: Number of jobs submitted at a time.
-        cause: Function that describes why the last worker died.
     """
 
-    def __init__(self, submit: Callable[[Work, Job], Future[JobResult]], ahead: int, cause: Callable[[], str]) -> None:
-        self._submit, self._ahead, self._cause = submit, ahead, cause
+    def __init__(self, submit: Callable[[Work, Job], Future[JobResult]], ahead: int) -> None:
+        self._submit = submit
+        self._ahead = ahead
 
     def run(self, jobs: Iterable[Job], work: Work = run_job) -> Generator[JobResult]:
         """Run jobs and yield each result when it is available.
 
-        If a worker dies, all jobs that were submitted are repeated one at a time. A job whose workers die again gets a
-        record with status 'lost'.
+        A job whose worker dies gets a record with status 'lost'.
 
         Raises:
             SchedulerError: The connection to the cluster is lost.
             ForeignWorkerError: A worker has another version of mjsheaf or of a library.
         """
-        suspects = []
-        for job, result in self._stream(jobs, work, self._ahead):
-            if result is None:
-                suspects.append(job)
-            else:
-                yield result
-        for job in suspects:
-            tries = (result for _ in range(_TRIES_ALONE) for _, result in self._stream([job], work, 1))
-            result = next(filter(None, tries), None)
-            if result is None:
-                message = f"every worker that started it died, {self._cause()}"
-                result = JobResult(new_record(job.point, job.seed, "lost", message))
-            yield result
-
-    def _stream(self, jobs: Iterable[Job], work: Work, ahead: int) -> Iterator[tuple[Job, JobResult | None]]:
-        """Run jobs with at most `ahead` submitted at a time; a result is None if a worker died while the job ran."""
         waiting = iter(jobs)
         asked: dict[Future[JobResult], Job] = {}
         while True:
-            for job in islice(waiting, ahead - len(asked)):
+            for job in islice(waiting, self._ahead - len(asked)):
                 asked[self._submit(work, job)] = job
             if not asked:
                 return
             for future in wait(asked, return_when=FIRST_COMPLETED).done:
                 job = asked.pop(future)
                 try:
-                    yield job, future.result()
+                    result = future.result()
                 except BrokenExecutor:
-                    yield job, None
+                    message = "its worker died, perhaps for lack of memory; fewer --workers leave more to each"
+                    result = JobResult(new_record(job.point, job.seed, "lost", message))
                 except (ForeignWorkerError, SchedulerError):
                     raise
                 except Exception as error:  # raised outside the run, for example because its result cannot be pickled
-                    yield job, JobResult(failed_record(job, error))
+                    result = JobResult(failed_record(job, error))
+                yield result
 
 
 class _Processes:
-    """A pool of processes with one BLAS thread each, replaced after one of them died."""
+    """Processes with one BLAS thread each, in pools of one, so that one that dies takes no other's run with it."""
 
-    def __init__(self, count: int, memory: int) -> None:
-        spawn = mp.get_context("spawn")
-        self._make = partial(ProcessPoolExecutor, count, spawn, initializer=_watch, initargs=(memory,))
-        self._pool = self._make()
-        self._workers: set[BaseProcess] = set()
+    def __init__(self, count: int) -> None:
+        self._spawn = mp.get_context("spawn")
+        self._ends, self._end = self._spawn.Pipe(duplex=False)
+        self._pools = [self._make() for _ in range(count)]
+        self._free: SimpleQueue[int] = SimpleQueue()
+        for k in range(count):
+            self._free.put(k)
+
+    def _make(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, self._spawn, initializer=_end_with, initargs=(self._ends,))
 
     def submit(self, work: Work, job: Job) -> Future[JobResult]:
-        """Submit a job to the pool."""
-        before = set(mp.active_children())
+        """Submit a job to a process that has none, when there is one."""
+        k = self._free.get()
         with _spawning():
             try:
-                return self._pool.submit(work, job)
-            except BrokenExecutor:
-                self._pool.shutdown()
-                self._pool, self._workers = self._make(), set()
-                return self._pool.submit(work, job)
-            finally:
-                self._workers |= set(mp.active_children()) - before
+                future = self._pools[k].submit(work, job)
+            except BrokenExecutor:  # its process died during an earlier job
+                self._pools[k] = self._make()
+                future = self._pools[k].submit(work, job)
+        future.add_done_callback(lambda _: self._free.put(k))
+        return future
 
     def kill(self) -> None:
-        """Kill the workers."""
-        for process in self._workers:
-            process.kill()
-        self._pool.shutdown(cancel_futures=True)
-
-    def cause(self) -> str:
-        """Describe why a worker died and broke the pool."""
-        self._pool.shutdown()
-        codes = {process.exitcode for process in self._workers}
-        if _TOO_MUCH_MEMORY in codes:
-            return "because it exceeded its memory limit; fewer --workers leave more memory to each"
-        if -signal.SIGKILL in codes:
-            return "killed by signal 9, probably out of memory; fewer --workers leave more memory to each"
-        codes -= {0, None, -signal.SIGTERM}  # the pool ends the other workers with SIGTERM
-        return f"with exit code {codes.pop()}" if codes else "for an unknown reason"
+        """End the processes at once."""
+        self._end.close()
+        for pool in self._pools:
+            pool.shutdown(cancel_futures=True)
 
 
 @contextmanager
@@ -163,29 +445,24 @@ def _spawning() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _watch(memory: int) -> None:
-    """Exit this worker when the command ends, for whatever reason, or when it exceeds `memory`, bytes."""
+def _end_with(ends: Connection) -> None:
+    """End this process when the other end of a connection is closed, or the process that has it ends."""
 
     def watch() -> None:
-        parent, me = mp.parent_process(), psutil.Process()
-        while parent is not None and parent.is_alive():
-            if me.memory_info().rss > memory:
-                os._exit(_TOO_MUCH_MEMORY)
-            parent.join(0.1)  # s between checks of the memory
+        ends.poll(None)
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
-def local_workers(count: int | None = None, *, processes: bool = True, memory: int | None = None) -> Iterator[Workers]:
+def local_workers(count: int | None = None, *, processes: bool = True) -> Iterator[Workers]:
     """Start workers on this machine.
 
     Args:
         count: Number of workers; None starts one for each processor that this process may use.
         processes: True for a process per worker. False for threads of this process: they start at once, but a crash
             ends all of them.
-        memory: Memory limit of all processes together, bytes; None allows most of the machine's.
     """
     if count is not None:
         require_whole("workers", count, 1)
@@ -193,13 +470,13 @@ def local_workers(count: int | None = None, *, processes: bool = True, memory: i
     if not processes:
         threads = ThreadPoolExecutor(count)
         try:
-            yield Workers(threads.submit, count, str)
+            yield Workers(threads.submit, count)
         finally:
             threads.shutdown(wait=False, cancel_futures=True)
         return
-    pool = _Processes(count, int(memory or 0.95 * psutil.virtual_memory().total) // count)
+    pool = _Processes(count)
     try:
-        yield Workers(pool.submit, count, pool.cause)
+        yield Workers(pool.submit, count)
     finally:
         pool.kill()
 
@@ -244,7 +521,7 @@ def workers_at(address: str, note: Callable[[str], None] | None = None) -> Itera
         workers = sum(client.nthreads().values())
         if note and not workers:
             note(f"no worker yet at {address}; waiting")
-        yield Workers(submit, max(_LEAST_AHEAD, 4 * workers), lambda: "probably out of memory")
+        yield Workers(submit, max(_LEAST_AHEAD, 4 * workers))
 
 
 def _answer(future: Future[JobResult], done: Any) -> None:

@@ -3,8 +3,17 @@
 This layer turns a team into a sheaf. It knows nothing of dynamics.
 """
 
-from mjsheaf.team.edges import GROUND, Anchor, Edge, LinearEdge, Member, anchor, restriction_maps, rotation_to_local
-from mjsheaf.team.formation import Formation
+from mjsheaf.team.edges import (
+    GROUND,
+    Anchor,
+    Edge,
+    Formation,
+    LinearEdge,
+    Member,
+    anchor,
+    restriction_maps,
+    rotation_to_local,
+)
 from mjsheaf.team.team import Team
 
 __all__ = [

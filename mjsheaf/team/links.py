@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import NonNegative, Number, Positive, Section, Tagged
+from mjsheaf.section import NonNegative, Number, Positive, Section, Tagged
 
 KINDS = ("communication", "sensing")
 """The kinds of edges that have links."""

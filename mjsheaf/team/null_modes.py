@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.sheaf.blocks import assembled, parts
+from mjsheaf.sheaf.edges import assembled, parts
 from mjsheaf.team.team import Team
 
 _AXES = "xyz"

@@ -37,7 +37,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, freeze
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import Section
+from mjsheaf.section import Section
 from mjsheaf.vehicles.vectors import add, cross, triple
 
 Range = tuple[float, float] | None  # a range of MuJoCo's: lower and upper limit, or None

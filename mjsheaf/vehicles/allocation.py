@@ -30,7 +30,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import Matrix, Number, Point, Section
+from mjsheaf.section import Matrix, Number, Point, Section
 from mjsheaf.vehicles.actuators import ANGLE, FIXED, WEAK_SIDE
 from mjsheaf.vehicles.vectors import subtract, triple
 

@@ -22,7 +22,7 @@ import numpy as np
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import resource_directory
+from mjsheaf.files import resource_directory
 from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
 from mjsheaf.mujoco_import import mujoco, refusing
 from mjsheaf.paths import position_at

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mjsheaf.arrays import Array, freeze
-from mjsheaf.io.section import Section
+from mjsheaf.section import Section
 from mjsheaf.vehicles.actuators import Channel, Thruster
 
 GRAVITY = 9.81  # m/s^2

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.io.section import Duration, Section
+from mjsheaf.section import Duration, Section
 from mjsheaf.vehicles.actuators import WEAK_SIDE, Thruster
 from mjsheaf.vehicles.body import ROW_NAMES
 from mjsheaf.vehicles.steering import Full

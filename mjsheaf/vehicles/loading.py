@@ -20,10 +20,9 @@ from pydantic import ValidationError
 from mjsheaf.arguments import require_type
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field, joined, shortened
-from mjsheaf.io.files import confined, read_bytes, resource_directory
-from mjsheaf.io.section import validation_problems
-from mjsheaf.io.yaml import SUFFIXES, read_yaml
+from mjsheaf.files import SUFFIXES, confined, read_bytes, read_yaml, resource_directory
 from mjsheaf.mujoco_import import mujoco, refusing
+from mjsheaf.section import validation_problems
 from mjsheaf.vehicles.actuators import LAGS, AnyActuator, Mount, Range, Thruster
 from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.io.section import Section
+from mjsheaf.section import Section
 from mjsheaf.vehicles.body import Body
 from mjsheaf.vehicles.vectors import cross, product, subtract, triple
 

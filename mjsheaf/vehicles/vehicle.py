@@ -15,7 +15,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, raise_first
-from mjsheaf.io.section import Section
+from mjsheaf.section import Section
 from mjsheaf.vehicles.actuators import AnyActuator
 from mjsheaf.vehicles.body import AttitudeHold, Body
 from mjsheaf.vehicles.steering import HandPoint, Steering, ThrustVector

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.io.files import whole_file
+from mjsheaf.files import whole_file
 from mjsheaf.show.style import MATPLOTLIB
 from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
@@ -28,7 +28,6 @@ from mjsheaf.video.scene import (
     owners_of_geoms,
     sea_at,
     set_detail,
-    vehicle_radius,
 )
 
 QUALITY = 6  # imageio's scale from 1 to 10, here x264's constant rate factor 20; 18 looks lossless, 23 is the default
@@ -132,7 +131,7 @@ class Painter(AbstractContextManager["Painter"]):
         enlarge_vehicles(self.model, film.body_id, film.drawn_scales)
         if film.seas:
             self.model.geom(film.surface).group = UNSEEN  # waves are drawn in its place
-        radius = vehicle_radius(self.model, film.body_id)
+        radius = film.drawn_radius
         films = [self._frames, *(Frames(other, options) for other in beside)]
         self.camera = camera_path(
             (

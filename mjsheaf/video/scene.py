@@ -436,21 +436,6 @@ def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: Array | f
         model.mesh_vert[start : start + model.mesh_vertnum[mesh]] *= of_geom[geom]
 
 
-def vehicle_radius(model: mujoco.MjModel, body_id: IntArray) -> float:
-    """Return a radius about a root body's origin that holds the largest vehicle, in m; at least 0.1 m."""
-    # How far a body's origin can be from its root's, whichever way its joints turn; parents come before children.
-    reach = np.zeros(model.nbody)
-    for body in np.flatnonzero(np.isin(model.body_rootid, body_id) & ~np.isin(np.arange(model.nbody), body_id)):
-        reach[body] = reach[model.body_parentid[body]] + np.linalg.norm(model.body_pos[body])
-    geoms = _geoms(model, body_id)
-    offsets: Array = np.linalg.norm(model.geom_pos[geoms], axis=1)
-    return float((reach[model.geom_bodyid[geoms]] + offsets + model.geom_rbound[geoms]).max(initial=0.1))
-
-
-def _geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:
-    return np.flatnonzero(np.isin(model.body_rootid[model.geom_bodyid], body_id))
-
-
 NEAR, FAR = 0.02, 40.0  # clipping planes, as multiples of the camera's shortest and longest distance
 FEWEST_SLICES = 12  # minimum number of sides of round geoms
 FLATNESS = 0.6  # maximum distance of a side from the circle, pixels

@@ -5,8 +5,6 @@ Oracles: the contract; the same command on a disk with room.
 """
 
 import errno
-import io
-import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -17,7 +15,6 @@ import pytest
 import xarray as xr
 
 from mjsheaf.results import dataset_bytes, write_dataset
-from mjsheaf.results.netcdf import EnduringFile
 from tests.commands import (
     CAN_DRAW,
     IDEAL,
@@ -59,27 +56,6 @@ def test_result_is_refused_by_an_error_and_not_by_a_crash(size: int, tmp_path: P
 def test_bytes_in_memory_are_those_on_disk(tmp_path: Path) -> None:
     write_dataset([piece(100)], tmp_path / "a.nc")
     assert dataset_bytes(piece(100)) == (tmp_path / "a.nc").read_bytes()
-
-
-def test_a_file_that_endures_reads_back_what_the_disk_refused(tmp_path: Path) -> None:
-    """As a file in memory does, at random places, with the limit met half-way."""
-    random, memory = np.random.default_rng(3), io.BytesIO()
-    with EnduringFile(tmp_path / "a") as file, files_of_at_most(3000):
-        for _ in range(300):
-            data, place = random.bytes(int(random.integers(0, 400))), int(random.integers(0, 6000))
-            for each in (file, memory):
-                each.seek(place)
-                assert each.write(data) == len(data)
-            begin, length = int(random.integers(0, 6500)), int(random.integers(0, 800))
-            found, wanted = bytearray(length), bytearray(length)
-            for each, buffer in ((file, found), (memory, wanted)):
-                each.seek(begin)
-                count = each.readinto(buffer)
-                assert count == max(min(length, len(memory.getvalue()) - begin), 0)
-            assert found == wanted
-            assert file.seek(0, os.SEEK_END) == memory.seek(0, os.SEEK_END)
-        assert file.refusal is not None
-        assert (tmp_path / "a").stat().st_size <= 3000
 
 
 @pytest.mark.parametrize("kilobytes", [2, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 20, 60))])

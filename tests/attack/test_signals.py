@@ -21,8 +21,8 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from mjsheaf.io import files as whole
-from mjsheaf.io.files import whole_directory, whole_file, write_whole
+from mjsheaf import files as whole
+from mjsheaf.files import whole_directory, whole_file, write_whole
 from mjsheaf.results import open_run
 from mjsheaf.results.store import FILES
 from tests.builders import REPOSITORY
@@ -89,7 +89,7 @@ def test_a_directory_is_replaced_in_one_step_or_put_back(
 
 OBEYING = """
 import os, signal, sys, time
-from mjsheaf.cli import listing, main
+from mjsheaf.cli import tools, main
 def work(what):
     try:
         os.kill(os.getpid(), {first})
@@ -98,7 +98,7 @@ def work(what):
         for _ in range(20):
             os.kill(os.getpid(), {second})
         print("cleaned")
-listing.schema_of = work
+tools.schema_of = work
 main(["schema"])
 """
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjsheaf.io.files import is_part_of
+from mjsheaf.files import is_part_of
 from mjsheaf.results import open_run
 from tests.builders import REPOSITORY
 from tests.commands import IDEAL, RUN_FILES, answer_of, command_line, is_refusal, one_line

@@ -1,14 +1,14 @@
-"""`mjsheaf bench` as a user runs it; the measurement behind it is small here."""
+"""`make bench` as a user runs it; the measurement behind it is small here."""
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-from mjsheaf import bench
-from mjsheaf.bench import Row, simulations
-from tests.commands import call, one_line
+from benchmarks import simulations
+from benchmarks.__main__ import main
+from benchmarks.measuring import Row
+from tests.commands import one_line
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +22,7 @@ def _a_short_run(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_table_names_what_ours_and_the_bound(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("bench", "ideal") == 0
+    assert main(["ideal"]) == 0
     printed = capsys.readouterr().out
     for text in ("ideal", "published run, 5 steps, s", "at most 1", "yes", "the authors' code", "processors"):
         assert text in printed
@@ -30,7 +30,7 @@ def test_the_table_names_what_ours_and_the_bound(capsys: pytest.CaptureFixture[s
 
 @pytest.mark.parametrize("full", [False, True])
 def test_json_has_figures_rows_and_machine(full: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("bench", "ideal", "--json", *["--full"] * full) == 0
+    assert main(["ideal", "--json", *["--full"] * full]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["figures"]["ideal"]["published run, 5 steps, s"] == found["rows"][0]["ours"]
     assert found["rows"][0]["note"].endswith(f"short: {not full}")
@@ -40,13 +40,5 @@ def test_json_has_figures_rows_and_machine(full: bool, capsys: pytest.CaptureFix
 
 
 def test_an_unknown_topic_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("bench", "speed") == 2
+    assert main(["speed"]) == 2
     assert one_line(capsys.readouterr().err, "'speed'", "startup", "ideal", "loop")
-
-
-def test_a_topic_of_the_source_tree_is_refused_without_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(bench, "_SOURCE_TREE", tmp_path)
-    assert call("bench", "hardware") == 2
-    assert one_line(capsys.readouterr().err, "'hardware'", "source tree", "ideal")

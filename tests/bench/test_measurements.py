@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import counting, hardware, peers, processes
-from mjsheaf.bench import (
+from benchmarks import counting, hardware, peers, processes, simulations
+from benchmarks.measuring import (
     TOPICS,
     Row,
     at_least,
@@ -16,7 +16,6 @@ from mjsheaf.bench import (
     best,
     informs,
     run_bench,
-    simulations,
     swarm,
 )
 from mjsheaf.errors import InputError

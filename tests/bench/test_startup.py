@@ -60,7 +60,6 @@ def last_line(code: str) -> list[object]:
         (["--help"], set()),
         (["--version"], set()),
         (["run", "--help"], set()),
-        (["bench", "--help"], set()),
         (["list"], {"numpy", "scipy", "yaml", "numba", "llvmlite"}),
         (["schema"], {"numpy", "scipy", "yaml", "numba", "llvmlite"}),
         (["sweep", "--help"], set()),

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 import mjsheaf
-from mjsheaf.checking.finished import RunBound, bound_of_run
+from mjsheaf.checking.theorem.of_run import RunBound, bound_of_run
 from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.scenario import scenario_from_mapping
 from tests.checking.adversarial import FAMILIES, TEAMS, adversarial_scenario, family_of

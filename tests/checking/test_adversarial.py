@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.finished import bound_of_run
+from mjsheaf.checking.theorem.of_run import bound_of_run
 from mjsheaf.media.flow import FlowField
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import random_scenario

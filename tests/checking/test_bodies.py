@@ -16,7 +16,7 @@ import pytest
 import mjsheaf
 from mjsheaf.checking.loop import body_loop as bodies
 from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop
-from mjsheaf.checking.topology.cohomology import spectrum_of
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System
 from tests import builders

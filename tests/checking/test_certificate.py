@@ -13,11 +13,11 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import examine
-from mjsheaf.checking.finished import BROKEN, bound_of_run
 from mjsheaf.checking.theorem import certificate as certificates
 from mjsheaf.checking.theorem import constants
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.checking.theorem.constants import Difference
+from mjsheaf.checking.theorem.of_run import BROKEN, bound_of_run
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import flow_jacobian
 from tests.commands import call

@@ -14,7 +14,7 @@ import mjsheaf
 from mjsheaf.checking import CheckRecord, examine
 from mjsheaf.checking.figures import draw_check
 from mjsheaf.checking.report import WIDTH, report
-from mjsheaf.cli.terminal import make_console
+from mjsheaf.cli.options import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
 from tests.builders import validator_of

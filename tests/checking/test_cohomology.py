@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from mjsheaf.checking.topology.cohomology import explain
+from mjsheaf.checking.spectrum import explain
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.null_modes import sparsified

@@ -13,8 +13,8 @@ import pytest
 import mjsheaf
 from mjsheaf.checking.finished import ending_of_run, is_level, judge, settling_time
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.studies.job import run_job
 from mjsheaf.studies.plan import load_plan
+from mjsheaf.studies.workers import run_job
 from tests.builders import QUADROTOR_PAIR
 
 TIME = np.linspace(0.0, 20.0, 2001)

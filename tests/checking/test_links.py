@@ -21,10 +21,9 @@ from mjsheaf.checking.loop.delay import largest_delay, team_loop
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
-    SpatialBearing,
     measured_edges,
     perfect_links,
-    range_bearing_covariances,
+    range_bearing_covariance,
 )
 from mjsheaf.checking.loop.links import LinkRecord, answers_for, link_answers
 from mjsheaf.checking.loop.loss import SecondMoments
@@ -519,7 +518,7 @@ def test_the_mean_that_biases_make(kind: str, delay: int) -> None:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_noise_of_range_and_bearing(dimension: int) -> None:
-    """Against draws of small errors of range, azimuth and elevation in a turned body."""
+    """Against draws of small errors of range, azimuth and elevation in a turned body, which it covers in space."""
     rng = np.random.default_rng(dimension)
     y, turn = rng.standard_normal(dimension), np.linalg.qr(rng.standard_normal((dimension, dimension)))[0]
     turn *= np.linalg.det(turn)
@@ -530,10 +529,10 @@ def test_the_noise_of_range_and_bearing(dimension: int) -> None:
     elevation = np.arctan2(seen[2], np.hypot(*seen[:2])) + angle * draws[2] if dimension == 3 else 0.0
     measured = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)])
     measured = r * (np.vstack([measured, np.sin(elevation)[None]]) if dimension == 3 else measured)
-    (expected,) = range_bearing_covariances(y[None], far, angle, turn[None])
-    np.testing.assert_allclose(np.cov(turn.T @ measured), expected, atol=0.01 * np.trace(expected))
-    (same,) = range_bearing_covariances(seen[None], far, angle)
-    np.testing.assert_allclose(turn @ expected @ turn.T, same, atol=1e-12)
+    estimate = range_bearing_covariance(y[None], far, angle)
+    above = np.linalg.eigvalsh(estimate - np.cov(turn.T @ measured)) / np.trace(estimate)
+    assert above.min() > -0.01
+    assert above.max() < (0.01 if dimension == 2 else 0.5)
 
 
 def resting_bearing(away: list[float], **controller: Any) -> dict[str, Any]:
@@ -557,77 +556,49 @@ def resting_bearing(away: list[float], **controller: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("away", [[-77.7, -65.8, -76.0], [30.0, 5.0, 95.0], slow([60.0, 10.0, -90.0])])
-def test_range_bearing_noise_in_space_turns_the_body_that_measures(away: list[float]) -> None:
-    """If q* rests, noise alone turns the agent: a constant heading was wrong by 7 %."""
+def test_range_bearing_noise_in_space_is_estimated_from_above(away: list[float]) -> None:
+    """It is at most sqrt(2) times that of runs; if q* rests, noise alone turns the agent."""
     squares = []
     for seed in range(2):
         run = simulate(load_scenario(resting_bearing(away) | {"seed": seed}), backend="ideal")
         squares.append(float((run.tracking_error.values[200:] ** 2).mean()))
     noise = check(load_scenario(resting_bearing(away)), trial=False)["links"]["noise"]
-    assert noise["error"] == pytest.approx(np.sqrt(np.mean(squares)), rel=0.02)
-
-
-@pytest.mark.long
-def test_frames_that_noise_turns_little_are_those_of_the_motion() -> None:
-    """Between no spread and a large one the covariance goes from one frame to the mean over all."""
-    y, motion = np.array([[3.0, 4.0, 5.0]]), np.array([[0.1, 0.02, 0.05]])
-    bearing = SpatialBearing(0, np.arange(3), y, motion, np.eye(3), 0.3, 0.04, 0.02)
-    alone = bearing.covariance(np.zeros((3, 3)))
-    np.testing.assert_allclose(bearing.covariance(1e-12 * np.eye(3)), alone, rtol=1e-4)
-    rng, spread = np.random.default_rng(1), np.diag([0.02, 0.1, 0.05]) ** 2
-    each = [
-        replace(bearing, motion=motion + d).covariance(np.zeros((3, 3)))
-        for d in rng.multivariate_normal(np.zeros(3), spread, 20_000)
-    ]
-    np.testing.assert_allclose(bearing.covariance(spread), np.mean(each, axis=0), atol=0.01 * np.trace(alone))
+    assert 0.98 < noise["error"] / np.sqrt(np.mean(squares)) < np.sqrt(2.0)
 
 
 # -- loss --------------------------------------------------------------------------------------------------------------
 
 
-def chains(seed: int, count: int, bursts: int) -> Array:
-    """Probabilities of links that lose, the last `bursts` of them in bursts, shape (count, 4)."""
-    rng = np.random.default_rng([seed, 7])
-    p = rng.uniform(0.1, 0.7, count)
-    found = np.column_stack([np.zeros(count), np.ones(count), p, p])
-    found[count - bursts :] = rng.uniform([0.02, 0.05, 0.0, 0.6], [0.2, 0.5, 0.2, 1.0], (bursts, 4))
-    return found
+def chains(seed: int, count: int) -> Array:
+    """Probabilities of links that lose, shape (count, 4)."""
+    p = np.random.default_rng([seed, 7]).uniform(0.1, 0.7, count)
+    return np.column_stack([np.zeros(count), np.ones(count), p, p])
 
 
 def enumerated(system: System, loss: Array, delay: NDArray[np.int64] | None = None) -> Array:
-    """Return the map of E[x x^T; state of the channels], flattened, over a period, by every pattern of loss and state.
+    """Return the map of E[x x^T], flattened, over a period, by every pattern of loss.
 
-    x is e, and each edge has two states, whether or not it needs them; or, with delays, x is the state of `team_loop`,
-    and only edges that lose in bursts have states.
+    x is e or, with delays, the state of `team_loop`.
     """
     oracle, E = Oracle(system), len(loss)
     M, L, C = np.eye(len(oracle.H)), -system.grid.period * system.gain * oracle.N, oracle.D
     if delay is not None:
         M, L, C = team_loop(plain_law(system), delay)
-    n, parts = len(M), [L[:, oracle.edge == e] @ C[oracle.edge == e] for e in range(E)]
+    parts = [L[:, oracle.edge == e] @ C[oracle.edge == e] for e in range(E)]
     patterns = (np.arange(2**E)[:, None] >> np.arange(E)) & 1
-    states = patterns if delay is None else patterns[~patterns[:, loss[:, 2] == loss[:, 3]].any(axis=1)]
-    whole = np.zeros((len(states), n * n, len(states), n * n))
     A = M + np.tensordot(patterns.astype(float), np.array(parts), 1)
     squares = np.array([np.kron(a, a) for a in A])
-    for begin, state in enumerate(states):
-        lost = np.where(state, loss[:, 3], loss[:, 2])
-        mean = np.tensordot(np.where(patterns, 1.0 - lost, lost).prod(axis=1), squares, 1)
-        leave = np.where(state, loss[:, 1], loss[:, 0])
-        to = np.where(states != state, leave, 1.0 - leave).prod(axis=1)
-        whole[:, :, begin, :] += to[:, None, None] * mean
-    return whole.reshape(len(states) * n * n, -1)
+    return np.asarray(np.tensordot(np.where(patterns, 1.0 - loss[:, 2], loss[:, 2]).prod(axis=1), squares, 1))
 
 
 SMALL = [14, 35, 36, 37, 38, 42]
 """Seeds of teams with at least three edges, whose patterns of loss are few enough to be enumerated."""
 
 
-@pytest.mark.parametrize("bursts", [0, 2])
 @pytest.mark.parametrize("seed", SMALL[:4])
-def test_the_rate_under_loss_is_that_of_all_patterns(seed: int, bursts: int) -> None:
+def test_the_rate_under_loss_is_that_of_all_patterns(seed: int) -> None:
     system = resting(seed, "paper", share=0.6)
-    loss = chains(seed, len(measured_edges(system.team)), bursts)
+    loss = chains(seed, len(measured_edges(system.team)))
     found = answers(system, loss=loss).loss
     assert found is not None
     factor, accuracy = known(found.factor), known(found.accuracy)
@@ -638,15 +609,14 @@ def test_the_rate_under_loss_is_that_of_all_patterns(seed: int, bursts: int) -> 
     assert found.stable == (factor < 1.0)
 
 
-@pytest.mark.parametrize("bursts", [0, 2])
 @pytest.mark.parametrize(("kind", "late"), [("newton", 0), slow("paper", 1), slow("integral", 1), slow("all", 1)])
-def test_the_rate_under_loss_with_delay_and_terms_is_that_of_all_patterns(kind: str, late: int, bursts: int) -> None:
+def test_the_rate_under_loss_with_delay_and_terms_is_that_of_all_patterns(kind: str, late: int) -> None:
     tried = 0
     for seed in SMALL:
         system = resting(seed, kind, share=0.3)
         E = len(measured_edges(system.team))
-        loss, delay = chains(seed, E, bursts), np.arange(E) % (late + 1)
-        if len(team_loop(plain_law(system), delay)[0]) ** 2 * 2**bursts > 1100 or E > 6:
+        loss, delay = chains(seed, E), np.arange(E) % (late + 1)
+        if len(team_loop(plain_law(system), delay)[0]) ** 2 > 1100 or E > 6:
             continue
         tried += 1
         found = answers(system, loss=loss, delay=delay).loss
@@ -656,33 +626,24 @@ def test_the_rate_under_loss_with_delay_and_terms_is_that_of_all_patterns(kind: 
     assert tried
 
 
-@pytest.mark.parametrize("bursts", [0, 2])
 @pytest.mark.parametrize("seed", SMALL[:2])
-def test_the_rate_under_loss_of_runs(seed: int, bursts: int) -> None:
+def test_the_rate_under_loss_of_runs(seed: int) -> None:
     """Runs that begin in the slowest second moment keep to the factor in every period."""
     runs, steps = 40_000, 12
     system = resting(seed, "paper", share=0.2)
     E, n = len(measured_edges(system.team)), system.team.dirichlet.H.shape[0]
-    loss, rng = chains(seed, E, bursts), np.random.default_rng(seed)
+    loss, rng = chains(seed, E), np.random.default_rng(seed)
     found = answers(system, loss=loss).loss
     assert found is not None
     factor = known(found.factor)
     values, vectors = np.linalg.eig(enumerated(system, loss))
-    slowest = vectors[:, np.abs(values).argmax()].real.reshape(2**E, n, n)
-    slowest *= np.sign(np.trace(slowest.sum(axis=0)))
-    shares = np.trace(slowest, axis1=1, axis2=2)
-    state = rng.choice(2**E, runs, p=shares / shares.sum())
-    roots = []
-    for X in slowest:
-        size, axes = np.linalg.eigh(X + X.T)
-        roots.append(axes * np.sqrt(np.maximum(size, 0.0) / max(size.sum(), 1e-300)))
-    e0 = np.einsum("rij,rj->ri", np.array(roots)[state], rng.standard_normal((runs, n)))
-    bad, seen = (state[:, None] >> np.arange(E)) & 1, np.zeros((steps, runs))
+    slowest = vectors[:, np.abs(values).argmax()].real.reshape(n, n)
+    size, axes = np.linalg.eigh(slowest * np.sign(np.trace(slowest)))
+    e0 = rng.standard_normal((runs, n)) @ (axes * np.sqrt(np.maximum(size, 0.0))).T
+    seen = np.zeros((steps, runs))
 
     def arrives() -> NDArray[np.bool_]:
-        heard = rng.random((runs, E)) >= np.where(bad, loss[:, 3], loss[:, 2])
-        bad[:] ^= rng.random((runs, E)) < np.where(bad, loss[:, 1], loss[:, 0])
-        return heard
+        return rng.random((runs, E)) >= loss[:, 2]
 
     def see(k: int, e: Array, u: Array) -> None:
         seen[k] = (e**2).sum(axis=1)
@@ -720,14 +681,12 @@ def test_the_rate_under_loss_of_a_multiple_eigenvalue() -> None:
         assert loss["reason"] == ""
 
 
-@pytest.mark.parametrize(
-    ("kind", "late", "bursts"), [("paper", 0, 0), ("paper", 0, 2), ("newton", 0, 0), ("newton", 0, 2), ("all", 1, 0)]
-)
-def test_the_verdict_on_losses_needs_no_eigenvector(kind: str, late: int, bursts: int) -> None:
+@pytest.mark.parametrize(("kind", "late"), [("paper", 0), ("newton", 0), ("all", 1)])
+def test_the_verdict_on_losses_needs_no_eigenvector(kind: str, late: int) -> None:
     """X - T(X) = I decides as the eigenvalue does, at gains about the one where the factor passes 1."""
     system = resting(SMALL[0], kind, share=0.3)
     E = len(measured_edges(system.team))
-    loss, delay = chains(SMALL[0], E, bursts), np.arange(E) % (late + 1)
+    loss, delay = chains(SMALL[0], E), np.arange(E) % (late + 1)
     verdicts = set()
     for scale in (1.0, 3.0, 6.0, 12.0):
         law = replace(plain_law(system), loop=replace(plain_law(system).loop, gain=scale * system.gain))
@@ -740,21 +699,18 @@ def test_the_verdict_on_losses_needs_no_eigenvector(kind: str, late: int, bursts
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("bursts", [0, 2])
 @pytest.mark.parametrize("seed", SMALL[:1])
-def test_noise_under_loss(seed: int, bursts: int) -> None:
+def test_noise_under_loss(seed: int) -> None:
     """Of the measurements that arrive, against runs, and by all patterns to the last digits."""
     system, runs, steps = resting(seed, "paper", share=0.2), 4000, 400
     E, n, rng = len(measured_edges(system.team)), system.team.dirichlet.H.shape[0], np.random.default_rng(seed)
-    (covariances, root), loss = random_noise(system, 0.05), chains(seed, E, bursts)
+    (covariances, root), loss = random_noise(system, 0.05), chains(seed, E)
     found = answers(system, loss=loss, noise=covariances).noise
     assert found is not None
-    bad, sums = np.zeros((runs, E), dtype=bool), np.zeros((2, runs))
+    sums = np.zeros((2, runs))
 
     def arrives() -> NDArray[np.bool_]:
-        heard = rng.random((runs, E)) >= np.where(bad, loss[:, 3], loss[:, 2])
-        bad[:] ^= rng.random((runs, E)) < np.where(bad, loss[:, 1], loss[:, 0])
-        return heard
+        return rng.random((runs, E)) >= loss[:, 2]
 
     def see(k: int, e: Array, u: Array) -> None:
         if k >= 100:
@@ -779,7 +735,7 @@ def test_loss_with_delay_and_terms(kind: str, late: int) -> None:
     """Noise and second moments against runs with unlike delays; the factor is their growth."""
     system, runs, steps = resting(14, kind, share=0.15), 1500, 300
     E, n, rng = len(measured_edges(system.team)), system.team.dirichlet.H.shape[0], np.random.default_rng(3)
-    (covariances, root), loss = random_noise(system, 0.05), chains(14, E, 0)
+    (covariances, root), loss = random_noise(system, 0.05), chains(14, E)
     delay = np.arange(E) % (late + 1)
     found = answers(system, loss=loss, noise=covariances, delay=delay)
     assert found.noise is not None
@@ -820,7 +776,7 @@ def test_what_is_not_known_is_null_with_a_reason(kind: str) -> None:
     system = resting(3, kind)
     edges = measured_edges(system.team)
     delay = np.arange(len(edges)) % 3
-    lossy, noise, held = chains(1, len(edges), 2), random_noise(system, 0.1)[0], np.ones(len(edges), dtype=np.bool_)
+    lossy, noise, held = chains(1, len(edges)), random_noise(system, 0.1)[0], np.ones(len(edges), dtype=np.bool_)
     found = answers(system, delay=delay, loss=lossy, noise=noise, held=held)
     assert found.loss is not None
     assert found.noise is not None
@@ -992,6 +948,7 @@ def test_losses_decide_where_there_are_any() -> None:
     found = checked({"all": {"delay": 0.6, "loss": bursts}}, controller={"gain": 3.0, "control_period": 0.02})["links"]
     assert found["delay"]["stable"] is False
     assert found["stable"] is None
+    assert found["loss"]["reason"] == "undecided with bursts"
     lost = checked({"all": {"delay": 0.3, "loss": 0.01}}, controller={"gain": 3.0, "control_period": 0.02})["links"]
     assert lost["stable"] is False
 

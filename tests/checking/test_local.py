@@ -258,7 +258,7 @@ def following(directed: bool = True, **fields: Any) -> Scenario:
 
 def test_a_directed_acyclic_team_has_its_out_degrees_as_eigenvalues() -> None:
     """A measures 5, B 2, C 4; where the leader looks at those behind, nothing holds them."""
-    from mjsheaf.checking.loop.directed import eigenvalues_of
+    from mjsheaf.checking.spectrum import eigenvalues_of
 
     values = eigenvalues_of(following().team)
     assert np.allclose(np.sort(values.real), [2, 2, 4, 4, 5, 5])

@@ -8,7 +8,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking.loop.margins import hold_margin
-from mjsheaf.checking.topology.cohomology import spectrum_of
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.scenario import scenario_from_mapping
 from tests.commands import call
 

@@ -9,7 +9,7 @@ import pytest
 from mjsheaf import simulate
 from mjsheaf.arrays import Array
 from mjsheaf.checking import check
-from mjsheaf.checking.loop.directed import largest_delay
+from mjsheaf.checking.loop.delay import limit_from_eigenvalues
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
@@ -177,7 +177,7 @@ def test_the_largest_delay_is_that_of_the_characteristic_roots(values: list[comp
 
     if radius(0) >= 1.0:
         return
-    limit = largest_delay(np.array(values, dtype=complex), product)
+    limit = limit_from_eigenvalues(np.array(values, dtype=complex), product)
     few = [delay for delay in (limit - 1, limit, limit + 1, limit + 2) if 0 <= delay <= 300]
     assert [radius(delay) < 1.0 for delay in few] == [delay <= limit for delay in few]
 

@@ -11,7 +11,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import examine
-from mjsheaf.checking.loop.modelled import unmodelled_parts
+from mjsheaf.checking.loop.linear_law import unmodelled_parts
 from mjsheaf.law.law import EdgeArrays, LawArrays
 from mjsheaf.law.links import LINK, LinkArrays
 from mjsheaf.law.rounds import RoundArrays

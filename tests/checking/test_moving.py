@@ -7,10 +7,10 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import examine_scenario
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.checking.theorem.constants import bound_moving
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.media.medium import moving_along
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from scipy.spatial import cKDTree
 
-from mjsheaf.checking.topology.cohomology import (
+from mjsheaf.checking.spectrum import (
     EIGENVALUE_TOLERANCE,
     Spectrum,
     agent_coboundary,
@@ -87,9 +87,8 @@ def test_lanczos_agrees_with_the_dense_answer(
     """Free, held, and held by one weak edge alone, down to an eigenvalue of 1e-12 of the largest."""
     dense = spectrum_of(swarm(3, spatial=spatial, weak=weak, name=name))
     assert dense.method == "dense"
-    monkeypatch.setattr("mjsheaf.checking.topology.cohomology.DENSE_STATES", 12)
-    for module in ("blocks", "sections"):
-        monkeypatch.setattr(f"mjsheaf.sheaf.{module}.DENSE_COLUMNS", 12)
+    monkeypatch.setattr("mjsheaf.checking.spectrum.DENSE_STATES", 12)
+    monkeypatch.setattr("mjsheaf.sheaf.sections.DENSE_COLUMNS", 12)
     large = swarm(3, spatial=spatial, weak=weak, name=name)
     found = spectrum_of(large)
     assert found.method.startswith("shift-invert Lanczos to 1e-08 on components over 12 states (the largest has 40)")

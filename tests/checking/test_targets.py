@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem import targets
 from mjsheaf.checking.theorem.constants import coarser, difference_along
 from mjsheaf.checking.theorem.flow_bounds import bound_slopes
 from mjsheaf.checking.theorem.targets import Carrier, Cells, follow_targets
-from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.media.varying import evaluate
 from mjsheaf.paths import Lissajous, Motion, Waypoints, pack_motions, reference_bounds
 from mjsheaf.scenario import scenario_from_mapping

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.finished import RunBound, bound_of_run
+from mjsheaf.checking.theorem.of_run import RunBound, bound_of_run
 from mjsheaf.checking.theorem.theorem import disturbance_bound, gain_for_radius, theorem_1
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import Simulated, random_scenario

@@ -21,7 +21,7 @@ import xarray as xr
 import yaml
 
 import mjsheaf as package
-from mjsheaf.io.files import list_studies
+from mjsheaf.files import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.runs.expecting import Trial, loose
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
@@ -398,8 +398,8 @@ def test_a_bound_beyond_all_measure_is_no_trouble(tmp_path: Path) -> None:
 
 def test_warnings_of_libraries_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
     script = (
-        "import sys\nimport warnings\nfrom mjsheaf.cli import main, listing\n"
-        "listing.schema_of = lambda what: warnings.warn('odd', RuntimeWarning)\nmain(['schema'])"
+        "import sys\nimport warnings\nfrom mjsheaf.cli import main, tools\n"
+        "tools.schema_of = lambda what: warnings.warn('odd', RuntimeWarning)\nmain(['schema'])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stderr == ""
@@ -443,12 +443,12 @@ def test_signal_stops_a_film_and_keeps_the_old_one(number: signal.Signals, code:
 
 def test_signal_that_was_lost_stops_the_work_at_the_next_report() -> None:
     script = (
-        "import gc, os, signal\nfrom mjsheaf.cli import listing, main\nfrom mjsheaf.cli.terminal import progress_bars\n"
+        "import gc, os, signal\nfrom mjsheaf.cli import tools, main\nfrom mjsheaf.cli.options import progress_bars\n"
         "class Lossy:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGINT)\n"
         "def work(what):\n"
         "    with progress_bars() as report:\n        Lossy()\n        print('went on')\n        report('work', 1, 2)\n"
         "        print('not here')\n"
-        "listing.schema_of = work\nmain(['schema'])"
+        "tools.schema_of = work\nmain(['schema'])"
     )
     done = subprocess.run(
         [sys.executable, "-c", script],

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mjsheaf.cli.outcome import print_outcome, print_start
+from mjsheaf.cli.run import print_outcome, print_start
 from mjsheaf.runs.publish import Outcome
 from mjsheaf.scenario import load_scenario
 from tests.commands import RUN_FILES, answer_of, heed_interrupts, one_line

@@ -12,7 +12,7 @@ import pytest
 from numba.core import event
 
 from mjsheaf import progress
-from mjsheaf.cli import terminal
+from mjsheaf.cli import options
 from mjsheaf.compile import jit
 
 
@@ -44,7 +44,7 @@ def test_lines_say_how_far_the_work_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "DELAY", 0.0)
     monkeypatch.setattr(progress, "BETWEEN_LINES", 0.0)
     out, err = redirect(monkeypatch)
-    with terminal.progress_bars("loading") as report:
+    with options.progress_bars("loading") as report:
         wait_until(lambda: "loading, 0 s since the start" in out.getvalue())
         report("drawing video", 30, 120)
         wait_until(lambda: "drawing video 30 of 120 (25 %), " in out.getvalue())
@@ -54,7 +54,7 @@ def test_lines_say_how_far_the_work_is(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_short_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     streams = redirect(monkeypatch)
     monkeypatch.setattr(progress, "DELAY", 60.0)  # of a machine that may be busy
-    with terminal.progress_bars() as report:
+    with options.progress_bars() as report:
         for done in range(1000):
             report("simulating", done, 1000)
     assert [stream.getvalue() for stream in streams] == ["", ""]
@@ -63,7 +63,7 @@ def test_what_is_short_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_prints_json_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     streams = redirect(monkeypatch)
     monkeypatch.setattr(progress, "DELAY", 0.0)
-    with terminal.progress_bars(lines=None) as report:
+    with options.progress_bars(lines=None) as report:
         for done in range(10):
             report("measuring", done, 10)
             time.sleep(0.03)
@@ -96,7 +96,7 @@ def test_compiling_is_shown_within_a_second(terminal_there: bool, monkeypatch: p
     monkeypatch.setenv("TERM", "xterm")
     data = {"dispatcher": SimpleNamespace(py_func=wait_until)}
     shown = err if terminal_there else out
-    with terminal.progress_bars():
+    with options.progress_bars():
         event.start_event("numba:compile", data=data)
         wait_until(lambda: "compiling the loops" in shown.getvalue())
         event.end_event("numba:compile", data=data)

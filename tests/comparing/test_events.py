@@ -14,9 +14,10 @@ import xarray as xr
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.compare import Comparison
-from mjsheaf.comparing.ladder import ladder_of, run_ablation
-from mjsheaf.comparing.report import WIDTH, report_text
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.comparing.measures import present_in
+from mjsheaf.comparing.page import WIDTH, report_text
+from mjsheaf.comparing.variants import ladder_of, run_ablation
+from mjsheaf.files import dump_yaml
 from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.video.film import both_films, half_options
@@ -108,22 +109,22 @@ def test_the_whole_run_keeps_its_fields(record: CompareRecord) -> None:
 
 def test_an_absent_agent_counts_neither_in_distances_nor_in_saturation(comparison: Comparison) -> None:
     """While A3 is lost it drifts: only samples with it count. Oracle: the positions of both runs."""
-    ideal, bodies = (comparison.runs[key].recording for key in ("ideal", "all"))
-    present = bodies.present
+    ideal, bodies = (comparison.runs[key].dataset for key in ("ideal", "all"))
+    present = present_in(bodies)
     assert not present[50:100, 2].any()
     assert present[100:, 2].all()
-    apart = np.linalg.norm(bodies.trajectory.positions[:, :3] - ideal.trajectory.positions[:, :3], axis=2)
+    apart = np.linalg.norm(np.nan_to_num((bodies["agent_position"] - ideal["agent_position"]).values), axis=2)
     distance = comparison.record.rung("all").distance
     assert distance is not None
     assert distance.distance_m == approx(np.where(present, apart, 0.0).max())
-    saturation = bodies.trajectory.log.saturation[:, :3]
+    saturation = bodies["agent_saturation"].values
     assert comparison.record.rung("all").saturation[0].share == approx(saturation[present].mean())
 
 
-def test_a_recording_is_the_dataset_of_a_plain_run(comparison: Comparison) -> None:
+def test_a_run_is_that_of_a_plain_simulation(comparison: Comparison) -> None:
     scenario = three_boats()
     for key, backend in (("ideal", "ideal"), ("all", "physics")):
-        plain, found = simulate(scenario, backend), comparison.runs[key].recording.dataset(backend, 0)
+        plain, found = simulate(scenario, backend), comparison.runs[key].dataset
         xr.testing.assert_identical(found, plain)
 
 
@@ -132,16 +133,17 @@ def test_an_effect_that_is_off_is_off_in_every_phase() -> None:
     scenario = three_boats()
     ladder = [variant for variant in ladder_of(scenario.phases) if variant.key in ("ideal", "base", "all")]
     runs = run_ablation(scenario.phases, ladder)
-    far = {key: np.abs(runs[key].trajectory.positions - runs["ideal"].trajectory.positions).max() for key in runs}
+    ideal = runs["ideal"].dataset["agent_position"]
+    far = {key: float(np.abs(run.dataset["agent_position"] - ideal).max()) for key, run in runs.items()}
     assert far["base"] < 0.2 * far["all"]
-    assert all(not piece.system.bodies.effects.lag for piece in runs["base"].recording.pieces)
+    assert all(not phase.system.bodies.effects.lag for phase in runs["base"].phases)
 
 
 def test_the_report_has_a_row_for_each_phase_and_fits(record: CompareRecord) -> None:
     page = report_text(record)
     assert max(map(len, page.splitlines())) <= WIDTH
     assert "1: lose A3" in page
-    assert "phase 2: dominant cause" in page
+    assert "phase 2: formation error: " in page
     assert "…" not in page
 
 
@@ -156,7 +158,7 @@ def test_a_run_that_blows_up_in_a_later_phase_keeps_the_earlier_ones() -> None:
 
 def test_both_films_have_the_stages(comparison: Comparison) -> None:
     scenario = three_boats()
-    data = [comparison.runs[key].recording.dataset(name, 0) for key, name in (("ideal", "ideal"), ("all", "physics"))]
+    data = [comparison.runs[key].dataset for key in ("ideal", "all")]
     films = both_films(scenario, data[0], data[1], half_options(scenario))
     assert [[stage.name for stage in film.stages] for film, _ in films] == [["", "lose A3", "join A3, gain = 2.0"]] * 2
 

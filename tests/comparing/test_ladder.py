@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.comparing.ladder import EFFECTS, effects_of, ladder_of, run_ablation
+from mjsheaf.comparing.variants import EFFECTS, effects_of, ladder_of, run_ablation
 from mjsheaf.scenario import Scenario
 from tests.builders import two_aircraft, two_boats
 from tests.running import run_physics
@@ -35,7 +35,7 @@ def test_bodies_with_ideal_thrusters_have_no_effect_rungs() -> None:
     assert effects_of(system) == []
     assert [rung.key for rung in ladder] == ["ideal", "targets", "agents", "base", "all"]
     runs = run_ablation(system, ladder)
-    np.testing.assert_array_equal(runs["all"].trajectory.positions, runs["base"].trajectory.positions)
+    np.testing.assert_array_equal(positions(runs["all"].dataset), positions(runs["base"].dataset))
 
 
 def test_a_team_over_links_has_rungs_over_perfect_ones() -> None:
@@ -48,8 +48,8 @@ def test_a_team_over_links_has_rungs_over_perfect_ones() -> None:
     runs = run_ablation(noisy.system, ladder)
     for key, backend in (("ideal", "ideal"), ("all", "physics")):
         of_links, plain = (positions(simulate(scenario, backend)) for scenario in (noisy, perfect))
-        np.testing.assert_array_equal(np.nan_to_num(runs[key].trajectory.positions), of_links)
-        np.testing.assert_array_equal(np.nan_to_num(runs[f"{key}-links"].trajectory.positions), plain)
+        np.testing.assert_array_equal(positions(runs[key].dataset), of_links)
+        np.testing.assert_array_equal(positions(runs[f"{key}-links"].dataset), plain)
         assert np.abs(of_links - plain).max() > 0.01
 
 
@@ -90,7 +90,7 @@ def test_every_rung_is_the_run_that_it_says() -> None:
     scenario = two_boats("otter", "hull", time={"end": 1.0})
     system = scenario.system
     runs = run_ablation(system, ladder_of(system))
-    np.testing.assert_array_equal(runs["ideal"].trajectory.positions, positions(simulate(scenario, "ideal")))
+    np.testing.assert_array_equal(positions(runs["ideal"].dataset), positions(simulate(scenario, "ideal")))
     for key, effects in {
         "base": OFF,
         "+limits": {**OFF, "limits": True},
@@ -98,7 +98,21 @@ def test_every_rung_is_the_run_that_it_says() -> None:
         "all": {},
     }.items():
         expected = run_physics(with_effects(scenario, **effects).system)
-        np.testing.assert_array_equal(runs[key].trajectory.positions, expected.positions, err_msg=key)
+        np.testing.assert_array_equal(positions(runs[key].dataset), expected.positions, err_msg=key)
+
+
+def test_a_velocity_limit_has_rungs_without_it() -> None:
+    """They are the runs of the same scenario without a limit, bit for bit."""
+    law = {"gain": 1.0, "control_period": 0.02}
+    limited = two_boats("otter", "hull", time={"end": 1.0}, controller={**law, "velocity_limit": 0.5})
+    free = two_boats("otter", "hull", time={"end": 1.0}, controller=law)
+    ladder = ladder_of(limited.system)
+    assert [rung.key for rung in ladder[-2:]] == ["ideal-limit", "all-limit"]
+    runs = run_ablation(limited.system, ladder)
+    for key, backend in (("ideal", "ideal"), ("all", "physics")):
+        without = positions(runs[f"{key}-limit"].dataset)
+        np.testing.assert_array_equal(without, positions(simulate(free, backend)))
+        assert np.abs(positions(runs[key].dataset) - without).max() > 0.01
 
 
 def test_terms_have_rungs_under_the_paper_s_law() -> None:
@@ -112,16 +126,15 @@ def test_terms_have_rungs_under_the_paper_s_law() -> None:
     assert [rung.key for rung in ladder[:-2]] == [rung.key for rung in ladder_of(plain.system)]
     runs = run_ablation(scenario.system, ladder)
     for whole, backend in (("ideal", "ideal"), ("all", "physics")):
-        without = runs[f"{whole}-terms"].trajectory.positions
+        without = positions(runs[f"{whole}-terms"].dataset)
         np.testing.assert_array_equal(without, positions(simulate(plain, backend)))
-        assert np.abs(runs[whole].trajectory.positions - without).max() > 0.01
+        assert np.abs(positions(runs[whole].dataset) - without).max() > 0.01
 
 
 def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
     system = two_boats("wamv", "otter", time={"end": 1.0}).system
     runs = run_ablation(system, ladder_of(system))
-    N = len(system.team.agents)
-    targets = {key: run.trajectory.positions[:, N:] for key, run in runs.items()}
+    targets = {key: np.nan_to_num(run.dataset["target_position"].values) for key, run in runs.items()}
     np.testing.assert_allclose(targets["targets"], targets["base"], atol=1e-12)
     np.testing.assert_allclose(targets["agents"], targets["ideal"], atol=1e-12)
     assert np.abs(targets["base"] - targets["ideal"]).max() > 1e-4
@@ -131,6 +144,6 @@ def test_a_rung_that_blows_up_is_marked_and_the_others_go_on() -> None:
     """Without mass, a hull's step of .02 s under a gain of 200 1/s diverges; the ladder reports it for each variant."""
     system = two_boats("hull", "hull", controller={"gain": 200.0, "control_period": 0.02}).system
     runs = run_ablation(system, ladder_of(system))
-    assert {run.trajectory.status for run in runs.values()} == {"unstable"}
+    assert {run.dataset.attrs["status"] for run in runs.values()} == {"unstable"}
     for run in runs.values():
-        assert "unstable" in run.trajectory.message
+        assert "unstable" in run.dataset.attrs["message"]

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjsheaf.comparing.ladder import ladder_of
 from mjsheaf.comparing.measures import budget_of, root_mean_square, whole_run
+from mjsheaf.comparing.variants import ladder_of
 from tests.builders import two_boats
 
 

@@ -13,11 +13,11 @@ import pytest
 from matplotlib.figure import Figure
 
 import mjsheaf
-from mjsheaf.comparing.overlay import MAX_RUNS, RunsRecord, open_runs, publish_runs
 from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.page.replay import Ghost, Packer, Scene, add_ghosts
 from mjsheaf.results import store, write_dataset
 from mjsheaf.results.store import RUNS_FILES
+from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, open_runs, publish_runs
 from mjsheaf.runs.publish import account_of, write_scenario
 from mjsheaf.scenario import Scenario
 from tests.builders import approx, two_boats

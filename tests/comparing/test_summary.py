@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mjsheaf.comparing.summary import MAX_LINES, WIDTH, summary
-from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.comparing.causes import CompareRecord
+from mjsheaf.comparing.page import MAX_LINES, SCREEN_WIDTH, summary
 from tests.commands import answer_of
 
 MAX_PRINTED = 20
@@ -44,7 +44,7 @@ def test_a_long_verdict_is_cut_between_sentences(count: int, published: tuple[li
     sentences = [f"sentence {k} " + "is one of many " * 15 for k in range(count)]
     lines = summary(published[1].model_copy(update={"verdict": sentences}))
     assert len(lines) <= MAX_LINES
-    assert max(map(len, lines)) <= WIDTH
+    assert max(map(len, lines)) <= SCREEN_WIDTH
     shown = sum(line.startswith("- sentence") for line in lines)
     assert shown == count or lines[-1] == f"  and {count - shown} more sentences in report.txt"
 

@@ -39,7 +39,10 @@ def test_the_runs_without_it_are_plain_runs(record: CompareRecord) -> None:
         free = late_tracking(limited(None), backend)
         assert approx(found.run(run).errors_without["team"].late.tracking_error, rel=1e-12) == free
         cost = late_tracking(limited(0.4), backend) - free
-        assert approx(record.limit_costs("team", "tracking_error", run), rel=1e-9) == cost
+        now, then = (record.error(key, "team", "tracking_error") for key in (run, f"{run}-limit"))
+        assert now is not None
+        assert then is not None
+        assert approx(now - then, rel=1e-9) == cost
         assert cost > 0.5  # boats at 0.4 m/s behind a target at 0.6
 
 
@@ -61,11 +64,12 @@ def test_the_limit_that_is_said_to_do_does(record: CompareRecord) -> None:
 
 
 def test_the_verdict_names_it(record: CompareRecord) -> None:
-    (told,) = [s for s in record.verdict if s.startswith("agents are at their velocity limit (0.4 m/s)")]
+    (told,) = [s for s in record.verdict if s.startswith("tracking error:")]
+    free = record.error("all-limit", "team", "tracking_error")
     assert record.velocity_limit is not None
+    assert f"dominant cause: the velocity limit ({free:.3g} m without)" in told
     assert f"raise velocity_limit to {record.velocity_limit.asked_m_s:.3g} m/s" in told
-    assert "tracking error" in told
-    assert not any("lag; " in s and "velocity limit" not in s for s in record.verdict)
+    assert not any("the law, not the vehicles" in s for s in record.verdict if s.startswith("tracking error:"))
 
 
 @pytest.mark.long
@@ -73,6 +77,6 @@ def test_a_limit_that_is_not_met_costs_nothing_and_is_not_spoken_of() -> None:
     record = compare(limited(30.0)).record
     assert record.velocity_limit is not None
     assert record.velocity_limit.run("ideal").share_at_limit == 0.0
-    assert record.limit_costs("team", "tracking_error", "ideal") == pytest.approx(0.0, abs=1e-12)
+    assert record.saved_by("all-limit", "team", "tracking_error") == pytest.approx(0.0, abs=1e-12)
     assert "velocity" not in " ".join(record.verdict)
     assert compare(limited(None)).record.velocity_limit is None

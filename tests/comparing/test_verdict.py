@@ -14,21 +14,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.causes import verdict_of
 from mjsheaf.comparing.figures import choose_rungs
-from mjsheaf.comparing.ladder import inertial_tau
 from mjsheaf.comparing.measures import (
     ItemRecord,
-    error_series,
     formation_size,
     middle_of,
     positions_at_q_star,
     root_mean_square,
 )
-from mjsheaf.comparing.report import report_text
-from mjsheaf.comparing.ringing import ringing_of, usable_gain
-from mjsheaf.comparing.verdict import verdict_of
+from mjsheaf.comparing.page import report_text
+from mjsheaf.comparing.variants import inertial_tau
 from mjsheaf.law import disagreement
-from mjsheaf.results.metrics import evaluate_errors
+from mjsheaf.results.metrics import error_series, evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import approx, two_boats
@@ -72,10 +70,9 @@ def test_what_terms_bring_is_said_with_both_errors() -> None:
     assert now < 0.2 * paper
     assert record.terms == ["feedforward", "drift"]
     assert record.harm == []
-    (sentence,) = (s for s in record.verdict if s.startswith("feedforward and drift"))
-    assert f"{paper:.3g}" in sentence
-    assert f"{now:.3g}" in sentence
-    assert "WARNING" not in sentence
+    told = f"tracking error {now:.3g} m as given: {paper:.3g} m without feedforward and drift"
+    assert any(sentence.startswith(told) for sentence in record.verdict)
+    assert "WARNING" not in " ".join(record.verdict)
     assert "without feedforward and drift" in report_text(record)
     drawn, _ = choose_rungs(record)
     assert [rung.key for rung in drawn][-3:] == ["all-terms", "all", "ideal"]
@@ -88,7 +85,9 @@ def test_terms_that_harm_come_first_with_what_to_change() -> None:
     assert "WARNING" in record.verdict[0]
     assert record.verdict[1] == record.harm[0]
     assert "controller.drift.filter" in record.harm[0]
-    assert report_text(record).index("WARNING") < report_text(record).index("dominant cause")
+    (tracking,) = [s for s in record.verdict if s.startswith("tracking error:")]
+    assert "dominant cause: feedforward and drift (" in tracking
+    assert report_text(record).index("WARNING") < report_text(record).index("tracking error: ")
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +110,8 @@ def test_agents_at_q_star_do_not_err_in_tracking() -> None:
 def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
     system = two_groups(["T11", "T21"]).system
     run = run_ideal(system)
-    series = error_series(system, positions_at_q_star(system, run.positions))
+    team, groups = error_series(system.team, positions_at_q_star(system, run.positions))
+    series = {"team": team, **groups}
     chosen = run.time >= middle_of(system)
     for budget in torn.budgets:
         values = series[budget.scope][budget.measure]
@@ -120,16 +120,12 @@ def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
 
 
 def test_a_link_without_offset_is_the_sheafs_fault_and_spares_who_has_none(torn: CompareRecord) -> None:
-    told = torn.verdict
-    assert told[0].startswith("parts of the tracking error: ")  # the error of the headline comes first
-    assert told[1].startswith(
-        "dominant cause of the formation error: the sheaf, not the law or the vehicles: q* itself is"
-    )
-    assert "`offset`" in told[1]
-    for scope in ("line_T1", "line_T2"):
-        assert any(s.startswith(f"{scope}: the sheaf") for s in told)
-    assert not any(s.startswith("line_T3: the sheaf") for s in told)
-    assert any(s.startswith("line_T3: ") for s in told)
+    tracking, formation = torn.verdict[:2]
+    assert formation.startswith("formation error: ")
+    assert "dominant cause: the sheaf, not the law or the vehicles, as q* itself is" in formation
+    assert "m out of formation in line_T1, line_T2: give the edges between groups an `offset`" in formation
+    assert tracking.startswith("tracking error: ")
+    assert "the sheaf" not in tracking  # agents at q* have none
     assert torn.budget("line_T3", "formation_error", "late").at_q_star_m == pytest.approx(0.0, abs=1e-9)
 
 
@@ -146,44 +142,15 @@ def test_where_the_law_lags_the_tracking_error_is_told() -> None:
     """A target in uniform motion is followed at a distance of v / (k1 w), which the ideal run has too."""
     motion = {"kind": "lissajous", "amplitude": [3, 3], "rate": [0.5, 0.5], "phase": [1.57, 0]}
     record = compare(two_boats("hull", "hull", targets=[{"id": "T1", "position": [0, 0], "motion": motion}])).record
-    (told,) = [s for s in record.verdict if s.startswith("tracking error")]
-    assert "the law's lag; a higher controller.gain (up to" in told
+    (told,) = [s for s in record.verdict if s.startswith("tracking error:")]
+    assert "dominant cause: the law, not the vehicles: a higher controller.gain (up to" in told
     assert record.usable_gain is not None
     assert record.gain is not None
     assert record.usable_gain > record.gain
     poor = record.model_copy(update={"usable_gain": 0.5 * record.gain})
-    (told,) = [s for s in verdict_of(poor) if s.startswith("tracking error")]
+    (told,) = [s for s in verdict_of(poor) if s.startswith("tracking error:")]
     assert "(a higher gain rings, above" in told
     assert "a higher controller.gain" not in " ".join(verdict_of(poor))
-
-
-@pytest.mark.parametrize("gain", [0.5, 2.0, 6.0])
-def test_usable_gain_of_alike_bodies_is_the_closed_form_at_any_gain(gain: float) -> None:
-    """1 / (4 zeta^2 lambda tau) where the law is continuous: no hold, no lag; and it does not depend on k1."""
-    tau = 0.2
-    vehicles = {"agents": "hull", "targets": "hull", "tau": tau}
-    system = two_boats("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
-                  physics={"timestep": 0.002}).system  # fmt: skip
-    system = replace(system, grid=replace(system.grid, continuous=True))
-    expected = 1.0 / (4.0 * 0.3**2 * system.largest_eigenvalue * tau)
-    assert approx(usable_gain(system, None), rel=1e-9) == expected
-    ringing = ringing_of(replace(system, grid=replace(system.grid, continuous=False)))
-    assert ringing is not None
-    bare = ringing.model_copy(update={"measured": [ringing.measured[0].model_copy(update={"damping_ratio": None})]})
-    assert approx(usable_gain(system, bare), rel=1e-9) == expected
-    assert approx(usable_gain(system, ringing), rel=0.1) == expected  # as measured
-
-
-@given(st.floats(0.002, 0.2), st.floats(0.1, 20.0))
-def test_usable_gain_neither_rings_under_the_hold_nor_grows_with_it(period: float, gain: float) -> None:
-    system = two_boats("hull", "hull").system
-    held = replace(system, gain=gain, grid=replace(system.grid, period=period, continuous=False))
-    longer = replace(held, grid=replace(held.grid, period=1.5 * period))
-    found, less = usable_gain(held, None), usable_gain(longer, None)
-    assert found is not None
-    assert less is not None
-    assert found <= 1.0 / (period * system.largest_eigenvalue) * (1.0 + 1e-12)
-    assert less <= found
 
 
 def test_inertia_is_the_reduced_model_without_lag() -> None:
@@ -195,26 +162,29 @@ def test_inertia_is_the_reduced_model_without_lag() -> None:
         assert (vehicle.reduced_model().tau >= inertial_tau(vehicle) - 1e-12).all()
 
 
-@pytest.mark.parametrize(
-    ("ideal", "whole", "words"),
-    [
-        (2.0, 2.5, "(+25.0%)"),
-        (2.0, 1.5, "(-25.0%)"),
-        (0.1, 1.2, "(12 times the ideal)"),
-        (1e-15, 1.2, "(nearly all of it)"),
-        (0.0, 0.0, "ideal zero to rounding, as given zero to rounding: nothing to gain"),
-        (3e-16, 4e-16, "ideal zero to rounding, as given zero to rounding: nothing to gain"),
-        (0.5, 4e-16, "ideal 0.5 m, as given zero to rounding: nothing to gain"),
-    ],
-)
-def test_what_bodies_add_reads_well_beside_any_ideal_error(
-    ideal: float, whole: float, words: str, torn: CompareRecord
-) -> None:
-    changed = [b.model_copy(update={"ideal_m": ideal, "all_m": whole}) for b in torn.budgets]
+@pytest.mark.parametrize("ideal", [0.0, 3e-16, 0.5])
+def test_nothing_is_blamed_for_an_error_of_zero(ideal: float, torn: CompareRecord) -> None:
+    changed = [b.model_copy(update={"ideal_m": ideal, "all_m": 4e-16}) for b in torn.budgets]
     told = verdict_of(torn.model_copy(update={"budgets": changed}))
-    (cost,) = [sentence for sentence in told if sentence.startswith("formation error, RMS")]
-    assert cost.endswith(words)
-    assert any("dominant cause" in sentence for sentence in told) != ("nothing to gain" in words)
+    assert told[1] == "formation error: zero to rounding on bodies: nothing to gain"
+    assert "dominant cause" not in " ".join(told)
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.1, False), (0.4, True)])
+def test_links_are_the_cause_if_perfect_ones_save_enough(share: float, named: bool, torn: CompareRecord) -> None:
+    """A quarter of the error. Oracle: the error of the variant over perfect links."""
+    budgets = [b.model_copy(update={"ideal_m": 1.0, "all_m": 1.0, "at_q_star_m": 0.0}) for b in torn.budgets]
+    ladder = list(torn.ladder)
+    for key, error in (("all", 1.0), ("all-links", 1.0 - share)):
+        rung = torn.rung("all").model_copy(update={"key": key, "kind": "links" if key != "all" else "all"})
+        late = rung.errors["team"].late.model_copy(update={"tracking_error": error, "formation_error": error})
+        errors = {**rung.errors, "team": rung.errors["team"].model_copy(update={"late": late})}
+        ladder = [r for r in ladder if r.key != key] + [rung.model_copy(update={"errors": errors})]
+    told = verdict_of(torn.model_copy(update={"budgets": budgets, "ladder": ladder}))
+    causes = [sentence for sentence in told if "dominant cause" in sentence]
+    assert len(causes) == 2
+    assert all((f"links ({1.0 - share:.3g} m without): better links" in cause) == named for cause in causes)
+    assert all(("the law, not the vehicles" in cause) != named for cause in causes)
 
 
 @given(
@@ -229,7 +199,7 @@ def test_parts_of_an_error_add_up_as_they_are_printed(
     own = {"ideal_m": ideal, "all_m": whole, "targets_m": added[0], "agents_m": added[1], "effects": items}
     changed = [b.model_copy(update=own) for b in torn.budgets]
     told = verdict_of(torn.model_copy(update={"budgets": changed}))
-    for start in ("parts of the tracking error: ", "formation error, RMS over edges and the second half: "):
+    for start in ("tracking error: ", "formation error: "):
         (sentence,) = [words for words in told if words.startswith(start)]
         left, right = sentence.removeprefix(start).split(" = ")
         numbers = [Decimal(sign.strip() + x) for sign, x in re.findall(r"(^|- |\+ )([\d.]+) m", left)]
@@ -237,15 +207,15 @@ def test_parts_of_an_error_add_up_as_they_are_printed(
         assert float(right.split(" m")[0]) == pytest.approx(whole, rel=6e-3)
 
 
-@pytest.mark.parametrize(("share", "named"), [(1e-16, False), (0.01, False), (0.1, True)])
+@pytest.mark.parametrize(("share", "named"), [(1e-16, False), (0.2, False), (0.4, True)])
 def test_only_effects_that_matter_are_named(share: float, named: bool, torn: CompareRecord) -> None:
     """It recovers a fraction of an error of 1 m, all of it due to the bodies."""
     item = ItemRecord(effect="lag", alone_m=0.0, give_back_m=share)
     changed = [b.model_copy(update={"ideal_m": 0.0, "all_m": 1.0, "effects": [item]}) for b in torn.budgets]
     told = verdict_of(torn.model_copy(update={"budgets": changed}))
-    (tracking,) = [sentence for sentence in told if sentence.startswith("tracking error")]
-    assert ("mainly lag: without it the error would be 0.9 m" in tracking) == named
-    assert ("lag" in " ".join(told)) == named
+    (tracking,) = [sentence for sentence in told if sentence.startswith("tracking error:")]
+    assert ("dominant cause: lag (0.6 m without): faster thrusters" in tracking) == named
+    assert ("lag (" in " ".join(told)) == named
 
 
 @pytest.mark.slow

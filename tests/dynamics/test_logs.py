@@ -24,8 +24,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from mjsheaf.cf import EARTH
 from mjsheaf.errors import InputError
-from mjsheaf.io.geography import EARTH
 from mjsheaf.recordings.logs import POSITIONS
 from mjsheaf.recordings.positions import read_positions
 

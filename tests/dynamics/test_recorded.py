@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 import mjsheaf
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.io.yaml import read_yaml
+from mjsheaf.files import read_yaml
 from mjsheaf.paths import Recorded, Waypoints, add_reference, pack_motions, reference_bounds
 
 SCENARIO: dict[str, Any] = {

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from mjsheaf.cf import EARTH
 from mjsheaf.errors import InputError
-from mjsheaf.io.geography import EARTH
 from mjsheaf.recordings.positions import read_positions
 
 COUNT = 4

@@ -29,9 +29,8 @@ from mjsheaf.errors import InputError
 from mjsheaf.export import export_run
 from mjsheaf.export.log import FORMATS, PALETTE, TOPICS, make_sink
 from mjsheaf.export.mcap import MAX_FIELDS, make_messages, turn_along
-from mjsheaf.results.netcdf import split
-from mjsheaf.results.sinks import send
-from mjsheaf.results.variables import VARIABLES
+from mjsheaf.results.dataset import VARIABLES
+from mjsheaf.results.netcdf import send, split
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import Scenario
 
@@ -92,6 +91,20 @@ def poses_of(run: xr.Dataset, scenario: Scenario) -> dict[str, np.ndarray]:
 
 def numbers(message: Any, names: str) -> list[float]:
     return [getattr(message, name) for name in names]
+
+
+@pytest.mark.slow
+def test_a_run_without_targets_is_exported(tmp_path: Path) -> None:
+    """What would have no columns is left out."""
+    team = load_scenario("range_formation", {"time.end": 0.1})
+    run = simulate(team)
+    assert not run.sizes["target"]
+    found = messages(write("mcap", tmp_path / "run.mcap", run, team))
+    assert len(found["/errors"]) == len(found["/tf"]) == run.sizes["time"]
+    fields = found["/errors"][0][1].DESCRIPTOR.fields_by_name
+    assert {"disagreement", "tracking_error"} <= set(fields)
+    assert all(run[name].size for name in fields)
+    assert "/vehicles" in bag(write("ros2", tmp_path / "bag", run, team))
 
 
 def test_poses_and_counts_of_mcap_are_those_of_the_run(run: xr.Dataset, scenario: Scenario, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import mjsheaf
-from mjsheaf.checking.finished import bound_of_run
+from mjsheaf.checking.theorem.of_run import bound_of_run
 from mjsheaf.media import varying as disturbance
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System

@@ -16,7 +16,7 @@ from mjsheaf import load_scenario
 from mjsheaf.law import LawArrays, disagreement, pack_law
 from mjsheaf.law.terms import limit_speed
 from mjsheaf.team import Edge, Member, Team
-from mjsheaf.team.formation import Explicit
+from mjsheaf.team.edges import Explicit
 from tests.builders import FACTS
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import resource_directory
+from mjsheaf.files import resource_directory
 from mjsheaf.vehicles import arena as arena_module
 from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.body import GRAVITY

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import mjsheaf
 from mjsheaf.errors import InputError
 from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent, ReadOnlyTeam, Sample
-from mjsheaf.scenario.law_file import load_controller
+from mjsheaf.scenario.load import load_controller
 from tests.builders import mixed_scenario
 from tests.commands import IDEAL, RUN_FILES, answer_of, call, is_refusal
 from tests.running import run_ideal, run_physics

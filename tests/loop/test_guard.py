@@ -12,11 +12,11 @@ import pytest
 from mjsheaf import load_scenario, simulate, simulate_many
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.loop.session import require_simulable
 from mjsheaf.runs.expecting import try_scenario
 from mjsheaf.studies import load_plan
-from mjsheaf.studies.job import run_job
+from mjsheaf.studies.workers import run_job
 from tests.builders import make_scenario, mixed_scenario, refused
 
 BACKENDS = ("ideal", "physics")

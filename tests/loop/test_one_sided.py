@@ -17,9 +17,8 @@ from scipy.optimize import linprog, lsq_linear
 
 from mjsheaf import check, load_scenario, simulate
 from mjsheaf.checking.authority import authority_of, may_lack
-from mjsheaf.checking.finished import ending_of_run
-from mjsheaf.checking.stuck import find_stuck
-from mjsheaf.comparing.ladder import ladder_of, run_ablation
+from mjsheaf.checking.finished import ending_of_run, find_stuck
+from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario

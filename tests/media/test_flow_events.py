@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import check, simulate
-from mjsheaf.checking.finished import bounds_of_phases
+from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError
 from mjsheaf.loop.log import Log
 from mjsheaf.media import FlowField

@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf import simulate
-from mjsheaf.checking.finished import bounds_of_phases
+from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario, load_scenario
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.io.files import replace_file
-from mjsheaf.io.yaml import parse_yaml, with_field
+from mjsheaf.files import parse_yaml, replace_file, with_field
 from mjsheaf.results.metrics import check_expectation
 from mjsheaf.runs.expecting import Trial, bounds_from, describe, expectation_from, loose, missed, round_up, try_scenario
 from mjsheaf.scenario import load_scenario, scenario_from_mapping

@@ -128,11 +128,8 @@ def test_a_long_run_of_few_vehicles_is_read_in_few_pieces(piece: Callable[[int],
 
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
-def test_memory_does_not_grow_with_the_run(
-    backend: str, piece: Callable[[int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_does_not_grow_with_the_run(backend: str, piece: Callable[[int], None], tmp_path: Path) -> None:
     piece(100)
-    monkeypatch.setattr(netcdf, "usable_processors", lambda: 1)  # how many pack at once is luck
 
     def peak(end: float) -> int:
         run = scenario(end=end)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from mjsheaf import files as whole
 from mjsheaf.errors import PlaceError
-from mjsheaf.io import files as whole
 from mjsheaf.results import staging
 from mjsheaf.results.store import enclosing_run, holds_run, save_summary
 from tests.builders import refused

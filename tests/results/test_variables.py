@@ -16,9 +16,9 @@ import mjsheaf
 from mjsheaf import simulate
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
-from mjsheaf.results import dataset_bytes, open_dataset, variables, write_dataset
-from mjsheaf.results.sinks import Memory, send
-from mjsheaf.results.variables import COORDINATES, VARIABLES, Variable, reference
+from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
+from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, reference
+from mjsheaf.results.netcdf import Memory, send
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario
 
@@ -52,7 +52,7 @@ def scenario(**fields: Any) -> Scenario:
 def test_one_entry_is_in_the_file_and_in_the_reference(
     backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(variables, "VARIABLES", [*VARIABLES, SPEED])
+    monkeypatch.setattr(dataset, "VARIABLES", [*VARIABLES, SPEED])
     run = scenario()
     write_dataset(stream(run.system, backend, 0, samples=7), tmp_path / "result.nc")
     with open_dataset(tmp_path / "result.nc") as found:
@@ -80,7 +80,7 @@ def test_a_compiled_reader_writes_while_the_loop_runs(backend: str, monkeypatch:
         Variable("heading_east", ("time", "agent"), "m s-1", "command", read=inline_jit(first), **agents),
         Variable("as_heard", ("time", "agent", "axis"), "m", "eta", read=inline_jit(residual), width=3, **agents),
     ]
-    monkeypatch.setattr(variables, "VARIABLES", [*VARIABLES, *added])
+    monkeypatch.setattr(dataset, "VARIABLES", [*VARIABLES, *added])
     found = simulate(scenario(), backend)
     np.testing.assert_array_equal(found["as_heard"][..., :2], found["disagreement_vector"][..., :2])
     np.testing.assert_array_equal(found["heading_east"], found["velocity_command"][..., 0])

@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mjsheaf.errors import ScenarioError
-from mjsheaf.io.yaml import read_yaml
+from mjsheaf.files import read_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
 from tests.strategies import tried
 

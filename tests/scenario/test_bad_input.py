@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from mjsheaf import load_scenario
 from mjsheaf.cli.main import main
-from mjsheaf.cli.terminal import print_lines, print_note
+from mjsheaf.cli.options import print_lines, print_note
 from mjsheaf.errors import ScenarioError
 from tests.builders import refused
 

@@ -14,10 +14,10 @@ import mjsheaf.scenario.scenario as building
 import mjsheaf.team as teams
 import mjsheaf.vehicles.loading as loading
 from mjsheaf.cli.main import main
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
-from mjsheaf.studies.job import run_job
+from mjsheaf.studies.workers import run_job
 from mjsheaf.vehicles.effects import Effects
 from mjsheaf.video.film import film_of
 from tests.builders import small_plan

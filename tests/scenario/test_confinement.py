@@ -15,7 +15,7 @@ import yaml
 from mjsheaf import load_scenario, load_vehicle, simulate
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.io.files import confined
+from mjsheaf.files import confined
 from mjsheaf.runs.publish import write_scenario
 from tests.builders import DATA, ONE_BOAT, TETRAHEDRON
 from tests.scenario.mutations import in_time

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.files import dump_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
 from tests.strategies import tried
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mjsheaf import load_vehicle
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
-from mjsheaf.io.yaml import read_yaml
+from mjsheaf.files import read_yaml
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import list_scenarios, load_scenario
 from mjsheaf.vehicles.arena import attachable

@@ -13,7 +13,7 @@ import xarray as xr
 
 import mjsheaf
 from mjsheaf.errors import NotUniqueError, ScenarioError
-from mjsheaf.io.yaml import parse_yaml, read_yaml
+from mjsheaf.files import parse_yaml, read_yaml
 from mjsheaf.results import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.scenario.load import parse_override
@@ -256,7 +256,7 @@ def test_scenario_from_a_mapping() -> None:
 
 
 def test_paths_of_vehicles_are_relative_to_the_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mjsheaf.io.files import resource_directory
+    from mjsheaf.files import resource_directory
     from mjsheaf.runs.publish import dump_scenario
 
     inner = tmp_path / "inner"

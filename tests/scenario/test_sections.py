@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from mjsheaf.errors import InputError
-from mjsheaf.io.section import Section
 from mjsheaf.media import Disturbance, FlowField
 from mjsheaf.media.flow import Source
 from mjsheaf.paths import Lissajous, Waypoints
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
+from mjsheaf.section import Section
 from mjsheaf.team import Anchor, LinearEdge
-from mjsheaf.team.formation import Explicit
+from mjsheaf.team.edges import Explicit
 from mjsheaf.vehicles.allocation import ControlEffectiveness
 
 PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from mjsheaf.bench import sheaf as bench
+from benchmarks import sheaf as bench
 
 
 def test_small_sheaves_are_constant() -> None:

@@ -13,7 +13,7 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf import blocks, harmonic, sections, sheaf
+from mjsheaf.sheaf import harmonic, sections, sheaf
 
 Array = np.ndarray
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 @pytest.fixture
 def sparse_path(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """From 13 columns on, no dense decomposition."""
-    for module in (blocks, harmonic, sections, sheaf):
+    for module in (harmonic, sections, sheaf):
         monkeypatch.setattr(module, "DENSE_COLUMNS", 12)
     return monkeypatch
 
@@ -110,11 +110,11 @@ def test_a_kernel_that_fills_the_space_is_refused(unproved: pytest.MonkeyPatch) 
 def test_equal_eigenvalues_are_found_from_any_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """ARPACK fails on about one start in 200 where 39 of 40 are equal."""
     map_ = sparse.csr_array(np.hstack([np.ones((1, 20)), -np.ones((1, 20))]))
-    factor = blocks.shifted_factor(map_.T @ map_, 1e-9)
+    factor = sections.shifted_factor(map_.T @ map_, 1e-9)
     generator = np.random.default_rng
     for seed in range(400):
         monkeypatch.setattr(np.random, "default_rng", lambda _, seed=seed: generator(seed))
-        vectors = blocks.smallest_eigenvectors(factor, np.zeros((40, 0)), 8)
+        vectors = sections.smallest_eigenvectors(factor, np.zeros((40, 0)), 8)
         np.testing.assert_allclose(vectors.T @ vectors, np.eye(8), atol=1e-10)
         np.testing.assert_allclose(map_ @ vectors, 0.0, atol=1e-6)
 

@@ -13,7 +13,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.errors import PlaceError
-from mjsheaf.scenario.law_file import load_controller
+from mjsheaf.scenario.load import load_controller
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.workers import local_workers

@@ -9,8 +9,7 @@ import pytest
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario.load import read_scenario
 from mjsheaf.studies import load_plan
-from mjsheaf.studies.job import Job, run_job
-from mjsheaf.studies.schema import Point
+from mjsheaf.studies.workers import Job, Point, run_job
 from tests.builders import refused
 from tests.commands import call
 

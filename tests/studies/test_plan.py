@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.io.files import list_studies
+from mjsheaf.files import list_studies
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.plan import parse_grid, parse_seeds
 

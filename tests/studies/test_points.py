@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from mjsheaf.studies.schema import Draws, StudyFile, draw, points_of
+from mjsheaf.studies.plan import Draws, StudyFile, draw, points_of
 
 PATHS = ["controller.gain", "vehicles.tau", "swarm.size", "agents.A1.heading", "physics.timestep"]
 values = st.lists(

@@ -22,9 +22,9 @@ from mjsheaf.show.style import FigureOptions
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.directory import sealed
 from mjsheaf.studies.figures import plot_study, swept_axes
-from mjsheaf.studies.job import JobResult, new_record, run_job
-from mjsheaf.studies.schema import StudyFile, points_of
+from mjsheaf.studies.plan import StudyFile, points_of
 from mjsheaf.studies.study import csv_of, make_table, results_of
+from mjsheaf.studies.workers import JobResult, new_record, run_job
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import contents
 from tests.pictures import is_legible
@@ -131,7 +131,7 @@ def test_a_team_that_is_free_to_drift_is_refused() -> None:
 
 def test_bytes_that_differ_by_accident_are_written_again(monkeypatch: pytest.MonkeyPatch) -> None:
     layouts = iter(["usual", "odd", "usual", "usual", "never"])
-    monkeypatch.setattr("mjsheaf.studies.job.dataset_bytes", lambda _: next(layouts).encode())
+    monkeypatch.setattr("mjsheaf.studies.workers.dataset_bytes", lambda _: next(layouts).encode())
     plan = small_plan(gains=(1.0,), seeds=None, trajectories=True)
     assert run_job(plan.job(plan.points[0])).dataset == b"usual"
     assert next(layouts) == "never"

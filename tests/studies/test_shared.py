@@ -7,13 +7,12 @@ from typing import Any
 
 import pytest
 
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.targets import follow_targets
-from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import read_scenario, scenario_from_mapping
-from mjsheaf.studies.job import Job, run_job
-from mjsheaf.studies.schema import Point
+from mjsheaf.studies.workers import Job, Point, run_job
 from tests.builders import ONE_BOAT, altered, find
 
 SHORT = {"time.end": 0.3, "disturbance": {"agents": {"bound": 0.2}}}

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.errors import InputError
-from mjsheaf.team.formation import Explicit, Line, Polygon, Tetrahedron
+from mjsheaf.team.edges import Explicit, Line, Polygon, Tetrahedron
 from tests.builders import FACTS
 
 

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from mjsheaf.errors import InputError, SheafError
 from mjsheaf.team import Edge, Formation, LinearEdge, Member, Team, restriction_maps
-from mjsheaf.team.formation import Explicit
+from mjsheaf.team.edges import Explicit
 from mjsheaf.team.null_modes import describe_null_modes, sparsified
 
 DIMENSION = {"A1": 2, "A2": 3, "A3": 2, "A4": 3, "T1": 3, "T2": 2}

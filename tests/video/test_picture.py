@@ -12,7 +12,7 @@ from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, Moment
 from mjsheaf.video.overlay import WHITE, Overlay, number, shorten, text
-from mjsheaf.video.scene import HEAD_AT, HEADS, Decorator, Lines, enlarge_vehicles, vehicle_radius
+from mjsheaf.video.scene import HEAD_AT, HEADS, Decorator, Lines, enlarge_vehicles
 from tests.builders import change_film, make_film, make_model, samples_of
 
 VIEW = View(np.zeros(3), 80.0, -60.0, -35.0, 45.0)
@@ -251,10 +251,3 @@ class TestEnlarging:
             np.testing.assert_allclose(after.geom(name).xpos, expected)
             np.testing.assert_allclose(model.geom(name).size, size)
         assert model.geom("water").size.tolist() == make_model().geom("water").size.tolist()
-
-    def test_radius_holds_every_geom_at_any_angle_of_the_hinge(self) -> None:
-        model = make_model()
-        radius = vehicle_radius(model, make_film(model).body_id)
-        assert radius == pytest.approx(2 + 0.5 + 0.2)  # the ball's body, the ball's place in it, its radius
-        enlarge_vehicles(model, make_film(model).body_id, 3.0)
-        assert vehicle_radius(model, make_film(model).body_id) == pytest.approx(3 * radius)

@@ -14,7 +14,7 @@ so feedforward and the drift's observer, which see no error, do not show in it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +24,18 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.directed import matrix_of
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay
-from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, without_memory
-from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
 from mjsheaf.checking.loop.sampled_loop import closed, delayed, ideal_vehicle
-from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.loop.targets_loop import TargetsLoop, TargetsOnBodies, stiffness, targets_loop
+from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import TargetPath
-from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
-from mjsheaf.io.section import Record
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.media.medium import WITHOUT_MEAN
+from mjsheaf.section import Record
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
@@ -54,7 +52,7 @@ _STILL = 1e-3  # m/s: a slower medium is at rest
 NEUTRAL_RATE = 1e-5
 """1/s: rates below it are the rounding of neutral directions."""
 
-_OWN_MODE = 0.01  # relative: how far the loop must move a mode for it to count as the loop's
+_SHOWN = 0.2  # part of a displacement that a mode must carry for its damping to count
 MODE_AT_REST = 1e-6
 """m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it."""
 
@@ -127,11 +125,13 @@ class Modes(NamedTuple):
         factor: growth over a period, complex, shape (k,).
         agent: number of the agent that moves most, -1 where unknown, shape (k,).
         moves: True where positions take part, shape (k,).
+        shown: How far positions displaced by 1 m move in the mode, shape (k,), m.
     """
 
     factor: NDArray[np.complex128]
     agent: IntArray
     moves: BoolArray
+    shown: Array
 
     def taking_part(self, neutral: float) -> "Modes":
         """Return those that move a position or grow, by more than `neutral` in the logarithm of their factor."""
@@ -142,6 +142,21 @@ class Modes(NamedTuple):
     def radius(self) -> float:
         """Largest growth over a period."""
         return float(np.hypot(self.factor.real, self.factor.imag).max())
+
+    def least_damped(self) -> tuple[int, float, float]:
+        """Return the number of the mode with the smallest damping ratio, that ratio, and |s| over a period.
+
+        Where none grows, those count that carry a good part of a displacement. A hull's own rolling shows in positions
+        a little and is hardly damped; what is under way over links that delay rings within a few periods. In the
+        positions of a run neither is seen.
+        """
+        s = np.log(np.where(self.factor != 0.0, self.factor, 1e-300))
+        size = np.maximum(np.abs(s), 1e-300)
+        damping = -s.real / size
+        if damping.min() >= 0.0 and (self.shown > _SHOWN).any():
+            damping = np.where(self.shown > _SHOWN, damping, np.inf)
+        k = int(damping.argmin())
+        return k, float(damping[k]), float(size[k])
 
 
 class Block(NamedTuple):
@@ -177,10 +192,13 @@ class Block(NamedTuple):
             held = chosen[chosen < len(self.plant.C)]
             z = vectors[..., : len(held), :]
             moves = np.linalg.norm(z, axis=-2) > MODE_AT_REST * np.linalg.norm(vectors, axis=-2)
+            rows = np.linalg.pinv(vectors)[..., : len(held)]
+            shown = np.linalg.norm(z, axis=-2) * np.linalg.norm(rows, axis=-1)
             agent = self.agent[:, None]
             if len(self.owner):
                 agent = np.where(moves, self.owner[np.abs(self.places[:, held] @ z).argmax(axis=-2)], -1)
-            yield Modes(factors.ravel(), np.broadcast_to(agent, factors.shape).ravel(), moves.ravel())
+            agent = np.broadcast_to(agent, factors.shape)
+            yield Modes(factors.ravel().astype(np.complex128), agent.ravel(), moves.ravel(), shown.ravel())
 
     def growth(self, gain: float, *, known: bool = False) -> float:
         """Return the growth over a period of the fastest growing mode; if `known`, at eigenvalues that H surely has."""
@@ -195,12 +213,10 @@ class TeamLoop(NamedTuple):
 
     Attributes:
         blocks: Blocks into which it falls apart.
-        own: Factors of the vehicles' own modes, under a command that does not change.
         period: Time between evaluations of the law, s.
     """
 
     blocks: list[Block]
-    own: NDArray[Any]
     period: float
 
     @property
@@ -219,31 +235,38 @@ class TeamLoop(NamedTuple):
             return True
         return None if max(block.growth(gain, known=True) for block in self.blocks) < self.neutral else False
 
-    def largest_gain(self, gain: float) -> float | None:
-        """Find the gain from which on a mode grows: the next above a stable gain, or below an unstable one, 1/s."""
+    def largest_gain(self, gain: float, least_damping: float | None = None) -> float | None:
+        """Find the gain from which on a mode grows: the next above a stable gain, or below an unstable one, 1/s.
 
-        def grows(k: float) -> bool:
-            return max(block.growth(k) for block in self.blocks) > self.neutral
+        With `least_damping`, it is the gain from which on the damping ratio of a mode is smaller.
+        """
+
+        def rings(k: float) -> bool:
+            grows = max(block.growth(k) for block in self.blocks) > self.neutral
+            return grows or (least_damping is not None and self.modes(k).least_damped()[1] < least_damping)
 
         low = high = gain
-        up = not grows(gain)
+        up = not rings(gain)
         for _ in range(_MOST_DOUBLINGS):
             low, high = (high, 2.0 * high) if up else (0.5 * low, low)
-            if grows(high if up else low) == up:
+            if rings(high if up else low) == up:
                 break
         else:
             return None
         while high > (1.0 + _GAIN_ACCURACY) * low:
             middle = float(np.sqrt(low * high))
-            low, high = (low, middle) if grows(middle) else (middle, high)
+            low, high = (low, middle) if rings(middle) else (middle, high)
         return float(np.sqrt(low * high))
 
 
 @one_thread
-def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool = True) -> BodyLoop:
+def body_loop(
+    system: System, spectrum: Spectrum, medium: Array, *, gain: bool = True, least_damping: float | None = None
+) -> BodyLoop:
     """Close the loop of the team's vehicles in the medium that agents meet, shape (N, 3), m/s: see `mean_medium`.
 
-    Unless `gain`, it does not look for the largest.
+    Unless `gain`, it does not look for the largest. With `least_damping`, that is the largest at which every mode has
+    this damping ratio; see `TeamLoop.largest_gain`.
     """
     period = system.grid.period
     lost = _unlike_or_lost(system)
@@ -265,7 +288,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
         age = 0 if lost else (common_delay(system) or 0) * whole_ratio(system.grid.period, period)
         if age:
             try:
-                loop = _with_delay(system, spectrum, models, exact, age)
+                loop = _with_delay(system, spectrum, models, period, age)
             except UndecidedError as error:
                 lost = str(error)
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
@@ -283,13 +306,15 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
     stable = loop.is_stable(system.gain, modes)
     if lost:
         return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost, stable_over_exact_links=stable)
+    number, damping, size = modes.least_damped()
+    agent = system.team.agent_ids[modes.agent[number]] if modes.agent[number] >= 0 else None
     perhaps = "only eigenvalues between the smallest and the largest would be unstable, if H has them"
     return BodyLoop(
         stable=stable,
         spectral_radius=modes.radius,
         period=period,
-        largest_gain=loop.largest_gain(system.gain) if gain else None,
-        least_damped=_least_damped(modes, loop.own, period, system),
+        largest_gain=loop.largest_gain(system.gain, least_damping) if gain else None,
+        least_damped=Swing(damping=damping, frequency=size / period, agent=agent),
         reason=perhaps if stable is None else "",
         stable_over_exact_links=exact.is_stable(system.gain, exact.modes(system.gain)) if age else None,
     )
@@ -314,10 +339,13 @@ def _unlike_or_lost(system: System) -> str:
     return UNKNOWN_ROUNDS if system.law.terms.rounds.imperfect else ""
 
 
-def loop_along(system: System, time: Array, q_star: Array, *, gain: bool = True) -> BodyLoop:
+def loop_along(
+    system: System, time: Array, q_star: Array, *, gain: bool = True, least_damping: float | None = None
+) -> BodyLoop:
     """The loop in the mean flow along harmonic extensions, padded, shape (T, N, 3), m, at times (T,), s."""
     path = q_star.reshape(len(time), -1)[:, system.team.slots[: system.team.first_state[-1]]]
-    return body_loop(system, spectrum_of(system.team), mean_medium(system, time, path), gain=gain)
+    medium = mean_medium(system, time, path)
+    return body_loop(system, spectrum_of(system.team), medium, gain=gain, least_damping=least_damping)
 
 
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
@@ -511,29 +539,28 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
         UndecidedError: it is too large.
     """
     kinds = _distinct(models)
-    own = np.concatenate([np.linalg.eigvals(model.A) for model in kinds])
     if len(kinds) > 1:
         try:
-            return TeamLoop([_whole(system, spectrum, models)], own, period)
+            return TeamLoop([_whole(system, spectrum, models)], period)
         except UndecidedError:
             if not _alike(kinds, period):
                 raise
     plain = system.team.symmetric and not system.team.stressed
     parts = _parts(system, spectrum, kinds[0], period) if plain else []
-    return TeamLoop(parts or [_whole(system, spectrum, models)], own, period)
+    return TeamLoop(parts or [_whole(system, spectrum, models)], period)
 
 
-def _with_delay(system: System, spectrum: Spectrum, models: list[LinearVehicle], exact: TeamLoop, age: int) -> TeamLoop:
+def _with_delay(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float, age: int) -> TeamLoop:
     """Return the loop with measurements that are `age` evaluations of the law old.
 
     Raises:
         UndecidedError: It is too large.
     """
     late = {id(model): delayed(model, age) for model in models}
-    loop = _close(system, spectrum, [late[id(model)] for model in models], exact.period)
+    loop = _close(system, spectrum, [late[id(model)] for model in models], period)
     if sum(len(b.agent) * len(b.plant.A) ** 3 for b in loop.blocks) > LARGEST_WHOLE**3:
         raise UndecidedError("measurements are delayed by too many periods")
-    return loop._replace(own=exact.own)
+    return loop
 
 
 def _distinct(models: list[LinearVehicle]) -> list[LinearVehicle]:
@@ -662,22 +689,59 @@ def joined(
     return Block(plant, law, np.zeros(1, dtype=np.int64), Q, owner, sets)
 
 
-def _least_damped(modes: Modes, own: Array, period: float, system: System) -> Swing:
-    """Find the mode with the smallest damping among those that the loop moves, where none grows.
+# -- the targets' own law ----------------------------------------------------------------------------------------------
+#
+# Each target's vehicle is linearised about the equilibrium in which it holds station in the mean flow along its path,
+# and all are closed through u = -S p: see `targets_loop` for S.
 
-    A hull's own rolling or pitching shows in the position a little, is hardly damped, and does not depend on the law.
-    A mode is a vehicle's own if its logarithm is within _OWN_MODE of one that the vehicle has under a steady command.
+
+def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
+    """Return the loop with what the targets' vehicles make of it, along a path."""
+    moves = loop.rate > 0.0 and system.team.targets
+    return loop.model_copy(update={"bodies": _on_bodies(system, path)}) if moves else loop
+
+
+@one_thread
+def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
+    """Close the targets' law through their vehicles, in the mean flow along their path."""
+    S = stiffness(system).toarray()
+    owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
+    try:
+        period, timestep, steps = sampling_of(system)
+        models = _target_models(system, path, timestep, steps)
+        block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
+        loop = TeamLoop([block], period)
+        modes = loop.modes(1.0)
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
+    return TargetsOnBodies(stable=loop.is_stable(1.0, modes), spectral_radius=modes.radius, reason="")
+
+
+def _target_models(system: System, path: TargetPath, timestep: float, steps: int) -> list[LinearVehicle]:
+    """Return the linear vehicle of each target, in the mean velocity of the medium relative to its path.
+
+    If the path is unknown or diverges, the vehicle is linearised in the medium where the target begins.
+
+    Raises:
+        UndecidedError: one has none.
     """
-    s = _logarithms(modes.factor) / period
-    size = np.maximum(np.abs(s), 1e-300)
-    damping = -s.real / size
-    if damping.min() >= 0.0:
-        moved = np.abs(s[:, None] - _logarithms(own) / period).min(axis=1) > _OWN_MODE * size
-        damping = np.where(moved, damping, np.inf) if moved.any() else damping
-    k = int(damping.argmin())
-    agent = system.team.agent_ids[modes.agent[k]] if modes.agent[k] >= 0 else None
-    return Swing(damping=float(damping[k]), frequency=float(size[k]), agent=agent)
-
-
-def _logarithms(factors: NDArray[Any]) -> NDArray[np.complex128]:
-    return np.log(np.where(factors != 0.0, factors, 1e-300).astype(np.complex128))
+    N = len(system.team.agents)
+    span = float(path.time[-1] - path.time[0])
+    bounded = path.cells is not None and targets_loop(system).stable
+    positions = path.positions[:, N:] if bounded else system.initial[None, N:]
+    medium = -(positions[-1] - positions[0]) / span
+    for k in range(len(medium)):
+        medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
+    stations = [station_in(system, N + k, medium[k]) for k in range(len(medium))]
+    keys = list(map(key_of, stations))
+    unlike = dict(zip(keys, stations, strict=True))
+    if len(unlike) > LARGEST_WHOLE:
+        raise UndecidedError("too many unlike targets")
+    found = dict(zip(unlike, linearise(list(unlike.values()), system.control, timestep, steps), strict=True))
+    models = []
+    for id_, key in zip(system.team.target_ids, keys, strict=True):
+        model = found[key]
+        if isinstance(model, str):
+            raise UndecidedError(f"the vehicle of {id_} cannot hold station on its path: {model}")
+        models.append(model)
+    return models

@@ -11,16 +11,18 @@ theta >= pi / (2 d + 1), so the second gives sum w_e >= 2 sin(pi / (2 (2 d + 1))
 root crosses the circle as the gain rises from a small value, for which the loop is stable.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.polynomial.chebyshev import chebroots
+from numpy.typing import NDArray
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop import directed
 from mjsheaf.checking.loop.linked_law import LinkedLaw
 from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 
 MOST_STATES = 900  # of a matrix whose eigenvalues are found
 MOST_WORK = 3e10  # modes times states cubed, of eigenvalues or of covariances
@@ -108,11 +110,35 @@ def is_stable(radius: float) -> bool | None:
     return None if abs(radius - 1.0) < _ROUNDING else radius < 1.0
 
 
+def limit_from_eigenvalues(values: NDArray[Any], product: float) -> int:
+    """Return the largest delay, in periods, up to which the paper's held law is stable; it is stable without.
+
+    A root z = exp(i theta) of z^m (z - 1) + k1 h lambda has 2 sin(theta / 2) = k1 h |lambda| and
+    theta (m + 1/2) = pi / 2 - |arg lambda|. The first such m of all eigenvalues is the limit.
+
+    Args:
+        values: Eigenvalues of H, real parts above zero, shape (L,).
+        product: k1 h.
+    """
+    theta = 2.0 * np.arcsin(np.minimum(0.5 * product * np.abs(values), 1.0))
+    limit = float(((0.5 * np.pi - np.abs(np.angle(values))) / theta).min()) - 0.5
+    return int(np.ceil(limit - _ROUNDING)) - 1
+
+
+def continuous_delay_margin(values: NDArray[Any], gain: float) -> float | None:
+    """Return the delay of all measurements up to which x' = -k1 H x is stable, s; None if it is not without.
+
+    A root i w of s + k1 lambda exp(-s T) has w = k1 |lambda| and w T = pi / 2 - |arg lambda|.
+    """
+    stable = len(values) and (values.real > 0.0).all()
+    return float(((0.5 * np.pi - np.abs(np.angle(values))) / (gain * np.abs(values))).min()) if stable else None
+
+
 def papers_limit(product: float) -> int | None:
     """The largest delay in periods with which the paper's law is stable, from k1 h lambda_max; None without any."""
     if not 0.0 < product < 2.0 - _ROUNDING:
         return None
-    return directed.largest_delay(np.ones(1, dtype=np.complex128), product)
+    return limit_from_eigenvalues(np.ones(1, dtype=np.complex128), product)
 
 
 def alike_limit(law: LinkedLaw) -> int | None:
@@ -163,7 +189,7 @@ def largest_delay_of_all(loop: Loop) -> int | None:
     if not is_stable(loop.radius):
         return None
     if loop.model.plain:
-        return directed.largest_delay(loop.values, loop.gain * loop.period)
+        return limit_from_eigenvalues(loop.values, loop.gain * loop.period)
     for delay in range(1, _MOST_SCANNED + 1):
         if not is_stable(loop.radius_at(delay)):
             return delay - 1

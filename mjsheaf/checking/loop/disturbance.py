@@ -31,16 +31,15 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import ideal_team, linear_team, whole_loop
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
-from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.loop.linear_law import require_model
+from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.errors import InputError, UndecidedError, raise_first, select_true
-from mjsheaf.io.norms import PER_AGENT_RMS, Norm
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
 from mjsheaf.media.medium import of_kind
 from mjsheaf.media.waves import Components
+from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
 

@@ -30,21 +30,18 @@ from pydantic import Field
 from scipy.fft import irfft, next_fast_len, rfft
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.directed import held_eigenvalues
-from mjsheaf.checking.loop.linear_law import model_of
-from mjsheaf.checking.loop.modelled import require_model, terms_without_bound, unmodelled_parts
+from mjsheaf.checking.loop.linear_law import model_of, require_model, terms_without_bound, unmodelled_parts
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
 from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
 from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier
-from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.errors import UndecidedError, listed, raise_first
-from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.media.varying import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
+from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record, per_agent
 from mjsheaf.system import System
 
 _MOST_NUMBERS = 20_000_000  # samples times states that are looked at
@@ -163,8 +160,8 @@ def loop_of(system: System) -> Loop:
     """The held loop of a system's law.
 
     Raises:
-        UndecidedError: a part of the law is not modelled (see `modelled`), the law is continuous, something is free, H
-            is too large for its eigenvalues, or rounds can be delayed or lost.
+        UndecidedError: A part of the law is not modelled (see `linear_law`), the law is continuous, something is free,
+            H is too large for its eigenvalues, or rounds can be delayed or lost.
     """
     require_model(system)
     if not system.team.symmetric and system.grid.continuous:
@@ -528,18 +525,6 @@ def _stability(loop: Loop) -> dict[str, Any]:
         "stable_gains": loop.stable_gains,
         "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
     }
-
-
-def largest_integral(system: System) -> float:
-    """Return the smallest k_I, 1/s^2, with which the held integral diverges; 0 without terms.
-
-    For an eigenvalue lambda of H, the held loop of e and z has the determinant 1 - h (k1 lambda - h k_I lambda). With
-    the Newton direction and exact rounds it is 1 - h (k1 - h k_I lambda). Both are below 1 only for smaller k_I.
-    """
-    terms = system.law.terms
-    if not terms.agents:
-        return 0.0
-    return system.gain / (terms.period * (system.largest_eigenvalue if terms.newton else 1.0))
 
 
 def _noise(system: System, loop: Loop) -> float:

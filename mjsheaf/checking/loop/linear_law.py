@@ -30,11 +30,13 @@ from scipy.sparse.csgraph import breadth_first_order
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import jit
 from mjsheaf.compile.tiers import tiered
-from mjsheaf.errors import UndecidedError, listed
+from mjsheaf.errors import UndecidedError, listed, select_true
+from mjsheaf.law.custom import names_of
 from mjsheaf.law.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_memory
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.law.rounds import RoundArrays
 from mjsheaf.paths import MotionArrays
+from mjsheaf.system import System
 
 INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 """Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the
@@ -511,3 +513,54 @@ def _answer(control, t, start, cells, size, points, weights, still, memory, ends
                 commands[one, case, i] = memory.command[0, i]
             for i in range(start.shape[0]):
                 ends[one, case, i] = memory.flat[i]
+
+
+# -- parts of a law that check has no model of -------------------------------------------------------------------------
+#
+# The response of the law's stages to their measurements is computed from them, so a new term needs nothing here. The
+# rest of the analysis knows what edges measure, what links do to it, and who has which gain. A test names the fields of
+# these structures, one by one: whoever adds a field decides whether `check` models it, and adds to `unmodelled_parts`
+# where it does not.
+
+_SENSORS = (0, 1)  # values of `bearing`: the exact sensor, and range and bearing
+
+
+def unmodelled_parts(system: System) -> list[str]:
+    """Return the parts of a system's law that `check` has no model of, such as "law in Python"; empty if it has all."""
+    law = system.law
+    others = {
+        "sensor of a link": not np.isin(law.links.table["bearing"], _SENSORS).all(),
+        "range and bearing edges, unless linearised": law.edges.kinds,
+        "law in Python": law.supplied,
+        "gains that differ between agents": (law.gain[: len(system.team.agents)] != system.gain).any(),
+    }
+    return select_true(others) + _terms_without_model(system)
+
+
+def _terms_without_model(system: System) -> list[str]:
+    """Return the terms of a law that is not linear, or that is continuous with a term that `check` does not know."""
+    law = system.law
+    new = terms_without_bound(law)
+    if system.grid.continuous or not law.extended:
+        return new
+    try:
+        model_of(law, system.grid.period)
+    except UndecidedError:
+        return new or [f"term {name}" for name in law.term_names]
+    return []
+
+
+def terms_without_bound(law: LawArrays) -> list[str]:
+    """Return the terms of a law of which no bound along the targets' path is derived."""
+    return [f"term {name}" for name in names_of(law.custom)]
+
+
+def because_of(parts: list[str]) -> str:
+    """Return why a law is undecided, from `unmodelled_parts`."""
+    return f"because of {listed(parts)}, which check has no model of"
+
+
+def require_model(system: System) -> None:
+    """Raise an UndecidedError that names the parts of a system's law that `check` has no model of, if there are any."""
+    if parts := unmodelled_parts(system):
+        raise UndecidedError(because_of(parts))

@@ -4,8 +4,6 @@ Noise is white in time, so that the covariance of the states P = M P M^T + G U G
 `delay`: summed up by doubling. Where delays are unlike or measurements are lost, that of the whole team: see `loss`.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from pydantic import Field
 
@@ -15,12 +13,9 @@ from mjsheaf.checking.loop.linked_law import LinkedLaw
 from mjsheaf.checking.loop.loss import SecondMoments
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, stationary
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.norms import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Norm, per_agent
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Finite, Norm, Record, per_agent
 from mjsheaf.team import Team
 
-_MAX_ITERATIONS = 8  # of the fixed point of frames that noise turns
-_SETTLED = 1e-4  # tolerance of the iteration: relative change of E|e|^2
 _CHUNK = 4_000_000  # numbers of covariances at once
 
 
@@ -47,8 +42,8 @@ class NoiseAnswer(Record):
     command: Finite = Field(None, description="RMS of the commands of the team, 2-norm, m/s; null: see reason")
     agents: list[AgentNoise] = Field(description="each agent, in order; empty where there is no answer")
     linearised: bool = Field(
-        description="noise of range and bearing is linearised along q*, to its second order; in space in bodies that "
-        "face along their motion, which is that of q* and what noise adds"
+        description="noise of range and bearing is linearised along q*; in space this makes an upper estimate, "
+        "by 1 % where lines of sight are level in the bodies' frames, by a factor sqrt(2) at most"
     )
     reason: str = Field(description="why a number is missing, or empty")
 
@@ -58,7 +53,7 @@ def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
     linearised = law.links.linearised
     try:
         mean = mean_error(law)
-        error, command = map(np.diagonal, _with_turned_frames(law))
+        error, command = map(np.diagonal, noise_covariances(law))
     except UndecidedError as why:
         return NoiseAnswer(agents=[], linearised=linearised, reason=str(why))
     first = team.first_state
@@ -97,24 +92,6 @@ def mean_error(law: LinkedLaw) -> Array:
     inputs = np.stack([eta, 0.0 * eta, sensed_motion, own_motion], axis=1)
     q = np.linalg.solve(np.eye(M.shape[1]) - M, G @ (vectors.T @ inputs)[:, :, None])[:, 0, 0]
     return np.asarray(-vectors @ q)
-
-
-def _with_turned_frames(law: LinkedLaw) -> Array:
-    """Return `noise_covariances`, where noise turns the frames of bearings in space as far as it does: a fixed point.
-
-    Raises:
-        UndecidedError: they are not known, and why.
-    """
-    found, h = noise_covariances(law), law.loop.period
-    for _ in range(_MAX_ITERATIONS if law.links.spatial else 0):
-        noise = list(law.links.noise)
-        for bearing in law.links.spatial:
-            noise[bearing.edge] = bearing.covariance(h**2 * found[1][np.ix_(bearing.slots, bearing.slots)])
-        law = replace(law, links=replace(law.links, noise=tuple(noise)))
-        before, found = found, noise_covariances(law)
-        if abs(np.trace(found[0]) - np.trace(before[0])) <= _SETTLED * np.trace(found[0]):
-            break
-    return found
 
 
 def noise_covariances(law: LinkedLaw) -> Array:

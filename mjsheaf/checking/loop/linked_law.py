@@ -1,25 +1,16 @@
 """A law over its links, linear about q*: what each edge measures, and what its link makes of that.
 
-Range and bearing in space. Azimuth and elevation have the noise s each, in a body frame that faces along the last
-displacement d of the tail. With b the third axis of that frame, r the range and l the line of sight, azimuth moves the
-measured point by s r |l x b| along b x l, and elevation by s r across both. So their second moment has the trace
-s^2 r^2 (1 + |l x b|^2): it depends on the frame. The noise of a sample is drawn after its frame is fixed, and has mean
-zero given the frame (to first order in s), so that noises of different samples are uncorrelated, and every covariance
-follows from the mean over the frames alone.
-
-Frames are random where noise moves the agent. d is the motion of q* over a period plus h times the command that noise
-makes, whose covariance the linear law has. `SpatialBearing.covariance` takes the mean over normal d, and
-`link_noise` iterates, as the covariance of the command depends on the noise. (d is a sum of noises with different
-frames, so that it is only nearly normal. Where q* rests, a heading that nothing turns was wrong by up to 7 %.)
+Range and bearing have an error along the line of sight and one across it. In space azimuth and elevation have the noise
+s each, in a body frame that faces along the last displacement of the tail. With b the third axis of that frame, r the
+range and l the line of sight, azimuth moves the measured point by s r |l x b| along b x l, and elevation by s r across
+both. The covariance is at most that with |l x b| = 1, s^2 r^2 (1 - l l^T), which depends on no frame.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.loop.held_law import eigen_of, loop_of
@@ -31,9 +22,6 @@ from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 
 _MOST_INSTANTS = 200  # along q* at which noise of range and bearing is linearised
-_TURNED_INSTANTS = 20  # number of these instants with the mean over frames that noise turns
-_NODES = 8  # of Gauss-Hermite quadrature in each direction of a displacement
-_STILL = 1e-9  # m in a period: no direction of motion
 
 
 class MeasuredEdge(NamedTuple):
@@ -108,7 +96,6 @@ class LinkParameters:
             without bursts (0, 1, p, p).
         held: True where a lost sample is replaced by an older one, shape (E,).
         linearised: True if a covariance is that of range and bearing.
-        spatial: edges with range and bearing in space, whose noise depends on how the tail turns.
         ranged: True if a link receives nothing beyond some range.
     """
 
@@ -118,7 +105,6 @@ class LinkParameters:
     loss: Array
     held: BoolArray
     linearised: bool = False
-    spatial: "tuple[SpatialBearing, ...]" = ()
     ranged: bool = False
 
     @property
@@ -212,7 +198,6 @@ def links_of(system: System, path: TargetPath) -> LinkParameters:
         return links
     noise = list(links.noise)
     bias = list(links.bias)
-    spatial = list[SpatialBearing]()
     x = path.positions.copy()
     x[:, : len(team.agents)] = team.unpack(path.q_star)
     everywhere = np.concatenate([system.initial[None], x]) + system.law.links.lift[None, :, None] * [0.0, 0.0, 1.0]
@@ -228,23 +213,17 @@ def links_of(system: System, path: TargetPath) -> LinkParameters:
         bias[e] = np.full(m, link["bias"])
         noise[e] = link["noise"] ** 2 * np.eye(m)
         if (z := edges[e].z) is not None:  # the error of a range is along z, that of a bearing turns z
-            along = np.outer(z, z) / (z @ z)
             ranged = team.measuring_edges[e].F_tail.shape[0] == 1 and m > 1
             bias[e] = link["bias"] * z / np.linalg.norm(z)
-            noise[e] = link["noise"] ** 2 * (along if ranged else z @ z * (np.eye(m) - along))
-        if link["bearing"] and m == 2:
+            noise[e] = link["noise"] ** 2 * range_bearing_covariance(z[None], float(ranged), float(not ranged))
+        if link["bearing"]:
             y = _relative_positions(system, e, x[few])
-            deviations = (float(link["range_noise"]), float(link["bearing_noise"]))
-            noise[e] = np.mean(range_bearing_covariances(y, *deviations), axis=0)
-        elif link["bearing"]:
-            spatial.append(_spatial_bearing(system, e, x[few], path.time[few]))
-            noise[e] = spatial[-1].covariance(np.zeros((3, 3)))
+            noise[e] = range_bearing_covariance(y, float(link["range_noise"]), float(link["bearing_noise"]))
     return replace(
         links,
         noise=tuple(noise),
         bias=tuple(bias),
         linearised=bool(table["bearing"].any()),
-        spatial=tuple(spatial),
         ranged=bool(np.isfinite(table["range"]).any()),
     )
 
@@ -271,108 +250,17 @@ def _relative_positions(system: System, e: int, x: Array) -> Array:
     return x[:, edges.head[e]] @ edges.F_head[rows].T - x[:, edges.tail[e]] @ edges.F_tail[rows].T
 
 
-def _spatial_bearing(system: System, e: int, x: Array, time: Array) -> "SpatialBearing":
-    """Return an edge with range and bearing in space, along positions (T, V, 3), m, at times (T,), s."""
-    link = system.law.links.table[system.law.links.of[e]]
-    edges = system.law.edges
-    tail = edges.tail[e]
-    y = _relative_positions(system, e, x)
-    return SpatialBearing(
-        edge=e,
-        slots=system.team.first_state[tail] + np.arange(3),
-        y=y,
-        motion=np.gradient(x[:, tail], time, axis=0) * system.grid.period if len(time) > 1 else 0.0 * y,
-        F=edges.F_tail[edges.first[e] : edges.first[e + 1]],
-        heading=float(system.bodies.heading[tail]),
-        range_noise=float(link["range_noise"]),
-        bearing_noise=float(link["bearing_noise"]),
-    )
+def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float) -> Array:
+    """Return the mean covariance of y as measured by range and bearing, linearised, shape (m, m), m^2.
 
-
-def range_bearing_covariances(y: Array, range_noise: float, bearing_noise: float, body: Array | None = None) -> Array:
-    """Covariances of y as measured by range and bearing, linearised, shape (T, m, m), m^2.
+    In the plane it is exact to first order, and in space at least what it is there.
 
     Args:
         y: Relative positions, shape (T, m), m; m is 2 or 3.
         range_noise, bearing_noise: Standard deviations, m and rad. In space azimuth and elevation have it each.
-        body: Rotations from the coordinates of y to those of the body, shape (T, m, m), about whose last axis azimuth
-            turns; None where they are the same.
     """
-    T, m = y.shape
-    turn = np.broadcast_to(np.eye(m), (T, m, m)) if body is None else body
-    seen = (turn @ y[:, :, None])[:, :, 0]
-    r, flat = np.linalg.norm(seen, axis=1), np.hypot(seen[:, 0], seen[:, 1])
-    one = np.where(flat > 0.0, flat, 1.0)
-    cos = np.where(flat > 0.0, seen[:, 0] / one, 1.0)
-    sin = np.where(flat > 0.0, seen[:, 1] / one, 0.0)
-    columns = np.zeros((T, m, m))
-    columns[:, :, 0] = range_noise * seen / np.where(r > 0.0, r, 1.0)[:, None]  # a range of zero has no direction
-    columns[:, 0, 1] = -bearing_noise * flat * sin
-    columns[:, 1, 1] = bearing_noise * flat * cos
-    if m == 3:
-        columns[:, 0, 2] = -bearing_noise * seen[:, 2] * cos
-        columns[:, 1, 2] = -bearing_noise * seen[:, 2] * sin
-        columns[:, 2, 2] = bearing_noise * flat
-    J = turn.swapaxes(1, 2) @ columns
-    return np.asarray(J @ J.swapaxes(1, 2))
-
-
-@dataclass(frozen=True)
-class SpatialBearing:
-    """An edge measured by range and bearing in space, from a body that faces along its last displacement.
-
-    Attributes:
-        edge: Number of the edge, in the order of `measured_edges`.
-        slots: States of q of its tail, shape (3,).
-        y: Relative positions along q*, shape (T, 3), m.
-        motion: Displacement of the tail over a period along q*, shape (T, 3), m.
-        F: Restriction map of the tail, a rotation, shape (3, 3).
-        heading: Initial heading of the tail, rad, which a body that never moves keeps.
-        range_noise, bearing_noise: Standard deviations, m and rad.
-    """
-
-    edge: int
-    slots: IntArray
-    y: Array
-    motion: Array
-    F: Array
-    heading: float
-    range_noise: float
-    bearing_noise: float
-
-    def covariance(self, spread: Array) -> Array:
-        """Return the mean covariance of the measured numbers, shape (3, 3), m^2.
-
-        Args:
-            spread: Covariance of the displacement that noise adds to `motion`, shape (3, 3), m^2.
-        """
-        y, d, weight = self.y, self.motion, np.ones(1)
-        values, vectors = np.linalg.eigh(spread)
-        if values[-1] > _STILL**2:
-            nodes, weight = _normal_nodes()
-            few = slice(None, None, -(-len(y) // _TURNED_INSTANTS))
-            d = d[few, None] + nodes @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-            y = np.repeat(y[few], len(nodes), axis=0)
-            d = d.reshape(-1, 3)
-        body = self._facing(d) @ self.F.T
-        each = range_bearing_covariances(y, self.range_noise, self.bearing_noise, body)
-        return np.asarray(np.tensordot(weight, each.reshape(-1, len(weight), 3, 3).mean(axis=0), 1))
-
-    def _facing(self, d: Array) -> Array:
-        """Return rotations from the world to a body that faces along d (K, 3), its second axis level, (K, 3, 3)."""
-        level = np.hypot(d[:, 0], d[:, 1])
-        yaw = np.where(level > 0.0, np.arctan2(d[:, 1], d[:, 0]), 0.0)
-        pitch = -np.arctan2(d[:, 2], level)
-        still = np.linalg.norm(d, axis=1) <= _STILL
-        yaw[still] = self.heading
-        pitch[still] = 0.0
-        return np.asarray(Rotation.from_euler("ZY", np.column_stack([yaw, pitch])).inv().as_matrix())
-
-
-@cache
-def _normal_nodes() -> tuple[Array, Array]:
-    """Nodes (K, 3) and weights (K,) of a quadrature over independent standard normal numbers."""
-    x, w = np.polynomial.hermite_e.hermegauss(_NODES)
-    nodes = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
-    weights = (w[:, None, None] * w[None, :, None] * w).ravel()
-    return nodes, weights / weights.sum()
+    square = (y**2).sum(axis=1)[:, None, None]
+    outer = y[:, :, None] * y[:, None]
+    along = outer / np.where(square > 0.0, square, 1.0)  # a range of zero has no direction
+    across = square * np.eye(y.shape[1]) - outer
+    return np.asarray((range_noise**2 * along + bearing_noise**2 * across).mean(axis=0))

@@ -9,9 +9,15 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.checking.loop.delay import DelayAnswer, delay_answer, largest_delay_of_all, papers_answer
-from mjsheaf.checking.loop.directed import continuous_delay_margin, held_eigenvalues, largest_gain
+from mjsheaf.checking.loop.delay import (
+    DelayAnswer,
+    continuous_delay_margin,
+    delay_answer,
+    largest_delay_of_all,
+    papers_answer,
+)
 from mjsheaf.checking.loop.held_law import common_delay, loop_of
+from mjsheaf.checking.loop.linear_law import require_model
 from mjsheaf.checking.loop.link_noise import NoiseAnswer, noise_answer
 from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
@@ -20,15 +26,15 @@ from mjsheaf.checking.loop.linked_law import (
     linked_law,
     links_of,
     measured_edges,
+    perfect_links,
 )
 from mjsheaf.checking.loop.loss import LossAnswer, loss_answer
-from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.loop.sampled_loop import largest_gain
+from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
 from mjsheaf.checking.theorem.targets import TargetPath
-from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.errors import UndecidedError
-from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law.terms import TermArrays
+from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 from mjsheaf.system import System
 from mjsheaf.team import Team
 from mjsheaf.team.links import KINDS
@@ -87,42 +93,28 @@ def _largest_gain(system: System) -> float | None:
 
 
 def _answers(system: System, path: TargetPath) -> LinkRecord | None:
-    law, team = system.law, system.team
+    team = system.team
     try:
         require_model(system)
+        edges, links = measured_edges(team), links_of(system, path)
         if not team.symmetric:
-            return _of_directed_team(system)
-        if team.dirichlet.H.shape[0] > DENSE_STATES and not (system.grid.continuous or law.terms.newton):
-            return _of_large_team(system, path)
+            why = "H is not symmetric: only a delay of all measurements alike is decided"
+            return _record(_delay_of_directed_team(system, why), edges, links, system.law.terms, why=why)
+        size = team.dirichlet.H.shape[0]
+        if size > DENSE_STATES and not (system.grid.continuous or system.law.terms.newton):
+            why = f"H has {size} rows; all its eigenvalues are found up to {DENSE_STATES}"
+            return _record(_delay_of_large_team(system, edges, links, why), edges, links, system.law.terms, why=why)
         return answers_for(linked_law(system, path), team)
     except UndecidedError as error:
-        if not len(law.links.table):
+        if not len(system.law.links.table):
             return None
         why = str(error)
-        noise = NoiseAnswer(agents=[], linearised=False, reason=why)
-        return _record(DelayAnswer(reason=why), noise, LossAnswer(reason=why), {}, "")
+        return _record(DelayAnswer(reason=why), [], perfect_links([]), system.law.terms, why=why, unknown=True)
 
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
     """Compute the effects of a law's links, for a team."""
-    links, terms = law.links, law.terms
-    loss = loss_answer(law) if links.lossy.any() else None
-    noise = noise_answer(law, team) if links.noisy or _strays(terms) else None
-    return _record(delay_answer(law), noise, loss, _delivery(law.edges, links), _assumed(links), links.exact)
-
-
-def _of_directed_team(system: System) -> LinkRecord:
-    """Answer from the complex eigenvalues of H, for a team with an asymmetric H.
-
-    Raises:
-        UndecidedError: Nothing.
-    """
-    table = system.law.links.table
-    why = "H is not symmetric: only a delay of all measurements alike is decided"
-    noisy = bool(table["noise"].any()) or _strays(system.law.terms)
-    noise = NoiseAnswer(agents=[], linearised=False, reason=why) if noisy else None
-    loss = LossAnswer(reason=why) if table["lossy"].any() else None
-    return _record(_delay_of_directed_team(system, why), noise, loss, {}, "")
+    return _record(delay_answer(law), law.edges, law.links, law.terms, law=law, team=team)
 
 
 def _delay_of_directed_team(system: System, why: str) -> DelayAnswer:
@@ -146,49 +138,50 @@ def _delay_of_directed_team(system: System, why: str) -> DelayAnswer:
     )
 
 
-def _of_large_team(system: System, path: TargetPath) -> LinkRecord:
+def _delay_of_large_team(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
     """Answer from lambda_max, for a team whose other eigenvalues are not known.
 
     Raises:
-        UndecidedError: nothing.
+        UndecidedError: The harmonic extension is not unique, or the law has an integral.
     """
     if not system.team.dirichlet.unique:
         raise UndecidedError("the harmonic extension is not unique")
-    why = f"H has {system.team.dirichlet.H.shape[0]} rows; all its eigenvalues are found up to {DENSE_STATES}"
     if system.law.terms.integral:
         raise UndecidedError(why)
-    edges, links = measured_edges(system.team), links_of(system, path)
     linked = np.array([edge.linked for edge in edges])
-    delay = papers_answer(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
-    noisy = links.noisy or _strays(system.law.terms)
-    return _record(
-        delay,
-        NoiseAnswer(agents=[], linearised=links.linearised, reason=why) if noisy else None,
-        LossAnswer(reason=why) if links.lossy.any() else None,
-        _delivery(edges, links),
-        _assumed(links),
-        links.exact,
-    )
+    return papers_answer(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
 
 
 def _record(
     delay: DelayAnswer,
-    noise: NoiseAnswer | None,
-    loss: LossAnswer | None,
-    delivery: dict[str, float | None],
-    assumed: str,
-    exact: bool = False,
+    edges: Sequence[MeasuredEdge],
+    links: LinkParameters,
+    terms: TermArrays,
+    *,
+    law: LinkedLaw | None = None,
+    team: Team | None = None,
+    why: str = "",
+    unknown: bool = False,
 ) -> LinkRecord:
-    """The record of these answers."""
+    """Return the record of links; without a law, `why` is the reason for what is not known of noise and loss."""
+    noise = loss = None
+    if unknown or links.noisy or _strays(terms):
+        noise = (
+            NoiseAnswer(agents=[], linearised=links.linearised, reason=why)
+            if law is None or team is None
+            else noise_answer(law, team)
+        )
+    if unknown or links.lossy.any():
+        loss = LossAnswer(reason=why) if law is None else loss_answer(law)
     return LinkRecord(
-        exact=exact,
+        exact=links.exact and not unknown,
         stable=delay.stable if loss is None else loss.stable,
         delay_margin=delay.margin,
         noise_rms=0.0 if noise is None else noise.error,
         noise_rms_per_agent=0.0 if noise is None else noise.error_per_agent,
         mean_square_rate=_square(delay.spectral_radius) if loss is None else loss.factor,
-        delivery=delivery,
-        assumed=assumed,
+        delivery={} if unknown else _delivery(edges, links),
+        assumed="" if unknown else _assumed(links),
         delay=delay,
         noise=noise,
         loss=loss,

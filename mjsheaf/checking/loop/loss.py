@@ -1,12 +1,11 @@
 """Decay rate of errors in mean square while measurements are lost, a lost one being skipped.
 
 E[x x^T] goes to E[A x x^T A^T], a linear operator on matrices that keeps the positive semidefinite ones, so that its
-spectral radius is an eigenvalue. With bursts (Gilbert and Elliott) it acts on one matrix for each state of the
-channels. For the paper's law without delay, where x is e, it is self-adjoint (with bursts in the measure of the
-channels' stationary state): its largest eigenvalue, by Lanczos, is within the norm of the residual of the one that is
-stated. With delay, newton or integral x is more than e, and the operator T is not self-adjoint; the eigenvalue may be
-multiple, and its eigenvector badly conditioned. The verdict then rests on X - T(X) = I. T maps the cone of positive
-semidefinite matrices into itself, hence:
+spectral radius is an eigenvalue. For the paper's law without delay, where x is e, it is self-adjoint: its largest
+eigenvalue, by Lanczos, is within the norm of the residual of the one that is stated. With delay, newton or integral x
+is more than e, and the operator T is not self-adjoint; the eigenvalue may be multiple, and its eigenvector badly
+conditioned. The verdict then rests on X - T(X) = I. T maps the cone of positive semidefinite matrices into itself,
+hence:
 
 - If a solution has X > 0, then T(X) = X - I <= (1 - 1 / lambda_max(X)) X, so that the spectral radius is below 1.
 - If the spectral radius is below 1, then X = I + T(I) + T(T(I)) + ... > 0. So a solution with a negative eigenvalue
@@ -14,7 +13,8 @@ semidefinite matrices into itself, hence:
 
 Both hold of any right side that is positive definite, and so of the computed one, X - T(X), which is close to I.
 
-Feedforward and drift do not depend on e, whichever samples they miss.
+Feedforward and drift do not depend on e, whichever samples they miss. With losses in bursts (Gilbert and Elliott)
+nothing is claimed.
 """
 
 from functools import cached_property, partial
@@ -29,11 +29,10 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gm
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.delay import MOST_STATES, team_loop
 from mjsheaf.checking.loop.linked_law import LinkedLaw
-from mjsheaf.errors import UndecidedError, raise_first
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.errors import UndecidedError
+from mjsheaf.section import Finite, Record
 
-_MOST_MOMENTS = 60_000  # numbers in the second moments with bursts, delay, newton or integral
-_MOST_BURSTS = 8  # channels with bursts
+_MOST_MOMENTS = 60_000  # numbers in the second moments with delay, newton or integral
 _FEW = 40  # second moments whose eigenvalue is found of a dense matrix
 _TOLERANCE = 1e-10  # of eigenvalues and of covariances, relative
 _INVERSE_STEPS = 3  # of inverse iteration
@@ -75,126 +74,80 @@ def loss_answer(law: LinkedLaw) -> LossAnswer:
     return LossAnswer(reason="the factor is too close to 1" if found["stable"] is None else "", **found)
 
 
-def _chances(loss: Array) -> tuple[Array, list[int]]:
-    """The probability of loss of each edge whose losses are independent, shape (E,), and the numbers of the others."""
-    chance, bursts = np.zeros(len(loss)), []
-    for e, (to_bad, to_good, good, bad) in enumerate(loss):
-        if good == bad or to_bad == 0.0:
-            chance[e] = good
-        elif to_good == 0.0:
-            chance[e] = bad
-        elif to_bad + to_good == 1.0:
-            chance[e] = to_good * good + to_bad * bad
-        else:
-            bursts.append(e)
-    return chance, bursts
+def _chances(loss: Array) -> Array:
+    """Return the probability of loss of each edge, shape (E,).
 
-
-def _channels(loss: Array, chance: Array, bursts: list[int]) -> tuple[Array, Array, Array]:
-    """Return each edge's probability of loss in each of S states of the channels, and how these change.
-
-    Returns:
-        Probabilities, shape (S, E); the root of the transitions, shape (S, S); and the share of each state, shape (S,).
+    Raises:
+        UndecidedError: Losses come in bursts.
     """
-    states = np.arange(2 ** len(bursts))
-    p = np.tile(chance, (len(states), 1))
-    root = np.ones((1, 1))
-    share = np.ones(1)
-    for place, e in enumerate(bursts):
-        to_bad, to_good, good, bad = loss[e]
-        p[:, e] = np.where(states >> (len(bursts) - 1 - place) & 1, bad, good)
-        across = np.sqrt(to_bad * to_good)
-        values, vectors = np.linalg.eigh([[1.0 - to_bad, across], [across, 1.0 - to_good]])
-        root = np.kron(root, vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
-        share = np.kron(share, np.array([to_good, to_bad]) / (to_good + to_bad))
-    return p, root, share
+    to_bad, to_good, good, bad = loss.T
+    alike = (good == bad) | (to_bad == 0.0)
+    if not (alike | (to_good == 0.0) | (to_bad + to_good == 1.0)).all():
+        raise UndecidedError("undecided with bursts")
+    return np.where(alike, good, np.where(to_good == 0.0, bad, to_good * good + to_bad * bad))
 
 
 class SecondMoments:
     """Map of the second moments of the states x of `team_loop`, x+ = (M + L C) x, over a period, under losses.
 
-    In a state of the channels in which the numbers of edges arrive with probabilities r, with B = M + L r C,
+    Where the numbers of edges arrive with probabilities r, with B = M + L r C,
 
-        X -> B X B^T + L (r (1 - r) C X C^T) L^T, of C X C^T each edge's own block,
-
-    after which the channels change their state. With shares w of these and the root R of their transitions, which are
-    symmetric in that measure, X_s = sqrt(w_s) (R Z)_s, and Z -> R within(R Z), self-adjoint where M, L and C are.
+        X -> B X B^T + L (r (1 - r) C X C^T) L^T, of C X C^T each edge's own block.
     """
 
     def __init__(self, law: LinkedLaw) -> None:
         """Prepare it.
 
         Raises:
-            UndecidedError: lost samples are held, it is too large, or channels change too often.
+            UndecidedError: Lost samples are held, losses come in bursts, or the loop is too large.
         """
         links = law.links
-        loss = links.loss
-        chance, bursts = _chances(loss)
-        most = int((_MOST_MOMENTS / 2.0 ** len(bursts)) ** 0.5)
-        raise_first(
-            UndecidedError,
-            {
-                "lost samples are held": (links.held & links.lossy).any(),
-                "a channel changes its state more often than not": (loss[bursts, 0] + loss[bursts, 1] > 1.0).any(),
-                f"{len(bursts)} channels with bursts have too many second moments": len(bursts) > _MOST_BURSTS
-                or (bursts and len(law.vectors) > most),
-            },
-        )
+        if (links.held & links.lossy).any():
+            raise UndecidedError("lost samples are held")
+        p = _chances(links.loss)
         self._symmetric = law.paper and not links.delay.any()
-        M, L, C = team_loop(law, links.delay, MOST_STATES if self._symmetric and not bursts else most)
-        p, self._root, self._share = _channels(loss, chance, bursts)
+        M, L, C = team_loop(law, links.delay, MOST_STATES if self._symmetric else int(_MOST_MOMENTS**0.5))
         sizes = np.array([len(edge.D) for edge in law.edges])
-        self._arrives = np.repeat(1.0 - p, sizes, axis=1)
-        self._mean = M + L * self._arrives[:, None, :] @ C
-        self._shape = (len(p), *M.shape)
+        self._arrives = np.repeat(1.0 - p, sizes)
+        self._mean = M + L * self._arrives @ C
         self._law = law
         self._L = L
-        self._lost: list[tuple[Array, Array, Array]] = []  # alike in size: C, L^T (E, m, n), weight (S, E, 1, 1)
+        self._lost: list[tuple[Array, Array, Array]] = []  # alike in size: C, L^T (E, m, n), weight (E, 1, 1)
         for m in set(sizes.tolist()):
-            chosen = np.flatnonzero((sizes == m) & (p * (1.0 - p)).any(axis=0))
+            chosen = np.flatnonzero((sizes == m) & (p * (1.0 - p) > 0.0))
             rows = (np.cumsum(sizes) - sizes)[chosen, None] + np.arange(m)
             if len(chosen):
-                self._lost.append((C[rows], L.T[rows], (p * (1.0 - p))[:, chosen, None, None]))
-
-    def _within(self, X: Array) -> Array:
-        """Apply the loop to X (S, n, n) while the channels keep their state."""
-        out = self._mean @ X @ self._mean.swapaxes(1, 2)
-        for C, L, weight in self._lost:
-            n = X.shape[1]
-            around, back = csr_array(C.reshape(-1, n)), csr_array(L.reshape(-1, n).T)
-            for x, w, sum_of in zip(X, weight, out, strict=True):
-                block = w * ((around @ x).reshape(C.shape) @ C.swapaxes(1, 2))
-                sum_of += back @ (block @ L).reshape(-1, n)
-        return np.asarray(out)
+                self._lost.append((C[rows], L.T[rows], (p * (1.0 - p))[chosen, None, None]))
 
     def _apply(self, X: Array) -> Array:
-        """The moments Z (S, n, n) a period later."""
-        return np.asarray(np.tensordot(self._root, self._within(np.tensordot(self._root, X, 1)), 1))
+        """Return the moments a period after X, shape (n, n)."""
+        out = self._mean @ X @ self._mean.T
+        for C, L, weight in self._lost:
+            n = len(X)
+            around, back = csr_array(C.reshape(-1, n)), csr_array(L.reshape(-1, n).T)
+            block = weight * ((around @ X).reshape(C.shape) @ C.swapaxes(1, 2))
+            out += back @ (block @ L).reshape(-1, n)
+        return np.asarray(out)
 
     @property
     def bound(self) -> float | None:
         """By which E|e|^2 falls in any one period, at most; None where e is not all that the loop remembers."""
-        if not self._symmetric:
-            return None
-        S, n, _ = self._shape
-        return float(np.linalg.eigvalsh(self._within(np.tile(np.eye(n), (S, 1, 1)))).max())
+        return float(np.linalg.eigvalsh(self._apply(np.eye(len(self._mean)))).max()) if self._symmetric else None
 
     def covariances(self) -> Array:
         """Stationary covariances of e, m^2, and of the command, m^2/s^2, shape (2, n, n), by the noise of links.
 
-        Z = R (within(R Z) + sqrt(w) V), where V is what a period adds.
-
         Raises:
             UndecidedError: the loop is unstable, or the iteration did not converge.
         """
-        noise, share = block_diag(*self._law.links.noise), self._share[:, None, None]
-        added = self._L * self._arrives[:, None, :] @ noise @ self._L.T
-        Z = self._settled(np.tensordot(self._root, np.sqrt(share) * added, 1))
-        X = np.sqrt(share) * np.tensordot(self._root, Z, 1)
+        if not self.factor[0] < 1.0:
+            raise UndecidedError("the loop is unstable")
+        noise = block_diag(*self._law.links.noise)
+        X = self._solve(self._L * self._arrives @ noise @ self._L.T)
         command = 2.0 * (X - self._mean @ X)  # of h u = e_k - e_{k+1}
         vectors = self._law.vectors
         n = vectors.shape[1]
-        error, asked = (x.sum(axis=0)[:n, :n] for x in (X, command))
+        error, asked = X[:n, :n], command[:n, :n]
         if n < len(vectors):  # a team that is free to move: from the coordinates of `team_loop`
             error, asked = (vectors @ x @ vectors.T for x in (error, asked))
         return np.stack([error, 0.5 * (asked + asked.T) / self._law.loop.period**2])
@@ -203,10 +156,10 @@ class SecondMoments:
         """X -> the moments a period later, or X less those, on flat vectors."""
 
         def apply(flat: Array) -> Array:
-            after = self._apply(flat.reshape(self._shape)).ravel()
+            after = self._apply(flat.reshape(self._mean.shape)).ravel()
             return flat.ravel() - after if less else after
 
-        return LinearOperator((int(np.prod(self._shape)),) * 2, matvec=apply, dtype=np.float64)
+        return LinearOperator((self._mean.size,) * 2, matvec=apply, dtype=np.float64)
 
     @cached_property
     def factor(self) -> tuple[float, float]:
@@ -215,10 +168,10 @@ class SecondMoments:
         Raises:
             UndecidedError: the iteration did not converge.
         """
-        operator, (S, n, _) = self._operator(), self._shape
-        start = np.tile(np.eye(n), (S, 1, 1)).ravel()
-        if S * n * n <= _FEW:
-            return _dominant(operator @ np.eye(S * n * n), start)
+        operator = self._operator()
+        start = np.eye(len(self._mean)).ravel()
+        if len(start) <= _FEW:
+            return _dominant(operator @ np.eye(len(start)), start)
         try:
             lanczos = {"A": operator, "k": 1, "v0": start, "tol": _TOLERANCE}
             values, vectors = eigsh(**lanczos, which="LA") if self._symmetric else eigs(**lanczos, which="LM")
@@ -235,27 +188,21 @@ class SecondMoments:
         Raises:
             UndecidedError: the iteration did not converge.
         """
-        X = self._solve(np.tile(np.eye(self._shape[1]), (self._shape[0], 1, 1)))
+        X = self._solve(np.eye(len(self._mean)))
         smallest, size = float(np.linalg.eigvalsh(X).min()), float(np.abs(X).max())
         drop = X - self._apply(X)
         known = np.linalg.eigvalsh(drop).min() > 0.5 and abs(smallest) >= _ROUNDING * size
         return smallest > 0.0 if known else None
 
-    def _settled(self, added: Array) -> Array:
-        """Return the stationary moments (S, n, n) where each period adds so much."""
-        if not self.factor[0] < 1.0:
-            raise UndecidedError("the loop is unstable")
-        return self._solve(added)
-
     def _solve(self, added: Array) -> Array:
-        """Solve X - T(X) = added for symmetric matrices, shape (S, n, n)."""
+        """Solve X - T(X) = added for symmetric matrices, shape (n, n)."""
         less, right = self._operator(less=True), added.ravel()
         solve = partial(cg, maxiter=2000) if self._symmetric else partial(gmres, restart=100, maxiter=20)
         found, failed = solve(less, right, rtol=_TOLERANCE)
         if failed:
             raise UndecidedError("the covariance under loss did not converge")
-        X = found.reshape(self._shape)
-        return np.asarray(0.5 * (X + X.swapaxes(1, 2)))
+        X = found.reshape(self._mean.shape)
+        return np.asarray(0.5 * (X + X.T))
 
 
 def _dominant(matrix: Array, start: Array) -> tuple[float, float]:

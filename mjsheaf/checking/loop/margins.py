@@ -9,13 +9,13 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.checking.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path
+from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import velocities_along
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law import disagreement
 from mjsheaf.media.medium import mean_flow
+from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -13,6 +13,8 @@ with measurements j periods old. A measurement that is j periods old is met by o
 feedforward and the drift's observer make of motion cancels: they carry noise into the loop, and nothing back.
 """
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,17 +24,15 @@ from numpy.polynomial.chebyshev import chebroots
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.directed import largest_gain
 from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearController, LinearLaw
-from mjsheaf.compile.jit import jit
-from mjsheaf.compile.tiers import Tiered
 from mjsheaf.loop.linear import LinearVehicle
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
 _NO_GAIN = 1e-12  # times the period: a gain below it is rounding, and one over its inverse
 _NOTHING = 1e-40  # of a response: all that follows is lost in rounding
 _SUMMED = 1e-7  # of a sum of responses: what the rest may be
-_BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are found at a time, and how often
+_DOUBLINGS, _MOST_BLOCKS = 8, 8000  # of powers of the loop that are found at a time, and how often
+_BLOCK = 2**_DOUBLINGS
 _SMALLEST = 1e-12  # of a power of a matrix, beyond which nothing is added
 
 
@@ -74,6 +74,23 @@ def delayed(plant: LinearVehicle, periods: int) -> LinearVehicle:
 def ideal_vehicle(period: float, axes: int = 1) -> LinearVehicle:
     """Return an agent on ideal kinematics, whose position moves as commanded over a period, s."""
     return LinearVehicle(np.zeros((0, 0)), np.zeros((0, axes)), np.zeros((axes, 0)), period * np.eye(axes))
+
+
+def largest_gain(values: NDArray[Any], period: float, delay: int = 0) -> float | None:
+    """Return the gain from which on the paper's held law is unstable, 1/s; None if it is at any gain.
+
+    With k1 h |lambda| = 2 sin(theta / 2), see `largest_delay`, that is min 2 sin(theta / 2) / (h |lambda|), which is
+    2 min Re(lambda) / (h |lambda|^2) without delay.
+
+    Args:
+        values: Eigenvalues of H, shape (L,).
+        period: h, s.
+        delay: Delay of all measurements, m periods.
+    """
+    if not len(values) or not (values.real > 0.0).all():
+        return None
+    half = (0.5 * np.pi - np.abs(np.angle(values))) / (2 * delay + 1)
+    return float((2.0 * np.sin(half) / np.abs(values)).min() / period)
 
 
 @dataclass(frozen=True)
@@ -177,18 +194,26 @@ class Loop:
         """h sum_j max |(M^j g)_e|, s; infinite where it does not converge, or too slowly."""
         if not self.radius < 1.0:
             return np.inf
-        power, total = self.matrices(), 0.0
-        found = np.zeros((*power.shape[:2], 1))
-        found[:, 0] = self.period
-        while found.shape[2] < _BLOCK:
-            found, power = np.concatenate([found, power @ found], axis=2), power @ power
-        for _ in range(_MOST_BLOCKS):
-            largest = np.abs(found[:, 0]).max(axis=0)
+        start = np.zeros((len(self.values), len(self.feedback.c[0]) + 1, 1))
+        start[:, 0] = self.period
+        total = 0.0
+        for states in itertools.islice(self._powers(start), _MOST_BLOCKS):
+            largest = np.abs(states[:, 0]).max(axis=0)
             total += float(largest.sum())
             if largest.max() < _SUMMED * (1.0 - self.radius) * total:
                 return total * (1.0 + _SUMMED)
-            found = power @ found
         return np.inf
+
+    def _powers(self, start: Array) -> Iterator[Array]:
+        """Yield M^j start, shape (L, n, k), for one block of powers j = 0, 1, ... after the other, (L, n, _BLOCK k)."""
+        power = self.matrices()
+        states = start
+        for _ in range(_DOUBLINGS):
+            states = np.concatenate([states, power @ states], axis=2)
+            power = power @ power
+        while True:
+            yield states
+            states = power @ states
 
     def responses(self, count: int) -> Array:
         """Return the largest sizes over the eigenvalues, shape (6, count), of powers j = 0, 1, ...
@@ -197,43 +222,20 @@ class Loop:
         """
         feedback = self.feedback
         L, r = feedback.c.shape
-        shown = np.zeros((L, 2, 1 + r))
-        shown[:, 0, 0] = feedback.d
-        shown[:, 0, 1:] = feedback.c
-        shown[:, 1, 1:] = feedback.integral
-        found = np.zeros((6, count))
-        _respond(self.matrices(), shown, self.period, np.zeros((2, 1 + r)), found)
-        return found * (1.0 + _ROUNDING)
-
-
-@Tiered
-@jit
-def _respond(M, shown, h, states, found):
-    """Write `Loop.responses` for M (L, n, n), rows `shown` (L, 2, n) on its states and room for two `states` (2, n)."""
-    for one in range(M.shape[0]):
-        for row, begin in ((0, 1.0), (3, h)):
-            x, after = states[0], states[1]
-            for i in range(x.shape[0]):
-                x[i] = 0.0
-            x[0] = begin
-            for j in range(found.shape[1]):
-                found[row, j] = max(found[row, j], abs(x[0]))
-                largest = 0.0
-                for k in range(2):
-                    size = 0.0
-                    for i in range(x.shape[0]):
-                        size += shown[one, k, i] * x[i]
-                    found[row + 1 + k, j] = max(found[row + 1 + k, j], abs(size))
-                for i in range(x.shape[0]):
-                    largest = max(largest, abs(x[i]))
-                if largest < _NOTHING:
-                    break
-                for i in range(x.shape[0]):
-                    after[i] = 0.0
-                    for k in range(x.shape[0]):
-                        after[i] += M[one, i, k] * x[k]
-                for i in range(x.shape[0]):
-                    x[i] = after[i]
+        shown = np.zeros((L, 3, 1 + r))
+        shown[:, 0, 0] = 1.0
+        shown[:, 1, 0] = feedback.d
+        shown[:, 1, 1:] = feedback.c
+        shown[:, 2, 1:] = feedback.integral
+        start = np.zeros((L, 1 + r, 2))
+        start[:, 0] = [1.0, self.period]
+        found = np.zeros((2, 3, count))
+        for begin, states in zip(range(0, count, _BLOCK), self._powers(start), strict=False):
+            size = np.abs(shown @ states).max(axis=0).reshape(3, _BLOCK, 2)
+            found[:, :, begin : begin + _BLOCK] = size.transpose(2, 0, 1)[:, :, : count - begin]
+            if np.abs(states).max() < _NOTHING:
+                break
+        return found.reshape(6, count) * (1.0 + _ROUNDING)
 
 
 @dataclass(frozen=True)

@@ -19,20 +19,18 @@ from scipy import linalg
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes, ideal_team, linear_vehicles
-from mjsheaf.checking.loop.directed import matrix_of
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
-from mjsheaf.checking.loop.linear_law import LinearController, LinearLaw, model_of
-from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.loop.linear_law import LinearController, LinearLaw, model_of, require_model
 from mjsheaf.checking.loop.sampled_loop import closed
+from mjsheaf.checking.spectrum import matrix_of
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.errors import UndecidedError, raise_first, select_true
-from mjsheaf.io.norms import PER_AGENT_RMS, Norm
-from mjsheaf.io.section import Finite, Record
 from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.media.varying import evaluate
+from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of

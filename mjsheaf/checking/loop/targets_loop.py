@@ -10,7 +10,7 @@ and S is symmetric and positive semidefinite. In an eigenvector of S with the ei
 it decays exactly if h mu < 2. Where mu = 0 nothing acts on the targets, and nothing of the law can diverge. So the law
 is stable exactly if h lambda_max(S) < 2. The continuous law, p' = -S p + ..., always is.
 
-On bodies the same commands go to vehicles with inertia: see `target_bodies`.
+On bodies the same commands go to vehicles with inertia: see `body_loop`.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import listed
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 
 _DENSE = 600  # rows of S whose eigenvalues are all computed

@@ -33,6 +33,8 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.repairs import label_parts, unsensed_targets
+from mjsheaf.checking.spectrum import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.theorem.constants import (
     FARTHEST,
     Constants,
@@ -47,10 +49,8 @@ from mjsheaf.checking.theorem.constants import (
 from mjsheaf.checking.theorem.flow_bounds import singular_points
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.checking.theorem.theorem import Rho, Theorem, theorem_1
-from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
-from mjsheaf.checking.topology.connecting import label_parts, unsensed_targets
 from mjsheaf.errors import first_true, select_true
-from mjsheaf.io.section import Finite, Record
+from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread

@@ -33,10 +33,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.checking.theorem.theorem import disturbance_bound
-from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.media import varying as disturbance
 from mjsheaf.media.gridded import GridArrays
 from mjsheaf.media.gusts import FrozenArrays, GustArrays

@@ -26,8 +26,8 @@ import numpy as np
 from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
-from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered

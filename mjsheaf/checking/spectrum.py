@@ -1,0 +1,287 @@
+"""Spectrum of H and relative cohomology of a team.
+
+The spectrum of H sets the speed of the law, and sigma_max(B) how strongly targets pull. Both are computed from
+D = K^{1/2} delta on the agents, with H = D^T D: eigenvalues are squares of singular values of D, so none is negative.
+The relative cohomology, the null space of delta, determines which of them are zero; inner products do not change it.
+Connected components of D are treated separately.
+
+The relative cohomology H^0(G, G_p; F) is described by the agents that are free to drift, or barely held.
+"""
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy import linalg, sparse
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.errors import UndecidedError
+from mjsheaf.section import Record
+from mjsheaf.sheaf import RANK_TOLERANCE
+from mjsheaf.sheaf.edges import parts
+from mjsheaf.sheaf.nonlinear import FREE_MOTION, SOLVED_RANK_TOLERANCE, StationaryProblem
+from mjsheaf.sheaf.sections import (
+    DENSE_COLUMNS,
+    largest_singular_value,
+    shifted_factor,
+    smallest_eigenvectors,
+    sparse_null_space,
+    sparser_rows,
+)
+from mjsheaf.team import Team
+from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
+
+DENSE_STATES = 600
+"""Largest component of H whose eigenvalues are found densely."""
+
+EIGENVALUE_TOLERANCE = 1e-8
+"""Relative accuracy of the eigenvalues of larger components."""
+
+# Eigenvalues of H itself are good to about 1e-14 of the largest: to 1e-8 above the first of these ratios to it. Below
+# the second, errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones.
+_SQUARED_IS_ACCURATE, _SQUARED_IS_POOR = 1e-6, 1e-10
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Eigenvalues of H (n, n) and the largest singular value of B. The maps have no unit, so neither do these.
+
+    Attributes:
+        lambda_min: smallest eigenvalue of H; exactly 0 where the relative cohomology is not trivial.
+        lambda_max: largest eigenvalue of H.
+        sigma_max_B: largest singular value of B; 0 where nothing is sensed.
+        nullity: how many eigenvalues are zero, the dimension of the relative cohomology.
+        smallest: the smallest eigenvalues above zero, ascending, shape (k,).
+        vectors: their orthonormal eigenvectors in the order of the stacked q, shape (n, k).
+        method: how they were found, in words.
+    """
+
+    lambda_min: float
+    lambda_max: float
+    sigma_max_B: float
+    nullity: int
+    smallest: Array
+    vectors: Array
+    method: str
+
+
+def spectrum_of(team: Team, count: int = 6) -> Spectrum:
+    """The spectrum of a team, with `count` of the smallest eigenvalues above zero, fewer where H has fewer.
+
+    Beyond DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
+    """
+    known = _spectra.setdefault(team, {})
+    if count not in known:
+        known[count] = _spectrum(team, count)
+    return known[count]
+
+
+_spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # a study's runs may share their team
+
+
+def _spectrum(team: Team, count: int) -> Spectrum:
+    if isinstance(team.dirichlet, StationaryProblem):
+        return _of_law(team.dirichlet, count)
+    (_, D), null = agent_coboundary(team), team.dirichlet.sparse_null_basis
+    smallest, vectors, largest_component = _above_zero(D, null, count)
+    nullity = null.shape[1]
+    return Spectrum(
+        lambda_min=0.0 if nullity or not smallest.size else float(smallest[0]),
+        lambda_max=largest_singular_value(D) ** 2,
+        sigma_max_B=largest_singular_value(team.dirichlet.B),
+        nullity=nullity,
+        smallest=smallest,
+        vectors=vectors,
+        method="dense"
+        if largest_component <= DENSE_STATES
+        else f"shift-invert Lanczos to {EIGENVALUE_TOLERANCE:g} on components over {DENSE_STATES} states "
+        f"(the largest has {largest_component}), dense on the others",
+    )
+
+
+def _of_law(problem: StationaryProblem, count: int) -> Spectrum:
+    """Return the spectrum of a law whose edges do not fit together, by real parts where H is not symmetric."""
+    nullity = problem.null_basis.shape[1]
+    values, vectors = problem.eigenvectors
+    above = values[nullity:]
+    return Spectrum(
+        lambda_min=0.0 if nullity or not above.size else float(above[0]),
+        lambda_max=float(values.max(initial=0.0)),
+        sigma_max_B=largest_singular_value(problem.B),
+        nullity=nullity,
+        smallest=above[:count],
+        vectors=vectors[:, nullity : nullity + count],
+        method="dense, of the law's Jacobian: edges do not fit together at q*",
+    )
+
+
+def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """The coboundary on the agents, rows in the order of the sheaf's edges, columns in that of the stacked q.
+
+    Returns:
+        delta, shape (m, n), whose null space is the relative cohomology; and D = K^{1/2} delta, (m, n), with H = D^T D.
+    """
+    columns = team.sheaf.columns(team.agent_ids)
+    return team.sheaf.coboundary()[:, columns], team.sheaf.whitened_coboundary()[:, columns]
+
+
+def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
+    """Smallest eigenvalue of H = D^T D; exactly 0 where the null space of delta is not trivial."""
+    if D.shape[1] <= DENSE_STATES:
+        values = np.linalg.eigvalsh((D.T @ D).toarray())
+        # Then delta is injective, unless inner products span 12 decades.
+        if values[0] > _SQUARED_IS_ACCURATE * values[-1]:
+            return float(values[0])
+    null = sparse_null_space(delta)
+    return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
+
+
+def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tuple[Array, Array, int]:
+    """The `count` smallest eigenvalues of D^T D above zero, their vectors, and the size of the largest component.
+
+    D has shape (m, n); `null` is an orthonormal basis of the null space of delta, shape (n, r).
+    """
+    null_rows, pieces = null.tocsr(), list(parts(sparser_rows(D)))
+    found: list[tuple[float, IntArray, Array]] = []
+    for _, members, part in pieces:
+        known = null_rows[members]
+        known = known[:, np.unique(known.indices)].toarray()
+        wanted = min(count, len(members) - known.shape[1])
+        if wanted:
+            values, vectors = _of_component(part, known, wanted)
+            found += [(float(value), members, vector) for value, vector in zip(values, vectors.T, strict=True)]
+    found = sorted(found, key=lambda pair: pair[0])[:count]
+    largest, vectors = max((len(members) for _, members, _ in pieces), default=0), np.zeros((D.shape[1], len(found)))
+    for k, (_, members, vector) in enumerate(found):
+        vectors[members, k] = vector
+    return np.array([value for value, _, _ in found]), vectors, largest
+
+
+def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array, Array]:
+    """The `count` smallest eigenvalues of D^T D off its null space `known`, with orthonormal vectors."""
+    gram = D.T @ D
+    n, r = known.shape
+    if n <= DENSE_STATES:
+        values, candidates = linalg.eigh(gram.toarray(), subset_by_index=(0, r + count - 1))
+        if values[r] < _SQUARED_IS_POOR * gram.diagonal().sum():
+            R = np.linalg.qr(D.toarray(), mode="r") if D.shape[0] > n else D.toarray()
+            candidates = linalg.svd(R)[2][: -(r + count) - 1 : -1].T
+    else:
+        # The Gershgorin bound serves as scale; the shift keeps the factorisation regular, far below what matters.
+        factor = shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max()))
+        candidates = smallest_eigenvectors(factor, known, count, EIGENVALUE_TOLERANCE)
+    if r:
+        # Eigenvectors of H mix its null space with what is close to it; the null space itself was found on D, exactly.
+        candidates = np.linalg.svd(candidates - known @ (known.T @ candidates), full_matrices=False)[0][:, :count]
+    # Squaring lost what is under 1e-8 of the largest singular value; D still has it.
+    _, singular, turn = np.linalg.svd(np.linalg.qr(D @ candidates, mode="r"), full_matrices=True)
+    singular = np.append(singular, np.zeros(count - len(singular)))  # a component of fewer rows than columns
+    return singular[::-1] ** 2, (candidates @ turn.T)[:, ::-1]
+
+
+NEARLY = 1e-3
+"""A direction is barely held when its eigenvalue is at most this much of the largest."""
+
+MOST_NEARLY = 3
+"""How many barely held directions are listed."""
+
+
+class FreeDirection(Record):
+    """A direction in which agents can drift without any edge or anchor noticing, such as "A3 is free along z"."""
+
+    description: str
+    motion: dict[str, list[float]] = Field(description="how each agent moves, largest entry 1; others are left out")
+
+
+class NearNull(Record):
+    """A direction that is barely held: it converges slowly, and a small disturbance moves it far."""
+
+    description: str
+    eigenvalue: float = Field(description="of H")
+    ratio: float = Field(description="to the largest eigenvalue of H")
+
+
+class RelativeCohomology(Record):
+    """H^0(G, G_p; F), explained."""
+
+    dimension: int = Field(description="0 where the harmonic extension is unique")
+    tolerance: float = Field(description="of singular values that count as zero, relative to the largest")
+    method: str
+    basis: list[FreeDirection] = Field(description="one direction for each dimension, few agents in each")
+    near_null: list[NearNull] = Field(description=f"eigenvalues up to {NEARLY:g} of the largest, at most {MOST_NEARLY}")
+
+
+def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
+    """Explain the relative cohomology of a team, whose spectrum may be known already."""
+    spectrum = spectrum or spectrum_of(team)
+    basis = [FreeDirection(description=describe(team, mode), motion=_motion(team, mode)) for mode in null_modes(team)]
+    near = spectrum.smallest[:MOST_NEARLY] <= NEARLY * spectrum.lambda_max
+    return RelativeCohomology(
+        dimension=len(basis),
+        tolerance=RANK_TOLERANCE if team.linearised_at is None else SOLVED_RANK_TOLERANCE,
+        basis=basis,
+        near_null=[
+            NearNull(
+                description=describe_nearly(team, null_mode_of(team, spectrum.vectors[:, k])),
+                eigenvalue=float(spectrum.smallest[k]),
+                ratio=float(spectrum.smallest[k] / spectrum.lambda_max),
+            )
+            for k in np.flatnonzero(near)
+        ],
+        method="singular values, dense"
+        if team.dirichlet.H.shape[0] <= DENSE_COLUMNS
+        else f"singular values of each connected component, dense up to {DENSE_COLUMNS} states and by shift-invert "
+        "Lanczos beyond",
+    )
+
+
+def _motion(team: Team, mode: NullMode) -> dict[str, list[float]]:
+    moving = zip([team.agents[a] for a in mode.agents], mode.steps.round(9), strict=True)
+    return {agent.id: step[: agent.dimension].tolist() for agent, step in moving}
+
+
+# -- H that is not symmetric ------------------------------------------------------------------------------------------
+
+_ZERO = 1e-9  # of the largest: an eigenvalue of H that is no more is zero
+
+Complex = NDArray[np.complex128]
+
+
+def matrix_of(team: Team) -> Array:
+    """Return H of a team of linear edges, shape (n, n).
+
+    Raises:
+        UndecidedError: It is too large.
+    """
+    n_q = int(team.remaining.first_state[-1])
+    if n_q > DENSE_STATES:
+        raise UndecidedError(f"H has {n_q} rows; all its eigenvalues are found up to {DENSE_STATES}")
+    return team.law_problem.H.toarray()
+
+
+def eigenvalues_of(team: Team) -> Complex:
+    """Return the eigenvalues of H of a team of linear edges, by real part, shape (n,).
+
+    Raises:
+        UndecidedError: H is too large.
+    """
+    values = np.linalg.eigvals(matrix_of(team)).astype(np.complex128)
+    return values[np.argsort(values.real, kind="stable")]
+
+
+def zero_of(team: Team) -> float:
+    """Return the size of an eigenvalue of H, relative to the largest, up to which it counts as zero."""
+    return _ZERO if team.linearised_at is None else FREE_MOTION
+
+
+def held_eigenvalues(team: Team) -> Complex:
+    """Return the eigenvalues of H that decide its loop: without zeros where a team without targets is free to move.
+
+    Raises:
+        UndecidedError: H is too large.
+    """
+    values = eigenvalues_of(team)
+    zero = np.abs(values) <= zero_of(team) * float(np.abs(values).max(initial=0.0))
+    return values[~zero] if team.free else np.where(zero, 0.0, values)

@@ -1,0 +1,358 @@
+"""`mjsheaf list`, `new`, `schema`, `export` and `view`."""
+
+import json
+import math
+import os
+import re
+import shlex
+import webbrowser
+from contextlib import ExitStack
+from itertools import chain, count
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mjsheaf.cli.options import (
+    Backend,
+    BackendOption,
+    Engine,
+    EngineOption,
+    McapOption,
+    Ros2Option,
+    SeedOption,
+    SetOption,
+    changes_of,
+    formats_of,
+    make_console,
+    make_table,
+    print_lines,
+    progress_bars,
+    require_file_name,
+    saying_what_is_kept,
+)
+from mjsheaf.cli.run import require_outside_of_runs
+from mjsheaf.errors import InputError, in_field, shortened
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
+
+_ROOM = 40.0  # m around the origin that the vehicles of the new scenario need
+_LEAST_DURATION = 1.0  # s
+
+
+def list_(
+    files: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[FILE]...", help="Description files of your own vehicles, for --vehicles."),
+    ] = None,
+    vehicles: Annotated[
+        bool, typer.Option("--vehicles", help="List vehicles instead: the included ones, then those of FILE.")
+    ] = False,
+) -> None:
+    """List the included scenarios and studies, or the included vehicles and your own."""
+    if vehicles:
+        _list_vehicles(files or [])
+    elif files:
+        raise InputError(f"{files[0]}: only vehicles have files to list; expected --vehicles {files[0]}")
+    else:
+        _list_scenarios()
+
+
+def _list_scenarios() -> None:
+    from mjsheaf.files import list_studies, read_yaml
+    from mjsheaf.scenario import Scenario, list_scenarios
+    from mjsheaf.scenario.load import read_scenario
+
+    numbers = ("agents", "targets", "seconds")
+    table = make_table("name", *numbers, "what it shows", numbers=numbers, title="scenarios")
+    for name in list_scenarios():
+        s = Scenario.model_validate(read_scenario(name))  # no team is built, which takes longer than all the rest
+        table.add_row(name, str(len(s.agents)), str(len(s.targets)), f"{s.time.end - s.time.start:g}", s.summary)
+    studies = make_table("name", "scenario", "what it asks", title="studies, for mjsheaf sweep")
+    for name, path in list_studies().items():
+        study = read_yaml(path)
+        studies.add_row(name, study["scenario"], study.get("summary", ""))
+    make_console().print(table, "", studies)
+
+
+def _list_vehicles(files: list[str]) -> None:
+    from mjsheaf.checking.authority import authority_of
+    from mjsheaf.checking.slips import slips_of_vehicle
+    from mjsheaf.vehicles.effects import capability_of
+    from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+
+    numbers = ("mass\n(kg)", "size\n(m)", "thrust-\ners", "thrust\n(N)", "tau\n(s)", "forward\n(m/s)", "all-way\n(m/s)")
+    headings = ("name", *numbers)
+    table = make_table(*headings, numbers=numbers, fixed=headings, title="vehicles", box=None, padding=(0, 1))
+    summaries, slips = make_table("name", "moves in", "pushes", "", box=None), []
+    for source in [*list_vehicles(), *files]:
+        vehicle = load_vehicle(source)
+        tau, can = vehicle.reduced_model().tau, capability_of(vehicle)
+        table.add_row(
+            vehicle.name,
+            f"{vehicle.mass:g}",
+            f"{vehicle.size:.3g}",
+            str(len(vehicle.actuators)),
+            _limit(can.forward_thrust),
+            " ".join(f"{x:.3g}" for x in dict.fromkeys(tau.round(3))),
+            _limit(can.forward_speed),
+            _limit(can.least_speed),
+        )
+        summaries.add_row(
+            vehicle.name,
+            "plane" if vehicle.dimension == 2 else "space",
+            authority_of(vehicle).describe().replace(", ", "\n"),
+            vehicle.description.summary,
+        )
+        slips += [f"note: {slip}" for slip in slips_of_vehicle(vehicle)]
+    note = (
+        "size is the longest side; thrust is forward, at constant height; forward is the steady speed of full thrust "
+        "forward, all-way that in the horizontal direction in which the vehicle is slowest (of a boat that turns "
+        "first, forward); tau is that of the commanded velocity along the body's axes (of a boat at "
+        "its hand point: of surge and yaw); pushes says in which directions thrusters make a force or moment "
+        "without any other"
+    )
+    console = make_console()
+    console.print(table, "", summaries, "", note)
+    for slip in slips:
+        console.print(slip)
+
+
+def _limit(value: float) -> str:
+    return f"{float(f'{value:.3g}') + 0.0:g}" if value < float("inf") else "no limit"
+
+
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, or path of the file to write.")],
+    netcdf: Annotated[
+        Path | None,
+        typer.Option(
+            "--from-netcdf",
+            metavar="FILE",
+            help="Put the scenario into the current or wind of a netCDF file: proposes origin, start and box.",
+        ),
+    ] = None,
+) -> None:
+    """Write NAME.yaml, a commented scenario to start from. It runs as it is.
+
+    An existing file is not replaced.
+    """
+    from mjsheaf.files import naming, write_whole
+    from mjsheaf.scenario.load import list_scenarios, name_from
+
+    path = Path(name if name.endswith((".yaml", ".yml")) else f"{name}.yaml")
+    if not re.fullmatch(r"\w[\w .+-]*", path.stem):
+        raise InputError(f"{shortened(name)!r}: expected a name, such as mine")
+    if path.exists() or path.is_symlink():
+        raise InputError(f"{path}: exists already; expected another name")
+    if name in list_scenarios():
+        raise InputError(f"{name}: is the name of an included scenario; expected another name")
+    require_file_name("NAME", path, ".yaml", ".yml")
+    template = Path(__file__).parents[1] / "scenario" / "template.yaml"
+    text = template.read_text(encoding="utf-8").replace("{file}", path.name).replace("{name}", name_from(path))
+    if netcdf is not None:
+        with progress_bars("reading the netCDF file"):
+            text = _within_flow(text, netcdf, path)
+    with naming(path):
+        write_whole(path, text.encode("utf-8"))
+    quoted = shlex.quote(str(path))
+    print_lines(f"wrote {path}; next: mjsheaf check {quoted}, then mjsheaf run {quoted}")
+
+
+def _within_flow(text: str, netcdf: Path, path: Path) -> str:
+    """Return the text of a new scenario at `path` with the flow of a netCDF file in place of its current or wind.
+
+    Raises:
+        InputError: The file holds no flow, or one that is too small or too short for a scenario.
+    """
+    from mjsheaf.media.flow_files import propose
+
+    with in_field("--from-netcdf"):
+        found = propose(str(netcdf))
+        if found.clear < _ROOM or found.duration < _LEAST_DURATION:
+            raise InputError(
+                f"{netcdf} has a flow within {found.clear:.3g} m of its best place, for {found.duration:.3g} s; "
+                f"expected {_ROOM:g} m and {_LEAST_DURATION:g} s or more"
+            )
+        beside = os.path.relpath(netcdf.absolute(), path.absolute().parent)
+        if beside.startswith(".."):
+            raise InputError(f"{netcdf} lies outside the directory of {path}; expected a file there or below it")
+    lines = [
+        f"  {found.medium}:",
+        f"    # {found.grid.box}; without gaps within {found.clear:.4g} m",
+        "    kind: gridded",
+        f"    path: {json.dumps(beside)}",
+        f"    origin: [{found.origin[0]}, {found.origin[1]}]    # latitude and longitude of x = y = 0",
+    ]
+    if found.start is not None:
+        lines.append(f'    start: "{found.start}"    # at t = 0; the file ends {found.duration:g} s later')
+    end = min(60.0, found.duration)
+    text = text.replace("time: {end: 60} ", f"time: {{end: {end:g}}} ")
+    return re.sub(rf"^  {found.medium}: \{{dimension.*$", lambda _: "\n".join(lines), text, flags=re.MULTILINE)
+
+
+def schema(
+    check: Annotated[bool, typer.Option("--check", help="Schema of the output of `check --json`.")] = False,
+    compare: Annotated[bool, typer.Option("--compare", help="Schema of compare.json.")] = False,
+    study: Annotated[bool, typer.Option("--study", help="Schema of a study file, for sweep.")] = False,
+    vehicle: Annotated[bool, typer.Option("--vehicle", help="Schema of a vehicle's description file.")] = False,
+) -> None:
+    """Print the JSON Schema of a scenario file, or of another file if an option selects it."""
+    asked = {"vehicle": vehicle, "study": study, "compare": compare, "check": check}
+    print(json.dumps(schema_of(next((what for what in asked if asked[what]), "")), indent=2))
+
+
+def schema_of(what: str) -> dict[str, Any]:
+    """Return the JSON Schema of a scenario file, or of a 'check', a 'compare', a 'study' or a 'vehicle'."""
+    from importlib import import_module
+
+    module, name = {
+        "": ("scenario", "Scenario"),
+        "check": ("checking", "CheckRecord"),
+        "compare": ("comparing", "CompareRecord"),
+        "study": ("studies.schema", "StudyFile"),
+        "vehicle": ("vehicles.vehicle", "VehicleDescription"),
+    }[what]
+    found: dict[str, Any] = getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema()
+    return found
+
+
+def export(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a finished run.")],
+    mcap: McapOption = False,
+    ros2: Ros2Option = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PATH",
+            help="File to write with --mcap, directory to write with --ros2.",
+            show_default="DIR/run.mcap, DIR/run_ros2",
+        ),
+    ] = None,
+) -> None:
+    """Export a finished run as a log that other tools read, without simulating.
+
+    The log has the pose of every vehicle, the scene with edges coloured by residual, desired positions and flow, errors
+    and commands, events as messages, and the scenario. `run --mcap` writes the same file during a run.
+    """
+    formats = formats_of(mcap, ros2)
+    one_place = f"--out {out}: names one place; expected only one of --mcap and --ros2 with it"
+    if not formats:
+        raise InputError("export: expected --mcap, --ros2 or both")
+    if out is not None and len(formats) > 1:
+        raise InputError(one_place)
+    with progress_bars("exporting the run"):
+        from mjsheaf.export import FORMATS, export_run
+
+        if out is not None:
+            _require_place(out, directory / FORMATS[formats[0]].name, mcap)
+        paths = [export_run(directory, name, out) for name in formats]
+    print_lines(*paths)
+
+
+def _require_place(out: Path, own: Path, mcap: bool) -> None:
+    """Refuse a path that cannot be written, or lies in the directory of another run.
+
+    Raises:
+        InputError: The path is one.
+    """
+    if mcap:
+        require_file_name("--out", out, ".mcap")
+    elif not out.parent.is_dir():
+        raise InputError(f"--out {out}: there is no directory {out.parent}")
+    require_outside_of_runs(out, own)
+
+
+def view(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|DIR", help="A scenario as for `mjsheaf run`, or the directory of a finished run."
+        ),
+    ],
+    backend: BackendOption = Backend.PHYSICS,
+    overrides: SetOption = None,
+    seed: SeedOption = None,
+    engine: EngineOption = Engine.MUJOCO,
+    speed: Annotated[
+        float, typer.Option(help="Initial speed in simulated seconds per second; 0 for as fast as possible.")
+    ] = 1.0,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New directory for the recorded scenario.", show_default="runs/NAME-live"),
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0 takes a free one.")] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+) -> None:
+    """Run a scenario in the browser: pause, set speed, gain and flow, lose agents, cut links. Or open a finished run.
+
+    The page is served on 127.0.0.1 only, to one client, at an address with a random token. Closing it ends the
+    command. What you do is recorded as the `events:` of a scenario that reproduces the session bit for bit.
+    """
+    if Path(source).is_dir():
+        _open_finished(Path(source), browser)
+        return
+    with ExitStack() as loading:
+        loading.enter_context(progress_bars("preparing the run"))
+        from mjsheaf.live.live import SPEEDS
+        from mjsheaf.live.live import view as view_live
+        from mjsheaf.scenario.load import load_scenario
+
+        if speed != 0.0 and speed not in SPEEDS:
+            raise InputError(f"--speed {speed:g}: expected 0 or one of {', '.join(f'{s:g}' for s in SPEEDS)}")
+        if out is not None and out.exists():
+            raise InputError(f"--out {out}: exists; expected the name of a new directory")
+        loaded = load_scenario(source, changes_of(overrides, seed))
+        kept = ["nothing was written"]
+
+        def announce(url: str) -> None:
+            loading.close()
+            print_lines(f"open in a browser: {url}", "the run starts when the page opens and ends when it is closed")
+            if browser:
+                webbrowser.open(url)
+
+        def record(scenario: "Scenario") -> None:
+            directory = _write(scenario, out or _new_directory(f"{loaded.name}-{backend}-live"))
+            other = "" if engine is Engine.MUJOCO else f" --engine {engine}"
+            again = f"mjsheaf run {directory / 'scenario.yaml'} --backend {backend}{other}"
+            number = len(scenario.events) - len(loaded.events)
+            kept[0] = f"{number} event{'' if number == 1 else 's'} recorded; the session again: {again}"
+
+        pace = speed or math.inf
+        with in_field(source), saying_what_is_kept(lambda: kept[0]):
+            view_live(loaded, str(backend), engine=str(engine), port=port, speed=pace, opened=announce, recorded=record)
+    print_lines(kept[0])
+
+
+def _new_directory(name: str) -> Path:
+    """Return a directory in runs/ that does not exist."""
+    names = chain([name], (f"{name}-{number}" for number in count(2)))
+    return next(path for path in (Path("runs") / own for own in names) if not path.exists())
+
+
+def _write(scenario: "Scenario", directory: Path) -> Path:
+    """Write a scenario with what it refers to into a new directory, and return that."""
+    from mjsheaf.files import naming, whole_directory
+    from mjsheaf.runs.publish import write_scenario
+
+    with naming(directory):
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        with whole_directory(directory) as fresh:
+            write_scenario(scenario, fresh)
+    return directory
+
+
+def _open_finished(directory: Path, browser: bool) -> None:
+    """Open the page of a finished run; write it first if it is missing."""
+    from mjsheaf.page import write_page_again
+    from mjsheaf.results.store import open_run
+
+    path = directory / "report.html"
+    with open_run(directory):
+        pass
+    if not path.is_file():
+        path = write_page_again(directory)
+    print_lines(f"open in a browser: {path}")
+    if browser:
+        webbrowser.open(path.resolve().as_uri())

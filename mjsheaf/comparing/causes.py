@@ -1,0 +1,400 @@
+"""Contents of compare.json, and the verdict in sentences: the cause of each error, its size, and what to change.
+
+Errors, distances and their parts are in m, times in s, speeds in m/s. A value is null if it is undefined, infinite, or
+from a run that blew up. Each part is defined by the module that computes it.
+"""
+
+from math import floor, log10
+from typing import NamedTuple
+
+from pydantic import Field
+
+from mjsheaf.checking.finished import ROUNDING
+from mjsheaf.comparing.convergence import ConvergenceRecord
+from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
+from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, RingingRecord
+from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
+from mjsheaf.comparing.variants import RungRecord, display_name
+from mjsheaf.errors import joined, listed
+from mjsheaf.section import Finite, FiniteRecord
+
+_LOWER_GAIN = ", or a lower controller.gain"  # advice for laws that have one
+_CHANGE = {
+    "inertia": f"a faster autopilot (autopilot.rate){_LOWER_GAIN}",
+    "drag_law": "hulls with less quadratic drag, or slower motion",
+    "limits": "stronger thrusters, or slower targets, or a lower controller.velocity_limit",
+    "lag": f"faster thrusters{_LOWER_GAIN}",
+    "underactuation": "vehicles with thrust along every axis, or slower turns of what they follow",
+    "contacts": "more room between vehicles",
+}
+"""Fix for each effect."""
+
+_UNSETTLED = {
+    "growing": "its error DIVERGES",
+    "circling": "it ends in a limit cycle",
+    "stuck": "an agent does not move although it is commanded to (see the notes of mjsheaf run)",
+}
+LIMITED_BY = {
+    "inertia": "inertia",
+    "lag": "the lag of thrusters",
+    "underactuation": "vehicles that turn before they push",
+    "hold": "the hold of the law over controller.control_period",
+    "links": "the age of measurements (links.delay)",
+    "loop": "the loop of the vehicles",
+}
+"""What limits the gain, in words."""
+
+_RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
+_MIN_BODY_FRACTION = 0.05  # of the error; bodies that add less are not reported as its cause
+_MIN_CAUSE_FRACTION = 0.25  # of the error, or of the part that bodies add; a smaller part is not a cause
+_MIN_NAMED_FRACTION = 0.01  # of the error; smaller parts are named together
+_MIN_Q_STAR_FRACTION = 0.5  # of the error; if q* itself has more, the sheaf is the cause
+_MIN_DAMPING = 0.2  # damping ratio below which the team rings
+_MIN_GAIN_ROOM = 1.05  # ratio of the usable to the present gain above which raising the gain is advised
+
+
+class LoopRecord(FiniteRecord):
+    """Stability of the vehicles' loop for small motions, as `check` reports it."""
+
+    stable: bool | None = Field(description="null where undecided")
+    largest_gain: float | None = Field(description="gain above which the loop is unstable, 1/s")
+    reason: str = Field(description="why it is undecided, or empty")
+
+
+class PhaseRecord(FiniteRecord):
+    """A phase of a run with events: its errors, their causes, and what to change."""
+
+    start: float = Field(description="time of its first sample, s")
+    end: float = Field(description="time of its last sample, s")
+    events: list[str] = Field(description="events at its start, in words")
+    errors: dict[str, dict[str, ScopeRecord]] = Field(
+        description="by variant, then by scope: at its end, and RMS over its second half; null where a run did not "
+        "reach its end"
+    )
+    budgets: list[BudgetRecord] = Field(description="as those of the whole run, over this phase")
+    velocity_limit: VelocityLimitRecord | None = Field(
+        description="as that of the whole run, over this phase; null where no agent has one"
+    )
+    levers: list[str] = Field(description="what to change in this phase, the most important first")
+
+
+class CompareRecord(FiniteRecord):
+    """Ideal kinematics against bodies."""
+
+    mjsheaf_version: str
+    scenario: str
+    origin: str | None = Field(None, description="scenario: its name, or its file relative to this directory")
+    seed: int
+    law: str = Field("paper's law", description="name of the law: the paper's with its terms, or that of `controller`")
+    controller: str | None = Field(None, description="law in Python, FILE.py:NAME, or null")
+    gain: float | None = Field(description="k1, 1/s; null under a law in Python, which ignores it")
+    terms: list[str] = Field(default_factory=list, description="terms of the law beyond the paper's")
+    harm: list[str] = Field(
+        default_factory=list, description="warnings about the terms in the scenario as given, as `run` notes them"
+    )
+    usable_gain: float | None = Field(
+        description="largest k1 at which the vehicles' loop neither rings nor is unstable, 1/s; null if every gain is "
+        "usable, or if the loop is undecided, or if the law is in Python"
+    )
+    gains: GainRecord | None = Field(None, description="what limits the gain; null under a law in Python")
+    loop: LoopRecord | None = Field(None, description="loop in the worst phase; null under a law in Python")
+    time_s: float = Field(description="length of the run")
+    formation_size_m: Finite = Field(description="RMS over edges inside groups of their desired length")
+    ladder: list[RungRecord]
+    budgets: list[BudgetRecord]
+    ringing: RingingRecord | None = Field(description="null where the loop is undecided, or under a law in Python")
+    ringing_phase: int | None = Field(None, description="number of the phase of `ringing`; null without events")
+    convergence: ConvergenceRecord
+    velocity_limit: VelocityLimitRecord | None = Field(None, description="null where no agent has one")
+    demands: list[DemandRecord]
+    fastest: list[FastestRecord]
+    phases: list[PhaseRecord] = Field(default_factory=list, description="phases of a run with events; else none")
+    verdict: list[str] = Field(description="what to change, the most important first")
+    wall_time_s: float
+    video: str | None = Field(description="name of the file, or null")
+
+    def rung(self, key: str) -> RungRecord:
+        """Return the variant with a key."""
+        return next(rung for rung in self.ladder if rung.key == key)
+
+    def budget(self, scope: str, measure: str, statistic: str) -> BudgetRecord:
+        """Return the budget of one error."""
+        wanted = (scope, measure, statistic)
+        return next(b for b in self.budgets if (b.scope, b.measure, b.statistic) == wanted)
+
+    @property
+    def law_in_words(self) -> str:
+        """The law for titles: its gain and terms, or its name."""
+        return f"law {self.law}" if self.gain is None else ", ".join([f"gain {self.gain:g} 1/s", *self.terms])
+
+    @property
+    def scopes(self) -> list[str]:
+        """'team', then the names of the groups."""
+        return list(self.ladder[0].errors)
+
+    @property
+    def measure(self) -> Measure:
+        """The error that matters: the formation error, or that of tracking in a team without formations."""
+        return TRACKING if self.rung("ideal").errors[TEAM].late.formation_error is None else FORMATION
+
+    def error(self, key: str, scope: str, measure: str) -> float | None:
+        """Return an error of a variant over the second half, m; None if it is unknown, or if there is no such variant.
+
+        Args:
+            key: Key of the variant.
+            scope: 'team' or the name of a group.
+            measure: Field of `ErrorsRecord`.
+        """
+        rung = next((rung for rung in self.ladder if rung.key == key), None)
+        return None if rung is None else rung.errors[scope].error(measure)
+
+    def saved_by(self, key: str, scope: str, measure: str) -> float:
+        """Return how much smaller an error of the scenario as given is in another variant, m; 0 if unknown."""
+        now, then = self.error("all", scope, measure), self.error(key, scope, measure)
+        return 0.0 if now is None or then is None else now - then
+
+
+def levers_of(record: CompareRecord, phase: PhaseRecord) -> list[str]:
+    """Return the sentences about a phase, the most important first."""
+    return _errors(phase_alone(record, phase))
+
+
+def phase_alone(record: CompareRecord, phase: PhaseRecord) -> CompareRecord:
+    """Return the comparison restricted to the errors of one phase."""
+    ladder = [rung.model_copy(update={"errors": phase.errors[rung.key], "ending": None}) for rung in record.ladder]
+    if phase.errors["all"][TEAM].final.tracking_error is not None:  # the run reached the phase's end
+        ladder = [rung.model_copy(update={"status": "finished"}) for rung in ladder]
+    own = {"ladder": ladder, "budgets": phase.budgets, "velocity_limit": phase.velocity_limit}
+    return record.model_copy(update=own)
+
+
+class _Cause(NamedTuple):
+    """Cause of an error: its name with its size, and a fix, which may be empty."""
+
+    name: str
+    fix: str
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.fix}" if self.fix else self.name
+
+
+def verdict_of(record: CompareRecord) -> list[str]:
+    """Compose the sentences of the verdict, the most important first."""
+    harmful = _harmful_terms(record)  # they come first, as they explain why a team does not converge
+    parts = (_errors,) if harmful else (_errors, _alternatives)
+    sentences = [sentence for part in (_unsettled, *parts, _gain, _speeds) for sentence in part(record)]
+    return [*harmful, *sentences]
+
+
+def _unsettled(record: CompareRecord) -> list[str]:
+    """Report a team that does not converge in the scenario as given, or whose loop is unstable."""
+    loop = record.loop
+    causes = [_UNSETTLED.get(record.rung("all").ending or "", "")]
+    if loop is not None and loop.stable is False:
+        largest = loop.largest_gain
+        limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
+        causes.append(f"the loop of its vehicles is unstable{limit}")
+    told = "; ".join(filter(None, causes))
+    return [f"the team does not converge: {told}"] if told else []
+
+
+def _errors(record: CompareRecord) -> list[str]:
+    """Report each error of the team as the sum of its parts, with its dominant cause and a fix."""
+    if record.rung("all").status != "finished":
+        return _blown_up(record)
+    if record.budget(TEAM, record.measure, "late").ideal_m is None:
+        return ["the ideal run blows up, so nothing can be compared with it"]
+    sentences = []
+    for measure in dict.fromkeys((TRACKING, record.measure)):
+        budget = record.budget(TEAM, measure, "late")
+        cause = _cause(record, measure)
+        parts = f"{display_name(measure)}: {_sum_of_parts(budget)}"
+        sentences.append(f"{parts}; dominant cause: {cause}" if cause else f"{parts}: nothing to gain")
+    return sentences
+
+
+def _sum_of_parts(budget: BudgetRecord) -> str:
+    """Write an error as the sum of its parts: what each effect adds alone, and what they add in combination."""
+    if budget.ideal_m is None or budget.all_m is None:
+        return "unknown"
+    if budget.all_m <= ROUNDING:
+        return "zero to rounding on bodies"
+    decimals = 2 - floor(log10(budget.all_m))
+    whole = round(budget.all_m, decimals)
+    parts = {"targets as bodies": budget.targets_m, "agents as bodies": budget.agents_m}
+    parts |= {display_name(item.effect): item.alone_m for item in budget.effects}
+    named = {"on ideal kinematics": round(budget.ideal_m, decimals)}
+    for name, added in parts.items():
+        if added is not None and abs(added) >= _MIN_NAMED_FRACTION * whole:
+            named[name] = round(added, decimals)
+    rest = round(whole - sum(named.values()), decimals)
+    if rest:
+        named["in combination"] = rest
+    terms = [f"{'-' if x < 0.0 else '+'} {abs(x):.{max(decimals, 0)}f} m {name}" for name, x in named.items()]
+    return f"{' '.join(terms).removeprefix('+ ')} = {whole:.{max(decimals, 0)}f} m on bodies"
+
+
+def _blown_up(record: CompareRecord) -> list[str]:
+    """Report a scenario that blows up, and the effects without which it does not."""
+    stable = [r for r in record.ladder if r.kind == "without" and r.status == "finished"]
+    names = " or without ".join(display_name(r.effect or "") for r in stable)
+    cause = f"dominant cause: it is stable without {names}" if stable else "no single effect is the cause"
+    return [f"the scenario as given blows up ({record.rung('all').message})", cause]
+
+
+def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
+    """Return the dominant cause of an error of the team; None if the error is unknown or zero.
+
+    It is the sheaf if q* itself has half of the error; else what removes the most of it: perfect links, the paper's law
+    alone or no velocity limit, if that is a quarter of the error, or an effect of bodies, if that is a quarter of what
+    bodies add; else the law, or the bodies as a whole.
+    """
+    budget = record.budget(TEAM, measure, "late")
+    if budget.ideal_m is None or budget.all_m is None or budget.all_m <= ROUNDING:
+        return None
+    if (budget.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * budget.all_m:
+        return _cause_in_sheaf(record, budget)
+    added = budget.all_m - budget.ideal_m
+    least = _MIN_CAUSE_FRACTION * budget.all_m
+    changes = _changes(record)
+    better = "better links (links.noise, loss, delay)"
+    causes = [(record.saved_by("all-links", TEAM, measure), least, "imperfect links", better)]
+    if record.terms:
+        saved = record.saved_by("all-terms", TEAM, measure)
+        causes.append((saved, least, joined(record.terms), "the paper's law alone, or better odometry"))
+    if record.velocity_limit is not None:
+        saved = record.saved_by("all-limit", TEAM, measure)
+        causes.append((saved, least, "the velocity limit", _raise_limit(record.velocity_limit)))
+    if added > _MIN_BODY_FRACTION * budget.all_m:
+        for item in budget.effects:
+            least_of_bodies = _MIN_CAUSE_FRACTION * added
+            causes.append((item.give_back_m or 0.0, least_of_bodies, display_name(item.effect), changes[item.effect]))
+    ranked = sorted((cause for cause in causes if cause[0] >= max(cause[1], ROUNDING)), reverse=True)
+    if ranked:
+        saved, _, name, fix = ranked[0]
+        others = [cause for cause in ranked[1:2] if cause[0] >= 0.5 * saved]
+        then = "".join(f"; or {_without(budget, x, other)}: {remedy}" for x, _, other, remedy in others)
+        return _Cause(_without(budget, saved, name), f"{fix}{then}")
+    if added <= _MIN_BODY_FRACTION * budget.all_m:
+        return _Cause("the law, not the vehicles", _change_of_law(record))
+    part, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
+    if part >= _MIN_CAUSE_FRACTION * added:
+        return _Cause(f"the time constant tau of the {who}, which add {part:.2g} m with ideal thrusters", "")
+    return _Cause(f"no single effect, as bodies add {added:.2g} m together", "see the interaction in the budget")
+
+
+def _cause_in_sheaf(record: CompareRecord, budget: BudgetRecord) -> _Cause:
+    """Blame the sheaf for an error that q* itself has, and name the groups that are out of formation."""
+    groups = []
+    for scope in record.scopes[1:]:
+        own = record.budget(scope, budget.measure, "late")
+        if (own.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * max(own.all_m or 0.0, ROUNDING):
+            groups.append(scope)
+    where = f" in {listed(groups)}" if 0 < len(groups) < len(record.scopes) - 1 else ""
+    return _Cause(
+        f"the sheaf, not the law or the vehicles, as q* itself is {budget.at_q_star_m:.3g} m out of formation{where}",
+        "give the edges between groups an `offset`, or increase the weights of sensing and formation edges",
+    )
+
+
+def _without(budget: BudgetRecord, saved: float, name: str) -> str:
+    """Name a cause, and the error that is left without it: such parts overlap and do not add up."""
+    return f"{name} ({max((budget.all_m or 0.0) - saved, 0.0):.3g} m without)"
+
+
+def _changes(record: CompareRecord) -> dict[str, str]:
+    """Return a fix for each effect, without a gain that the law ignores."""
+    ignored = _LOWER_GAIN if record.gain is None else ""
+    return {effect: change.removesuffix(ignored) for effect, change in _CHANGE.items()}
+
+
+def _change_of_law(record: CompareRecord) -> str:
+    """Advise how to lower the ideal run's error: a higher gain up to the usable one, or slower targets."""
+    if record.gain is None:
+        return f"another law than {record.law}, or slower targets"
+    room = record.usable_gain
+    if room is None:
+        return "a higher controller.gain, more sensing agents, or slower targets"
+    if room > _MIN_GAIN_ROOM * record.gain:
+        return f"a higher controller.gain (up to {room:.2g} 1/s), more sensing agents, or slower targets"
+    return f"more sensing agents, or slower targets (a higher gain rings, above {room:.2g} 1/s)"
+
+
+def _harmful_terms(record: CompareRecord) -> list[str]:
+    """Warn if the team would track better under the paper's law alone, and say why."""
+    without, now = record.error("all-terms", TEAM, TRACKING), record.error("all", TEAM, TRACKING)
+    harmful = without is not None and now is not None and now - without > max(_MIN_BODY_FRACTION * without, ROUNDING)
+    if record.controller or not harmful:
+        return record.harm
+    gist = f"tracking error {now:.3g} m as given, {without:.3g} m under the paper's law alone"
+    return [f"WARNING: the error is larger with {joined(record.terms)}: {gist}", *record.harm]
+
+
+def _alternatives(record: CompareRecord) -> list[str]:
+    """Report the tracking error under the paper's law alone, over perfect links, and without a velocity limit."""
+    law = "under the paper's law at the scenario's gain"
+    if record.terms:
+        law = f"without {joined(record.terms)}"
+    names = {"terms": law, "links": "over perfect links", "limit": "without the velocity limit"}
+    told = []
+    for suffix, name in names.items():
+        ideal, bodies = (record.error(f"{key}-{suffix}", TEAM, TRACKING) for key in ("ideal", "all"))
+        saved = abs(record.saved_by(f"all-{suffix}", TEAM, TRACKING))
+        if bodies is not None and saved > max(_MIN_BODY_FRACTION * bodies, ROUNDING):
+            told.append(f"{bodies:.3g} m {name}" + ("" if ideal is None else f" (ideal {ideal:.3g} m)"))
+    now = record.error("all", TEAM, TRACKING)
+    return [f"tracking error {now:.3g} m as given: {', '.join(told)}"] if told else []
+
+
+def _raise_limit(limit: VelocityLimitRecord) -> str:
+    """Advise the limit that suffices: the largest speed commanded in the second half of the ideal run without one."""
+    return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
+
+
+def _gain(record: CompareRecord) -> list[str]:
+    """Report what limits the gain; and how the team rings, if it does."""
+    limit = _lowest_limit(record)
+    if record.gain is None or limit is None:
+        return []
+    mode = record.ringing.least_damped if record.ringing else None
+    rings = mode is not None and mode.damping < _MIN_DAMPING
+    now = f"gain {record.gain:g} 1/s: "
+    if mode is not None and rings:
+        who = f" of the mode about {mode.agent}" if mode.agent else ""
+        now += f"the team rings, with the damping ratio {mode.damping:.2g}{who}; "
+    if limit.kind == "unstable":
+        return [f"{now}the vehicles' loop is unstable above {limit.gain:.2g} 1/s"]
+    about = f", mode about {limit.agent}" if limit.agent and not rings else ""
+    cure = f"; lower controller.gain, or {_RINGING_CURES[limit.effect]}" if limit.effect in _RINGING_CURES else ""
+    return [
+        f"{now}above {limit.gain:.2g} 1/s the damping ratio is below 0.3, limited by {LIMITED_BY[limit.effect]}{about}"
+        + (cure or "; lower controller.gain" if rings else "")
+    ]
+
+
+def _lowest_limit(record: CompareRecord) -> GainLimitRecord | None:
+    return record.gains.limits[0] if record.gains and record.gains.limits else None
+
+
+def _speeds(record: CompareRecord) -> list[str]:
+    """Report vehicles commanded beyond their speed; for bodies without limits, beyond that of any real vehicle."""
+    fastest = {f.moves_in: f for f in record.fastest}
+    what = "motion and gain" if record.gain is not None else "motion and commands"
+    sentences = []
+    for d in record.demands:
+        if d.run != "ideal":
+            continue
+        asked = f"{d.role} of kind {d.vehicle} are commanded up to {d.asked_m_s:.3g} m/s ({d.who} at {d.time_s:.4g} s)"
+        best = fastest.get(d.moves_in)
+        if d.least_speed_m_s is not None and d.asked_m_s > d.least_speed_m_s:
+            slower = f"slow {what} {d.asked_m_s / d.least_speed_m_s:.2g} times" if d.least_speed_m_s else "none is slow"
+            sentences.append(
+                f"{asked}, beyond their {d.least_speed_m_s:.3g} m/s (at full thrust in the slowest direction) for "
+                f"{100 * d.share_beyond:.0f}% of the time: {slower}"
+            )
+        elif d.least_speed_m_s is None and best is not None and d.asked_m_s > best.speed_m_s:
+            sentences.append(
+                f"{asked}; the fastest real vehicle in {d.moves_in}, {best.vehicle}, reaches {best.speed_m_s:.3g} m/s: "
+                f"slow {what} {d.asked_m_s / best.speed_m_s:.2g} times"
+            )
+    return sentences

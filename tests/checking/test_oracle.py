@@ -1,0 +1,111 @@
+"""Check's loops against the loop that is read off a run by differences (`tests.oracles.linearised_run`).
+
+The oracle knows nothing of H, of terms, links and vehicles. Teams are small, agents sense targets at rest, and every
+team has settled.
+"""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from mjsheaf import check
+from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
+from tests.oracles.linearised_run import spectral_radius
+
+TERMS: dict[str, dict[str, Any]] = {
+    "newton": {"newton": {"rounds": 2}},
+    "integral": {"integral": {"gain": 0.3}},
+    "drift": {"drift": {"filter": 0.2}},
+    "feedforward": {"feedforward": {"rounds": 2, "filter": 0.2, "extrapolate": True}},
+}
+COMBINATIONS = [(), *itertools.combinations(TERMS, 1), *itertools.combinations(TERMS, 2), tuple(TERMS)]
+SETTLING = 40.0  # s
+GAIN = 0.8  # 1/s
+ALIKE = {"all": {"delay": 0.2}}
+UNLIKE = {"sensing": {"delay": 0.3}, "communication": {"delay": 0.1}}
+
+
+def slow(value: Any) -> Any:
+    """Mark a parameter as one for the slow tests."""
+    return pytest.param(value, marks=pytest.mark.slow)
+
+
+def team(
+    terms: tuple[str, ...] = (), gain: float = GAIN, vehicle: str = "hull", links: Mapping[str, Any] | None = None
+) -> Scenario:
+    """Return two agents in still water; each senses a target at rest, and both compare their positions."""
+    return scenario_from_mapping(
+        {
+            "name": "pair",
+            "time": {"end": 1000.0},
+            "controller": {
+                "gain": gain,
+                "control_period": 0.1,
+                **{k: v for term in terms for k, v in TERMS[term].items()},
+            },
+            "agents": [
+                {"id": "A1", "position": [-6.0, 2.0], "heading": 20.0},
+                {"id": "A2", "position": [7.0, -3.0], "heading": 160.0},
+            ],
+            "targets": [
+                {"id": "T1", "position": [-10.0, 5.0], "motion": {"kind": "static"}},
+                {"id": "T2", "position": [12.0, -6.0], "motion": {"kind": "static"}},
+            ],
+            "communication": [{"between": ["A1", "A2"], "weight": [[0.5, 0.1], [0.1, 0.7]], "offset": [-4.0, 1.0]}],
+            "sensing": [["A1", "T1"], ["A2", "T2"]],
+            "vehicles": {"agents": vehicle, "targets": vehicle},
+            "physics": {"timestep": 0.01},
+            "links": links or {},
+        }
+    )
+
+
+@pytest.mark.parametrize(("backend", "radius"), [("ideal", 0.88), ("physics", 0.83176151)])
+def test_midpoint(backend: str, radius: float) -> None:
+    """The published scenario has the two factors that were found by hand and by check."""
+    assert spectral_radius(load_scenario("midpoint"), backend, 20.0) == pytest.approx(radius, abs=1e-8)
+
+
+def compare_with_runs(
+    loop: Mapping[str, Any], backend: str, gain: float, settling: float = SETTLING, **kind: Any
+) -> None:
+    """Hold a loop of check, of a team at a gain, 1/s, against runs: its factor, and where the team becomes unstable."""
+    scenario = team(gain=gain, **kind)
+    assert spectral_radius(scenario, backend, settling) == pytest.approx(loop["spectral_radius"], abs=1e-6)
+    if loop["largest_gain"] is not None:
+        below, above = (team(gain=share * loop["largest_gain"], **kind) for share in (0.99, 1.01))
+        assert spectral_radius(scenario, backend, settling, below) < 1.0
+        assert spectral_radius(scenario, backend, settling, above) > 1.0
+
+
+@pytest.mark.parametrize("terms", [*map(slow, COMBINATIONS[:-1]), COMBINATIONS[-1]])
+def test_ideal(terms: tuple[str, ...]) -> None:
+    """The law's loop on ideal kinematics is that of runs, with any terms."""
+    law = check(team(terms), trial=False)["law"]
+    compare_with_runs(law, "ideal", GAIN, terms=terms)
+
+
+@pytest.mark.parametrize("terms", [*map(slow, COMBINATIONS[:-1]), COMBINATIONS[-1]])
+@pytest.mark.parametrize("links", [ALIKE, slow(UNLIKE)])
+def test_delay(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
+    """The loop with delays of all edges alike, or of each kind by itself, is that of runs."""
+    delay = check(team(terms, links=links), trial=False)["links"]["delay"]
+    compare_with_runs(delay, "ideal", GAIN, terms=terms, links=links)
+
+
+@pytest.mark.parametrize("terms", [*map(slow, COMBINATIONS[:-1]), COMBINATIONS[-1]])
+@pytest.mark.parametrize("links", [slow({}), ALIKE])
+def test_bodies(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
+    """The vehicles' loop is that of runs on bodies, with any terms and delays."""
+    loop = check(team(terms, links=links), trial=False)["margins"]["bodies"]
+    compare_with_runs(loop, "physics", GAIN, terms=terms, links=links)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("terms", [(), ("drift",), ("feedforward",)])
+def test_boats(terms: tuple[str, ...]) -> None:
+    """The loop of boats whose thrusters lag is that of runs on bodies."""
+    loop = check(team(terms, gain=0.05, vehicle="wamv"), trial=False)["margins"]["bodies"]
+    compare_with_runs(loop, "physics", 0.05, 10.0 * SETTLING, terms=terms, vehicle="wamv")

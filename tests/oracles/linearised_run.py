@@ -1,0 +1,90 @@
+"""The closed loop of a team, read off a run by differences, through `Session` alone.
+
+A state of the run is moved by a little, and the run goes on for one control period. The difference at its end, for one
+state after the other, is the matrix of the loop, whatever the law, its terms, the links and the vehicles are. Only
+states that the agents' positions act on are moved, so that clocks, targets and random numbers are left out.
+
+The method is that of the script `linearise_the_run`, by which the loops of this project were reviewed.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf import Session
+from mjsheaf.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+STEP = 1e-6
+"""Motion of a state, in its unit."""
+
+_NEGLIGIBLE = 1e-8  # of a difference quotient that rounding makes
+_AT_REST = 1e-6  # of a mode: positions that move less do not take part in it
+
+
+def spectral_radius(scenario: Scenario, backend: str, settling: float, changed: Scenario | None = None) -> float:
+    """Return the largest factor of a mode that moves an agent, for one control period.
+
+    Args:
+        scenario: Scenario of the run.
+        backend: 'ideal' or 'physics'.
+        settling: Time after which the team has settled, s.
+        changed: Scenario with another law that remembers the same, which continues there; None for the same one.
+    """
+    with Session(scenario, backend) as session:
+        while session.time < settling:
+            session.step()
+        state = session.state
+    lines = (int(delay) + 1 for delay in scenario.system.law.links.table["delay"])
+    with Session(changed or scenario, backend) as session:
+        return float(np.abs(factors_of_loop(session, state, math.lcm(*lines))).max())
+
+
+def factors_of_loop(session: Session, state: Array, periods: int = 1) -> NDArray[np.complex128]:
+    """Return the factors over one control period of the modes that move an agent.
+
+    Args:
+        session: Session that takes the state.
+        state: State about which the loop is linearised.
+        periods: Control periods after which lines of delayed measurements hold them in the same places again.
+    """
+    places = np.array([_positions(session, moved) for moved in _moved(state)]).reshape(len(state), 2, -1)
+    places = (places[:, 0] - places[:, 1]) / (2.0 * STEP)
+    columns: dict[int, Array] = {}
+    pending = np.flatnonzero(np.abs(places).max(axis=1) > 0.5).tolist()
+    while pending:
+        i = pending.pop()
+        ahead, behind = (_state_after(session, moved, periods) for moved in _moved(state, i))
+        columns[i] = (ahead - behind) / (2.0 * STEP)
+        reached = np.flatnonzero(np.abs(columns[i]) > _NEGLIGIBLE).tolist()
+        pending += [j for j in reached if j not in columns and j not in pending]
+    chosen = sorted(columns)
+    A = np.column_stack([columns[i][chosen] for i in chosen])
+    factors, vectors = np.linalg.eig(A)
+    moves = np.linalg.norm(places[chosen].T @ vectors, axis=0) > _AT_REST * np.linalg.norm(vectors, axis=0)
+    return np.asarray(factors[moves].astype(np.complex128) ** (1.0 / periods))
+
+
+def _moved(state: Array, *chosen: int) -> Array:
+    """Return the state with each of the chosen entries, or of all, moved up and down, shape (2 k, n)."""
+    numbers = np.repeat(chosen or np.arange(len(state)), 2)
+    states = np.tile(state, (len(numbers), 1))
+    states[range(len(numbers)), numbers] += np.where(np.arange(len(numbers)) % 2, -STEP, STEP)
+    return states
+
+
+def _positions(session: Session, state: Array) -> Array:
+    """Return the controlled coordinates of the agents in a state, m."""
+    session.state = state
+    dimensions = [agent.dimension for agent in session.engine.system.team.agents]
+    return np.concatenate([x[:d] for x, d in zip(session.observe().truth.positions, dimensions, strict=False)])
+
+
+def _state_after(session: Session, state: Array, periods: int) -> Array:
+    """Return the state some control periods after a state."""
+    session.state = state
+    for _ in range(periods):
+        session.step()
+    return session.state
