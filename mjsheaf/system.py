@@ -14,8 +14,7 @@ from mjsheaf.law import ControlArrays, LawArrays, edges_of
 from mjsheaf.law.obstacles import ObstacleArrays
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.law.separation import Safety, Station, no_station, pack_safety
-from mjsheaf.media import FlowField
-from mjsheaf.media import varying as disturbance
+from mjsheaf.media import FlowField, varying
 from mjsheaf.media.flow import AXIS, CENTRE
 from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, Parts, bounds_of, pack_medium, pack_parts
@@ -447,7 +446,7 @@ class System:
     @cached_property
     def medium(self) -> MediumArrays:
         """Parameters of the medium for compiled code."""
-        return self.steady_medium._replace(harmonics=disturbance.pack(self.harmonics), parts=self.moving)
+        return self.steady_medium._replace(harmonics=varying.pack(self.harmonics), parts=self.moving)
 
     @cached_property
     def steady_medium(self) -> MediumArrays:
@@ -465,7 +464,7 @@ class System:
 
         Infinite for a vehicle that meets gusts.
         """
-        return disturbance.bounds(self.harmonics) + self.moving_bounds.speed
+        return varying.bounds(self.harmonics) + self.moving_bounds.speed
 
     def flow_named(self, name: str) -> FlowField:
         """Return the flow field of a name; one at rest if there is none."""

@@ -25,7 +25,7 @@ from scipy.stats import ortho_group
 from mjsheaf import Sheaf, World
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import AUTOPILOT, STOPPED
-from mjsheaf.media import varying as disturbance
+from mjsheaf.media import varying
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.paths import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
@@ -308,7 +308,7 @@ def medium(system: System, v: int, t: float, x: Array) -> Array:
     """Flow and disturbance about vehicle v at x (3,)."""
     w = system.flows[system.field[v]].velocity(x)
     w[system.team.members[v].dimension :] = 0.0
-    return w + disturbance.evaluate(system.harmonics, np.array([t]))[0, v]
+    return w + varying.evaluate(system.harmonics, np.array([t]))[0, v]
 
 
 # -- vehicles ----------------------------------------------------------------------------------------------------------
@@ -467,7 +467,7 @@ def wrench(world: World) -> Array:
 
 
 def wanted_force(vehicle: Vehicle, R: Array, wanted: Array, measured: Array) -> Array:
-    """d(v_c) + M k_v (v_c - v_r), written as in DESIGN section 2, for an attitude R and (3,) velocities in body axes.
+    """d(v_c) + M k_v (v_c - v_r), as in `docs/mathematics.md`, for an attitude R and (3,) velocities in body axes.
 
     Surge and sway of a boat make the horizontal part of d alone, whatever it would take along its own z axis.
     """

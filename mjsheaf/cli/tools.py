@@ -211,7 +211,7 @@ def schema_of(what: str) -> dict[str, Any]:
         "": ("scenario", "Scenario"),
         "check": ("checking", "CheckRecord"),
         "compare": ("comparing", "CompareRecord"),
-        "study": ("studies.schema", "StudyFile"),
+        "study": ("studies.plan", "StudyFile"),
         "vehicle": ("vehicles.vehicle", "VehicleDescription"),
     }[what]
     found: dict[str, Any] = getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema()

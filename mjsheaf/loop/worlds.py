@@ -31,7 +31,7 @@ def take_periods(loop, row, rigid, goal, nothing, values, alive, bad, squares):
         loop: A loop of the worlds' team, whose own numbers lie in `row`.
         row: Numbers of one world, shape (n,).
         rigid: A RIGID for each kind of vehicle.
-        goal: Goal of the errors; see `scores`.
+        goal: Goal of the errors; see `Goal`.
         nothing: Log without samples.
         values: Rows of the worlds, shape (W, n).
         alive: True for each world that takes a period, shape (W,).

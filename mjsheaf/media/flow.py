@@ -64,7 +64,7 @@ def _two_to(exponent):
 def decay(x):
     """Return exp(-x) for x from 0 to 700, to a unit in its last place.
 
-    It is arithmetic alone, as `disturbance.sine`: a library's function is called for one lane after the other.
+    It is arithmetic alone, as `varying.sine`: a library's function is called for one lane after the other.
     """
     n = np.rint(x * -_LOG2_E)
     r = (-x - n * _LN2_1) - n * _LN2_2

@@ -30,8 +30,7 @@ from mjsheaf.law.terms import (
     Terms,
     pack_terms,
 )
-from mjsheaf.media import Disturbance, FlowField
-from mjsheaf.media import varying as disturbance
+from mjsheaf.media import Disturbance, FlowField, varying
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
 from mjsheaf.paths import Fixed, Motion, pack_motions
@@ -116,7 +115,7 @@ class Disturbances(Section):
     def draw(self, team: Team, seed: int) -> Array:
         """Draw the harmonics of each vehicle, shape (V, K, 5)."""
         kinds = [self.agents] * len(team.agents) + [self.targets] * len(team.targets)
-        return disturbance.draw(kinds, [m.dimension for m in team.members], [m.id for m in team.members], seed)
+        return varying.draw(kinds, [m.dimension for m in team.members], [m.id for m in team.members], seed)
 
 
 EDGE_FIELDS = ("communication", "sensing", "target_edges")

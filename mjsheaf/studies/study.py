@@ -49,7 +49,7 @@ class Study:
 
     Attributes:
         directory: Directory of the study.
-        records: Records of all runs, in order; see `job.new_record`.
+        records: Records of all runs, in order; see `workers.new_record`.
         begun: Number of runs of this command; the others had ended before.
         files: Names of the result files in the directory.
     """

@@ -35,7 +35,7 @@ from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.loop.session import moved_by, require_simulable
-from mjsheaf.media import varying as disturbance
+from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
@@ -282,7 +282,7 @@ def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | 
     N, harmonics = len(system.team.agents), np.zeros_like(system.harmonics)
     harmonics[N:] = system.harmonics[N:]
     if harmonics.shape[1]:
-        size = disturbance.bounds(system.harmonics)[:N]
+        size = varying.bounds(system.harmonics)[:N]
         harmonics[:N, 0, 0] = np.round(size, 9) + 1e-9 * (size > 0.0)
     bound = _bound_of(job, replace(system, harmonics=harmonics))
     if bound is None or not np.isfinite(bound).any():

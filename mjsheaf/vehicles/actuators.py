@@ -405,7 +405,7 @@ class AzimuthThruster(Thruster):
 
 
 class Rudder(Section):
-    """A rudder behind a propeller of the MJCF file that pushes ahead; see `mjsheaf/vehicles/actuators.py`."""
+    """A rudder behind a propeller of the MJCF file that pushes ahead; see the module."""
 
     surface_only: ClassVar[bool] = True
 

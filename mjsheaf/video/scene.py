@@ -379,7 +379,7 @@ class Renderer:
             data: the state, with its kinematics computed.
             view: where the camera is.
             decorate: adds geoms to the scene before it is drawn, and returns lines to draw over it.
-            sea: Mesh of a surface to draw between them; see `mjsheaf.video.sea.mesh`.
+            sea: Mesh of a surface to draw between them; see `mesh`.
         """
         if self._closed:
             raise MjsheafError("the renderer is closed")

@@ -177,7 +177,7 @@ def test_a_kernel_alone_has_its_known_peaks(n: int, planar: bool, c: float) -> N
 
 
 def test_the_paper() -> None:
-    """DESIGN: the planar agents' field "has slopes up to 54 1/s near the cores"; here 53.6, at the strongest source."""
+    """The planar agents' field has slopes up to 54 1/s near the cores: 53.6, at the strongest source."""
     field = paper_field("agent_field")
     slope = lipschitz_constant(field, [-100, -100], [150, 150], planar=True, tolerance=1e-3)
     assert slope.exact

@@ -50,21 +50,21 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     assert made.read_text().splitlines() == [
         "web/node_modules",
         ".venv/.docs EXTRAS=[dev,docs]",
-        "-j 2 --output-sync docs lint compiled check-bundle",
+        "-j 2 --output-sync docs compiled-fused compiled-ideal lint compiled-mujoco check-bundle",
         "test-ci",
     ]
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")
 @pytest.mark.parametrize(
-    ("goal", "lints", "chosen"),
+    ("goal", "prepares", "chosen"),
     [
         ("test", True, ["-m", "not slow"]),
         ("test-ci", False, ["-m", "not long"]),
         ("test-all", True, ["--hypothesis-profile", "all", "--hypothesis-seed", "7"]),
     ],
 )
-def test_each_goal_compiles_and_runs_its_tests(goal: str, lints: bool, chosen: list[str], tmp_path: Path) -> None:
+def test_each_goal_prepares_and_runs_its_tests(goal: str, prepares: bool, chosen: list[str], tmp_path: Path) -> None:
     stamp, called = tmp_path / "installed", tmp_path / "called"
     stamp.touch()
     for name in ("ruff", "mypy", "python", "pytest"):
@@ -75,5 +75,6 @@ def test_each_goal_compiles_and_runs_its_tests(goal: str, lints: bool, chosen: l
     subprocess.run(["make", "-C", str(REPOSITORY), goal, *variables], env=environment, capture_output=True, check=True)
     *before, tests = (line.split("|")[:-1] for line in called.read_text().splitlines())
     linters = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["python", "tools/budget.py"]]
-    assert sorted(before) == sorted([["python", "-m", "tests.compiled"], *(linters if lints else [])])
+    loops = [["python", "-m", "tests.compiled", loop] for loop in ("mujoco", "fused", "ideal")]
+    assert sorted(before) == sorted([*loops, *linters] if prepares else [])
     assert tests == ["pytest", "-n", "2", "--dist", "worksteal", *chosen]

@@ -125,7 +125,6 @@ def test_notes_do_not_advise_a_gain_that_the_law_ignores(laws: Path) -> None:
     notes = account_of(scenario, scenario.phases, dataset).summary["notes"]
     assert "saturated" in [note["kind"] for note in notes]
     assert not any("gain" in note["text"] for note in notes)
-    assert any("laws.py:wild" in note["text"] for note in notes)
 
 
 def test_a_law_that_fails_is_refused_in_one_line(laws: Path, tmp_path: Path) -> None:

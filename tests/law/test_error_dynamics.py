@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import mjsheaf
 from mjsheaf.checking.theorem.of_run import bound_of_run
-from mjsheaf.media import varying as disturbance
+from mjsheaf.media import varying
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System
 from tests.builders import random_scenario, velocity_commands
@@ -73,7 +73,7 @@ class Terms:
         star = self.q_star(p)
         f_star, _ = self.flows(star, p)
         _, reference = self.split(velocity_commands(self.system, t, x))
-        omega_q, omega_p = self.split(disturbance.evaluate(self.system.harmonics, np.array([t]))[0])
+        omega_q, omega_p = self.split(varying.evaluate(self.system.harmonics, np.array([t]))[0])
         f_B = self.extension @ (reference + flow_p) - f_star
         return f_B, f_star - f_q, self.extension @ omega_p - omega_q
 

@@ -1,6 +1,6 @@
 """The onboard computer at one instant: what it asks of the thrusters, what gives way at their limits, what it knows.
 
-Oracles: W u taken apart into weight, attitude moment and translation, each written here from DESIGN section 2; the
+Oracles: W u taken apart into weight, attitude moment and translation, each written here from `docs/mathematics.md`; the
 largest shares of these that the limits leave, by linear programming.
 """
 

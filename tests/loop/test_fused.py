@@ -355,7 +355,7 @@ def test_a_run_that_blows_up_ends_at_the_same_sample() -> None:
 
 @pytest.mark.slow
 def test_a_comparison_says_the_same_on_both() -> None:
-    """Every variant, the free-decay test and the convergence table; one more variant runs on MuJoCo."""
+    """Every variant, ringing and the convergence table; one more variant runs on MuJoCo."""
     scenario = load_scenario("midpoint", {"time.end": 10.0})
     theirs, ours = (compare(scenario, engine=engine).record.model_dump() for engine in ("mujoco", "fused"))
     rung, whole = ours["ladder"].pop(), next(rung for rung in theirs["ladder"] if rung["key"] == "all")

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.errors import InputError
-from mjsheaf.media import Disturbance
-from mjsheaf.media import varying as disturbance
+from mjsheaf.media import Disturbance, varying
 from mjsheaf.media.varying import disturbance_velocity, evaluate_sines
 
 kinds = st.builds(
@@ -32,25 +31,25 @@ def ids(vehicles: Sequence[Any]) -> list[str]:
 
 @given(kinds, dimensions, st.integers(0, 2**31))
 def test_disturbances_are_bounded_and_continuous(kind: Disturbance, sizes: list[int], seed: int) -> None:
-    harmonics = disturbance.draw([kind] * len(sizes), sizes, ids(sizes), seed)
+    harmonics = varying.draw([kind] * len(sizes), sizes, ids(sizes), seed)
     rng = np.random.default_rng(seed + 1)
     times = np.concatenate([np.linspace(0.0, 30.0, 500), rng.uniform(0, 1e4, 500)])
-    omega = disturbance.evaluate(harmonics, times)
+    omega = varying.evaluate(harmonics, times)
     assert omega.shape == (1000, len(sizes), 3)
     slack = 1.0 + 1e-12
     assert np.linalg.norm(omega, axis=2).max() <= kind.bound * slack
     np.testing.assert_array_equal(omega[:, [n == 2 for n in sizes], 2], 0.0)
     steepest = 2.0 * np.pi * kind.frequencies[1] * kind.bound
     for h in (1e-1, 1e-3):
-        change = disturbance.evaluate(harmonics, times + h) - omega
+        change = varying.evaluate(harmonics, times + h) - omega
         assert np.linalg.norm(change, axis=2).max() <= steepest * h * slack + 1e-9 * kind.bound
 
 
 @given(st.integers(0, 2**31))
 def test_disturbances_do_disturb(seed: int) -> None:
     """The bound is not a fiction: over a long time each vehicle sees a good part of it, in every direction it has."""
-    harmonics = disturbance.draw([Disturbance(bound=2.0)] * 3, [3, 2, 3], ["A", "B", "C"], seed)
-    omega = disturbance.evaluate(harmonics, np.linspace(0.0, 400.0, 4000))
+    harmonics = varying.draw([Disturbance(bound=2.0)] * 3, [3, 2, 3], ["A", "B", "C"], seed)
+    omega = varying.evaluate(harmonics, np.linspace(0.0, 400.0, 4000))
     assert np.linalg.norm(omega, axis=2).max(axis=0).min() > 0.6
     spread = omega.std(axis=0)
     assert spread[[0, 2]].min() > 0.05
@@ -60,9 +59,9 @@ def test_disturbances_do_disturb(seed: int) -> None:
 
 @given(kinds, dimensions, st.integers(0, 2**31))
 def test_the_same_seed_gives_the_same_bits(kind: Disturbance, sizes: list[int], seed: int) -> None:
-    one, again = (disturbance.draw([kind] * len(sizes), sizes, ids(sizes), seed) for _ in range(2))
+    one, again = (varying.draw([kind] * len(sizes), sizes, ids(sizes), seed) for _ in range(2))
     np.testing.assert_array_equal(one, again)
-    other = disturbance.draw([kind] * len(sizes), sizes, ids(sizes), seed + 1)
+    other = varying.draw([kind] * len(sizes), sizes, ids(sizes), seed + 1)
     if kind.bound > 0.0:
         assert np.any(one != other)
 
@@ -73,8 +72,8 @@ def test_compiled_and_vectorised_forms_agree(
 ) -> None:
     """Also where some vehicles, the first, the last, or all of them, have no disturbance."""
     each = [None if v in calm else kind for v in range(len(sizes))]
-    harmonics = disturbance.draw(each, sizes, ids(sizes), seed)
-    packed = disturbance.pack(harmonics)
+    harmonics = varying.draw(each, sizes, ids(sizes), seed)
+    packed = varying.pack(harmonics)
     sines = np.zeros(packed.rate.shape)
     for v in range(len(sizes)):  # one at a time or all at once: the same bits
         evaluate_sines(packed, t, v, v + 1, sines)
@@ -82,7 +81,7 @@ def test_compiled_and_vectorised_forms_agree(
     evaluate_sines(packed, t, 0, len(sizes), at_once)
     np.testing.assert_array_equal(sines, at_once)
     one_by_one = [disturbance_velocity(packed, sines, v) for v in range(len(sizes))]
-    expected = disturbance.evaluate(harmonics, np.array([t]))[0]
+    expected = varying.evaluate(harmonics, np.array([t]))[0]
     np.testing.assert_allclose(one_by_one, expected, atol=1e-13 * max(1.0, kind.bound))
 
 
@@ -92,7 +91,7 @@ def test_the_sine_of_the_loops_is_the_sine(most: float) -> None:
     quarters = np.arange(-2000.0, 2000.0) / 4.0
     close = np.concatenate([np.nextafter(quarters, np.inf), quarters, np.nextafter(quarters, -np.inf)])
     x = np.concatenate([np.random.default_rng(0).uniform(-most, most, 20_000), close])
-    found = np.array([disturbance.sine(value) for value in x])
+    found = np.array([varying.sine(value) for value in x])
     pi = 4.0 * np.arctan(np.longdouble(1.0))
     np.testing.assert_allclose(found, np.sin(2.0 * pi * (x - np.rint(x))), rtol=0, atol=2.3e-16)
     np.testing.assert_array_equal(np.abs(found) <= 1.0, True)
@@ -102,8 +101,8 @@ def test_the_sine_of_the_loops_is_the_sine(most: float) -> None:
 def test_the_bound_holds_at_any_time_and_both_forms_agree_where_the_loop_may_run(
     kind: Disturbance, seed: int, late: float, early: float
 ) -> None:
-    harmonics = disturbance.draw([kind, kind], [2, 3], ["A", "B"], seed)
-    packed = disturbance.pack(harmonics)
+    harmonics = varying.draw([kind, kind], [2, 3], ["A", "B"], seed)
+    packed = varying.pack(harmonics)
     sines = np.zeros(packed.rate.shape)
     for t in (late, 1e17, 1e9, -1e12):
         evaluate_sines(packed, t, 0, 2, sines)
@@ -112,22 +111,22 @@ def test_the_bound_holds_at_any_time_and_both_forms_agree_where_the_loop_may_run
         assert np.linalg.norm(omega, axis=1).max() <= kind.bound * (1.0 + 1e-12)
     for t in (min(early, kind.longest_time), kind.longest_time):
         turns = packed.rate.max(initial=0.0) * t + packed.phase.max(initial=0.0)
-        assert 2.0 * np.pi * turns <= disturbance.LARGEST_PHASE * (1.0 + 1e-12)
+        assert 2.0 * np.pi * turns <= varying.LARGEST_PHASE * (1.0 + 1e-12)
         evaluate_sines(packed, t, 0, 2, sines)
         omega = np.array([disturbance_velocity(packed, sines, v) for v in range(2)])
         np.testing.assert_allclose(
-            omega, disturbance.evaluate(harmonics, np.array([t]))[0], rtol=0, atol=1e-14 * max(kind.bound, 1e-300)
+            omega, varying.evaluate(harmonics, np.array([t]))[0], rtol=0, atol=1e-14 * max(kind.bound, 1e-300)
         )
 
 
 def test_vehicles_without_a_disturbance_have_none_and_change_no_other() -> None:
     kind = Disturbance(bound=1.0, components=3)
-    alone = disturbance.draw([kind], [3], ["A"], 5)
-    among = disturbance.draw([None, kind, Disturbance(bound=0.0)], [2, 3, 3], ["B", "A", "C"], 5)
+    alone = varying.draw([kind], [3], ["A"], 5)
+    among = varying.draw([None, kind, Disturbance(bound=0.0)], [2, 3, 3], ["B", "A", "C"], 5)
     np.testing.assert_array_equal(among[1], alone[0])
-    omega = disturbance.evaluate(among, np.linspace(0, 9, 10))
+    omega = varying.evaluate(among, np.linspace(0, 9, 10))
     np.testing.assert_array_equal(omega[:, [0, 2]], 0.0)
-    assert disturbance.evaluate(disturbance.draw([None], [2], ["A"], 0), np.zeros(4)).shape == (4, 1, 3)
+    assert varying.evaluate(varying.draw([None], [2], ["A"], 0), np.zeros(4)).shape == (4, 1, 3)
 
 
 @pytest.mark.parametrize(

@@ -297,7 +297,6 @@ def test_the_page_of_a_study_links_those_of_its_runs(tmp_path: Path) -> None:
 def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the same page."""
     whole = make_page("midpoint", "ideal", {"time.end": 1.0}).page
-    for module in ("page.replay", "show.played"):
-        monkeypatch.setattr(f"mjsheaf.{module}.length_of_piece", lambda _: 7, raising=False)
+    monkeypatch.setattr("mjsheaf.show.played.length_of_piece", lambda _: 7)
     monkeypatch.setattr("mjsheaf.results.netcdf.length_of_piece", lambda _: 7)
     assert make_page("midpoint", "ideal", {"time.end": 1.0}).page == whole

@@ -46,12 +46,10 @@ from mjsheaf.system import System
 
 _MOST_NUMBERS = 20_000_000  # samples times states that are looked at
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_NO_GAIN = 1e-12  # times the period: a gain below it is rounding, and one over its inverse
 _BETTER = 0.99  # of the bound of the round before: more is not worth a round
 _MOST_ROUNDS = 12
 _NOTHING = 1e-40  # of a response: all that follows is lost in rounding
 _IMPULSE = 4000  # samples of a filter's response
-_SUMMED = 1e-7  # of a sum of responses: what the rest may be
 _BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are found at a time, and how often
 _TRIALS = 2.0 ** np.arange(1, 24)  # radii, over |e_0| and 1 mm, that are tried where a field is unbounded
 

@@ -37,7 +37,7 @@ from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.checking.theorem.theorem import disturbance_bound
-from mjsheaf.media import varying as disturbance
+from mjsheaf.media import varying
 from mjsheaf.media.gridded import GridArrays
 from mjsheaf.media.gusts import FrozenArrays, GustArrays
 from mjsheaf.media.medium import Parts, bounds_of, moving_along, undisturbed
@@ -295,7 +295,7 @@ def bound_moving(system: System, path: TargetPath, carrier: Carrier, spectrum: S
     def sharing(shared: list[int]) -> Moving:
         """Bound all, with the pieces of these numbers as flows that vehicles share."""
         rest = (*others, *(piece for k, piece in enumerate(pieces) if k not in shared))
-        speeds = disturbance.bounds(system.harmonics) + bounds_of(rest, V).speed
+        speeds = varying.bounds(system.harmonics) + bounds_of(rest, V).speed
         largest = float((speeds if shared else system.largest_disturbance).max(initial=0.0))
         omega_bar = disturbance_bound(spectrum.sigma_max_B, spectrum.lambda_min, N, V - N, largest)
         return Moving(float(bounds[shared, 0].sum()), omega_bar, float(bounds[shared, 1].sum()))

@@ -31,10 +31,10 @@ from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered
-from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges
+from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges, with_seed
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
-from mjsheaf.media import varying as disturbance
+from mjsheaf.media import varying
 from mjsheaf.media.medium import MediumArrays, moving_velocity, of_kind
 from mjsheaf.media.waves import WaveArrays
 from mjsheaf.paths import MotionArrays, add_reference, reference_bounds
@@ -518,13 +518,13 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     N, law, motion, medium = len(system.team.agents), system.law, system.motion, system.medium
     edges = pack_edges(system.team.targets, [(system.team.target_edges, True)])
     alone = law.without_terms._replace(edges=edges, gain=law.gain[N:], limit=law.limit[N:])
-    alone = alone._replace(links=LinkArrays())
+    alone = with_seed(alone._replace(links=LinkArrays()), 0)  # nothing of it is random
     own = {name: getattr(motion, name)[N:] for name in motion._fields if name not in ("knots", "coefficients")}
     around = medium._replace(
         agents=0,
         planar=medium.planar[N:],
         rows=medium.rows[N:],
-        harmonics=disturbance.pack(system.harmonics[N:]),
+        harmonics=varying.pack(system.harmonics[N:]),
         parts=tuple(part._replace(met=part.met[N:]) for part in medium.parts),
     )
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
