@@ -67,7 +67,7 @@ def test_python_and_compiled_code_agree_to_the_bit(name: str, monkeypatch: pytes
 
     monkeypatch.setattr(tiers.Tiered, "__call__", call_both)
     mjsheaf.check(mjsheaf.load_scenario(name), trial=False)
-    assert {"_answer", "_follow", "apply_forces", "fill_block", "solve_band", "_grow"} <= set(calls)
+    assert {"_answer", "_follow", "apply_forces"} <= set(calls)
 
 
 @pytest.mark.long
@@ -79,7 +79,7 @@ def test_first_checks_compile_little_and_a_later_one_what_took_time(tmp_path: Pa
         )
         return set(done.stdout.split())
 
-    slow = {"_answer", "_follow", "evaluate_law", "apply_forces", "fill_block"}
+    slow = {"_answer", "_follow", "evaluate_law", "apply_forces"}
     assert not slow & compiled()
     (times,) = tmp_path.rglob("targets._follow.*.used")
     first = times.read_text().split()

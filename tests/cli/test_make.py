@@ -68,7 +68,7 @@ def test_each_goal_prepares_and_runs_its_tests(goal: str, prepares: bool, chosen
     stamp, called = tmp_path / "installed", tmp_path / "called"
     stamp.touch()
     for name in ("ruff", "mypy", "python", "pytest"):
-        stand_in(tmp_path / "bin", name, f"""printf '%s|' {name} "$@" >> {called}; echo >> {called}""")
+        stand_in(tmp_path / "bin", name, f"""echo "$(printf '%s|' {name} "$@")" >> {called}""")
     variables = [f"BIN={tmp_path / 'bin'}", "SEED=7", *(f"{name}={stamp}" for name in ("STAMP", "TESTS"))]
     # A make around this test hands its own variables down.
     environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MFLAGS", "SEED")}

@@ -84,7 +84,7 @@ def test_terms_that_harm_come_first_with_what_to_change() -> None:
     assert record.harm
     assert "WARNING" in record.verdict[0]
     assert record.verdict[1] == record.harm[0]
-    assert "controller.drift.filter" in record.harm[0]
+    assert "raise their filters" in record.harm[0]
     (tracking,) = [s for s in record.verdict if s.startswith("tracking error:")]
     assert "dominant cause: feedforward and drift (" in tracking
     assert report_text(record).index("WARNING") < report_text(record).index("tracking error: ")
