@@ -367,14 +367,14 @@ def evaluate_law(control, t, x, carried, memory):
     """
     law, edges = control.law, control.law.edges
     V = x.shape[0]
-    navigate(law, x, carried, memory.command, memory.terms)
+    navigate(law.terms.present, law, x, carried, memory.command, memory.terms)
     measure(edges, x, memory.y)
-    deliver(law, t, x, carried is not None, memory.y, memory.terms, memory.links)
+    deliver(law.links.present, law, t, x, carried is not None, memory.y, memory.terms, memory.links)
     compare(edges.kinds, edges, memory.y, memory.compared)
     pull_back(edges, memory.compared, memory.residual)
     for v in range(V):
         respond(law, v, memory)
-    add_terms(law, x, memory)
+    add_terms(law.terms.present, law, x, memory)
     add_custom(law.custom, memory.custom, None, t, memory.residual, memory.command, memory.evaluated)
     for v in range(V):
         add_given(control, v, t, x, memory)
@@ -382,8 +382,8 @@ def evaluate_law(control, t, x, carried, memory):
     for v in range(V):
         clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(law.safety, memory.safety, v)
         if not clipped:
-            integrate(law.terms, v, memory.residual[v], memory.terms)
-    remember(law.terms, x, memory.y, memory.terms)
+            integrate(law.terms.present, law.terms, v, memory.residual[v], memory.terms)
+    remember(law.terms.present, law.terms, x, memory.y, memory.terms)
 
 
 @inline_jit

@@ -337,10 +337,11 @@ def _require_delays(team: Team, links: Links, period: float) -> None:
 
 
 @jit
-def deliver(law, t, x, bodies, y, terms, memory):
+def deliver(present, law, t, x, bodies, y, terms, memory):
     """Turn true measurements y (m,) of time t, s, into those that arrive now; y = -b where nothing does.
 
     Args:
+        present: `law.links.present`; see `terms.navigate`.
         law: Law of the team.
         t: Time, s.
         x: Positions, shape (V, 3), m.
@@ -349,9 +350,9 @@ def deliver(law, t, x, bodies, y, terms, memory):
         terms: Memory of the terms.
         memory: Memory of the links.
     """
-    links = law.links
-    if len(links.present) == 0:
+    if len(present) == 0:
         return
+    links = law.links
     n = int(np.rint((t - links.start) / links.period))
     if memory.attitude.shape[0] > 0 and not bodies:
         face_along(links, x, n, memory)

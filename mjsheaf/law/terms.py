@@ -455,10 +455,11 @@ def solve(edges, terms, rounds, b, y, x, memory):
 
 
 @jit
-def navigate(law, x, carried, command, memory):
+def navigate(present, law, x, carried, command, memory):
     """Write what agents see of their own motion since the sample before.
 
     Args:
+        present: `law.terms.present`: numba leaves out what follows a test of the length of an argument alone.
         law: the law.
         x: positions, shape (V, 3), m.
         carried: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
@@ -466,8 +467,10 @@ def navigate(law, x, carried, command, memory):
         command: since the sample before, as limited, shape (V, 3), m/s.
         memory: see TermMemory.
     """
+    if len(present) == 0:
+        return
     terms = law.terms
-    if len(terms.present) == 0 or memory.clock[0] == 0.0:
+    if memory.clock[0] == 0.0:
         return
     h = terms.period
     for v in range(terms.agents):
@@ -485,15 +488,15 @@ def navigate(law, x, carried, command, memory):
 
 
 @jit
-def add_terms(law, x, everything):
+def add_terms(present, law, x, everything):
     """Add the terms, if there are any, to the agents' commands, which hold -k1 eta.
 
     They are computed from the memory of the law, `everything`. The positions x (V, 3) decide only whether rounds reach
     a neighbour.
     """
-    terms, memory, command = law.terms, everything.terms, everything.command
-    if len(terms.present) == 0:
+    if len(present) == 0:
         return
+    terms, memory, command = law.terms, everything.terms, everything.command
     if terms.newton > 0:
         _ascend(law, x, everything, command, memory)
     if terms.feedforward > 0:
@@ -511,11 +514,11 @@ def add_terms(law, x, everything):
 
 
 @inline_jit
-def _exchange(law, term, x, b, y, found, memory):
+def _exchange(imperfect, law, term, x, b, y, found, memory):
     """Improve the solution (V, 3) of H found = b (V, 3) by a term's rounds, over links if these are imperfect."""
     terms = law.terms
     rounds = terms.newton if term == NEWTON else terms.feedforward
-    if len(terms.rounds.present) == 0:
+    if len(imperfect) == 0:
         solve(law.edges, terms, rounds, b, y, found, memory)
     else:
         first, n = 0 if term == NEWTON else terms.newton, int(memory.clock[0])
@@ -532,7 +535,7 @@ def _ascend(law, x, everything, command, memory):
             memory.right[v, i] = -everything.residual[v, i]
             if terms.fresh:
                 memory.delta[v, i] = 0.0
-    _exchange(law, NEWTON, x, memory.right, everything.y, memory.delta, memory)
+    _exchange(law.terms.rounds.present, law, NEWTON, x, memory.right, everything.y, memory.delta, memory)
     for v in range(terms.agents):
         for i in range(3):
             command[v, i] = law.gain[v] * memory.delta[v, i]
@@ -548,7 +551,7 @@ def _feed_forward(law, x, y, command, memory, links):
             if memory.since[v] > terms.settled:
                 for i in range(3):
                     command[v, i] -= terms.lead[v] * memory.v[v, i]
-        _exchange(law, FEEDFORWARD, x, memory.right, y, memory.v, memory)
+        _exchange(law.terms.rounds.present, law, FEEDFORWARD, x, memory.right, y, memory.v, memory)
         for v in range(terms.agents):
             if memory.since[v] > terms.settled:
                 for i in range(3):
@@ -607,9 +610,9 @@ def _velocity_of(edges, memory, links, has_link, i, r):
 
 
 @inline_jit
-def integrate(terms, v, residual, memory):
+def integrate(present, terms, v, residual, memory):
     """Integrate eta_i (3,) of an agent over a period into z_i, up to the largest correction, if there are terms."""
-    if len(terms.present) == 0:
+    if len(present) == 0:
         return
     if v < terms.agents and terms.integral > 0.0:
         z = memory.z[v]
@@ -619,9 +622,9 @@ def integrate(terms, v, residual, memory):
 
 
 @inline_jit
-def remember(terms, x, y, memory):
+def remember(present, terms, x, y, memory):
     """Keep what the next sample compares with, if there are terms."""
-    if len(terms.present) == 0:
+    if len(present) == 0:
         return
     memory.clock[0] += 1.0
     for r in range(y.shape[0]):
