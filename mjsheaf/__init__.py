@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from mjsheaf.law.in_python import Controller, PerAgent
     from mjsheaf.loop.mujoco_engine import World
     from mjsheaf.loop.session import Session
-    from mjsheaf.runs.many import simulate_many
     from mjsheaf.runs.publish import plot, replay, save
-    from mjsheaf.runs.simulate import simulate
+    from mjsheaf.runs.simulate import simulate, simulate_many
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import NonlinearSheaf, Sheaf
     from mjsheaf.vehicles.loading import load_vehicle
@@ -28,7 +27,7 @@ _HOME = {
     "Scenario": "mjsheaf.scenario",
     "load_scenario": "mjsheaf.scenario",
     "simulate": "mjsheaf.runs.simulate",
-    "simulate_many": "mjsheaf.runs.many",
+    "simulate_many": "mjsheaf.runs.simulate",
     "check": "mjsheaf.checking",
     "medium": "mjsheaf.media.medium",
     "Session": "mjsheaf.loop.session",

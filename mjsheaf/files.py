@@ -39,6 +39,9 @@ import yaml
 
 from mjsheaf.errors import InputError, ScenarioError, shortened, visible
 
+FIGURE_FORMATS = ("png", "svg", "pdf")
+"""Formats of figures, as suffixes of their files."""
+
 _RANDOM = "[a-z0-9_]{8}"  # all characters that any version uses
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # constants of Linux: fcntl.h, linux/fs.h
 
@@ -116,6 +119,11 @@ def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
                 file.flush()
                 os.fsync(file.fileno())
             part.chmod(real.stat().st_mode & 0o7777)
+
+
+def figure_files(names: Iterable[str]) -> list[str]:
+    """List all possible file names of figures, which are given without suffix."""
+    return [f"{name}.{form}" for name in names for form in FIGURE_FORMATS]
 
 
 def require_writable(path: Path) -> None:

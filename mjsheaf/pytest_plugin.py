@@ -202,11 +202,11 @@ def _missing(place: str) -> Iterator[None]:
 
 def _require_met(trial: "Trial", place: str, tight: str) -> None:
     """Fail where a trial misses a bound or, unless `tight` is empty, meets one that is wider than that many times."""
-    from mjsheaf.runs.expecting import describe, loose, miss, missed
+    from mjsheaf.runs.expecting import describe, loose, missed
 
     table = describe(trial, place, place)
     if not trial.met:
-        raise _MissedError(f"{', '.join(map(miss, missed(trial)))}\n{table}")
+        raise _MissedError(f"{', '.join(missed(trial.checks))}\n{table}")
     slack = loose(trial, float(tight)) if tight else []
     if slack:
         names = ", ".join(check["measure"] for check in slack)

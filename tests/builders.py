@@ -23,13 +23,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
+from mjsheaf.files import dump_yaml
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import AUTOPILOT, STOPPED
 from mjsheaf.media import varying
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.paths import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.show.played import Samples
+from mjsheaf.show.played import Poses
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
 from mjsheaf.system import System
@@ -584,7 +585,7 @@ def make_model() -> mujoco.MjModel:
     )
 
 
-def make_run(duration: float = 2.0, samples: int = 41) -> Samples:
+def make_run(duration: float = 2.0, samples: int = 41) -> Poses:
     """Agents circle on the water, targets 10 m below them."""
     time = np.linspace(0.0, duration, samples)
     vehicles = 5
@@ -592,7 +593,7 @@ def make_run(duration: float = 2.0, samples: int = 41) -> Samples:
     positions = np.stack([20 * np.cos(phase), 20 * np.sin(phase), np.zeros_like(phase)], axis=-1)
     positions[:, 3:, 2] = -10
     quaternions = np.stack([np.cos(phase / 2), 0 * phase, 0 * phase, np.sin(phase / 2)], axis=-1)
-    return Samples(time, positions, quaternions, positions[:, :3] + [3.0, 0.0, 0.0], 10.0 * np.exp(-time))
+    return Poses(time, positions, quaternions, positions[:, :3] + [3.0, 0.0, 0.0], 10.0 * np.exp(-time))
 
 
 def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, **changes: Any) -> Film:
@@ -616,16 +617,21 @@ def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, *
     return change_film(film, **changes)
 
 
-def samples_of(film: Film) -> Samples:
+def samples_of(film: Film) -> Poses:
     """Return the run of a video content, which is in memory."""
-    assert isinstance(film.run, Samples)
+    assert isinstance(film.run, Poses)
     return film.run
 
 
 def change_film(film: Film, **changes: Any) -> Film:
     """Return video content with some fields of it, or of its samples, replaced."""
-    of_samples = {field.name: changes.pop(field.name) for field in fields(Samples) if field.name in changes}
+    of_samples = {field.name: changes.pop(field.name) for field in fields(Poses) if field.name in changes}
     return replace(film, run=replace(samples_of(film), **of_samples), **changes)
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """Return the resolved scenario as YAML; custom vehicles keep their paths."""
+    return dump_yaml(scenario.model_dump(mode="json", exclude_none=True))
 
 
 # -- errors and numbers ----------------------------------------------------------------------------------------------

@@ -80,7 +80,8 @@ def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
 def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let runs draw no plots and an empty page."""
     monkeypatch.setattr("mjsheaf.runs.publish._plot", lambda *_: None)
-    monkeypatch.setattr("mjsheaf.page.page_of", lambda *_, **__: b"")
+    for module in ("mjsheaf.page", "mjsheaf.runs.publish"):
+        monkeypatch.setattr(f"{module}.page_of", lambda *_, **__: b"")
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ Oracles: the boxes of what matplotlib draws; simulated colour blindness (Machado
 import io
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from matplotlib.figure import Figure
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
+from mjsheaf.files import FIGURE_FORMATS
 from mjsheaf.show.panels import (
     label_axes,
     label_ends,
@@ -32,7 +34,7 @@ from mjsheaf.show.panels import (
     write_figure,
 )
 from mjsheaf.show.plots import _start_of_last_round
-from mjsheaf.show.style import BLUE, FORMATS, RED, FigureOptions, line_style, palette
+from mjsheaf.show.style import BLUE, RED, FigureOptions, line_style, palette
 from tests.pictures import is_legible, overlaps, written
 
 _BLINDNESS = {
@@ -121,7 +123,7 @@ def test_names_of_lines_that_end_in_one_point() -> None:
     assert is_legible(figure)
 
 
-@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("form", FIGURE_FORMATS)
 def test_equal_figures_give_equal_bytes(form: str) -> None:
     def drawn() -> bytes:
         figure, axis = panel()
@@ -160,8 +162,9 @@ def plots_of(name: str, overrides: dict[str, Any], options: FigureOptions = Figu
 
     scenario = load_scenario(name, overrides)
     data = thinned(simulate(scenario, "ideal"))
-    bound = "Theorem 1, approximate", np.full(data.sizes["time"], 30.0)
-    _plot(scenario.phases, data, bound, Path("."), lambda *_: None, options)
+    theorem = SimpleNamespace(applies=True, approximate=True, at=lambda time: np.full(len(time), 30.0))
+    bounds: Any = [(theorem, SimpleNamespace(samples=None))]
+    _plot(scenario, scenario.phases, data, bounds, Path("."), options, lambda *_: None)
 
 
 SIZES = [1, 2, 13, 60, 500]

@@ -115,13 +115,14 @@ def _figures_of(plot: Path | None, formats: str | None, title: bool) -> "FigureO
     Raises:
         InputError: The name or a format is not one of figures, or formats are given without a plot.
     """
-    from mjsheaf.show.style import AS_USUAL, FORMATS, FigureOptions
+    from mjsheaf.files import FIGURE_FORMATS
+    from mjsheaf.show.style import AS_USUAL, FigureOptions
 
     if plot is None and formats is not None:
         raise InputError(f"--format {formats}: no plot to write; expected --plot FILE too")
     if plot is None:
         return AS_USUAL
-    require_file_name("--plot", plot, *(f".{form}" for form in FORMATS))
+    require_file_name("--plot", plot, *(f".{form}" for form in FIGURE_FORMATS))
     named = plot.suffix[1:]
     others = [form for form in (formats or named).split(",") if form != named]
     return FigureOptions((named, *others), title)

@@ -108,10 +108,13 @@ def _exit_code(arguments: list[str] | None) -> int:
         return _complain(stopped.message, code=int(stopped.code or 1))
     except BrokenPipeError:
         return _end_of_pipe()
+    except OSError as error:
+        return _complain(f"{_place_of(error)}: {error.strerror or error}")
+    except ImportError as error:  # also a library without memory
+        return _complain(f"cannot load what it needs: {error}")
+    except (MemoryError, SystemError) as error:  # libraries that run out of memory in C raise the second one
+        return _complain(f"not enough memory: use fewer samples or vehicles. {error}".strip())
     except Exception as error:
-        for kinds, describe in _DESCRIPTIONS:
-            if isinstance(error, kinds):
-                return _complain(describe(error))
         return _refuse_usage(error)
 
 
@@ -181,15 +184,6 @@ def _place_of(error: OSError) -> str:
     except OSError:
         return "the working directory is gone"
     return "input or output"
-
-
-_DESCRIPTIONS: tuple[tuple[tuple[type[Exception], ...], Callable[[Any], str]], ...] = (
-    ((OSError,), lambda error: f"{_place_of(error)}: {error.strerror or error}"),
-    ((ImportError,), lambda error: f"cannot load what it needs: {error}"),  # also a library without memory
-    # Libraries that run out of memory in C raise the second one.
-    ((MemoryError, SystemError), lambda error: f"not enough memory: use fewer samples or vehicles. {error}".strip()),
-)
-"""Descriptions of errors that are not mjsheaf's, by their types."""
 
 
 def _complain(*lines: str, code: int = InputError.exit_code) -> int:

@@ -1,6 +1,6 @@
 """`mjsheaf run`, `mjsheaf expect`, and the commands that draw a finished run again: `video`, `plot` and `report`."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -40,14 +40,11 @@ from mjsheaf.cli.options import (
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field, printable, shortened
 
 if TYPE_CHECKING:
-    from mjsheaf.law.in_python import Controller
-    from mjsheaf.runs.expecting import Trial
     from mjsheaf.runs.publish import Outcome
     from mjsheaf.runs.simulate import Progress
     from mjsheaf.scenario import Scenario
     from mjsheaf.video.film import VideoOptions
 
-_MOVED_BY = {"physics": "MuJoCo bodies", "ideal": "ideal kinematics"}
 _NORMS = {
     "mean_disagreement": "mean over agents",
     "tracking_error": "RMS over agents",
@@ -57,7 +54,6 @@ _NORMS = {
 _FILES = {"report.html": "replay, for any browser", "video.mp4": "video"}
 _MAX_NOTES = 4  # lines
 _MAX_ROWS = 5  # of the table
-_MAX_EVENTS = 36  # characters
 
 
 def announcing(scenario: "Scenario", backend: str, progress: "Progress") -> "Progress":
@@ -76,10 +72,10 @@ def announcing(scenario: "Scenario", backend: str, progress: "Progress") -> "Pro
 
 def print_start(scenario: "Scenario", backend: str) -> None:
     """Print the size, engine and duration of a run that starts."""
-    agents = _count(len(scenario.agents), "agent")
-    targets = _count(len(scenario.targets), "target")
-    seconds = scenario.time.end - scenario.time.start
-    line = f"{scenario.name}: {agents} and {targets} on {_MOVED_BY[backend]}, {seconds:.6g} s"
+    agents, targets = len(scenario.agents), len(scenario.targets)
+    team = f"{agents} agent{'' if agents == 1 else 's'} and {targets} target{'' if targets == 1 else 's'}"
+    bodies = "MuJoCo bodies" if backend == "physics" else "ideal kinematics"
+    line = f"{scenario.name}: {team} on {bodies}, {scenario.time.end - scenario.time.start:.6g} s"
     with suppress(BrokenPipeError):  # the run continues, for its files; the next line printed ends the command
         print(printable(line), flush=True)
 
@@ -92,15 +88,36 @@ def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
         overridden: True if fields of the scenario were overridden, which its expectation does not account for.
     """
     summary = outcome.summary
-    replaced = [outcome.replaced] if outcome.replaced else []
-    print_lines(_headline(summary), *_verdict(summary["expect"], overridden))
+    final = summary["final"]
+    if summary["status"] != "finished":
+        headline = f"{summary['status']}: {summary['message']}"
+    elif final["tracking_error"] is None:
+        headline = "finished"
+    else:
+        headline = (
+            f"finished: at {final['time']:.6g} s the agents are {final['tracking_error']:.3g} m from where they "
+            "should be (tracking error, RMS over agents)"
+        )
+    print_lines(headline, _verdict(summary["expect"], overridden))
     make_console().print(_table(summary))
+    # That bodies exceed the bound of ideal kinematics is no news: the page and summary.json have it.
+    told = [note for note in summary["notes"] if note["kind"] != "bound" or summary["backend"] == "ideal"]
+    notes = [f"note: {note['text']}" for note in told]
+    if len(notes) > _MAX_NOTES:
+        notes[_MAX_NOTES - 1 :] = [f"and {len(notes) - _MAX_NOTES + 1} more notes in summary.json"]
+    sent, speed = summary["communication"], f"{summary['realtime_factor']:.3g} x real time"
+    effort = [f"{summary['steps']} steps in {summary['wall_time_s']:.2f} s ({speed})"]
+    if sent["exchanges_per_second"]:
+        effort.append(
+            f"{sent['exchanges_per_second']:.4g} exchanges between neighbours per second; each agent sends "
+            f"{sent['numbers_per_agent_second']:.4g} numbers per second"
+        )
     print_lines(
         *_safety(summary.get("safety")),
-        *_notes(summary),
+        *notes,
         *(f"DRIFTS: {direction}; errors refer to the q* of least norm" for direction in summary["free_directions"]),
-        *_effort(summary),
-        *replaced,
+        *effort,
+        *([outcome.replaced] if outcome.replaced else []),
         *describe_files(outcome.directory, _FILES),
     )
 
@@ -118,50 +135,21 @@ def describe_files(directory: Path, about: Mapping[str, str]) -> list[str]:
     return [*lines, f"  {directory}: {', '.join(others)}"] if others else lines
 
 
-def _notes(summary: dict[str, Any]) -> list[str]:
-    """Return the most important notes, and how many more there are.
-
-    That bodies exceed the bound of ideal kinematics is no news: the page and summary.json have it.
-    """
-    told = [note for note in summary["notes"] if note["kind"] != "bound" or summary["backend"] == "ideal"]
-    lines = [f"note: {note['text']}" for note in told]
-    if len(lines) <= _MAX_NOTES:
-        return lines
-    shown = _MAX_NOTES - 1
-    return [*lines[:shown], f"and {len(lines) - shown} more notes in summary.json"]
-
-
-def _headline(summary: dict[str, Any]) -> str:
-    """Return a sentence about how a run ended and how far agents are from their places."""
-    final = summary["final"]
-    if summary["status"] != "finished":
-        return f"{summary['status']}: {summary['message']}"
-    size = final["tracking_error"]
-    if size is None:
-        return "finished"
-    return (
-        f"finished: at {final['time']:.6g} s the agents are {size:.3g} m from where they should be "
-        "(tracking error, RMS over agents)"
-    )
-
-
-def _verdict(expect: dict[str, Any], overridden: bool) -> list[str]:
+def _verdict(expect: dict[str, Any], overridden: bool) -> str:
     """Return the verdict on the scenario's expectation: what is missed, or else every measure with its bound."""
-    from mjsheaf.runs.expecting import miss
+    from mjsheaf.runs.expecting import missed
 
     if expect["met"] is None:
-        reason = expect.get("reason") or "the scenario has no `expect:` block for this backend"
-        return [f"no expectation: {reason}"]
-    missed = [miss(check) for check in expect["checks"] if not check["met"]]
-    if missed:
+        return f"no expectation: {expect.get('reason') or 'the scenario has no `expect:` block for this backend'}"
+    if not expect["met"]:
         scope = " (the expectation is for the scenario without --set)" if overridden else ""
-        return [f"NOT as expected: {'; '.join(missed)}{scope}"]
+        return f"NOT as expected: {'; '.join(missed(expect['checks']))}{scope}"
     held = [
         f"{_words(check['measure'])} {check['found']:.3g} m "
         f"(at {'least' if check['measure'] == 'smallest_separation' else 'most'} {check['bound']:g} m)"
         for check in expect["checks"]
     ]
-    return [f"as expected: {'; '.join(held)}"]
+    return f"as expected: {'; '.join(held)}"
 
 
 def _table(summary: dict[str, Any]) -> Any:
@@ -173,20 +161,16 @@ def _table(summary: dict[str, Any]) -> Any:
     for number, phase in enumerate(summary["phases"]):
         if phase["final"] is None:
             continue
-        events = shortened(", ".join(phase["events"]) or "start", _MAX_EVENTS)
+        events = shortened(", ".join(phase["events"]) or "start", 36)
         rows.append((f"phase {number}, {events}, at {phase['final']['time']:.6g} s", phase["final"]))
     columns = list(headings.values())
     table = make_table("", *columns, numbers=columns, title=title, box=None, padding=(0, 2, 0, 0))
     shown = len(rows) if len(rows) <= _MAX_ROWS else _MAX_ROWS - 1
     for name, values in rows[:shown]:
-        table.add_row(name, *_numbers(values))
+        table.add_row(name, *("-" if values[measure] is None else f"{values[measure]:.4g}" for measure in _NORMS))
     if len(rows) > shown:
         table.add_row(f"and {len(rows) - shown} more in summary.json")
     return table
-
-
-def _numbers(values: dict[str, Any]) -> list[str]:
-    return ["-" if values[measure] is None else f"{values[measure]:.4g}" for measure in _NORMS]
 
 
 def _safety(safety: dict[str, Any] | None) -> list[str]:
@@ -206,47 +190,19 @@ def _safety(safety: dict[str, Any] | None) -> list[str]:
         else f"TOO CLOSE: a distance is {0.0 if left is None else -left:.3g} m below the required one"
     ]
     circling = safety["circling"]
-    stopped = [name for name in safety["deadlocked"] if name not in circling]
-    if stopped:
-        names = shortened(", ".join(stopped))
-        advice = "safety.tie_break: right_hand makes agents that stop turn right"
-        lines.append(f"DEADLOCKED: the filter has stopped {names} short of their places; {advice}")
-    if circling:
-        names = shortened(", ".join(circling))
-        advice = "a larger safety.rate lets such agents pass"
-        lines.append(f"DEADLOCKED: the filter keeps {names} circling without arriving; {advice}")
-    if safety["infeasible"]:
-        names = shortened(", ".join(safety["infeasible"]))
-        lines.append(f"INFEASIBLE: at some time no command kept all distances of {names}; no guarantee from then on")
-    return lines
-
-
-def _effort(summary: dict[str, Any]) -> list[str]:
-    """Return the duration of the simulation and, if agents send messages, their number."""
-    speed = f"{summary['realtime_factor']:.3g} x real time"
-    lines = [f"{summary['steps']} steps in {summary['wall_time_s']:.2f} s ({speed})"]
-    sent = summary["communication"]
-    if sent["exchanges_per_second"]:
-        lines.append(
-            f"{sent['exchanges_per_second']:.4g} exchanges between neighbours per second; each agent sends "
-            f"{sent['numbers_per_agent_second']:.4g} numbers per second"
-        )
-    return lines
+    faults = {
+        "DEADLOCKED: the filter has stopped {} short of their places; safety.tie_break: right_hand makes agents that "
+        "stop turn right": [name for name in safety["deadlocked"] if name not in circling],
+        "DEADLOCKED: the filter keeps {} circling without arriving; a larger safety.rate lets such agents "
+        "pass": circling,
+        "INFEASIBLE: at some time no command kept all distances of {}; no guarantee from then on": safety["infeasible"],
+    }
+    return [*lines, *(text.format(shortened(", ".join(names))) for text, names in faults.items() if names)]
 
 
 def _words(measure: str) -> str:
     """Return the name of a measure, or of one at the end of a phase, in words."""
     return measure.removeprefix("mean_").replace("_error", "").replace("_", " ")
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
-_DriftFlag = Annotated[
-    bool,
-    typer.Option("--allow-drift", help="Run even if agents are free to drift; errors refer to the q* of least norm."),
-]
 
 
 def run(
@@ -259,7 +215,12 @@ def run(
     expect: Annotated[
         bool, typer.Option("--expect", help="Exit with code 1 if the run violates the scenario's `expect:` block.")
     ] = False,
-    allow_drift: _DriftFlag = False,
+    allow_drift: Annotated[
+        bool,
+        typer.Option(
+            "--allow-drift", help="Run even if agents are free to drift; errors refer to the q* of least norm."
+        ),
+    ] = False,
     controller: ControllerOption = None,
     quality: QualityOption = None,
     formats: FormatOption = "png",
@@ -276,14 +237,21 @@ def run(
     code 1).
     """
     with progress_bars() as bars:
+        from mjsheaf.runs.expecting import expected_law, missed
         from mjsheaf.runs.publish import execute
+        from mjsheaf.scenario.load import find_scenario, load_controller
         from mjsheaf.video.film import video_options
 
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
         if expect and getattr(loaded.expect, backend) is None and loaded.expect.refused is None:
             raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
-        law = _law_of(scenario, loaded, controller, expect)
+        law = None
+        if controller is not None:
+            law = load_controller(controller, loaded.seed)
+        elif expect:
+            named = expected_law(loaded, find_scenario(scenario).parent)
+            law = named.load(loaded.seed) if named else None
         options = video_options(loaded, quality=quality) if video else None
         with _as_expected(scenario, loaded.expect.refused if expect else None):
             outcome = execute(
@@ -306,18 +274,14 @@ def run(
     if outcome.summary["status"] == "unstable":
         raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {directory}")
     if expect:
-        _require_expected(scenario, outcome.summary)
-
-
-def _law_of(scenario: str, loaded: "Scenario", controller: str | None, expect: bool) -> "Controller | None":
-    """Return the law in Python of a run: that of --controller, else with --expect that of `expect.controller`."""
-    from mjsheaf.runs.expecting import expected_law
-    from mjsheaf.scenario.load import find_scenario, load_controller
-
-    if controller is not None:
-        return load_controller(controller, loaded.seed)
-    named = expected_law(loaded, find_scenario(scenario).parent) if expect else None
-    return named.load(loaded.seed) if named else None
+        misses = missed(outcome.summary["expect"]["checks"])
+        if misses:
+            raise NotHeldError(f"{scenario}: {', '.join(misses)}")
+        parts = (outcome.summary, *outcome.summary["phases"])
+        bounds = [part[name] for part in parts for name in ("theorem", "held_law") if name in part]
+        if any(bound["wrong"] for bound in bounds):  # a fault in mjsheaf
+            text = next(note["text"] for note in outcome.summary["notes"] if note["kind"] == "bound")
+            raise NotHeldError(f"{scenario}: {text}")
 
 
 @contextmanager
@@ -331,23 +295,6 @@ def _as_expected(scenario: str, refusal: str | None) -> Iterator[None]:
         other = refusal is not None and refusal not in str(error)
         verdict = f" (NOT as expected: expect.refused is {refusal!r})" if other else ""
         raise type(error)(f"{scenario}: {error}{verdict}") from None
-
-
-def _require_expected(scenario: str, summary: dict[str, Any]) -> None:
-    """Refuse a run that misses its expectation, or exceeds a bound.
-
-    Raises:
-        NotHeldError: The run does. An exceeded bound is a fault in mjsheaf.
-    """
-    from mjsheaf.runs.expecting import miss
-
-    missed = [miss(check) for check in summary["expect"]["checks"] if not check["met"]]
-    if missed:
-        raise NotHeldError(f"{scenario}: {', '.join(missed)}")
-    unproven: dict[str, bool] = {"wrong": False}
-    parts = (summary, *summary["phases"])
-    if any(part.get(name, unproven)["wrong"] for part in parts for name in ("theorem", "held_law")):
-        raise NotHeldError(f"{scenario}: {next(n['text'] for n in summary['notes'] if n['kind'] == 'bound')}")
 
 
 def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions") -> "Outcome":
@@ -403,56 +350,37 @@ def expect(
         if update:
             data = path.read_bytes()
             require_writable(path)
-        backends = _backends_to_try(scenario, loaded, backend, update)
+        order = expecting.BACKEND_ORDER
+        wanted = sorted(map(str, set(backend or order)), key=order.index)
+        known = wanted if update else expecting.expected_backends(loaded)
+        missing = [name for name in wanted if name not in known]
+        if missing and (backend or not known):
+            raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
         trials = []
         with in_field(scenario):
             law = expecting.expected_law(loaded, path.parent) if controller is None else find_law(controller)
-        law_name = name_law_from(law, path.parent) if update and law is not None else None
-        for name in backends:
+        before = loaded.expect.model_dump(exclude_none=True)
+        if update and law is not None:
+            before["controller"] = name_law_from(law, path.parent)
+        for name in wanted:
+            if name not in known:
+                continue
             with in_field(scenario):
                 progress = partial(bars, f"simulating ({name})")
                 trials.append(expecting.try_scenario(loaded, name, law=law, progress=progress))
             print_lines(expecting.describe(trials[-1], loaded.name, scenario))
     if not update:
-        _require_met(scenario, trials)
+        misses = [f"{miss} on {trial.backend}" for trial in trials for miss in expecting.missed(trial.checks)]
+        if misses:
+            raise NotHeldError(f"{scenario}: {', '.join(misses)}")
         return
     for trial in trials:
         if trial.status == "unstable":
             raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
-    before = loaded.expect.model_dump(exclude_none=True) | ({} if law_name is None else {"controller": law_name})
     with in_field(scenario):
         block = expecting.expectation_from(trials, margin, before)
     expecting.replace_expectation(path, data, scenario, block, margin)
     print_lines(f"wrote expect: of {path}")
-
-
-def _require_met(scenario: str, trials: "Sequence[Trial]") -> None:
-    """Refuse runs that miss an expectation.
-
-    Raises:
-        NotHeldError: A run does.
-    """
-    from mjsheaf.runs.expecting import miss, missed
-
-    misses = [f"{miss(check)} on {trial.backend}" for trial in trials for check in missed(trial)]
-    if misses:
-        raise NotHeldError(f"{scenario}: {', '.join(misses)}")
-
-
-def _backends_to_try(scenario: str, loaded: "Scenario", chosen: "Sequence[Backend] | None", update: bool) -> list[str]:
-    """Return the backends on which `expect` runs a scenario.
-
-    Raises:
-        InputError: A chosen backend, or every one, has no expectation, and --update is not given.
-    """
-    from mjsheaf.runs.expecting import BACKEND_ORDER, expected_backends
-
-    wanted = sorted(map(str, set(chosen or BACKEND_ORDER)), key=BACKEND_ORDER.index)
-    known = wanted if update else expected_backends(loaded)
-    missing = [name for name in wanted if name not in known]
-    if missing and (chosen or not known):
-        raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
-    return [name for name in wanted if name in known]
 
 
 def video(
@@ -481,7 +409,7 @@ def video(
         from mjsheaf.results.store import reopen_run, save_summary
         from mjsheaf.runs.publish import video_entry
         from mjsheaf.video import available_backend
-        from mjsheaf.video.film import film_run, video_options
+        from mjsheaf.video.film import film_of, video_options
 
         with reopen_run(directory) as (scenario, dataset, summary):
             options = video_options(scenario, **changes)
@@ -492,7 +420,9 @@ def video(
             backend, reason = available_backend()
             if backend is None:
                 raise InputError(f"no video can be drawn here: {reason}")
-            frames = film_run(scenario, dataset, path, options, partial(bars, "drawing video"))
+            from mjsheaf.video.draw import draw_video  # after a backend is found: it imports MuJoCo
+
+            frames = draw_video([film_of(scenario, dataset)], path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print_lines(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")

@@ -53,13 +53,9 @@ def list_(
     """List the included scenarios and studies, or the included vehicles and your own."""
     if vehicles:
         _list_vehicles(files or [])
-    elif files:
+        return
+    if files:
         raise InputError(f"{files[0]}: only vehicles have files to list; expected --vehicles {files[0]}")
-    else:
-        _list_scenarios()
-
-
-def _list_scenarios() -> None:
     from mjsheaf.files import list_studies, read_yaml
     from mjsheaf.scenario import Scenario, list_scenarios
     from mjsheaf.scenario.load import read_scenario
@@ -237,31 +233,21 @@ def export(
     and commands, events as messages, and the scenario. `run --mcap` writes the same file during a run.
     """
     formats = formats_of(mcap, ros2)
-    one_place = f"--out {out}: names one place; expected only one of --mcap and --ros2 with it"
     if not formats:
         raise InputError("export: expected --mcap, --ros2 or both")
     if out is not None and len(formats) > 1:
-        raise InputError(one_place)
+        raise InputError(f"--out {out}: names one place; expected only one of --mcap and --ros2 with it")
     with progress_bars("exporting the run"):
         from mjsheaf.export import FORMATS, export_run
 
         if out is not None:
-            _require_place(out, directory / FORMATS[formats[0]].name, mcap)
+            if mcap:
+                require_file_name("--out", out, ".mcap")
+            elif not out.parent.is_dir():
+                raise InputError(f"--out {out}: there is no directory {out.parent}")
+            require_outside_of_runs(out, directory / FORMATS[formats[0]])
         paths = [export_run(directory, name, out) for name in formats]
     print_lines(*paths)
-
-
-def _require_place(out: Path, own: Path, mcap: bool) -> None:
-    """Refuse a path that cannot be written, or lies in the directory of another run.
-
-    Raises:
-        InputError: The path is one.
-    """
-    if mcap:
-        require_file_name("--out", out, ".mcap")
-    elif not out.parent.is_dir():
-        raise InputError(f"--out {out}: there is no directory {out.parent}")
-    require_outside_of_runs(out, own)
 
 
 def view(
@@ -291,7 +277,17 @@ def view(
     command. What you do is recorded as the `events:` of a scenario that reproduces the session bit for bit.
     """
     if Path(source).is_dir():
-        _open_finished(Path(source), browser)
+        from mjsheaf.page import write_page_again
+        from mjsheaf.results.store import open_run
+
+        path = Path(source) / "report.html"
+        with open_run(Path(source)):
+            pass
+        if not path.is_file():
+            write_page_again(Path(source))
+        print_lines(f"open in a browser: {path}")
+        if browser:
+            webbrowser.open(path.resolve().as_uri())
         return
     with ExitStack() as loading:
         loading.enter_context(progress_bars("preparing the run"))
@@ -313,7 +309,16 @@ def view(
                 webbrowser.open(url)
 
         def record(scenario: "Scenario") -> None:
-            directory = _write(scenario, out or _new_directory(f"{loaded.name}-{backend}-live"))
+            from mjsheaf.files import naming, whole_directory
+            from mjsheaf.runs.publish import write_scenario
+
+            name = f"{loaded.name}-{backend}-live"
+            places = (Path("runs") / own for own in chain([name], (f"{name}-{number}" for number in count(2))))
+            directory = out or next(path for path in places if not path.exists())
+            with naming(directory):
+                directory.parent.mkdir(parents=True, exist_ok=True)
+                with whole_directory(directory) as fresh:
+                    write_scenario(scenario, fresh)
             other = "" if engine is Engine.MUJOCO else f" --engine {engine}"
             again = f"mjsheaf run {directory / 'scenario.yaml'} --backend {backend}{other}"
             number = len(scenario.events) - len(loaded.events)
@@ -323,36 +328,3 @@ def view(
         with in_field(source), saying_what_is_kept(lambda: kept[0]):
             view_live(loaded, str(backend), engine=str(engine), port=port, speed=pace, opened=announce, recorded=record)
     print_lines(kept[0])
-
-
-def _new_directory(name: str) -> Path:
-    """Return a directory in runs/ that does not exist."""
-    names = chain([name], (f"{name}-{number}" for number in count(2)))
-    return next(path for path in (Path("runs") / own for own in names) if not path.exists())
-
-
-def _write(scenario: "Scenario", directory: Path) -> Path:
-    """Write a scenario with what it refers to into a new directory, and return that."""
-    from mjsheaf.files import naming, whole_directory
-    from mjsheaf.runs.publish import write_scenario
-
-    with naming(directory):
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        with whole_directory(directory) as fresh:
-            write_scenario(scenario, fresh)
-    return directory
-
-
-def _open_finished(directory: Path, browser: bool) -> None:
-    """Open the page of a finished run; write it first if it is missing."""
-    from mjsheaf.page import write_page_again
-    from mjsheaf.results.store import open_run
-
-    path = directory / "report.html"
-    with open_run(directory):
-        pass
-    if not path.is_file():
-        path = write_page_again(directory)
-    print_lines(f"open in a browser: {path}")
-    if browser:
-        webbrowser.open(path.resolve().as_uri())

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from mjsheaf.comparing.compare import Comparison, compare
 from mjsheaf.comparing.page import report_text
-from mjsheaf.errors import PlaceError
 from mjsheaf.results import summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.publish import draw_video, write_scenario
@@ -14,6 +13,7 @@ from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.show.style import AS_USUAL, FigureOptions
+from mjsheaf.video.film import both_films, half_options
 
 
 @dataclass(frozen=True)
@@ -79,17 +79,12 @@ def add_video(published: Published, quality: str | None = None, progress: Progre
     Raises:
         PlaceError: The video cannot be written.
     """
-    from mjsheaf.video.draw import UnwritableError
-    from mjsheaf.video.film import film_side_by_side
-
-    directory = published.directory
+    directory, scenario = published.directory, published.scenario
     path = directory / "compare.mp4"
     ideal, physics = (published.comparison.runs[key].dataset for key in ("ideal", "all"))
-    drawing = partial(progress, "drawing video")
-    try:
-        _, reason = draw_video(partial(film_side_by_side, published.scenario, ideal, physics, path, drawing, quality))
-    except UnwritableError as error:
-        raise PlaceError(f"{error}; {directory} is complete except for its video") from error
+    options = half_options(scenario, quality)
+    films = partial(both_films, scenario, ideal, physics, options)
+    _, reason = draw_video(films, path, options, progress, f"{directory} is complete except for its video")
     if not reason:
         record = published.comparison.record.model_copy(update={"video": path.name})
         save_summary(record.model_dump(mode="json"), directory / "compare.json")

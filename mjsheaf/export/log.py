@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from itertools import chain
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -19,16 +20,13 @@ import xarray as xr
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.files import naming, whole_directory, whole_file
-from mjsheaf.results.netcdf import length_of_piece, send, split
+from mjsheaf.results.netcdf import Sink, length_of_piece, send, split
 from mjsheaf.results.store import BAG, reopen_run, strange_in_bag
-from mjsheaf.show.played import edges_of, joined, residuals_in
+from mjsheaf.scenario import Scenario
+from mjsheaf.show.played import edges_of, has_bodies, joined, residuals_in
 from mjsheaf.show.solids import parts_of
 from mjsheaf.show.style import groups_of
-
-if TYPE_CHECKING:
-    from mjsheaf.results.netcdf import Sink
-    from mjsheaf.scenario import Scenario
-    from mjsheaf.system import Phase
+from mjsheaf.system import Phase
 
 WORLD = "world"
 """Frame of all positions: x, y horizontal, z up, m."""
@@ -45,13 +43,10 @@ TOPICS = {
 }
 """Names of the recorded variables that are exported as numbers, where a run has them, by topic."""
 
-_RESIDUALS = (0.01, 10.0)  # residuals at the ends of the colour scale, m
 _LEVELS = 16  # number of colours of edges
 PALETTE: Array = matplotlib.colormaps["turbo"](np.linspace(0.05, 0.95, _LEVELS)).round(3)
 """Colours of edges from small to large residuals, RGBA, shape (levels, 4)."""
 
-_STEPS = 10_000  # minimum number of steps of desired positions along the team's initial size
-_SLOWEST = 2.0**-6  # slowest flow with an arrow, m/s
 HALF_OPEN = 0.6
 """Opacity of desired positions."""
 ARROW = (0.25, 0.8, 0.95, 0.9)
@@ -101,7 +96,7 @@ class LogSink(ABC):
         status: Status and message of the run.
     """
 
-    def __init__(self, scenario: "Scenario", phases: "Sequence[Phase]", attachment: Path) -> None:
+    def __init__(self, scenario: Scenario, phases: Sequence[Phase], attachment: Path) -> None:
         """Take the run, and the scenario's file, which is copied at the end."""
         self.scenario, self.phases, self.attachment = scenario, phases, attachment
         self.last, self.status, self.failed = 0, ("", ""), True
@@ -109,16 +104,16 @@ class LogSink(ABC):
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
         """Prepare the content; nothing is written before the first sample."""
         system = self.phases[0].system
-        team, self._bodies = system.team, attrs["backend"] == "physics"
+        team = system.team
         self._phase = -1  # number of that of the last sample
         ends = [[team.index[edge.tail], team.index[edge.head]] for edge in edges_of(self.phases).values()]
         self._ends = np.array(ends, dtype=np.int64).reshape(-1, 2)
-        self._planar = [member.dimension == 2 for member in team.members]
-        self._step = _step_of(system.initial)
+        size = max(float(np.ptp(system.initial, axis=0).max()), 1.0)
+        self._step = float(2.0 ** np.floor(np.log2(size / 10_000)))  # of desired positions, m
         group, _, colours = groups_of(team)
         self.colours = colours[group]
         self.frames = [member.id for member in team.members]
-        self.solids, radii = parts_of(system.vehicles, self.colours, at_hand=not self._bodies)
+        self.solids, radii = parts_of(system.vehicles, self.colours, at_hand=attrs["backend"] != "physics")
         self.radii = 0.5 * radii[: len(team.agents)]
         self.labels: dict[str, list[str]] = {}
         self.vectors: set[str] = set()
@@ -155,6 +150,11 @@ class LogSink(ABC):
     def write_log(self, level: str, words: str) -> None:
         """Write a message, of level INFO or ERROR, at the time of the last sample."""
 
+    def placed(self, moment: Moment) -> list[tuple[str, list[float]]]:
+        """Return the frame and the pose of each vehicle, except those that are not finite."""
+        rows = zip(self.frames, moment.poses.tolist(), strict=True)
+        return [(frame, pose) for frame, pose in rows if all(map(isfinite, pose))]
+
     def write_end(self) -> None:
         """Write why a run is unstable."""
         if self.status[0] == "unstable":
@@ -164,18 +164,24 @@ class LogSink(ABC):
         """Return the samples of the next chunk of the run."""
         times = np.rint(1e9 * chunk["time"].values).astype(np.int64).tolist()
         values = {name: chunk[name].values for name in self.labels}
-        poses = self._poses(chunk)
-        goals = self._goals(chunk["harmonic_extension"].values, poses)
+        poses, q_star = self._poses(chunk), chunk["harmonic_extension"].values
+        goals = np.where(np.isnan(q_star), poses[:, : q_star.shape[1], :3], q_star)  # at the agent's height without one
+        goals[np.isnan(q_star[..., 0])] = np.nan  # of absent agents
         flow = np.nan_to_num(joined(chunk, "flow"))
         residual = residuals_in(chunk, self.phases, np.nan_to_num(joined(chunk, "position")))
-        levels = _levels(residual)
+        low, high = np.log((0.01, 10.0))  # residuals at the ends of the colour scale, m
+        with np.errstate(all="ignore"):
+            goals = np.rint(goals / self._step) * self._step
+            part = (np.log(residual) - low) / (high - low)
+        levels = np.clip(np.nan_to_num(np.floor(part * _LEVELS), nan=_LEVELS), 0, _LEVELS - 1).astype(np.int64)
         for row, (time, k) in enumerate(zip(times, chunk["phase"].values.tolist(), strict=True)):
             team = self.phases[k].system.team
             present = np.append(team.present, np.ones(len(team.targets), dtype=bool))
             visible = np.isfinite(poses[row]).all(axis=1) & present
             shown = visible[self._ends].all(axis=1) & ~np.isnan(residual[row])
             owners = np.flatnonzero(np.isfinite(goals[row]).all(axis=1) & team.present)
-            drifting = np.flatnonzero(visible & (np.linalg.norm(flow[row], axis=1) >= _SLOWEST))
+            # Slowest flow with an arrow, m/s.
+            drifting = np.flatnonzero(visible & (np.linalg.norm(flow[row], axis=1) >= 2.0**-6))
             yield Moment(
                 time=time,
                 phase=k,
@@ -189,103 +195,58 @@ class LogSink(ABC):
                 values={name: array[row] for name, array in values.items()},
             )
 
-    def _goals(self, q_star: Array, poses: Array) -> Array:
-        """Return q* rounded, shape (T, N, 3), at the agent's height where it has none; NaN for absent agents."""
-        goals = np.where(
-            np.isnan(q_star[..., :1]), np.nan, np.where(np.isnan(q_star), poses[:, : q_star.shape[1], :3], q_star)
-        )
-        with np.errstate(invalid="ignore", over="ignore"):
-            return np.asarray(np.rint(goals / self._step) * self._step)
-
     def _poses(self, chunk: xr.Dataset) -> Array:
         """Return position and quaternion x, y, z, w of all vehicles, shape (T, V, 7).
 
         On ideal kinematics vehicles have no attitude, and the frame's origin is the controlled point.
         """
-        positions = joined(chunk, "body_position" if self._bodies else "position")
+        bodies = has_bodies(chunk)
+        positions = joined(chunk, "body_position" if bodies else "position")
         poses = np.zeros((*positions.shape[:2], 7))
         poses[..., :3] = positions
-        if self._bodies:
+        if bodies:
             poses[..., 3:] = joined(chunk, "orientation")[..., [1, 2, 3, 0]]
         else:
-            poses[:, self._planar, 2] = self.scenario.scene.height
+            poses[:, self.phases[0].system.planar, 2] = self.scenario.scene.height
             poses[..., 6] = 1.0
         return poses
 
 
-def _levels(residuals: Array) -> IntArray:
-    """Return the number of the colour of each residual, on a logarithmic scale."""
-    low, high = np.log(_RESIDUALS)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = (np.log(residuals) - low) / (high - low)
-    return np.clip(np.nan_to_num(np.floor(part * _LEVELS), nan=_LEVELS), 0, _LEVELS - 1).astype(np.int64)
+FORMATS = {"mcap": "run.mcap", "ros2": BAG}
+"""Name in a run's directory of what each format writes: a file, and the directory of a bag."""
 
 
-def _step_of(initial: Array) -> float:
-    """Return the step of desired positions, a power of 2, m."""
-    size = max(float(np.ptp(initial, axis=0).max()), 1.0)
-    return float(2.0 ** np.floor(np.log2(size / _STEPS)))
+def require_installed(formats: Sequence[str]) -> list[type[LogSink]]:
+    """Return the sinks of formats, keys of `FORMATS`.
 
-
-class Format(NamedTuple):
-    """A format of exported runs.
-
-    Attributes:
-        name: Name in a run's directory.
-        module: Module of mjsheaf that has its sink.
-        sink: Name of the sink's class.
-        directory: True if it is a directory.
-        suffix: Suffix that a file's name must have.
+    Raises:
+        InputError: The packages of the extra `mcap` are not installed.
     """
-
-    name: str
-    module: str
-    sink: str
-    directory: bool
-    suffix: str
-
-
-FORMATS = {
-    "mcap": Format("run.mcap", "mjsheaf.export.mcap", "Mcap", False, ".mcap"),
-    "ros2": Format(BAG, "mjsheaf.export.ros2", "Ros2Bag", True, ""),
-}
-"""Formats by name."""
+    found = []
+    for name in formats:
+        try:
+            found.append(import_module(f"mjsheaf.export.{name}").Log)
+        except ImportError as error:
+            raise InputError(
+                f"--{name} needs packages that are not installed ({error.name}): pip install 'mjsheaf[mcap]'"
+            ) from None
+    return found
 
 
-def make_sink(format_name: str, path: Path, scenario: "Scenario", phases: "Sequence[Phase]", source: Path) -> "Sink":
+def make_sink(format_name: str, path: Path, scenario: Scenario, phases: Sequence[Phase], source: Path) -> Sink:
     """Return the sink that writes a run to `path`; `source` is the scenario's file, which it includes.
 
     Raises:
         InputError: The packages of the extra `mcap` are not installed.
     """
-    kind = FORMATS[format_name]
-    sink: Sink = getattr(_load(format_name), kind.sink)(path, scenario, phases, source)
-    return sink
+    (kind,) = require_installed([format_name])
+    return kind(path, scenario, phases, source)
 
 
-def require_installed(formats: Sequence[str]) -> None:
-    """Refuse formats whose packages are not installed.
-
-    Raises:
-        InputError: The message names the extra.
-    """
-    for name in formats:
-        _load(name)
-
-
-def _load(format_name: str) -> Any:
-    try:
-        return import_module(FORMATS[format_name].module)
-    except ImportError as error:
-        raise InputError(
-            f"--{format_name} needs packages that are not installed ({error.name}): pip install 'mjsheaf[mcap]'"
-        ) from None
-
-
-def sinks_of(formats: Sequence[str], directory: Path, scenario: "Scenario", phases: "Sequence[Phase]") -> "list[Sink]":
+def sinks_of(formats: Sequence[str], directory: Path, scenario: Scenario, phases: Sequence[Phase]) -> list[Sink]:
     """Return the sinks that write a run's exports into its directory, which has scenario.yaml."""
     source = directory / "scenario.yaml"
-    return [make_sink(name, directory / FORMATS[name].name, scenario, phases, source) for name in formats]
+    return [make_sink(name, directory / FORMATS[name], scenario, phases, source) for name in formats]
 
 
 def export_run(directory: Path, format_name: str, out: Path | None = None) -> Path:
@@ -299,27 +260,14 @@ def export_run(directory: Path, format_name: str, out: Path | None = None) -> Pa
     Raises:
         InputError: The directory holds no run, a package is missing, or nothing can be written there.
     """
-    kind = FORMATS[format_name]
-    path = directory / kind.name if out is None else out
+    path = directory / FORMATS[format_name] if out is None else out
     require_installed([format_name])
     with reopen_run(directory) as (scenario, dataset, _), ExitStack() as stack, naming(path):
-        if kind.directory:
-            _require_replaceable(path)
-            part = stack.enter_context(whole_directory(path))
-        else:
-            part = stack.enter_context(whole_file(path))
+        strange = strange_in_bag(path) if format_name == "ros2" else []
+        if strange:
+            raise InputError(f"{path}: holds {strange[0]!r}, which mjsheaf did not write; choose another with --out")
+        part = stack.enter_context(whole_directory(path) if format_name == "ros2" else whole_file(path))
         sink = make_sink(format_name, part, scenario, scenario.phases, directory / "scenario.yaml")
         pieces = split(dataset, length_of_piece(dataset))
         send((piece.load() for piece in pieces), sink)
     return path
-
-
-def _require_replaceable(path: Path) -> None:
-    """Refuse the path of a bag that holds anything else.
-
-    Raises:
-        InputError: The message names it.
-    """
-    strange = strange_in_bag(path)
-    if strange:
-        raise InputError(f"{path}: holds {strange[0]!r}, which mjsheaf did not write; choose another with --out")

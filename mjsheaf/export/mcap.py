@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import foxglove_schemas_protobuf.FrameTransforms_pb2 as transforms_pb2
 import foxglove_schemas_protobuf.Log_pb2 as log_pb2
@@ -17,27 +17,23 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.arrays import Array
 from mjsheaf.export.log import ARROW, HALF_OPEN, PALETTE, TOPICS, WORLD, LogSink, Moment
+from mjsheaf.scenario import Scenario
 from mjsheaf.show.solids import Part
-
-if TYPE_CHECKING:
-    from mjsheaf.scenario import Scenario
-    from mjsheaf.system import Phase
+from mjsheaf.system import Phase
 
 MAX_FIELDS = 4000
 """Maximum number of labels with a field each; protobuf allows some 8,000 lists in a message."""
 
 _FIELD = descriptor_pb2.FieldDescriptorProto
-_MANTISSA = 2.0**12  # steps of the mantissa of errors and commands
 _TURNS = 2.0**6  # steps of the components of an arrow's quaternion, and of the mantissa of its length
-_EDGE = 2.0  # width of an edge, pixels
 
 
-class Mcap(LogSink):
+class Log(LogSink):
     """Sink that writes one MCAP file."""
 
-    def __init__(self, path: Path, scenario: "Scenario", phases: "Sequence[Phase]", attachment: Path) -> None:
+    def __init__(self, path: Path, scenario: Scenario, phases: Sequence[Phase], attachment: Path) -> None:
         """Write to `path`; `attachment` is the scenario's file, read at the end."""
         super().__init__(scenario, phases, attachment)
         self._file = path.open("wb")
@@ -90,12 +86,10 @@ class Mcap(LogSink):
     def _transforms(self, moment: Moment) -> Any:
         """Return the poses of all vehicles, except those that are not finite."""
         message, stamp = transforms_pb2.FrameTransforms(), self._stamp
-        finite: BoolArray = np.asarray(np.isfinite(moment.poses).all(axis=1))
-        for frame, pose, valid in zip(self.frames, moment.poses.tolist(), finite, strict=True):
-            if valid:
-                own = message.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame)
-                _set_point(own.translation, pose)
-                _set_quaternion(own.rotation, pose[3:])
+        for frame, pose in self.placed(moment):
+            own = message.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame)
+            _set_point(own.translation, pose)
+            _set_quaternion(own.rotation, pose[3:])
         return message
 
     def _scene(self, moment: Moment) -> Any:
@@ -104,7 +98,8 @@ class Mcap(LogSink):
         edges = message.entities.add(frame_id=WORLD, id="edges", timestamp=stamp)
         goals = message.entities.add(frame_id=WORLD, id="goals", timestamp=stamp)
         for level in np.unique(moment.levels).tolist():
-            line = edges.lines.add(type=LinePrimitive.LINE_LIST, thickness=_EDGE, scale_invariant=True)
+            # Width of an edge, pixels.
+            line = edges.lines.add(type=LinePrimitive.LINE_LIST, thickness=2.0, scale_invariant=True)
             _set_colour(line.color, PALETTE[level])
             line.pose.orientation.w = 1.0
             ends, indices = np.unique(moment.edges[moment.levels == level], return_inverse=True)
@@ -117,13 +112,9 @@ class Mcap(LogSink):
             ball.pose.orientation.w = 1.0
             _set_point(ball.size, [2.0 * float(self.radii[owner])] * 3)
             _set_colour(ball.color, [*self.colours[owner], HALF_OPEN])
-        self._add_arrows(message, moment)
-        return message
-
-    def _add_arrows(self, scene: Any, moment: Moment) -> None:
-        """Add the arrow of each vehicle's flow, in the vehicle's frame: its start need not be written."""
+        # The arrow of each vehicle's flow is in the vehicle's frame: its start need not be written.
         arrows = [
-            scene.entities.add(frame_id=frame, id=f"flow {frame}", frame_locked=True).arrows for frame in self.frames
+            message.entities.add(frame_id=frame, id=f"flow {frame}", frame_locked=True).arrows for frame in self.frames
         ]
         turns = Rotation.from_quat(moment.poses[moment.drifting, 3:])
         quaternions, lengths = turn_along(turns.inv().apply(moment.flow))
@@ -132,6 +123,7 @@ class Mcap(LogSink):
             arrow.shaft_diameter, arrow.head_diameter = 0.0625, 0.1875
             _set_quaternion(arrow.pose.orientation, quaternion)
             _set_colour(arrow.color, ARROW)
+        return message
 
     def write_vehicles(self) -> None:
         """Write the shapes of all vehicles, which move with their frames."""
@@ -172,22 +164,17 @@ def make_messages(labels: Mapping[str, Sequence[str]], vectors: Collection[str])
             elif labels[variable]:
                 own.type = _FIELD.TYPE_MESSAGE
                 own.type_name = f".mjsheaf.{variable}"
-                _add_fields(file.message_type.add(name=variable), labels[variable], variable in vectors)
+                of_labels, names = file.message_type.add(name=variable), set[str]()
+                several = _FIELD.LABEL_REPEATED if variable in vectors else _FIELD.LABEL_OPTIONAL
+                for n, label in enumerate(labels[variable]):
+                    plain = re.sub(r"\W", "_", label, flags=re.ASCII)
+                    candidates = chain([plain], (f"{plain}_{m}" for m in count(2)))
+                    name = next(name for name in candidates if name not in names)
+                    names.add(name)
+                    of_labels.field.add(name=name, number=n + 1, type=_FIELD.TYPE_FLOAT, label=several)
     classes = message_factory.GetMessages([file], descriptor_pool.DescriptorPool())
     kinds = {topic: classes[f"mjsheaf.{topic.title()}"] for topic in TOPICS}
     return {topic: kind for topic, kind in kinds.items() if kind.DESCRIPTOR.fields}
-
-
-def _add_fields(message: Any, labels: Sequence[str], vectors: bool) -> None:
-    """Add a field for each label to a message's description."""
-    names: set[str] = set()
-    for k, label in enumerate(labels):
-        plain = re.sub(r"\W", "_", label, flags=re.ASCII)
-        candidates = chain([plain], (f"{plain}_{k}" for k in count(2)))
-        name = next(name for name in candidates if name not in names)
-        names.add(name)
-        several = _FIELD.LABEL_REPEATED if vectors else _FIELD.LABEL_OPTIONAL
-        message.field.add(name=name, number=k + 1, type=_FIELD.TYPE_FLOAT, label=several)
 
 
 def _set_numbers(message: Any, field: str, values: Array) -> None:
@@ -198,7 +185,7 @@ def _set_numbers(message: Any, field: str, values: Array) -> None:
         setattr(message, field, float(values))
 
 
-def _significant(values: Array, steps: float = _MANTISSA) -> Array:
+def _significant(values: Array, steps: float = 2.0**12) -> Array:  # steps of the mantissa of errors and commands
     """Round the mantissas of values, to a relative error of at most 1 / steps, so that they compress well."""
     with np.errstate(over="ignore", invalid="ignore"):
         mantissa, exponent = np.frexp(values)

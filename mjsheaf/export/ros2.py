@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from io import SEEK_END
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,14 +16,12 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.arrays import Array
 from mjsheaf.export.log import ARROW, HALF_OPEN, PALETTE, TOPICS, WORLD, LogSink, Moment
 from mjsheaf.results.store import BAG
+from mjsheaf.scenario import Scenario
 from mjsheaf.show.solids import Part
-
-if TYPE_CHECKING:
-    from mjsheaf.scenario import Scenario
-    from mjsheaf.system import Phase
+from mjsheaf.system import Phase
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _SHORT = {
@@ -68,10 +66,10 @@ _END = 2 * 8 + _CRC_AND_MAGIC  # from the start of the summary's address in the 
 _HERE = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
-class Ros2Bag(LogSink):
+class Log(LogSink):
     """Sink that writes the files of one bag into a directory."""
 
-    def __init__(self, path: Path, scenario: "Scenario", phases: "Sequence[Phase]", attachment: Path) -> None:
+    def __init__(self, path: Path, scenario: Scenario, phases: Sequence[Phase], attachment: Path) -> None:
         """Write to the directory `path`; `attachment` is the scenario's file, which is copied at the end."""
         super().__init__(scenario, phases, attachment)
         self._path = path
@@ -125,14 +123,11 @@ class Ros2Bag(LogSink):
 
     def _transforms(self, moment: Moment, header: Any) -> Any:
         """Return the poses of all vehicles, except those that are not finite."""
-        finite: BoolArray = np.asarray(np.isfinite(moment.poses).all(axis=1))
-        rows = zip(self.frames, moment.poses.tolist(), finite, strict=True)
         transforms = [
             _Type["stamped"](
                 header, frame, _Type["transform"](_Type["vector"](*pose[:3]), _Type["quaternion"](*pose[3:]))
             )
-            for frame, pose, valid in rows
-            if valid
+            for frame, pose in self.placed(moment)
         ]
         return _Type["tf"](transforms)
 

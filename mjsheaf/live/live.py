@@ -31,7 +31,7 @@ from mjsheaf.results.netcdf import Memory, Sink
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
 from mjsheaf.show.played import edges_of
-from mjsheaf.system import Phase, System
+from mjsheaf.system import System
 from mjsheaf.team.null_modes import free_axes
 from mjsheaf.team.team import Path
 from mjsheaf.threads import one_thread
@@ -45,10 +45,7 @@ FRAME = 0.05
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 """Simulated seconds per second that the page offers, in addition to as fast as possible."""
 
-_SHARE = 0.01  # fraction of the time that frames may take
 _MAX_SAMPLES = 4096  # in a chunk
-_MOST_KEPT = 1e9  # bytes of the run that a new page begins with
-_MOST_AHEAD = 1000  # points of an outlook
 
 
 # -- actions -----------------------------------------------------------------------------------------------------------
@@ -72,44 +69,7 @@ def flow_values(scenario: Scenario, factor: float) -> dict[str, Any]:
     return values
 
 
-def _number(value: Any, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise InputError(f"{value!r}: expected a number from {low:g} to {high:g}")
-    return float(value)
-
-
-def _id(value: Any) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{value!r}: expected an id")
-    return value
-
-
-def _pair(value: Any) -> list[str]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{value!r}: expected the ids of the two ends of a link")
-    return [_id(value[0]), _id(value[1])]
-
-
-def _set_gain(scenario: Scenario, time: float, value: Any) -> Event:
-    gain = scenario.controller.gain
-    return Change(time=time, set={"controller.gain": _number(value, gain / MAX_FACTOR, gain * MAX_FACTOR)})
-
-
-def _set_flow(scenario: Scenario, time: float, value: Any) -> Event:
-    values = flow_values(scenario, _number(value, 0.0, MAX_FACTOR))
-    if not values:
-        raise InputError("flow: the scenario has no steady flow; expected one")
-    return Change(time=time, set=values)
-
-
-_ACTIONS: dict[str, Callable[[Scenario, float, Any], Event]] = {
-    "lose": lambda _, time, value: Lose(time=time, lose=_id(value)),
-    "join": lambda _, time, value: Join(time=time, join=_id(value)),
-    "cut": lambda _, time, value: Cut(time=time, cut=_pair(value)),
-    "restore": lambda _, time, value: Restore(time=time, restore=_pair(value)),
-    "gain": _set_gain,
-    "flow": _set_flow,
-}
+_ACTIONS: dict[str, Any] = {"lose": Lose, "join": Join, "cut": Cut, "restore": Restore, "gain": Change, "flow": Change}
 
 
 def event_of(action: Mapping[str, Any], scenario: Scenario, time: float) -> Event:
@@ -126,7 +86,22 @@ def event_of(action: Mapping[str, Any], scenario: Scenario, time: float) -> Even
     if len(action) != 1 or not action.keys() <= _ACTIONS.keys():
         raise InputError(f"{', '.join(map(str, action)) or 'nothing'}: expected one of {', '.join(_ACTIONS)}")
     ((name, value),) = action.items()
-    return _ACTIONS[name](scenario, time, value)
+    if name in ("lose", "join") and not isinstance(value, str):
+        raise InputError(f"{value!r}: expected an id")
+    pair = isinstance(value, list) and len(value) == 2 and all(isinstance(end, str) for end in value)
+    if name in ("cut", "restore") and not pair:
+        raise InputError(f"{value!r}: expected the ids of the two ends of a link")
+    if name in ("gain", "flow"):
+        gain = scenario.controller.gain
+        low, high = (gain / MAX_FACTOR, gain * MAX_FACTOR) if name == "gain" else (0.0, MAX_FACTOR)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise InputError(f"{value!r}: expected a number from {low:g} to {high:g}")
+        values = {"controller.gain": float(value)} if name == "gain" else flow_values(scenario, float(value))
+        if not values:
+            raise InputError("flow: the scenario has no steady flow; expected one")
+        return Change(time=time, set=values)
+    event: Event = _ACTIONS[name](time=time, **{name: value})
+    return event
 
 
 class Recorder:
@@ -185,9 +160,15 @@ class Recorder:
         grid = engine.system.grid
         sample = engine.steps_taken // engine.steps_per_sample
         event = event_of(action, self.origin, grid.start + sample * grid.period)
-        events = [other for other in self.events if not _replaces(event, other)]
-        events.append(event)
-        self._require_same_past(event, [*self.origin.events, *events])
+        events = [*(other for other in self.events if not _replaces(event, other)), event]
+        # Who is present from the start depends on a member's first event, which must not change.
+        before, after = (
+            find_waiting(sorted([*self.origin.events, *added], key=lambda event: event.time), self.origin.team)
+            for added in (self.events, events)
+        )
+        for id in before ^ after:
+            state = "has not joined yet" if id in before else "is present already"
+            raise InputError(f"{event.words}: {id} {state}")
         changed = self.origin.model_copy(update={"events": [*self.origin.events, *events]})
         # No event of a user changes them.
         changed.__dict__ |= {"team": self.origin.team, "whole": self.origin.whole}
@@ -200,18 +181,6 @@ class Recorder:
         if "flow" in action:
             self.flow_factors.append((event.time, float(action["flow"])))
             self.words[event.words] = f"flow = {action['flow']:g} x the scenario's"
-
-    def _require_same_past(self, new: Event, events: list[Event]) -> None:
-        """Refuse an event that would change who is present from the start: this depends on a member's first event.
-
-        Raises:
-            InputError: It would.
-        """
-        team = self.origin.team
-        before = find_waiting(sorted([*self.origin.events, *self.events], key=lambda event: event.time), team)
-        for id in before ^ find_waiting(sorted(events, key=lambda event: event.time), team):
-            state = "has not joined yet" if id in before else "is present already"
-            raise InputError(f"{new.words}: {id} {state}")
 
 
 def _why_free(event: Event, scenario: Scenario) -> str:
@@ -270,66 +239,12 @@ def outlook(system: System) -> Array:
     are those of the start.
     """
     path = follow_targets(system.remaining)
-    some = slice(None, None, 1 + path.positions[..., 0].size // _MOST_AHEAD)
+    some = slice(None, None, 1 + path.positions[..., 0].size // 1000)  # points of an outlook
     points = path.positions[some].copy()
     points[:, : len(system.team.agents)] = system.team.unpack(path.q_star[some])
     points[:, system.planar, 2] += system.bodies.surface_height
     points = points.reshape(-1, 3)
     return np.asarray(points[np.isfinite(points).all(axis=1)])
-
-
-class Frames:
-    """Frames that extend a page."""
-
-    def __init__(self, phases: Sequence[Phase], dataset: xr.Dataset, surface_height: float, ahead: Array) -> None:
-        """Take the arrays of a page.
-
-        Args:
-            phases: Phases of the run when the page was made.
-            dataset: The page's samples.
-            surface_height: z of the surface, m.
-            ahead: Points that vehicles are expected to reach; see `outlook`.
-        """
-        self._surface = surface_height
-        self._origin = origin_of(dataset)
-        self._edges = list(edges_of(phases))
-        self._scene = Scene.of(ahead - self._origin)
-        self._last = dataset.isel(time=[-1])
-        self._attitude: NDArray[np.float32] | None = None
-
-    def frame(self, chunk: xr.Dataset, phases: Sequence[Phase]) -> bytes:
-        """Return the last sample of a chunk: its time as a 64-bit float, then all arrays as 32-bit floats.
-
-        Args:
-            chunk: Consecutive samples, which follow those of the previous frame.
-            phases: Phases of the run.
-        """
-        own = chunk.isel(time=[-1])
-        both = join([self._last, own])  # headings along a path need two samples
-        self._last = own
-        row = Row()
-        add_samples(row, both, own, self._surface, phases, self._scene, self._origin)
-        self._keep_edges(row, phases)
-        self._keep_sign(row)
-        time = own["time"].values.astype("<f8")
-        return b"".join([time.tobytes(), *(values.tobytes() for values in row.values.values())])
-
-    def _keep_edges(self, row: Row, phases: Sequence[Phase]) -> None:
-        """Put residuals in the page's order; NaN for edges that no phase has any more."""
-        column = {key: k for k, key in enumerate(edges_of(phases))}
-        residual = row.values["residual"]
-        known = [residual[column[key]] if key in column else np.nan for key in self._edges]
-        row.values["residual"] = np.array(known, "<f4")
-
-    def _keep_sign(self, row: Row) -> None:
-        """Choose the sign of each attitude that is nearer to the one in the previous frame."""
-        attitude = row.values["quaternion"].reshape(-1, 4)
-        if self._attitude is not None:
-            attitude[(attitude * self._attitude).sum(axis=1) < 0.0] *= -1.0
-        self._attitude = attitude
-
-
-# -- the loop ----------------------------------------------------------------------------------------------------------
 
 
 class Display:
@@ -344,13 +259,24 @@ class Display:
         self.cost = 0.0
         self._server = server
         self._recorder = recorder
-        self._history = Memory(_MOST_KEPT)
-        self._last: xr.Dataset | None = None
-        self._frames: Frames | None = None
+        self._history = Memory(1e9)
+        self._last: xr.Dataset | None = None  # the newest chunk
+        self._edges: list[Any] | None = None  # of the last page; None before there is one
         scenario = recorder.origin
         self._height = scenario.scene.height
         self._ahead = outlook(recorder.session.engine.phases[0].system)
-        self._controls = controls_of(scenario) | {"address": server.socket_address}
+        team = scenario.team
+        pairs = {frozenset(edge.between): list(edge.between) for edge in (*team.communication, *team.sensing)}
+        self._controls = {  # what the page's controls need to know
+            "gain": scenario.controller.gain,
+            "factor": MAX_FACTOR,
+            "flow": bool(flow_values(scenario, 1.0)),
+            "speeds": list(SPEEDS),
+            "end": scenario.time.end,
+            "agents": team.agent_ids,
+            "links": list(pairs.values()),
+            "address": server.socket_address,
+        }
         self._again = f"mjsheaf view {scenario.name} --backend {recorder.session.backend}", ""
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
@@ -359,12 +285,11 @@ class Display:
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk for pages, and publish a frame with its last sample."""
         self._history.write(chunk)
-        self._last = chunk
-        if self._frames is None:
+        before, self._last = self._last, chunk
+        if self._edges is None or before is None:
             return
         began = time.perf_counter()
-        phases = self._recorder.session.engine.phases
-        self._server.publish(self._frames.frame(chunk, phases))
+        self._server.publish(self._frame(before, chunk))
         self.cost = time.perf_counter() - began
 
     def close(self) -> None:
@@ -379,28 +304,31 @@ class Display:
         phases = self._recorder.session.engine.phases
         live = Live(self._controls, self._ahead)
         page = page_of(self._recorder.origin, phases, dataset, {}, (), again=self._again, live=live)
-        self._frames = Frames(phases, dataset, self._height, self._ahead)
+        self._edges = list(edges_of(phases))
+        self._origin = origin_of(dataset)
+        self._scene = Scene.of(self._ahead - self._origin)
+        self._attitude: NDArray[np.float32] | None = None
         self._server.answer(page)
 
+    def _frame(self, before: xr.Dataset, chunk: xr.Dataset) -> bytes:
+        """Return the last sample of a chunk: its time as a 64-bit float, then all arrays as 32-bit floats."""
+        phases, own = self._recorder.session.engine.phases, chunk.isel(time=[-1])
+        both = join([before.isel(time=[-1]), own])  # headings along a path need two samples
+        row = Row()
+        add_samples(row, both, own, self._height, phases, self._scene, self._origin)
+        # Residuals are in the page's order, and NaN for edges that no phase has any more.
+        residual = dict(zip(edges_of(phases), row.values["residual"].tolist(), strict=True))
+        row.values["residual"] = np.array([residual.get(key, np.nan) for key in self._edges or ()], "<f4")
+        # The sign of each attitude is the one that is nearer to the previous frame.
+        attitude = row.values["quaternion"].reshape(-1, 4)
+        if self._attitude is not None:
+            attitude[(attitude * self._attitude).sum(axis=1) < 0.0] *= -1.0
+        self._attitude = attitude
+        time = own["time"].values.astype("<f8")
+        return b"".join([time.tobytes(), *(values.tobytes() for values in row.values.values())])
 
-def controls_of(scenario: Scenario) -> dict[str, Any]:
-    """Return what the page's controls need to know."""
-    return {
-        "gain": scenario.controller.gain,
-        "factor": MAX_FACTOR,
-        "flow": bool(flow_values(scenario, 1.0)),
-        "speeds": list(SPEEDS),
-        "end": scenario.time.end,
-        "agents": scenario.team.agent_ids,
-        "links": links_of(scenario),
-    }
 
-
-def links_of(scenario: Scenario) -> list[list[str]]:
-    """List the ids of the two ends of each link that can be cut."""
-    team = scenario.team
-    pairs = {frozenset(edge.between): list(edge.between) for edge in (*team.communication, *team.sensing)}
-    return list(pairs.values())
+# -- the loop ----------------------------------------------------------------------------------------------------------
 
 
 def stable_gain(system: System, backend: str) -> float | None:
@@ -501,7 +429,8 @@ class LiveRun:
         if due > took:
             self._server.wait(due - took)
         work = max(took - self._display.cost, 1e-6) / self._samples
-        affordable = max(1, int(max(FRAME, self._display.cost / _SHARE) / work))
+        # Fraction of the time that frames may take.
+        affordable = max(1, int(max(FRAME, self._display.cost / 0.01) / work))
         wanted = affordable if math.isinf(self._speed) else round(FRAME * self._speed / period)
         self._samples = max(1, min(wanted, 2 * self._samples, affordable, _MAX_SAMPLES))
 
@@ -510,26 +439,18 @@ class LiveRun:
         for action in self._server.take_actions():
             self.message = ""
             try:
-                self._do(action)
+                if action.keys() == {"pause"}:
+                    self._paused = action["pause"] is True
+                elif action.keys() == {"speed"}:
+                    speed = action["speed"]
+                    if speed is not None and (isinstance(speed, bool) or speed not in SPEEDS):
+                        raise InputError(f"speed: {speed!r}; expected one of {', '.join(f'{s:g}' for s in SPEEDS)}")
+                    self._speed = math.inf if speed is None else float(speed)
+                else:
+                    self.recorder.do(action)
             except MjsheafError as error:
                 self.message = f"Refused: {' '.join(map(str, error.args))}"
             self._tell()
-
-    def _do(self, action: dict[str, Any]) -> None:
-        """Do one action.
-
-        Raises:
-            MjsheafError: It is not possible.
-        """
-        if action.keys() == {"pause"}:
-            self._paused = action["pause"] is True
-        elif action.keys() == {"speed"}:
-            speed = action["speed"]
-            if speed is not None and (isinstance(speed, bool) or speed not in SPEEDS):
-                raise InputError(f"speed: {speed!r}; expected one of {', '.join(f'{s:g}' for s in SPEEDS)}")
-            self._speed = math.inf if speed is None else float(speed)
-        else:
-            self.recorder.do(action)
 
     def _tell(self) -> None:
         """Publish the state of the run."""

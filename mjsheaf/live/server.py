@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
 _MAX_MESSAGE = 4096  # bytes of an action
-_MAX_WAITING = 100  # actions that wait for the run
 _MOST_WAIT = 60.0  # s that a browser waits for a page
-_GRACE = 2.0  # s after which a page that does not come back is closed: a reload takes less
 _HEADERS = {
     "Content-Type": "text/html; charset=utf-8",
     "Cache-Control": "no-store",
@@ -105,22 +103,20 @@ class Server:
 
     def answer(self, page: bytes) -> None:
         """Give a page to the browser that waits for it."""
-        with self._changed:
-            self.page_wanted = False
-            self._page = page
-            self._frame = None
-            self._changed.notify_all()
+        self._change(page_wanted=False, _page=page, _frame=None)
 
     def publish(self, frame: bytes) -> None:
         """Replace the newest frame."""
-        with self._changed:
-            self._frame = frame
-            self._changed.notify_all()
+        self._change(_frame=frame)
 
     def tell(self, state: dict[str, Any]) -> None:
         """Replace the state of the run that the page shows."""
+        self._change(_state=json.dumps(state))
+
+    def _change(self, **attributes: Any) -> None:
+        """Change attributes at once, and wake all that wait for a change."""
         with self._changed:
-            self._state = json.dumps(state)
+            vars(self).update(attributes)
             self._changed.notify_all()
 
     def take_actions(self) -> list[dict[str, Any]]:
@@ -140,9 +136,7 @@ class Server:
 
     def close(self) -> None:
         """End the connection and the server."""
-        with self._changed:
-            self.closed = True
-            self._changed.notify_all()
+        self._change(closed=True)
         self._server.shutdown()
         self._thread.join(5.0)
 
@@ -207,7 +201,8 @@ class Server:
             self._client = 0
             self._pages = 0
             self._changed.notify_all()
-            self._changed.wait_for(lambda: is_back() or self._pages, _GRACE)
+            # S after which a page that does not come back is closed: a reload takes less.
+            self._changed.wait_for(lambda: is_back() or self._pages, 2.0)
             if self._pages:
                 self._changed.wait_for(is_back, _MOST_WAIT)
             self.closed = self.closed or self._clients == number
@@ -221,7 +216,7 @@ class Server:
             return
         if isinstance(action, dict):
             with self._changed:
-                if len(self._actions) < _MAX_WAITING:
+                if len(self._actions) < 100:  # actions that wait for the run
                     self._actions.append(action)
                 self._changed.notify_all()
 

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,26 +17,23 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
+from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
 from mjsheaf.errors import InputError
 from mjsheaf.files import naming, write_whole
 from mjsheaf.page.replay import REQUIRED, Ghost, pack
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
+from mjsheaf.results.store import reopen_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import LARGEST
 from mjsheaf.show.played import Played, has_bodies, played
 from mjsheaf.show.solids import kinds_of
 from mjsheaf.show.style import list_scales
+from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.effects import capability_of, of_each
 
-if TYPE_CHECKING:
-    from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
-    from mjsheaf.system import Phase, System
-
-Bounds = Sequence[tuple["RunBound", "HeldBound"]]
+Bounds = Sequence[tuple[RunBound, HeldBound]]
 
 _BODIES = {None: "ideal kinematics", "mujoco": "MuJoCo bodies", "fused": "bodies moved by the fused engine"}
-_ARROWS = 16  # number of arrows of the flow along each side of the grid
-_REACH = 1.25  # size of the grid, as a multiple of the scene's size
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ class Live:
 
 def page_of(
     scenario: Scenario,
-    phases: "Sequence[Phase]",
+    phases: Sequence[Phase],
     dataset: xr.Dataset,
     summary: dict[str, Any],
     bounds: Bounds,
@@ -62,7 +59,7 @@ def page_of(
     notes: Sequence[Any] = (),
     ghosts: Sequence[Ghost] = (),
     again: tuple[str, str] | None = None,
-    live: "Live | None" = None,
+    live: Live | None = None,
 ) -> bytes:
     """Make the page of a run, as HTML.
 
@@ -77,20 +74,35 @@ def page_of(
         again: the command that makes the run again, and where; None for that in a run's directory.
         live: Connection to a run in progress; None for a finished one.
     """
-    ahead = None if live is None else live.ahead
-    curves = _curves(phases, dataset, bounds)
     content = played(scenario, dataset, phases)
-    replay = pack(content, dataset, phases, curves, ghosts, ahead)
+    replay, data = pack(
+        content, dataset, phases, _curves(phases, dataset, bounds), ghosts, None if live is None else live.ahead
+    )
     said = {
-        **replay.record,
-        **_scene(scenario, content, phases, dataset, replay.record),
+        **replay,
+        **_scene(scenario, content, phases, dataset, replay),
         "facts": _facts(scenario, phases, dataset, summary, again) | {"theory": _theory(phases, bounds)},
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
-    if live is None:
-        return _fill(said, replay.data)
-    said["live"] = live.controls | {"ahead": (live.ahead - replay.record["origin"]).round(2).tolist()}
-    return _fill(said, replay.data, connect=f"; connect-src {live.controls['address']}")
+    connect = ""
+    if live is not None:
+        said["live"] = live.controls | {"ahead": (live.ahead - replay["origin"]).round(2).tolist()}
+        connect = f"; connect-src {live.controls['address']}"  # extends the content security policy
+    home = files("mjsheaf.page")
+    script, style, template = (
+        home.joinpath(name).read_text(encoding="utf-8") for name in ("bundle.js", "bundle.css", "page.html")
+    )
+    parts = {
+        "script": script,
+        "style": style,
+        "script_hash": _hash(script),
+        "style_hash": _hash(style),
+        # Within a script element only `<` can end the data or hide what follows.
+        "said": to_json(said, inf_nan_mode="null", ensure_ascii=True).decode("ascii").replace("<", "\\u003c"),
+        "data": data,
+        "connect": connect,
+    }
+    return re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template).encode("utf-8")
 
 
 def write_page_again(directory: Path, path: Path | None = None) -> Path:
@@ -100,9 +112,6 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
         InputError: the directory holds no run, one that does not fit its scenario, or one of a version
             that recorded less; or the file cannot be written.
     """
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
-    from mjsheaf.results.store import reopen_run
-
     path = directory / "report.html" if path is None else path
     with reopen_run(directory) as (scenario, dataset, summary):
         require_shown(dataset, f"{directory}: result.nc")
@@ -125,7 +134,7 @@ def require_shown(dataset: xr.Dataset, what: str) -> None:
         raise InputError(f"{what} has no {missing[0]}; run the scenario again")
 
 
-def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:
+def _curves(phases: Sequence[Phase], dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:
     """Return the bounds on the RMS tracking error by name, shape (T,), m; NaN in phases without one."""
     time, found = dataset["time"].values, dict[str, Array]()
     starts = [phase.start for phase in phases[: len(bounds)]]
@@ -143,7 +152,7 @@ def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> d
 
 
 def _scene(
-    scenario: Scenario, content: Played, phases: "Sequence[Phase]", dataset: xr.Dataset, replay: dict[str, Any]
+    scenario: Scenario, content: Played, phases: Sequence[Phase], dataset: xr.Dataset, replay: dict[str, Any]
 ) -> dict[str, Any]:
     """Names, groups, shapes, flow and events; places are relative to the replay's origin."""
     system, bodies, N = phases[0].system, has_bodies(dataset), content.agents
@@ -196,8 +205,8 @@ def _seas(content: Played, replay: dict[str, Any]) -> list[dict[str, Any]]:
 def _flow(content: Played, replay: dict[str, Any]) -> list[dict[str, Any]]:
     """Describe each medium that moves: its velocity on a level grid where its vehicles are, and its scale of speeds."""
     origin, places = np.array(replay["origin"]), content.places()
-    centre, reach = origin + replay["centre"], _REACH * replay["size"]
-    side = np.linspace(-reach, reach, _ARROWS)
+    centre, reach = origin + replay["centre"], 1.25 * replay["size"]
+    side = np.linspace(-reach, reach, 16)  # number of arrows of the flow along each side of the grid
     x, y = (part.ravel() for part in np.meshgrid(centre[0] + side, centre[1] + side))
     found = []
     for medium in content.media:
@@ -222,13 +231,15 @@ def _flow(content: Played, replay: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _facts(
     scenario: Scenario,
-    phases: "Sequence[Phase]",
+    phases: Sequence[Phase],
     dataset: xr.Dataset,
     summary: dict[str, Any],
     again: tuple[str, str] | None,
 ) -> dict[str, Any]:
     attrs, backend = dataset.attrs, dataset.attrs["backend"]
     controller = f" --controller {attrs['controller']}" if attrs.get("controller") else ""
+    laws = [(phase.time, law_in_words(phase.system)) for phase in phases]
+    changes = [f"from {time:g} s on {law}" for (_, before), (time, law) in pairwise(laws) if law != before]
     final = summary.get("final") or {}
     scopes = [("team", final), *(final.get("groups") or {}).items()]
     rows = [[name, *(errors.get(m) for m in MEASURES)] for name, errors in scopes]
@@ -239,7 +250,7 @@ def _facts(
         "scenario": scenario.name,
         "summary": scenario.summary,
         "backend": _BODIES[engine_of(dataset)],
-        "law": f"a law in Python, {attrs['controller']}" if controller else _laws_in_words(phases),
+        "law": f"a law in Python, {attrs['controller']}" if controller else "; ".join([laws[0][1], *changes]),
         "status": attrs["status"],
         "message": attrs.get("message", ""),
         "ending": summary.get("ending"),
@@ -258,19 +269,12 @@ def _facts(
     }
 
 
-def law_in_words(system: "System") -> str:
+def law_in_words(system: System) -> str:
     """Return the law of a system with its gain and its terms."""
     return ", ".join(["sheaf law", f"gain {system.gain:g} 1/s", *system.law.term_names])
 
 
-def _laws_in_words(phases: "Sequence[Phase]") -> str:
-    """Return the law of a run's phases: where it changes, with the time from which on it holds."""
-    laws = [(phase.time, law_in_words(phase.system)) for phase in phases]
-    changes = [(time, law) for (_, before), (time, law) in pairwise(laws) if law != before]
-    return "; ".join([laws[0][1], *(f"from {time:g} s on {law}" for time, law in changes)])
-
-
-def _theory(phases: "Sequence[Phase]", bounds: Bounds) -> list[dict[str, Any]]:
+def _theory(phases: Sequence[Phase], bounds: Bounds) -> list[dict[str, Any]]:
     """Return start, events and theoretical results of each phase that a run reached."""
     return [
         {
@@ -285,25 +289,6 @@ def _theory(phases: "Sequence[Phase]", bounds: Bounds) -> list[dict[str, Any]]:
         }
         for phase, (theorem, of_law) in zip(phases, bounds, strict=False)
     ]
-
-
-def _fill(said: dict[str, Any], data: str, connect: str = "") -> bytes:
-    """Fill the template of the page; `connect` extends its content security policy."""
-    home = files("mjsheaf.page")
-    script, style, template = (
-        home.joinpath(name).read_text(encoding="utf-8") for name in ("bundle.js", "bundle.css", "page.html")
-    )
-    parts = {
-        "script": script,
-        "style": style,
-        "script_hash": _hash(script),
-        "style_hash": _hash(style),
-        # Within a script element only `<` can end the data or hide what follows.
-        "said": to_json(said, inf_nan_mode="null", ensure_ascii=True).decode("ascii").replace("<", "\\u003c"),
-        "data": data,
-        "connect": connect,
-    }
-    return re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template).encode("utf-8")
 
 
 def _hash(text: str) -> str:

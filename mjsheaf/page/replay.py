@@ -1,14 +1,12 @@
-"""Data that a page replays: samples of a run, resampled to the visible detail, rounded and packed.
+"""Data that a page replays: samples of a run, thinned evenly, rounded and packed.
 
-Samples are kept more densely where vehicles turn or speed up. Between two kept samples, g sampling periods apart, the
-page interpolates linearly, which misses a path of second difference a by at most g^2 a / 8: so the density of kept
-samples is (a / 8 tolerance)^(1/2), at least some hundreds in all and at most as many as the size of the page allows.
-The error of this and of rounding is measured over every sample of the run, and stated in the page.
+Between two kept samples the page interpolates linearly. The error of this and of rounding is measured over every sample
+of the run, and stated in the page.
 
 Places are relative to an origin near the run, a whole number of kilometres each way, so that those of a team far from
 zero keep their digits; `record["origin"]` has it.
 
-An array is packed as integers: positions in steps of a quarter of the tolerance, attitudes in 2^-13, everything else as
+An array is packed as integers: positions in steps of 1/20000 of the scene, attitudes in 2^-13, everything else as
 32-bit floats with the mantissa rounded to 12 bits (a relative error below 2^-12). Differences along time, with
 their sign in the lowest bit, byte plane by byte plane, then compress well; the browser undoes it (web/src/data.js).
 """
@@ -23,13 +21,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array
 from mjsheaf.law.obstacles import HALF_SPACE
+from mjsheaf.results.netcdf import at_rows, thin
 from mjsheaf.show.played import (
     Played,
     RecordedRun,
     Region,
-    at_rows,
     edges_of,
     goals_in,
     has_bodies,
@@ -42,13 +40,10 @@ from mjsheaf.show.solids import obstacle_places, obstacle_solids, quaternion_of
 from mjsheaf.show.style import OBSTACLE
 from mjsheaf.system import Phase
 
-_TOLERANCE = 2e-4  # largest error of a path, relative to the scene's size
 _FEWEST, _MOST = 400, 3000  # minimum and maximum number of samples
 _MOST_POSITIONS = 500_000  # maximum of vehicles times samples, unless _FEWEST requires more
 _ORIGINS = 1000.0  # spacing of possible origins, m
 _FARTHEST = 1e12  # maximum distance from zero, m; 64-bit floats resolve a tenth of a millimetre there
-_ROOM_OF_BLOWN_UP = 4.0  # size of the scene of a run that blew up, as a multiple of the size at its start
-_FACE = 0.002  # half the thickness at which the face of a half-space is drawn, in sizes of the scene
 _REACH = 2.0  # half the width of that face, in sizes of the scene
 REQUIRED = frozenset(
     {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
@@ -61,7 +56,6 @@ _SHOWN = (
     *(f"{kind}_{quantity}" for quantity in ("position", "height", "orientation") for kind in ("agent", "target")),
     *("safety_correction", "safety_cause"),
 )
-_UNKNOWN = np.iinfo(np.int32).min
 _QUATERNION_STEP = 2.0**-13
 _DROPPED_BITS = 11  # number of dropped bits of a float's mantissa
 
@@ -84,7 +78,7 @@ class Packer:
         known = np.isfinite(values)
         with np.errstate(invalid="ignore"):
             whole = np.rint(np.clip(np.where(known, values, 0.0) / step, -(2.0**30), 2.0**30)).astype(np.int32)
-        self._add(name, np.where(known, whole, _UNKNOWN).astype(np.int32), step)
+        self._add(name, np.where(known, whole, np.iinfo(np.int32).min).astype(np.int32), step)
         return np.where(known, whole * step, np.nan)
 
     def add_float(self, name: str, values: Array) -> None:
@@ -113,14 +107,9 @@ class Scene(Region):
     """Place of a run, and how finely its page has it."""
 
     @property
-    def tolerance(self) -> float:
-        """Maximum error of a path, m; see the module."""
-        return _TOLERANCE * self.size
-
-    @property
     def step(self) -> float:
         """Step of packed positions, m."""
-        return self.tolerance / 4.0
+        return 5e-5 * self.size
 
 
 @dataclass(frozen=True)
@@ -142,19 +131,6 @@ class Ghost:
     twin: bool = False
 
 
-@dataclass(frozen=True)
-class Replay:
-    """A run, packed.
-
-    Attributes:
-        record: Data for the page: times, names, arrays, scene and errors.
-        data: the arrays of `record["arrays"]`.
-    """
-
-    record: dict[str, Any]
-    data: str
-
-
 def pack(
     content: Played,
     dataset: xr.Dataset,
@@ -162,7 +138,7 @@ def pack(
     bounds: dict[str, Array],
     ghosts: Sequence[Ghost] = (),
     ahead: Array | None = None,
-) -> Replay:
+) -> tuple[dict[str, Any], str]:
     """Pack a run.
 
     Args:
@@ -172,28 +148,34 @@ def pack(
         bounds: Bounds by name, on the team's RMS tracking error at every sample of the run, shape (T,), m.
         ghosts: Other runs, drawn translucent.
         ahead: Points that a run in progress is expected to reach, shape (K, 3), m; None for a finished run.
+
+    Returns:
+        Data for the page: times, names, arrays, scene and errors; and the packed arrays of its field `arrays`.
     """
-    origin = origin_of(dataset)
+    origin, T = origin_of(dataset), dataset.sizes["time"]
     run = RecordedRun(dataset, content.surface_height)
-    scene, bend = _survey(run, origin, dataset, phases)
-    if ahead is not None:
-        start = next(iter(run.positions()))[:1].reshape(-1, 3)
-        scene = Scene.of(np.concatenate([start, ahead]) - origin)
-    elif dataset.attrs["status"] != "finished":  # vehicles that blew up leave the picture
-        began = Scene.of(next(iter(run.positions()))[:1] - origin)
-        scene = Scene(began.centre, min(scene.size, _ROOM_OF_BLOWN_UP * began.size))
-    rows = _kept(bend, scene.tolerance, content.vehicles, [phase.start for phase in phases[1:]])
-    own = at_rows(dataset, [name for name in _SHOWN if name in dataset], rows)
+    most = int(np.clip(_MOST_POSITIONS // content.vehicles, _FEWEST, _MOST))
+    events = [row for phase in phases[1:] for row in (phase.start - 1, phase.start) if 0 <= row < T]
+    rows = np.unique(np.array([*thin(T, most), *events]))
+    own = at_rows(dataset[[name for name in _SHOWN if name in dataset]], rows)
     time = own["time"].values
     packer = Packer()
     positions = positions_in(own, content.surface_height) - origin
+    seen = positions.copy()
+    seen[:, : content.agents][np.isnan(own["tracking_error"].values)] = np.nan  # absent agents
+    scene = Scene.of(seen)
+    if ahead is not None:
+        scene = Scene.of(np.concatenate([positions[0], ahead - origin]))
+    elif dataset.attrs["status"] != "finished":  # vehicles that blew up leave the picture
+        began = Scene.of(positions[0])
+        scene = Scene(began.centre, min(scene.size, 4.0 * began.size))
     shown = scene.step * np.rint(scene.confined(positions) / scene.step)
     described = add_samples(packer, dataset, own, content.surface_height, phases, scene, origin)
     for k, values in enumerate(bounds.values()):
         packer.add_float(f"bound{k}", np.where(np.abs(values) < 1e30, values, np.nan)[rows])
     record: dict[str, Any] = {
         "time": [round(t, 9) for t in time.tolist()],
-        "samples": int(dataset.sizes["time"]),
+        "samples": int(T),
         "origin": origin.tolist(),
         "centre": scene.centre.tolist(),
         "size": scene.size,
@@ -203,7 +185,7 @@ def pack(
         "ghosts": add_ghosts(packer, ghosts, content.agent_ids, positions, time, scene, origin),
         "arrays": packer.index,
     }
-    return Replay(record, packer.packed())
+    return record, packer.packed()
 
 
 def add_samples(
@@ -237,15 +219,6 @@ def add_samples(
     else:  # headings along the velocity
         attitudes = RecordedRun(dataset, surface_height).at(own["time"].values).quaternions
     packer.add_fixed("quaternion", _continuous(attitudes), _QUATERNION_STEP)
-    _add_curves(packer, own)
-    return {
-        "edges": _add_edges(packer, phases, positions, own),
-        "obstacles": _add_safety(packer, phases, positions, own, scene, origin),
-    }
-
-
-def _add_curves(packer: Packer, own: xr.Dataset) -> None:
-    """Add the recorded variables of agents and groups that the page shows."""
     packer.add_float("disagreement", own["disagreement"].values)
     packer.add_float("tracking_error", own["tracking_error"].values)
     packer.add_float("speed", np.linalg.norm(np.nan_to_num(own["velocity_command"].values), axis=2))
@@ -255,6 +228,10 @@ def _add_curves(packer: Packer, own: xr.Dataset) -> None:
             packer.add_float(name, own[name].values)
     if "agent_saturation" in own:
         packer.add_fixed("saturation", own["agent_saturation"].values, 2.0**-7)
+    return {
+        "edges": _add_edges(packer, phases, positions, own),
+        "obstacles": _add_safety(packer, phases, positions, own, scene, origin),
+    }
 
 
 def origin_of(dataset: xr.Dataset) -> Array:
@@ -263,44 +240,6 @@ def origin_of(dataset: xr.Dataset) -> Array:
     first = np.nan_to_num(np.concatenate([dataset[name][:1].values.reshape(-1, 3) for name in names]))
     first = first[np.abs(first).max(axis=1) < _FARTHEST]
     return _ORIGINS * np.round(np.median(first, axis=0) / _ORIGINS) if len(first) else np.zeros(3)
-
-
-def _survey(run: RecordedRun, origin: Array, dataset: xr.Dataset, phases: Sequence[Phase]) -> tuple[Scene, Array]:
-    """Positions of the present agents and the targets, and the largest second difference of a path, (T,), m."""
-    samples, phase = len(run.time), dataset["phase"].values
-    every, done = max(1, samples // 400), 0
-    seen, bends, before = [], [], np.zeros((0, 1, 3))
-    for places in run.positions():
-        rows = np.arange(-done % every, len(places), every)
-        some = places[rows] - origin
-        for k, own in enumerate(phases):
-            some[np.ix_(phase[done + rows] == k, np.flatnonzero(~own.system.team.present))] = np.nan
-        seen.append(some)
-        joint = np.concatenate([before, places]) if len(before) else places
-        with np.errstate(all="ignore"):
-            second = joint[2:] - 2.0 * joint[1:-1] + joint[:-2]
-            bends.append(np.sqrt(np.nan_to_num(np.einsum("tvi,tvi->tv", second, second), posinf=1e30).max(axis=1)))
-        before, done = joint[-2:], done + len(places)
-    bend = np.concatenate([[0.0], *bends, [0.0]])[:samples]
-    return Scene.of(np.concatenate(seen)), bend
-
-
-def _kept(bend: Array, tolerance: float, vehicles: int, events: list[int]) -> IntArray:
-    """Select the samples to keep, including the first, the last and those at events (see the module)."""
-    T = len(bend)
-    most = int(np.clip(_MOST_POSITIONS // vehicles, _FEWEST, _MOST))
-    if most >= T:
-        return np.arange(T)
-    wide = np.maximum.reduce([bend, np.roll(bend, 1), np.roll(bend, -1)])
-    wanted, least = 1.4 * np.sqrt(wide / (8.0 * tolerance)), 0.7 * min(most, 2000) / T
-    low, high = 0.0, 1.0
-    for _ in range(30):  # bisect for the largest fraction of the desired density that fits
-        share = 0.5 * (low + high)
-        low, high = (share, high) if np.clip(share * wanted, least, 1.0).sum() < most else (low, share)
-    steps = np.floor(np.cumsum(np.clip(high * wanted, least, 1.0)))
-    kept = np.flatnonzero(np.diff(steps, prepend=0.0) > 0.0)
-    beside = [row for event in events for row in (event - 1, event) if 0 <= row < T]
-    return np.unique(np.concatenate([[0, T - 1], kept, beside])).astype(np.int64)
 
 
 def _continuous(quaternions: Array) -> Array:
@@ -365,7 +304,8 @@ def _add_safety(
     system = phases[0].system
     if system.safety is None or "safety_cause" not in own:
         return []
-    obstacles, face = system.control.law.safety.obstacles, _FACE * scene.size
+    # Half the thickness at which the face of a half-space is drawn, in sizes of the scene.
+    obstacles, face = system.control.law.safety.obstacles, 0.002 * scene.size
     places = [obstacle_places(obstacles, t, scene.centre + origin, face) - origin for t in own["time"].values]
     packer.add_fixed("obstacle", scene.confined(np.reshape(places, (len(places), -1, 3))), scene.step)
     cause, points = kept_from(own, obstacles, positions)

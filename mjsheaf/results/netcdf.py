@@ -251,7 +251,12 @@ def thinned(dataset: xr.Dataset) -> xr.Dataset:
     kept = thin(samples, most)
     if len(kept) == samples:
         return dataset.load()
+    return at_rows(dataset, kept)
+
+
+def at_rows(dataset: xr.Dataset, rows: IntArray) -> xr.Dataset:
+    """Load the samples at increasing rows; the data are read piece by piece."""
     step = length_of_piece(dataset)
-    chosen = np.split(kept, np.searchsorted(kept, np.arange(step, samples, step)))
+    chosen = np.split(rows, np.searchsorted(rows, np.arange(step, dataset.sizes["time"], step)))
     pieces = zip(split(dataset, step), chosen, strict=True)
     return join(piece.load().isel(time=here % step) for piece, here in pieces if len(here))

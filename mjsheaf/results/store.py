@@ -16,9 +16,8 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError
-from mjsheaf.files import SUFFIXES, is_part_of, whole_directory, write_whole
+from mjsheaf.files import SUFFIXES, figure_files, is_part_of, whole_directory, write_whole
 from mjsheaf.results.netcdf import open_dataset
-from mjsheaf.show.style import names_of
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -85,7 +84,7 @@ def _require_run(directory: Path, entries: set[str]) -> None:
     Raises:
         PlaceError: There is one, or no run.
     """
-    ours = {*FILES, LOG, *COMPARISON_FILES, *RUNS_FILES, *names_of(_FIGURES), VEHICLES, BAG}
+    ours = {*FILES, LOG, *COMPARISON_FILES, *RUNS_FILES, *figure_files(_FIGURES), VEHICLES, BAG}
     strange = [
         *sorted(name for name in entries - ours if not is_part_of(name, ours)),
         *_strange_vehicles(directory / VEHICLES),

@@ -20,24 +20,23 @@ difference of sqrt(6) s. This measures the jump of a run, as RMS over agents and
 are recorded after limiting, so jumps that a limit cuts off are larger than they appear.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from collections.abc import Iterator, Sequence, Set
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
 
 import numpy as np
+import xarray as xr
 from scipy.spatial import cKDTree
 
-from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import Stuck, find_stuck
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.errors import joined
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
-from mjsheaf.runs.reflections import describe_reflections
 from mjsheaf.system import Phase, System
-
-if TYPE_CHECKING:
-    import xarray as xr
+from mjsheaf.team import Team
+from mjsheaf.vehicles.effects import capability_of, of_each
 
 Kind = Literal[
     "bound",
@@ -59,21 +58,12 @@ Kind = Literal[
 
 MAX_LIMITED_FRACTION = 0.1
 """Fraction of the time for which thrusters or commands may be at a limit."""
-MAX_GUST_FRACTION = 0.01
-"""Fraction of the time for which a medium may be too fast."""
 
-_DIVING = "submersible"  # the vehicle that belongs under water
+_FLAT = 1e-3  # extent, as a fraction of the longest one, below which a shape is a line or a plane
+_ALIKE = 0.05  # maximum misfit of equal shapes, as a fraction of their size
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
-EXHAUSTIVE_LIMIT = 100
-"""Number of vehicles up to which all pairs are compared at all samples."""
-MAX_JUMP = 0.1
-"""Jump of the command, as a fraction of the RMS commanded speed, above which a warning is given."""
-MIN_JUMP = 1e-6
-"""Jump of the command that counts as rounding, m/s."""
 MAX_SHARE = 0.2
 """Fraction of time and agents at the velocity limit, or of time and thrusters at a limit, in a healthy run."""
-MIN_SAMPLES = 8
-"""Minimum number of samples for an examination of terms."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +123,7 @@ class TermsInRun:
 
 def notes_of_run(
     phases: Sequence[Phase],
-    dataset: "xr.Dataset",
+    dataset: xr.Dataset,
     ending: str | None,
     bounds: Sequence[RunBound | HeldBound],
     terms: TermsInRun | None,
@@ -166,7 +156,7 @@ def notes_of_run(
     return sorted(found, key=lambda note: kinds.index(note.kind))
 
 
-def _about_the_end(dataset: "xr.Dataset", ending: str | None) -> list[Note]:
+def _about_the_end(dataset: xr.Dataset, ending: str | None) -> list[Note]:
     """Report an error that still changes, or a team in a limit cycle."""
     if ending in (None, "settled", "stuck"):  # another note names agents that are stuck
         return []
@@ -201,40 +191,24 @@ def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
     return [Note("stuck", text, name, first.start, first.error)]
 
 
-@dataclass(frozen=True)
-class _Limits:
-    """Time that agents spend at their limits, and in a medium that is too fast for them.
+def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[int]) -> list[Note]:
+    """Report agents whose thrusters or commands are at their limits, or whose medium is too fast for them.
 
-    Attributes:
-        saturated: Fraction of the time with a thruster at a limit, shape (N,).
-        limited: Fraction of the time at the velocity limit, shape (N,).
-        exceeded: Fraction of the time in a medium that is too fast, shape (N,).
-        excess: Largest ratio of the medium's speed to the agent's, 0 if it is never above 1, shape (N,).
-        medium: Speed of the medium at that sample, shape (N,), m/s.
-        possible: Possible speed of the agent at that sample, shape (N,), m/s.
-        time: Time of that sample, shape (N,), s.
+    Agents that are stuck have a note of their own.
     """
-
-    saturated: Array
-    limited: Array
-    exceeded: Array
-    excess: Array
-    medium: Array
-    possible: Array
-    time: Array
-
-
-def _measure_limits(phases: Sequence[Phase], dataset: "xr.Dataset", own_speed: Array) -> _Limits:
-    """Measure the limits of a run; `own_speed` is the speed of each agent's vehicle, shape (N,), m/s."""
-    bodies = dataset.attrs["backend"] == "physics"
-    by_law = not dataset.attrs.get("controller")
-    names = ["agent_flow", *["velocity_command"] * by_law, *["agent_saturation"] * bodies]
-    agents = np.arange(len(own_speed))
-    present, saturated, limited, exceeded, excess, medium, possible, time = np.zeros((8, len(agents)))
-    done = 0
+    system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"
+    ids, by_law = system.team.agent_ids, not dataset.attrs.get("controller")
+    N = len(ids)
+    own_speed = np.full(N, np.inf)  # of the vehicle in its slowest direction
+    if bodies:
+        own_speed = of_each(system.vehicles[:N], lambda vehicle: capability_of(vehicle).least_speed)
+    present_in = np.array([phase.system.team.present for phase in phases])
+    limit_in = np.array([phase.system.law.limit[:N] for phase in phases])
+    present, saturated, limited, exceeded = np.zeros((4, N))  # numbers of samples
+    worst = np.zeros((4, N))  # where the medium is the fastest: its speed over the agent's, both speeds, and the time
+    names = ["agent_flow", "phase", *["velocity_command"] * by_law, *["agent_saturation"] * bodies]
     for chunk in pieces_of(dataset, names):
-        there, limit = _conditions(phases, done, chunk.sizes["time"])
-        done += chunk.sizes["time"]
+        there, limit = (values[chunk["phase"].values] for values in (present_in, limit_in))
         present += there.sum(axis=0)
         if bodies:
             saturated += ((chunk["agent_saturation"].values > 0.0) & there).sum(axis=0)
@@ -245,76 +219,41 @@ def _measure_limits(phases: Sequence[Phase], dataset: "xr.Dataset", own_speed: A
         able = np.minimum(limit, own_speed)
         ratio = np.divide(flow, able, out=np.zeros_like(flow), where=(flow > able) & (able > 0.0))
         exceeded += (ratio > 0.0).sum(axis=0)
-        worst = ratio.argmax(axis=0)
-        found = np.stack([values[worst, agents] for values in (ratio, flow, able)] + [chunk["time"].values[worst]])
-        excess, medium, possible, time = np.where(found[0] > excess, found, [excess, medium, possible, time])
-    count = np.maximum(present, 1)
-    return _Limits(saturated / count, limited / count, exceeded / count, excess, medium, possible, time)
-
-
-def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset", stuck: Sequence[int]) -> list[Note]:
-    """Report agents whose thrusters or commands are at their limits, or whose medium is too fast for them.
-
-    Agents that are stuck have a note of their own.
-    """
-    system = phases[0].system
-    ids = [agent.id for agent in system.team.agents]
-    own_speed = _own_speed(system, dataset.attrs["backend"] == "physics")
-    limits = _measure_limits(phases, dataset, own_speed)
-    limits.saturated[stuck] = 0.0
-    limits.limited[stuck] = 0.0
+        row = ratio.argmax(axis=0)
+        time = np.broadcast_to(chunk["time"].values[:, None], flow.shape)
+        found = np.stack([values[row, np.arange(N)] for values in (ratio, flow, able, time)])
+        worst = np.where(found[0] > worst[0], found, worst)
+    saturated[stuck] = 0.0
+    limited[stuck] = 0.0
     notes = []
-    for v, names in _worst(limits.saturated, MAX_LIMITED_FRACTION, ids):
-        fraction = float(limits.saturated[v])
-        text = f"thrusters of {names} are at a limit for {100 * fraction:.0f} % of the time"
-        notes.append(Note("saturated", text, ids[v], None, fraction))
-    for v, names in _worst(limits.limited, MAX_LIMITED_FRACTION, ids):
-        fraction = float(limits.limited[v])
-        text = f"the law commands {names} at or above the velocity limit for {100 * fraction:.0f} % of the time"
-        notes.append(Note("limited", f"{text}; raise velocity_limit, or lower the gain", ids[v], None, fraction))
-    for v, names in _worst(np.where(limits.exceeded > MAX_GUST_FRACTION, limits.excess, 0.0), 0.0, ids):
-        speed = float(limits.medium[v])
-        time = float(limits.time[v])
-        what = "its vehicle reaches" if limits.possible[v] == own_speed[v] else "its velocity limit allows"
+    texts: dict[Kind, tuple[Array, str]] = {
+        "saturated": (saturated, "thrusters of {} are at a limit for {:.0%} of the time"),
+        "limited": (
+            limited,
+            "the law commands {} at or above the velocity limit for {:.0%} of the time; raise velocity_limit, or lower "
+            "the gain",
+        ),
+    }
+    for kind, (samples, text) in texts.items():
+        fraction = samples / np.maximum(present, 1)
+        v, count = int(fraction.argmax()), int((fraction > MAX_LIMITED_FRACTION).sum())
+        if count:
+            sentence = text.format(_and_others(ids[v], count - 1), fraction[v]).replace("%", " %")
+            notes.append(Note(kind, sentence, ids[v], None, float(fraction[v])))
+    excess = np.where(exceeded > 0.01 * np.maximum(present, 1), worst[0], 0.0)  # for more than a hundredth of the time
+    if excess.any():
+        v = int(excess.argmax())
+        _, speed, possible, when = worst[:, v].tolist()
+        what = "its vehicle reaches" if possible == own_speed[v] else "its velocity limit allows"
         text = (
-            f"the medium is faster than {names} can move: {speed:.3g} m/s around {ids[v]} at t = {time:.6g} s, "
-            f"where {what} {limits.possible[v]:.3g} m/s in its slowest direction"
+            f"the medium is faster than {_and_others(ids[v], int((excess > 0.0).sum()) - 1)} can move: {speed:.3g} m/s "
+            f"around {ids[v]} at t = {when:.6g} s, where {what} {possible:.3g} m/s in its slowest direction"
         )
-        notes.append(Note("medium", text, ids[v], time, speed))
+        notes.append(Note("medium", text, ids[v], when, speed))
     return notes
 
 
-def _worst(badness: Array, limit: float, ids: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield the number of the worst agent, and a name for all agents above a limit, if there are any."""
-    above = int((badness > limit).sum())
-    if above:
-        v = int(badness.argmax())
-        yield v, _and_others(ids[v], above - 1)
-
-
-def _own_speed(system: System, bodies: bool) -> Array:
-    """Compute the speed of each agent's vehicle in its slowest direction, shape (N,), m/s; infinite without limits."""
-    from mjsheaf.vehicles.effects import capability_of, of_each
-
-    if not bodies:
-        return np.full(len(system.team.agents), np.inf)
-    return of_each(system.vehicles[: len(system.team.agents)], lambda vehicle: capability_of(vehicle).least_speed)
-
-
-def _conditions(phases: Sequence[Phase], first: int, count: int) -> tuple[BoolArray, Array]:
-    """Return which agents are present at `count` samples from `first` on, and their speed limits, (T, N), m/s."""
-    there = [phase.system.team.present for phase in phases]
-    limit = [phase.system.law.limit[: len(phase.system.team.agents)] for phase in phases]
-    return _by_phase(there, phases, first, count), _by_phase(limit, phases, first, count)
-
-
-def _by_phase(values: Sequence[Any], phases: Sequence[Phase], first: int, count: int) -> Any:
-    """Return the value of the phase of each of `count` samples from `first` on."""
-    samples = np.arange(first, first + count)
-    return np.array(values)[np.searchsorted([phase.start for phase in phases], samples, side="right") - 1]
-
-
-def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
+def _about_the_surface(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Note]:
     """Report aircraft that go below the surface of the scene.
 
     Lost aircraft rest on it. Submersibles, and targets that start below it, are meant to be there.
@@ -324,10 +263,20 @@ def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[N
     N = len(system.team.agents)
     flying = np.array([member.dimension == 3 for member in members])
     flying[N:] &= system.initial[N:, 2] >= system.bodies.surface_height
-    flying &= np.array([name != _DIVING for name in system.bodies.vehicle])
+    # The vehicle that belongs under water.
+    flying &= np.array([name != "submersible" for name in system.bodies.vehicle])
     if system.bodies.surface == "none" or not flying.any():
         return []
-    first, depth = _submersion(phases, dataset, flying)
+    bodies, height = dataset.attrs["backend"] == "physics", system.bodies.surface_height
+    nobody = np.zeros(len(members), dtype=np.bool_)
+    lost = np.array([nobody if phase.system.stopped is None else phase.system.stopped for phase in phases])
+    first, depth = np.full(len(flying), np.inf), np.zeros(len(flying))  # time and depth below the surface
+    names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
+    for chunk in pieces_of(dataset, [*names, "phase"]):
+        z = np.concatenate([chunk[name].values if bodies else chunk[name].values[..., 2] for name in names], axis=1)
+        below = np.where(flying & ~lost[chunk["phase"].values] & (z < height), height - z, 0.0)
+        first = np.minimum(first, np.where(below > 0.0, chunk["time"].values[:, None], np.inf).min(axis=0))
+        depth = np.maximum(depth, below.max(axis=0))
     under = int(np.isfinite(first).sum())
     if not under:
         return []
@@ -343,54 +292,29 @@ def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[N
     return [Note("submerged", text, name, float(first[v]), float(depth[v]))]
 
 
-def _submersion(phases: Sequence[Phase], dataset: "xr.Dataset", flying: BoolArray) -> tuple[Array, Array]:
-    """Return when flying vehicles are first below the surface, s, infinite if never, and how deep, m; shapes (V,)."""
-    bodies = dataset.attrs["backend"] == "physics"
-    names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
-    height = phases[0].system.bodies.surface_height
-    first = np.full(len(flying), np.inf)
-    depth = np.zeros(len(flying))
-    done = 0
-    for chunk in pieces_of(dataset, names):
-        z = np.concatenate([chunk[name].values if bodies else chunk[name].values[..., 2] for name in names], axis=1)
-        lost = _by_phase([_stopped(phase.system) for phase in phases], phases, done, len(z))
-        done += len(z)
-        below = np.where(flying & ~lost & (z < height), height - z, 0.0)
-        time = np.where(below > 0.0, chunk["time"].values[:, None], np.inf)
-        first = np.minimum(first, time.min(axis=0))
-        depth = np.maximum(depth, below.max(axis=0))
-    return first, depth
-
-
-def _stopped(system: System) -> BoolArray:
-    """Return which vehicles are lost, shape (V,)."""
-    return np.zeros(len(system.team.members), dtype=np.bool_) if system.stopped is None else system.stopped
-
-
-def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
-    """Report vehicles closer than their size; in teams of more than 100, only where each is closest to another."""
+def _about_distances(system: System, dataset: xr.Dataset) -> list[Note]:
+    """Report vehicles closer than their size, where each of them is closest to another."""
     members = system.team.members
     if len(members) < 2:
         return []
     sizes = np.array([vehicle.size for vehicle in system.vehicles])
     kinds = ("agent", "target")
-    closest = 1.0
-    found: tuple[float, float, int, int] | None = None  # distance, m; time, s; both vehicles
-    together: set[int] = set()
+    found: list[tuple[float, float, float, int, int]] = []  # distance over size; distance, m; time, s; both vehicles
     for piece in pieces_of(dataset, [f"{kind}_{what}" for kind in kinds for what in ("body_position", "separation")]):
         x, apart = (
             np.concatenate([piece[f"{kind}_{what}"].values for kind in kinds], axis=1)
             for what in ("body_position", "separation")
         )
-        for k, i, j, distance in _close_pairs(x, apart, sizes):
-            together |= {i, j}
-            share = distance / (0.5 * (sizes[i] + sizes[j]))
-            if share < closest:
-                closest = share
-                found = distance, float(piece["time"].values[k]), i, j
-    if found is None:
+        for k in np.unique(apart.argmin(axis=0)[apart.min(axis=0) < sizes.max()]).tolist():
+            pairs = cKDTree(x[k]).query_pairs(float(sizes.max()), output_type="ndarray")
+            distance = np.linalg.norm(x[k, pairs[:, 0]] - x[k, pairs[:, 1]], axis=1)
+            share, when = distance / (0.5 * sizes[pairs].sum(axis=1)), float(piece["time"].values[k])
+            near = np.flatnonzero(share < 1.0)
+            found += [(share[n], distance[n], when, *pairs[n].tolist()) for n in near]
+    if not found:
         return []
-    distance, time, i, j = found
+    _, distance, time, i, j = min(found)
+    together = {vehicle for *_, i, j in found for vehicle in (i, j)}
     others = f"; {len(together)} vehicles come closer to another one than their size" if len(together) > 2 else ""
     text = (
         f"{members[i].id} and {members[j].id} come closer to each other than their size, "
@@ -400,38 +324,11 @@ def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
     return [Note("close", text, members[i].id, time, distance)]
 
 
-def _close_pairs(x: Array, apart: Array, sizes: Array) -> "list[tuple[int, int, int, float]]":
-    """List pairs closer than their size: the sample at which they are closest, both vehicles, and their distance, m.
-
-    Args:
-        x: Origins of bodies, shape (T, V, 3), m.
-        apart: Distance to the nearest other vehicle, shape (T, V), m.
-        sizes: Sizes of vehicles, shape (V,), m.
-    """
-    V, most, found = len(sizes), float(sizes.max()), []
-    if V <= EXHAUSTIVE_LIMIT:
-        if not (apart < most).any():
-            return []
-        for i in range(V - 1):
-            distance = np.linalg.norm(x[:, i + 1 :] - x[:, i : i + 1], axis=2)
-            k = distance.argmin(axis=0)
-            least = distance[k, np.arange(V - 1 - i)]
-            near = np.flatnonzero(least < 0.5 * (sizes[i] + sizes[i + 1 :]))
-            found += [(int(k[n]), i, int(i + 1 + n), float(least[n])) for n in near]
-        return found
-    for k in np.unique(apart.argmin(axis=0)[apart.min(axis=0) < most]).tolist():
-        pairs = cKDTree(x[k]).query_pairs(most, output_type="ndarray")
-        distance = np.linalg.norm(x[k, pairs[:, 0]] - x[k, pairs[:, 1]], axis=1)
-        near = distance < 0.5 * sizes[pairs].sum(axis=1)
-        found += [(k, int(i), int(j), float(d)) for (i, j), d in zip(pairs[near], distance[near], strict=True)]
-    return found
-
-
 def _and_others(name: str, others: int) -> str:
     return name + (f" and {others} other{'s' * (others > 1)}" if others else "")
 
 
-def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> TermsInRun | None:
+def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> TermsInRun | None:
     """Examine the terms of the law in a run, or in its last phase if it has events; the run is read in pieces.
 
     Args:
@@ -444,7 +341,8 @@ def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Terms
     system, dataset = of_phase(run, dataset, -1)
     bodies, count = dataset.attrs["backend"] == "physics", dataset.sizes["time"]
     terms = (system.control_of_bodies if bodies else system.control).law.terms
-    if not terms.agents or dataset.attrs.get("controller") or count < MIN_SAMPLES:
+    # Minimum number of samples for an examination of terms.
+    if not terms.agents or dataset.attrs.get("controller") or count < 8:
         return None
     limit, begin, done = system.law.limit[: terms.agents], count // 2, 0
     thrusters = np.array([len(vehicle.thrusters) for vehicle in system.vehicles[: terms.agents]]) if bodies else None
@@ -462,35 +360,80 @@ def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Terms
         jumps += float((np.diff(before, 2, axis=0) ** 2).sum())
         done += len(command)
     rest = count - begin
-    found = TermsInRun(
-        on=terms.names,
-        jump=float(np.sqrt(jumps / (6.0 * (rest - 2) * terms.agents))),
-        commanded=float(np.sqrt(speed / (count * terms.agents))),
-        at_limit=at_limit / (rest * terms.agents),
-        saturated=saturated / rest if bodies else None,
-    )
-    warning = _harm(system, found)
-    return replace(found, warnings=(warning,) if warning else ())
-
-
-def _harm(system: System, found: TermsInRun) -> str:
-    """Compose a warning about the terms; empty for a healthy run."""
-    on = joined(found.on)
-    saturated = found.saturated or 0.0
-    if found.jump > max(MAX_JUMP * found.commanded, MIN_JUMP):
-        return (
-            f"with {on}, commands jump by {found.jump:.3g} m/s RMS from sample to sample "
-            f"({100 * found.jump / found.commanded:.0f}% of the commanded speed): lower controller.gain "
+    jump = float(np.sqrt(jumps / (6.0 * (rest - 2) * terms.agents)))
+    commanded = float(np.sqrt(speed / (count * terms.agents)))
+    at_limit /= rest * terms.agents
+    saturated /= rest
+    on, warning = joined(terms.names), []
+    if jump > max(0.1 * commanded, 1e-6):  # smaller jumps, m/s, count as rounding
+        warning = [
+            f"with {on}, commands jump by {jump:.3g} m/s RMS from sample to sample "
+            f"({100 * jump / commanded:.0f}% of the commanded speed): lower controller.gain "
             f"({system.gain:g} 1/s) or the terms' own gains, or raise their filters; see mjsheaf check"
-        )
-    if found.at_limit > MAX_SHARE:
-        return (
-            f"agents are at their velocity limit for {100 * found.at_limit:.0f}% of the second half, so {on} cannot "
+        ]
+    elif at_limit > MAX_SHARE:
+        warning = [
+            f"agents are at their velocity limit for {100 * at_limit:.0f}% of the second half, so {on} cannot "
             "act: raise velocity_limit, or slow the targets"
-        )
-    if saturated > MAX_SHARE:
-        return (
+        ]
+    elif saturated > MAX_SHARE:
+        warning = [
             f"agents' thrusters are at a limit for {100 * saturated:.0f}% of the second half, with {on}: lower "
             "controller.gain or velocity_limit, or slow the targets"
-        )
+        ]
+    return TermsInRun(terms.names, jump, commanded, at_limit, saturated if bodies else None, tuple(warning))
+
+
+# -- formations that end in another equilibrium of their edges ---------------------------------------------------------
+
+
+def describe_reflections(team: Team, dataset: xr.Dataset) -> Iterator[str]:
+    """Yield a sentence about each formation that ends in an equilibrium other than its desired shape.
+
+    Range edges do not distinguish a shape from its mirror image, and a team that starts on a line stays on it. Bearing
+    edges have one more equilibrium, the shape reflected in a point, which is unstable.
+    """
+    if team.linear:
+        return
+    end = np.nan_to_num(dataset["agent_position"][-1].values)
+    for formation in team.formations:
+        members = [member for member in formation.members if member not in team.absent]
+        kinds = {edge.measures for edge in team.formation_edges(formation)}
+        if len(members) < 3 or kinds <= {"position"}:
+            continue
+        places = np.zeros((len(members), 3))  # the desired ones about their centroid
+        for row, member in zip(places, members, strict=True):
+            row[: len(team.displacement[member])] = team.displacement[member]
+        found = _fault(end[[team.index[m] for m in members]], places - places.mean(axis=0), kinds)
+        if found:
+            yield f"formation {formation.name} ends {found}"
+
+
+def _fault(x: Array, places: Array, kinds: Set[str]) -> str:
+    """Describe how a shape x (n, 3) differs from the desired one `places` (n, 3); empty if it does not."""
+    x = x - x.mean(axis=0)
+    size, wanted = np.linalg.norm(x), np.linalg.norm(places)
+    if not (size > 0.0 and wanted > 0.0):
+        return ""
+    extent = np.linalg.svd(x, compute_uv=False)
+    if extent[1] <= _FLAT * extent[0] and np.linalg.matrix_rank(places, rtol=_FLAT) > 1:
+        return "on a line, where range edges keep it: start its members off a line"
+    if kinds == {"bearing"}:
+        across = np.linalg.norm(x / size + places / wanted)
+        return "reflected in a point, an unstable equilibrium of bearing edges" if across <= _ALIKE else ""
+    # Minimum misfit of different shapes, as a fraction of their size.
+    if "bearing" not in kinds and _misfit(x, places, 1.0) > 0.2 and _misfit(x, places, -1.0) <= _ALIKE:
+        return "as the mirror image of its shape, which has the same distances"
     return ""
+
+
+def _misfit(x: Array, places: Array, handedness: float) -> float:
+    """Compute the misfit of a shape, relative to its size, after the best rotation (1) or reflection (-1) of places."""
+    axes = int(np.linalg.matrix_rank(places, rtol=_FLAT))
+    if axes < 2 or np.linalg.matrix_rank(x, rtol=_FLAT) > axes:
+        return np.inf
+    axes = 3 if axes == 3 else 2
+    u, s, v = np.linalg.svd(places[:, :axes].T @ x[:, :axes])
+    s[-1] *= handedness * np.sign(np.linalg.det(u @ v))
+    square = (x**2).sum() + (places**2).sum() - 2.0 * s.sum()
+    return float(np.sqrt(max(square, 0.0)) / np.linalg.norm(places))

@@ -4,12 +4,12 @@ The pytest plugin and `mjsheaf expect` both use this.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mjsheaf.errors import InputError, NotUniqueError, RankError, select_true
+from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.files import replace_file, with_field
 from mjsheaf.results.metrics import MEASURES, ROUNDING_ERROR, check_expectation, safety_of, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
@@ -17,10 +17,9 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import LawFile, find_law
 
 BACKEND_ORDER = ("ideal", "physics")
-"""Names of measures in an `expect:` block."""
+"""Backends in the order in which `expect` tries them."""
 
 _AT_LEAST = "smallest_separation"  # the one measure with a lower bound
-_ROUNDED = 1e-3  # m: margins of smaller separations are those of this one
 
 SMALLEST_BOUND = ROUNDING_ERROR
 """Smallest bound on an error, m."""
@@ -92,7 +91,12 @@ def try_scenario(
         controller = law.load(scenario.seed) if law else None
         dataset = simulate(scenario, backend, controller=controller, progress=progress)
     except (NotUniqueError, RankError) as error:
-        return _refused(scenario, backend, str(error))
+        # A refused team misses every bound because it has no errors.
+        checks = check_expectation(scenario.expect, backend, "refused", dict.fromkeys(MEASURES))["checks"]
+        for check in checks:
+            if check["measure"] == "refused":
+                check |= {"met": check["bound"] in str(error), "found": str(error)}
+        return Trial(backend, "refused", str(error), {}, checks)
     status = dataset.attrs["status"]
     final = summarize(scenario.team, dataset)
     phases = summarize_phases(scenario.team, dataset)
@@ -104,16 +108,6 @@ def try_scenario(
     for k, phase in enumerate(phases):
         errors |= {f"phases.{k}.{name}": (phase["final"] or {}).get(name) for name in MEASURES}
     return Trial(backend, status, dataset.attrs["message"], errors, checks, law)
-
-
-def _refused(scenario: Scenario, backend: str, reason: str) -> Trial:
-    """Return the trial of a refused team, which misses every bound because it has no errors."""
-    nothing: dict[str, float | None] = dict.fromkeys(MEASURES)
-    checks = [
-        {**check, "met": check["bound"] in reason, "found": reason} if check["measure"] == "refused" else check
-        for check in check_expectation(scenario.expect, backend, "refused", nothing)["checks"]
-    ]
-    return Trial(backend, "refused", reason, {}, checks)
 
 
 def expected_backends(scenario: Scenario) -> list[str]:
@@ -149,7 +143,8 @@ def bounds_from(trial: Trial, margin: float) -> dict[str, Any]:
             phases += [{} for _ in range(int(phase[1]) + 1 - len(phases))]
             own = phases[int(phase[1])]
         if found is not None and measure == _AT_LEAST:
-            own[measure] = max(round(found - margin * max(abs(found), _ROUNDED), 6), 0.0)
+            # M: margins of smaller separations are those of this one.
+            own[measure] = max(round(found - margin * max(abs(found), 1e-3), 6), 0.0)
         elif found is not None:
             own[measure] = round_up(max(found * (1.0 + margin), SMALLEST_BOUND))
     if "phases" in bounds:
@@ -182,16 +177,12 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
             )
     refusals = [trial.message for trial in trials if trial.status == "refused"]
     if refusals:
-        return {"refused": _refusal(refusals, old.get("refused"))}
-    law = {"controller": old["controller"]} if old.get("controller") else {}
-    kept = {name: old.get(name) or None for name in BACKEND_ORDER}
-    bounds = kept | {trial.backend: bounds_from(trial, margin) for trial in trials}
-    return law | {name: bound for name, bound in bounds.items() if bound is not None}
-
-
-def _refusal(refusals: list[str], text: str | None) -> str:
-    """Return the text that refusals are expected to contain: the old one if they do."""
-    return text if text is not None and all(text in why for why in refusals) else refusals[0]
+        text = old.get("refused")
+        return {"refused": text if text is not None and all(text in why for why in refusals) else refusals[0]}
+    kept = {name: old.get(name) for name in ("controller", *BACKEND_ORDER)}
+    block = kept | {trial.backend: bounds_from(trial, margin) for trial in trials}
+    tried = {trial.backend for trial in trials}
+    return {name: bound for name, bound in block.items() if bound or name in tried}
 
 
 def replace_expectation(path: Path, data: bytes, source: str, block: dict[str, Any], margin: float) -> None:
@@ -220,20 +211,21 @@ def round_up(value: float) -> float:
     return rounded if rounded >= value else float(f"{steps + 1}e{exponent}")
 
 
-def missed(trial: Trial) -> list[dict[str, Any]]:
-    """Return the checks of a trial that are not met."""
-    return [check for check in trial.checks if not check["met"]]
-
-
-def miss(check: Mapping[str, Any]) -> str:
-    """Explain why a check is not met."""
-    measure, bound, found = check["measure"], check["bound"], check["found"]
-    if measure == "refused":
-        what = "it ran" if found is None else "its refusal says something else"
-        return f"{what}, expected a refusal that says {bound!r}"
-    side = "at least" if measure == _AT_LEAST else "at most"
-    is_found = "has no value" if found is None else f"is {found:.4g}"
-    return f"{measure} {is_found}, expected {side} {bound:g}"
+def missed(checks: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Explain each check that is not met."""
+    sentences = []
+    for check in checks:
+        measure, bound, found = check["measure"], check["bound"], check["found"]
+        if check["met"]:
+            continue
+        if measure == "refused":
+            what = "it ran" if found is None else "its refusal says something else"
+            sentences.append(f"{what}, expected a refusal that says {bound!r}")
+        else:
+            is_found = "has no value" if found is None else f"is {found:.4g}"
+            side = "at least" if measure == _AT_LEAST else "at most"
+            sentences.append(f"{measure} {is_found}, expected {side} {bound:g}")
+    return sentences
 
 
 def describe(trial: Trial, name: str, watch: str) -> str:
@@ -241,38 +233,26 @@ def describe(trial: Trial, name: str, watch: str) -> str:
     verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]
     law = f" --controller {trial.law.here}" if trial.law else ""
     under = f" under {trial.law.label}" if trial.law else ""
+    lines = [f"{name} on {trial.backend}{under}: {trial.status}, {verdict}"]
+    if trial.message:
+        lines.append(f"  {trial.message}")
     bounds = {check["measure"]: check for check in trial.checks}
-    refusal = bounds.pop("refused", {}).get("bound")
-    told = {
-        f"  {trial.message}": trial.message,
-        f"  expected a refusal that says {refusal!r}": refusal is not None,
-    }
-    return "\n".join(
-        [
-            f"{name} on {trial.backend}{under}: {trial.status}, {verdict}",
-            *select_true(told),
-            *_table(trial, bounds),
-            f"  watch it: mjsheaf run {watch} --backend {trial.backend}{law}",
-        ]
-    )
-
-
-def _table(trial: Trial, bounds: dict[str, dict[str, Any]]) -> list[str]:
-    """Return lines with the expected and the measured value of each measure that has one."""
+    if "refused" in bounds:
+        lines.append(f"  expected a refusal that says {bounds.pop('refused')['bound']!r}")
     names = dict.fromkeys([*MEASURES, *trial.final, *bounds])
     shown = (*MEASURES, _AT_LEAST)
     measures = [m for m in names if m in bounds or (m in shown and trial.final.get(m) is not None)]
     width = max(18, *(len(m) + 1 for m in measures), 0)
-    heading = f"  {'measure (m)':<{width}}{'expected':>12}{'found':>12}"
-    rows = [_line(m, width, bounds.get(m), trial.final.get(m), trial.status) for m in measures]
-    return [heading, *rows] if rows else []
-
-
-def _line(measure: str, width: int, check: dict[str, Any] | None, found: float | None, status: str) -> str:
-    side = ">=" if measure == _AT_LEAST else "<="
-    expected = "-" if check is None else f"{side} {check['bound']:g}"
-    why = "" if check is None or check["met"] else f"  {_why_missed(measure, check['bound'], found, status)}"
-    return f"  {measure:<{width}}{expected:>12}{'-' if found is None else f'{found:.4g}':>12}{why}"
+    if measures:
+        lines.append(f"  {'measure (m)':<{width}}{'expected':>12}{'found':>12}")
+    for measure in measures:
+        check, found = bounds.get(measure), trial.final.get(measure)
+        side = ">=" if measure == _AT_LEAST else "<="
+        expected = "-" if check is None else f"{side} {check['bound']:g}"
+        why = "" if check is None or check["met"] else _why_missed(measure, check["bound"], found, trial.status)
+        number = "-" if found is None else f"{found:.4g}"
+        lines.append(f"  {measure:<{width}}{expected:>12}{number:>12}{f'  {why}' if why else ''}")
+    return "\n".join([*lines, f"  watch it: mjsheaf run {watch} --backend {trial.backend}{law}"])
 
 
 def _why_missed(measure: str, bound: float, found: float | None, status: str) -> str:

@@ -17,9 +17,8 @@ from pydantic import Field
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
-from mjsheaf.errors import InputError, PlaceError, listed, select_true
-from mjsheaf.page import Ghost, page_of
-from mjsheaf.page.replay import REQUIRED
+from mjsheaf.errors import InputError, PlaceError, listed
+from mjsheaf.page import Ghost, page_of, require_shown
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import engine_of, phases_in
 from mjsheaf.results.netcdf import thin
@@ -46,7 +45,6 @@ MAX_RUNS = 8
 _COLOURS = ("#000000", "#7b2cbf", "#d81b60", "#6d4c41", "#827717", "#1a237e", "#00796b", "#607d8b")
 """Colours of the runs on plots and page, the first run's first; none is that of a group."""
 
-_MAX_POINTS = 1500  # of a curve
 _MAX_SAMPLES = 20_000  # of a run, for distances
 _SLACK = 1e-9  # s, of times of samples
 _TEAM_ERRORS = ["tracking_error", "formation_error"]
@@ -119,12 +117,12 @@ class OpenRun:
     dataset: xr.Dataset
     summary: dict[str, Any]
 
-    @property
+    @cached_property
     def time(self) -> Array:
         """Sample times, shape (T,), s."""
         return np.asarray(self.dataset["time"].values)
 
-    @property
+    @cached_property
     def agents(self) -> list[str]:
         """Ids of the agents."""
         return [str(name) for name in self.dataset["agent"].values]
@@ -162,27 +160,19 @@ def open_runs(directories: Sequence[Path]) -> Iterator[list[OpenRun]]:
     if twice:
         given = next(path for path in directories if path.resolve() == twice[0])
         raise InputError(f"{given}: is given twice; expected different runs")
-    names = _names_of(directories)
+    paths = [path.resolve().parts for path in directories]
     with ExitStack() as held:
-        opened = []
-        for name, directory in zip(names, directories, strict=True):
-            scenario, dataset, summary = held.enter_context(reopen_run(directory))
-            opened.append(OpenRun(name, directory, scenario, dataset, summary))
-        for run in opened[1:]:
+        opened: list[OpenRun] = []
+        for directory, path in zip(directories, paths, strict=True):
+            count = 1
+            while sum(other[-count:] == path[-count:] for other in paths) > 1:
+                count += 1
+            # The name is the shortest unique end of the path.
+            run = OpenRun(str(Path(*path[-count:])), directory, *held.enter_context(reopen_run(directory)))
+            require_shown(run.dataset, f"{directory}: result.nc")
+            opened.append(run)
             _require_comparable(run, opened[0])
         yield opened
-
-
-def _names_of(directories: Sequence[Path]) -> list[str]:
-    """Name runs by the shortest unique ends of their paths."""
-    paths = [path.resolve().parts for path in directories]
-    names = []
-    for path in paths:
-        count = 1
-        while sum(other[-count:] == path[-count:] for other in paths) > 1:
-            count += 1
-        names.append(str(Path(*path[-count:])))
-    return names
 
 
 def _require_comparable(run: OpenRun, first: OpenRun) -> None:
@@ -191,17 +181,12 @@ def _require_comparable(run: OpenRun, first: OpenRun) -> None:
     Raises:
         InputError: The message names both.
     """
-    for one in (run, first):
-        missing = sorted(REQUIRED - set(one.dataset.variables))
-        if missing:
-            raise InputError(f"{one.directory}: result.nc has no {missing[0]}; run the scenario again")
     if not set(run.agents) & set(first.agents):
         raise InputError(
             f"{run.directory}: has no agent in common with {first.directory} ({listed(run.agents)} against "
             f"{listed(first.agents)}); expected runs of one team, or of teams that share agents"
         )
-    start, end = max(run.time[0], first.time[0]), min(run.time[-1], first.time[-1])
-    if start > end:
+    if max(run.time[0], first.time[0]) > min(run.time[-1], first.time[-1]):
         raise InputError(
             f"{run.directory}: covers {run.time[0]:g} to {run.time[-1]:g} s, and {first.directory} covers "
             f"{first.time[0]:g} to {first.time[-1]:g} s; expected runs that share some time"
@@ -267,7 +252,10 @@ def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> xr.Dat
     samples.
     """
     common = [name for name in first.agents if name in run.agents]
-    here, there = (_paths(one).sel(agent=common) for one in (first, run))
+    here, there = (
+        one.dataset["agent_position"].load().where(one.dataset["tracking_error"].notnull()).sel(agent=common)
+        for one in (first, run)
+    )
     here = here.sel(time=slice(start - _SLACK, end + _SLACK))
     here = here.isel(time=slice(None, None, max(1, here.sizes["time"] // _MAX_SAMPLES)))
     if not np.array_equal(here["time"], there["time"]):
@@ -277,34 +265,22 @@ def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> xr.Dat
     return ((apart**2).sum("axis") ** 0.5).where(apart.isel(axis=0).notnull())
 
 
-def _paths(run: OpenRun) -> xr.DataArray:
-    """Return the positions of the agents, m; NaN while they are absent."""
-    return run.dataset["agent_position"].load().where(run.dataset["tracking_error"].notnull())
-
-
 def _unlike(runs: Sequence[OpenRun], end: float) -> list[str]:
-    """Describe differences between the runs in time, team and scenario."""
-    ends = {float(run.time[-1]) for run in runs}
-    at_end = f"the runs end at different times; errors are those at {end:g} s, the last that all of them reach"
-    return [
-        *([at_end] if len(ends) > 1 else []),
-        *(note for run in runs[1:] for note in _unlike_first(run, runs[0])),
-        *(f"{run.name} blew up" for run in runs if run.dataset.attrs["status"] != "finished"),
-    ]
-
-
-def _unlike_first(run: OpenRun, first: OpenRun) -> list[str]:
-    """Describe differences of a run from the first one in team and scenario."""
-    others = [name for name in run.agents if name not in first.agents]
-    missing = [name for name in first.agents if name not in run.agents]
-    told = {f"lacks {listed(missing)}": missing, f"has {listed(others)} in addition": others}
-    team = " and ".join(select_true(told))
-    scenario = run.scenario.name
-    notes = {
-        f"{run.name} {team}; its errors are those of its own team": team,
-        f"{run.name} is of scenario {scenario}, {first.name} of {first.scenario.name}": scenario != first.scenario.name,
-    }
-    return select_true(notes)
+    """Describe differences between the runs in time, and of each from the first in team and scenario."""
+    first, notes = runs[0], []
+    if len({float(run.time[-1]) for run in runs}) > 1:
+        notes.append(f"the runs end at different times; errors are those at {end:g} s, the last that all of them reach")
+    for run in runs[1:]:
+        others = [name for name in run.agents if name not in first.agents]
+        missing = [name for name in first.agents if name not in run.agents]
+        parts = [f"lacks {listed(missing)}"] if missing else []
+        if others:
+            parts.append(f"has {listed(others)} in addition")
+        if parts:
+            notes.append(f"{run.name} {' and '.join(parts)}; its errors are those of its own team")
+        if run.scenario.name != first.scenario.name:
+            notes.append(f"{run.name} is of scenario {run.scenario.name}, {first.name} of {first.scenario.name}")
+    return [*notes, *(f"{run.name} blew up" for run in runs if run.dataset.attrs["status"] != "finished")]
 
 
 def table_of(record: RunsRecord) -> pd.DataFrame:
@@ -320,37 +296,28 @@ def plot_runs(runs: Sequence[OpenRun], path: Path, options: FigureOptions = AS_U
     scenarios = " and ".join(dict.fromkeys(run.scenario.name for run in runs))
     figure = new_figure(WIDTH, 0.9 + 2.4 * len(drawn), f"{scenarios}: {len(runs)} runs", options)
     panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    events = [phase for phase in phases_in(runs[0].dataset) if phase["events"]]
     for panel, name in zip(panels, drawn, strict=True):
-        _draw_error(panel, runs, [run.errors[name].values for run in runs])
+        errors = [run.errors[name].values for run in runs]
+        for k, (run, error) in enumerate(zip(runs, errors, strict=True)):
+            keep = thin(len(run.time), 1500)
+            panel.plot(run.time[keep], error[keep], label=_legend(run), **line_style(k) | {"color": _COLOURS[k]})
+        log_axis(panel, "y", np.concatenate(errors))
         label_axes(panel, "", y=_LABELS[name])
-        mark_times(panel, [phase["time"] for phase in phases_in(runs[0].dataset) if phase["events"]])
-    panels[-1].set_xlabel(_below(runs[0]))
+        mark_times(panel, [phase["time"] for phase in events])
+    told = [f"{k}: {', '.join(phase['events'])} ({phase['time']:.6g} s)" for k, phase in enumerate(events, 1)]
+    below = f"\nevents of {plain(runs[0].name)}:   " + "   ".join(told) if told else ""
+    panels[-1].set_xlabel(f"time (s){below}")
     figure.align_ylabels(panels)
     legend_below(figure, panels[0].get_legend_handles_labels()[0], 2)
     settle(figure)
     save_figure(figure, path, options)
 
 
-def _draw_error(panel: Any, runs: Sequence[OpenRun], errors: Sequence[Array]) -> None:
-    """Draw one error of each run over time."""
-    for k, (run, error) in enumerate(zip(runs, errors, strict=True)):
-        keep = thin(len(run.time), _MAX_POINTS)
-        style = line_style(k) | {"color": _COLOURS[k]}
-        panel.plot(run.time[keep], error[keep], label=_legend(run), **style)
-    log_axis(panel, "y", np.concatenate(errors))
-
-
 def _legend(run: OpenRun) -> str:
     terms = run.scenario.system.law.term_names
     law = run.law if run.gain is None else ", ".join([f"gain {run.gain:g} 1/s", *terms])
     return plain(f"{run.name} ({run.dataset.attrs['backend']}, {law})")
-
-
-def _below(first: OpenRun) -> str:
-    """Return the label below the last panel: time, and the events of the first run."""
-    events = [phase for phase in phases_in(first.dataset) if phase["events"]]
-    told = [f"{k}: {', '.join(phase['events'])} ({phase['time']:.6g} s)" for k, phase in enumerate(events, 1)]
-    return "time (s)" + (f"\nevents of {plain(first.name)}:   " + "   ".join(told) if told else "")
 
 
 def page_of_runs(runs: Sequence[OpenRun], record: RunsRecord) -> bytes:

@@ -15,49 +15,51 @@ from functools import partial
 from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 
 from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
-from mjsheaf.compile.jit import working_time
+from mjsheaf.checking.finished import ending_of_run
+from mjsheaf.checking.separation import too_close_in
+from mjsheaf.checking.slips import slips_of
+from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
+from mjsheaf.compile.jit import compilation_time, working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
 from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
+from mjsheaf.law.in_python import Controller
+from mjsheaf.loop.log import samples_in_piece
 from mjsheaf.loop.session import moved_by, require_simulable
+from mjsheaf.page import page_of, require_shown
+from mjsheaf.progress import shown
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.netcdf import split, write_and_open
+from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
 from mjsheaf.runs.simulate import Progress, no_progress, stream
-from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import same_law
 from mjsheaf.section import LARGEST
-from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
+from mjsheaf.show.panels import save_figure, write_figure
+from mjsheaf.show.plots import draw_configurations, draw_errors, draw_trajectories
+from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, FigureOptions
+from mjsheaf.system import Phase, System, phases_of
+from mjsheaf.vehicles.loading import files_of, read_description
 from mjsheaf.video import VideoOptions, available_backend
+from mjsheaf.video.film import Film, film_of, video_options
+
+if TYPE_CHECKING:
+    from mjsheaf.mujoco_import import mujoco
 
 _TERMS = "terms"  # folder of the files of registered terms, next to those of vehicles
 _FLOWS = "flows"  # folder of the files of gridded flow
 _HEIGHT = 640  # px of a replay in a notebook
-_INSTEAD = "a Dataset as `simulate` returns it, or the directory of a run"
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
-    from mjsheaf.law.in_python import Controller
-    from mjsheaf.system import Phase, System
-
-
-def dump_scenario(scenario: Scenario) -> str:
-    """Return the resolved scenario as YAML, with every field that has a value; running it again gives the same bits.
-
-    Custom vehicles keep their paths; `write_scenario` copies their files too.
-    """
-    return dump_yaml(_resolved(scenario))
 
 
 def write_scenario(scenario: Scenario, directory: Path) -> Path:
@@ -73,7 +75,7 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
         InputError: A vehicle's files cannot be found, or lie outside its directory.
         OSError: The directory cannot be written.
     """
-    raw = _resolved(scenario)
+    raw = scenario.model_dump(mode="json", exclude_none=True)
     places = [
         *((holder, "vehicle") for holder in [*raw["agents"], *raw["targets"]]),
         *((raw.get("vehicles", {}), key) for key in ("agents", "targets")),
@@ -118,8 +120,6 @@ def _copy_files(sections: dict[str, Any], field: str, folder: str, directory: Pa
 
 def _copy(description: Path, directory: Path, taken: set[str]) -> str:
     """Copy the files of a vehicle into a folder of its own, and return the relative path of its description."""
-    from mjsheaf.vehicles.loading import files_of, read_description
-
     names = chain([description.stem], (f"{description.stem}_{k}" for k in count(2)))
     folder = next(name for name in names if name not in taken)
     root = description.parent.resolve()
@@ -132,10 +132,6 @@ def _copy(description: Path, directory: Path, taken: set[str]) -> str:
     home.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(description, home / description.name)
     return f"{store.VEHICLES}/{folder}/{description.name}"
-
-
-def _resolved(scenario: Scenario) -> dict[str, Any]:
-    return scenario.model_dump(mode="json", exclude_none=True)
 
 
 @dataclass(frozen=True)
@@ -155,22 +151,43 @@ class Outcome:
     replaced: str | None = None
 
 
-class TimedIterator:
-    """Iterator that measures the `seconds` spent in `next`, excluding compilation."""
+class Timings:
+    """Durations of the parts of a run's publication; compilation is a separate part.
 
-    def __init__(self, pieces: Iterator[xr.Dataset]) -> None:
-        self._pieces = pieces
-        self.seconds = 0.0
+    Attributes:
+        parts: Duration of each part, s.
+    """
 
-    def __iter__(self) -> Iterator[xr.Dataset]:
-        return self
+    def __init__(self) -> None:
+        """Begin to measure."""
+        self.parts: dict[str, float] = {}
+        self._begun, self._compiled = perf_counter(), compilation_time()
 
-    def __next__(self) -> xr.Dataset:
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Add the duration of the block to a part."""
         begun = working_time()
         try:
-            return next(self._pieces)
+            yield
         finally:
-            self.seconds += working_time() - begun
+            self.parts[name] = self.parts.get(name, 0.0) + working_time() - begun
+
+    def simulating(self, pieces: Iterator[xr.Dataset]) -> Iterator[xr.Dataset]:
+        """Yield the pieces of a run, and add the time that they take to the part `simulation`."""
+        while True:
+            with self.part("simulation"):
+                piece = next(pieces, None)
+            if piece is None:
+                return
+            yield piece
+
+    def record(self, before: dict[str, float] | None = None) -> dict[str, float]:
+        """Return the duration of each part, of compilation, and of everything until now, s, added to those `before`."""
+        now = self.parts | {
+            "compilation": compilation_time() - self._compiled,
+            "total": perf_counter() - self._begun,
+        }
+        return {name: (before or {}).get(name, 0.0) + now.get(name, 0.0) for name in (before or {}) | now}
 
 
 def execute(
@@ -182,12 +199,11 @@ def execute(
     engine: str = "mujoco",
     threads: int | None = None,
     allow_drift: bool = False,
-    controller: "Controller | None" = None,
+    controller: Controller | None = None,
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
     exports: Sequence[str] = (),
     progress: Progress = no_progress,
-    timings: Timings | None = None,
 ) -> Outcome:
     """Run a scenario (see `simulate`) and publish its directory (see `publish`).
 
@@ -198,21 +214,22 @@ def execute(
         PlaceError: The directory may not be replaced or cannot be written.
         NotUniqueError: The harmonic extension is not unique and drift is not allowed. Nothing is written.
     """
-    timings = timings or Timings()
+    timings = Timings()
     require_installed(exports)
     with timings.part("checks"):
         phases = moved_by(scenario.phases, backend, engine, threads)
         require_simulable(phases, backend, allow_drift=allow_drift)
-    simulating = partial(progress, "simulating")
-    pieces = TimedIterator(stream(phases, backend, scenario.seed, simulating, controller=controller))
-    shown: Any = {"video": video, "figures": figures, "exports": exports, "progress": progress}
-    return publish(pieces, scenario, phases, directory, origin=origin, timings=timings, **shown)
+    pieces = stream(phases, backend, scenario.seed, partial(progress, "simulating"), controller=controller)
+    return publish(
+        timings.simulating(pieces), scenario, phases, directory, video=video, origin=origin, figures=figures,
+        exports=exports, progress=progress, timings=timings,
+    )  # fmt: skip
 
 
 def publish(
     run: xr.Dataset | Iterable[xr.Dataset],
     scenario: Scenario,
-    simulated: "System | Sequence[Phase]",
+    simulated: System | Sequence[Phase],
     directory: Path,
     *,
     video: VideoOptions | None = None,
@@ -227,8 +244,7 @@ def publish(
     Data, plots and page are published first, because the video takes longest: see `add_video`.
 
     Args:
-        run: Data of the run, whole from `simulate` or in consecutive pieces from `stream`; result.nc is the same. A
-            `TimedIterator` provides the duration of the simulation, which is null in summary.json otherwise.
+        run: Data of the run, whole from `simulate` or in consecutive pieces from `stream`; result.nc is the same.
         scenario: Scenario that was run.
         simulated: System of the scenario, or its phases.
         directory: Directory of the results.
@@ -237,26 +253,27 @@ def publish(
         figures: Formats and style of the plots.
         exports: Further formats of the data, keys of `mjsheaf.export.FORMATS`.
         progress: Callback, called with the name of the activity, the steps done and the number of steps.
-        timings: Durations of earlier parts of the command.
+        timings: Durations of earlier parts of the command, and of the simulation, which is null in summary.json
+            otherwise.
 
     Raises:
         PlaceError: The directory may not be replaced or cannot be written.
     """
-    from mjsheaf.page import page_of
-    from mjsheaf.system import phases_of
-
     timings = timings or Timings()
     phases = phases_of(simulated)
     replaced = store.replaced_run(directory)
     with store.staging(directory) as fresh, ExitStack() as held:
         write_scenario(scenario, fresh)
-        dataset, seconds = _write_data(run, scenario, phases, fresh, exports, timings)
-        held.enter_context(dataset)
+        pieces = split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
+        sinks = sinks_of(exports, fresh, scenario, phases)
+        with timings.part("data"):
+            dataset = held.enter_context(write_and_open(pieces, fresh / "result.nc", *sinks))
+        seconds = timings.parts.get("simulation")
+        timings.parts["data"] -= seconds or 0.0
         progress("comparing with theory", 0, 1)
         summary, bounds, drawn = account_of(scenario, phases, dataset, timings)
         with timings.part("plots"):
-            shown = shown_bound(phases, drawn["time"].values, *bounds[0])
-            _plot(phases, drawn, shown, fresh, progress, figures, scenario.video.eye)
+            _plot(scenario, phases, drawn, bounds, fresh, figures, progress)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds if seconds else None
         progress("writing the page", 0, 1)
@@ -268,28 +285,6 @@ def publish(
         store.save_summary(summary, fresh / "summary.json")
     outcome = Outcome(directory, summary, [], replaced)
     return outcome if video is None else add_video(outcome, scenario, video, progress)
-
-
-def _write_data(
-    run: xr.Dataset | Iterable[xr.Dataset],
-    scenario: Scenario,
-    phases: "Sequence[Phase]",
-    directory: Path,
-    exports: Sequence[str],
-    timings: Timings,
-) -> tuple[xr.Dataset, float | None]:
-    """Write result.nc and the exports; return the data and the duration of the simulation, s, None if unknown."""
-    from mjsheaf.loop.log import samples_in_piece
-
-    pieces = split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
-    sinks = sinks_of(exports, directory, scenario, phases)
-    with timings.part("data"):
-        dataset = write_and_open(pieces, directory / "result.nc", *sinks)
-    if not isinstance(run, TimedIterator):
-        return dataset, None
-    timings.add("simulation", run.seconds)
-    timings.add("data", -run.seconds)
-    return dataset, run.seconds
 
 
 def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progress: Progress = no_progress) -> Outcome:
@@ -310,22 +305,15 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
     Raises:
         PlaceError: The video cannot be written.
     """
-    from mjsheaf.video.draw import UnwritableError
-    from mjsheaf.video.film import film_run
-
-    directory = outcome.directory
-    path = directory / "video.mp4"
-    drawing = partial(progress, "drawing video")
-    timings = Timings()
+    directory, timings = outcome.directory, Timings()
     with open_dataset(directory / "result.nc") as dataset, timings.part("video"):
-        try:
-            frames, reason = draw_video(partial(film_run, scenario, dataset, path, options, drawing))
-        except UnwritableError as error:
-            raise PlaceError(f"{error}; {without_video(directory)}") from error
+        path = directory / "video.mp4"
+        films = lambda: [film_of(scenario, dataset)]  # noqa: E731
+        frames, reason = draw_video(films, path, options, progress, without_video(directory))
     if reason:
         return replace(outcome, notes=[*outcome.notes, reason])
     summary = {**outcome.summary, "video": video_entry(frames, options)}
-    summary["timings"] = join_timings(outcome.summary["timings"], timings.record())
+    summary["timings"] = timings.record(outcome.summary["timings"])
     store.save_summary(summary, directory / "summary.json")
     return replace(outcome, summary=summary)
 
@@ -345,39 +333,67 @@ class Account(NamedTuple):
     """
 
     summary: dict[str, Any]
-    bounds: "list[tuple[RunBound, HeldBound]]"
+    bounds: list[tuple[RunBound, HeldBound]]
     drawn: xr.Dataset
 
 
 def account_of(
-    scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, timings: Timings | None = None
+    scenario: Scenario, phases: Sequence[Phase], dataset: xr.Dataset, timings: Timings | None = None
 ) -> Account:
-    """Compute the errors, bounds and notes of a run from its data, in memory or in an open file."""
-    from mjsheaf.checking.separation import too_close_in
-    from mjsheaf.checking.slips import slips_of
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
-    from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
+    """Compute the errors, bounds and notes of a run from its data, in memory or in an open file.
 
+    Fields of summary.json that are not known from the data are None.
+    """
     timings = timings or Timings()
-    own, drawn = summarize_phases(phases[0].system.team, dataset), thinned(dataset)
+    system, own, drawn = phases[0].system, summarize_phases(phases[0].system.team, dataset), thinned(dataset)
+    attrs, steps, grid = dataset.attrs, dataset.sizes["time"] - 1, system.grid
+    controller, bodies = attrs.get("controller"), attrs["backend"] == "physics"
     with timings.part("bounds"):
         bounds = bounds_of_phases(phases, dataset)
     for phase, bound in zip(own, bounds, strict=False):
         phase |= _bounds_summary(*bound)
     with timings.part("notes"):
-        summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, *bounds[0])
-        summary["safety"] = safety = safety_of(dataset)
+        final, safety, terms = summarize(system.team, drawn), safety_of(dataset), examine_terms(phases, dataset)
         if safety and (safety["smallest_separation"] or 0.0) < 0.0:
             moment = dataset.isel(time=[int(np.nanargmin(dataset["separation"].values))])
-            closest = next(iter(too_close_in(phases[0].system, moment).values()), None)
+            closest = next(iter(too_close_in(system, moment).values()), None)
             safety["closest"] = closest and closest.model_dump(mode="json", include={"pair", "time", "gap"})
-        summary["expect"] = _expectation(scenario, dataset.attrs, summary["final"], own, safety)
-        terms = examine_terms(phases, dataset)
-        if terms is not None:
-            summary["terms"] = terms.record()
+        if scenario.expect.controller is None or same_law(scenario.expect.controller, controller):
+            expected = check_expectation(scenario.expect, attrs["backend"], attrs["status"], final, own, safety)
+        else:
+            reason = f"the bounds are for the law {scenario.expect.controller}"
+            expected = {"met": None, "checks": [], "reason": reason}
+        ending = ending_of_run(phases, drawn) if attrs["status"] == "finished" and not controller else None
         limits = [one for bound in bounds for one in bound]
-        found = notes_of_run(phases, dataset, summary["ending"], limits, terms, slips_of(scenario))
-    summary["notes"] = [note.record() for note in found]
+        notes = notes_of_run(phases, dataset, ending, limits, terms, slips_of(scenario))
+    summary = {
+        "scenario": scenario.name,
+        "origin": None,
+        "backend": attrs["backend"],
+        "engine": engine_of(drawn),
+        "status": attrs["status"],
+        "message": attrs["message"],
+        "ending": ending,
+        "controller": controller,
+        "law": attrs.get("law"),
+        "seed": scenario.seed,
+        "steps": steps * (round(grid.period / system.bodies.timestep) if bodies else 1),
+        "wall_time_s": None,
+        "realtime_factor": None,
+        "expect": expected,
+        "final": final,
+        "phases": own,
+        "communication": communication(drawn, steps + 1, grid.period),
+        "delivery": delivery_of(drawn),
+        "free_directions": list(dict.fromkeys(words for phase in phases for words in phase.system.free_directions)),
+        **_bounds_summary(*bounds[0]),
+        "safety": safety,
+        "terms": terms and terms.record(),
+        "notes": [note.record() for note in notes],
+        "video": None,
+        "timings": {},
+        store.RESULT_DIGEST: "",
+    }
     return Account(summary, bounds, drawn)
 
 
@@ -404,9 +420,6 @@ def save(
         InputError: The result is not from `simulate`, or other functions have removed its scenario.
         PlaceError: The directory may not be replaced or cannot be written.
     """
-    from mjsheaf.progress import shown
-    from mjsheaf.video.film import video_options
-
     require_type("result", result, xr.Dataset, "a Dataset, as mjsheaf.simulate returns it")
     require_path("directory", directory)
     require_type("formats", formats, (list, tuple), "a list of formats, such as ['png', 'pdf']")
@@ -414,8 +427,10 @@ def save(
     options = video_options(scenario) if video else None
     figures = FigureOptions(tuple(formats), title)
     with shown(progress, "saving") as bar:
-        given: Any = {"video": options, "figures": figures, "progress": bar or no_progress}
-        return publish(result, scenario, scenario.phases, Path(directory), **given)
+        reporting = bar or no_progress
+        return publish(
+            result, scenario, scenario.phases, Path(directory), video=options, figures=figures, progress=reporting
+        )
 
 
 def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
@@ -427,82 +442,16 @@ def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
     scenario = result.encoding.get("scenario")
     if not isinstance(scenario, Scenario):
         raise InputError(f"{doing}: the result has no scenario; expected a Dataset as `simulate` returns it")
-    wrong = fault_of(result) or _unlike(result, scenario)
+    wrong, team = fault_of(result), scenario.system.team
+    for kind, ids in (("agent", team.agent_ids), ("target", team.target_ids)):
+        if not wrong and result[kind].values.tolist() != ids:
+            wrong = f"has other {kind}s than its scenario"
     if wrong:
         raise InputError(f"{doing}: the result {wrong}; expected a Dataset as `simulate` returns it")
     return scenario
 
 
-def _unlike(result: xr.Dataset, scenario: Scenario) -> str:
-    """Describe how the members of a result differ from its scenario's; empty if they do not."""
-    team = scenario.system.team
-    for kind, ids in (("agent", team.agent_ids), ("target", team.target_ids)):
-        if result[kind].values.tolist() != ids:
-            return f"has other {kind}s than its scenario"
-    return ""
-
-
-def _summary_of(
-    scenario: Scenario,
-    phases: "Sequence[Phase]",
-    periods: int,
-    drawn: xr.Dataset,
-    own: list[dict[str, Any]],
-    theorem: "RunBound",
-    of_law: "HeldBound",
-) -> dict[str, Any]:
-    """Return the fields of summary.json in order for a run of `periods` sample periods; None where data are missing."""
-    from mjsheaf.checking.finished import ending_of_run
-
-    backend, status, controller = drawn.attrs["backend"], drawn.attrs["status"], drawn.attrs.get("controller")
-    system = phases[0].system
-    final = summarize(system.team, drawn)
-    free = dict.fromkeys(words for phase in phases for words in phase.system.free_directions)
-    return {
-        "scenario": scenario.name,
-        "origin": None,
-        "backend": backend,
-        "engine": engine_of(drawn),
-        "status": status,
-        "message": drawn.attrs["message"],
-        "ending": ending_of_run(phases, drawn) if status == "finished" and not controller else None,
-        "controller": controller,
-        "law": drawn.attrs.get("law"),
-        "seed": scenario.seed,
-        "steps": periods * (round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1),
-        "wall_time_s": None,
-        "realtime_factor": None,
-        "expect": {},
-        "final": final,
-        "phases": own,
-        "communication": communication(drawn, periods + 1, system.grid.period),
-        "delivery": delivery_of(drawn),
-        "free_directions": list(free),
-        **_bounds_summary(theorem, of_law),
-        "safety": None,
-        "terms": None,
-        "notes": [],
-        "video": None,
-        "timings": {},
-        store.RESULT_DIGEST: "",
-    }
-
-
-def _expectation(
-    scenario: Scenario,
-    attrs: dict[str, Any],
-    final: dict[str, Any],
-    own: list[dict[str, Any]],
-    safety: dict[str, Any] | None,
-) -> dict[str, Any]:
-    """Compare errors with the scenario's expectations; bounds for another law are not checked."""
-    expected = scenario.expect.controller
-    if expected is not None and not same_law(expected, attrs.get("controller")):
-        return {"met": None, "checks": [], "reason": f"the bounds are for the law {expected}"}
-    return check_expectation(scenario.expect, attrs["backend"], attrs["status"], final, own, safety)
-
-
-def _bounds_summary(theorem: "RunBound", of_law: "HeldBound") -> dict[str, Any]:
+def _bounds_summary(theorem: RunBound, of_law: HeldBound) -> dict[str, Any]:
     """Return the fields of summary.json on the bounds of a run, or of one of its phases."""
     return {
         "theorem": {
@@ -523,9 +472,7 @@ def _bounds_summary(theorem: "RunBound", of_law: "HeldBound") -> dict[str, Any]:
     }
 
 
-def shown_bound(
-    phases: "Sequence[Phase]", time: Array, theorem: "RunBound", of_law: "HeldBound"
-) -> tuple[str, Array] | None:
+def shown_bound(phases: Sequence[Phase], time: Array, theorem: RunBound, of_law: HeldBound) -> tuple[str, Array] | None:
     """Return the name and values of the bound on |e| to draw at times, s; None if there is no bound.
 
     It is the bound of the first phase, and NaN after the first event.
@@ -550,12 +497,10 @@ def plot_again(
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
-
     with store.reopen_run(directory) as (scenario, dataset, _), TemporaryDirectory() as drawing:
-        phases, drawn = scenario.phases, thinned(dataset)
-        bound = shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
-        _plot(phases, drawn, bound, Path(drawing), progress, figures, scenario.video.eye)
+        phases = scenario.phases
+        bounds = bounds_of_phases(phases, dataset)
+        _plot(scenario, phases, thinned(dataset), bounds, Path(drawing), figures, progress)
         found = [folder / file.name for file in sorted(Path(drawing).iterdir())]
         with naming(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -566,20 +511,16 @@ def plot_again(
 
 
 def _plot(
-    phases: "Sequence[Phase]",
+    scenario: Scenario,
+    phases: Sequence[Phase],
     drawn: xr.Dataset,
-    bound: tuple[str, Array] | None,
+    bounds: Sequence[tuple[RunBound, HeldBound]],
     folder: Path,
-    progress: Progress,
     figures: FigureOptions,
-    view: tuple[float, float] = VIEW,
+    progress: Progress,
 ) -> None:
-    """Draw the plots of a run; `view` is the azimuth and elevation of the eye in degrees."""
-    from mjsheaf.show.panels import save_figure
-    from mjsheaf.show.plots import figures_of
-
-    first, last = phases[0].system, phases[-1].system
-    plots = figures_of(first.team, last.team, drawn, bound, figures, view, first.obstacles)
+    """Write the plots of a run, thinned to the visible detail, into a folder."""
+    plots = _figures_of(scenario, phases, drawn, bounds, figures)
     for done, (name, draw) in enumerate(plots.items()):
         progress("plotting", done, len(plots))
         with MATPLOTLIB:
@@ -587,29 +528,60 @@ def _plot(
     progress("plotting", len(plots), len(plots))
 
 
+def _figures_of(
+    scenario: Scenario,
+    phases: Sequence[Phase],
+    drawn: xr.Dataset,
+    bounds: Sequence[tuple[RunBound, HeldBound]],
+    options: FigureOptions,
+) -> dict[str, Callable[[], Figure]]:
+    """Return a function that draws each figure of a run, by the figure's name."""
+    first, last = phases[0].system, phases[-1].system
+    bound = shown_bound(phases, drawn["time"].values, *bounds[0])
+    view, obstacles = scenario.video.eye, first.obstacles
+    return {
+        "errors": lambda: draw_errors(first.team, drawn, bound, options),
+        "trajectories": lambda: draw_trajectories(first.team, drawn, options, view, obstacles),
+        "configurations": lambda: draw_configurations(first.team, last.team, drawn, options),
+    }
+
+
 def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
     """Return the fields of summary.json on a video."""
     return {"frames": frames, "width": options.width, "height": options.height, "fps": options.fps}
 
 
-def draw_video(film: Callable[[], int]) -> tuple[int, str]:
+def draw_video(
+    films: "Callable[[], list[tuple[Film, mujoco.MjModel]]]",
+    path: Path,
+    options: VideoOptions,
+    progress: Progress,
+    kept: str,
+) -> tuple[int, str]:
     """Draw a video, or explain why there is none; a machine without OpenGL still writes the data.
 
+    Args:
+        films: Makes the runs that are drawn side by side, each with its model.
+        path: File to write.
+        options: Options of the video.
+        progress: Callback, called with the name of the activity, the steps done and the number of steps.
+        kept: Sentence about what is complete without the video.
+
     Returns:
-        The number of frames that the callback `film` draws and returns, and ''; or 0 and the reason.
+        The number of frames, and ''; or 0 and the reason.
 
     Raises:
-        UnwritableError: The file cannot be written.
+        PlaceError: The file cannot be written.
     """
     backend, reason = available_backend()
     if backend is None:
         return 0, f"no video: {reason}"
-    from mjsheaf.video.draw import UnwritableError
+    from mjsheaf.video import draw  # after a backend is found: it imports MuJoCo
 
     try:
-        return film(), ""
-    except UnwritableError:
-        raise
+        return draw.draw_video(films(), path, options, partial(progress, "drawing video")), ""
+    except PlaceError as error:
+        raise PlaceError(f"{error}; {kept}") from error
     except MjsheafError as error:
         return 0, f"no video: {error}"
 
@@ -617,12 +589,10 @@ def draw_video(film: Callable[[], int]) -> tuple[int, str]:
 # -- in Python and notebooks -------------------------------------------------------------------------------------------
 
 
-class Figures(dict[str, "Figure"]):
+class Figures(dict[str, Figure]):
     """Matplotlib figures of a run by name. A notebook shows them below one another."""
 
     def _repr_html_(self) -> str:
-        from mjsheaf.show.panels import write_figure
-
         pictures = []
         for name, figure in self.items():
             file = io.BytesIO()
@@ -677,18 +647,9 @@ def plot(result: xr.Dataset | str | Path, *, title: bool = True) -> Figures:
         InputError: The result is not from `simulate`, other functions have removed its scenario, or the directory holds
             no run.
     """
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
-    from mjsheaf.show.plots import figures_of
-
-    with _opened(result, "plot") as (scenario, dataset, _):
-        phases = scenario.phases
-        drawn = thinned(dataset)
-        bound = shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
-    first, last = phases[0].system, phases[-1].system
-    with MATPLOTLIB:
-        draw = figures_of(
-            first.team, last.team, drawn, bound, FigureOptions(title=title), scenario.video.eye, first.obstacles
-        )
+    with _opened(result, "plot") as (scenario, dataset, _), MATPLOTLIB:
+        phases, drawn = scenario.phases, thinned(dataset)
+        draw = _figures_of(scenario, phases, drawn, bounds_of_phases(phases, dataset), FigureOptions(title=title))
         return Figures((name, make()) for name, make in draw.items())
 
 
@@ -705,17 +666,12 @@ def replay(result: xr.Dataset | str | Path, *, height: int = _HEIGHT) -> ReplayP
     Raises:
         InputError: See `plot`; or the directory holds a run of an earlier version that recorded fewer variables.
     """
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
-    from mjsheaf.page import page_of, require_shown
-
     again = None
     with _opened(result, "replay") as (scenario, dataset, summary):
         require_shown(dataset, "replay: the result")
         phases = scenario.phases
         if summary is None:
-            account = account_of(scenario, phases, dataset)
-            summary = account.summary
-            bounds = account.bounds
+            summary, bounds, _ = account_of(scenario, phases, dataset)
             again = f"mjsheaf.simulate(scenario, backend={dataset.attrs['backend']!r})", " in Python"
         else:
             bounds = bounds_of_phases(phases, dataset)
@@ -738,4 +694,7 @@ def _opened(
         with store.reopen_run(Path(result)) as (scenario, dataset, summary):
             yield scenario, dataset, summary
     else:
-        raise InputError(f"{doing}: result is a {type(result).__name__}; expected {_INSTEAD}")
+        raise InputError(
+            f"{doing}: result is a {type(result).__name__}; expected a Dataset as `simulate` "
+            "returns it, or the directory of a run"
+        )

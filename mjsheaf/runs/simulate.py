@@ -1,20 +1,22 @@
-"""Simulation of a scenario, from its description to data."""
+"""Simulation of scenarios, from their description to data: one, or many on threads of this process."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from threading import Event
 
-from mjsheaf.arguments import require_scenario
-from mjsheaf.loop.session import Session, engine_of
+import xarray as xr
+
+from mjsheaf.arguments import require_scenario, require_whole
+from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.law.in_python import Controller, Law, controller_of
+from mjsheaf.loop.log import Trajectory, samples_in_piece
+from mjsheaf.loop.session import Session, engine_of, require_backend, require_engine
+from mjsheaf.progress import shown
+from mjsheaf.results.dataset import in_pieces, make_datasets
 from mjsheaf.scenario import Scenario
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from mjsheaf.law.in_python import Controller, Law
-    from mjsheaf.loop.engine import Engine
-    from mjsheaf.loop.log import Trajectory
-    from mjsheaf.system import Phase, System
+from mjsheaf.system import Phase, System, phases_of
+from mjsheaf.threads import usable_processors
 
 Progress = Callable[[str, int, int], None]
 """Callback, called with the name of the activity, the steps done and the number of steps."""
@@ -30,10 +32,10 @@ def simulate(
     *,
     engine: str = "mujoco",
     threads: int | None = None,
-    controller: "Law | Controller | None" = None,
+    controller: Law | Controller | None = None,
     allow_drift: bool = False,
     progress: Callable[[int, int], None] | bool | None = True,
-) -> "xr.Dataset":
+) -> xr.Dataset:
     """Run a scenario and return its data, the contents of result.nc.
 
     Args:
@@ -61,33 +63,98 @@ def simulate(
             velocities, in which case the message names agent and time.
         NotUniqueError: The harmonic extension is not unique, and drift is not allowed.
     """
-    from mjsheaf.progress import shown
-
     require_scenario(scenario)  # before a bar is shown
     with shown(progress, "simulating") as bar:
         report = partial(bar, "simulating") if bar else progress if callable(progress) else None
-        options: Any = {"engine": engine, "threads": threads, "controller": controller, "allow_drift": allow_drift}
-        with Session(scenario, backend, **options) as session:
-            samples = session.engine.system.grid.steps + 1
-            datasets = datasets_by(session.engine, backend, scenario.seed, samples, report)
-            return with_scenario(next(datasets), scenario)
-
-
-def with_scenario(dataset: "xr.Dataset", scenario: Scenario) -> "xr.Dataset":
-    """Attach the scenario to a run in memory, for `mjsheaf.save`; files do not contain it."""
-    dataset.encoding["scenario"] = scenario
+        with Session(
+            scenario, backend, engine=engine, threads=threads, controller=controller, allow_drift=allow_drift
+        ) as session:
+            run = session.engine
+            pieces = run.record(run.system.grid.steps + 1, progress=report)
+            dataset = dataset_of(pieces, run.phases, backend, scenario.seed, run.controller)
+    dataset.encoding["scenario"] = scenario  # for `mjsheaf.save`; files do not contain it
     return dataset
 
 
+def simulate_many(
+    scenarios: Iterable[Scenario],
+    backend: str = "physics",
+    *,
+    engine: str = "mujoco",
+    workers: int | None = None,
+    allow_drift: bool = False,
+    progress: Callable[[int, int], None] | bool | None = True,
+) -> list[xr.Dataset | MjsheafError]:
+    """Run independent scenarios in parallel on threads of this process.
+
+    The compiled loops release the interpreter's lock. Results equal those of `simulate` bit for bit.
+
+    Args:
+        scenarios: Scenarios, for example one with many seeds or gains.
+        backend: 'physics' or 'ideal'.
+        engine: See `simulate`.
+        workers: Number of threads; None takes one for each processor that this process may use.
+        allow_drift: See `simulate`.
+        progress: True shows a bar on a terminal or in a notebook, and False shows nothing. A function is called in the
+            calling thread with the runs done and the number of runs.
+
+    Returns:
+        Result of `simulate` for each scenario, in their order. If `simulate` refuses a scenario, its place holds the
+        error, a MjsheafError, and the others still run. A run that blew up is a dataset with status 'unstable'.
+
+    Raises:
+        InputError: The backend or engine is unknown, `workers` is below 1, or an item is not a Scenario.
+    """
+    require_backend(backend)
+    require_engine(engine, backend)
+    require_whole("workers", 1 if workers is None else workers, 1)
+    if isinstance(scenarios, Scenario) or not isinstance(scenarios, Iterable):
+        raise InputError(f"scenarios is a {type(scenarios).__name__}; expected a list of Scenarios")
+    todo = list(scenarios)
+    for k, scenario in enumerate(todo):
+        if not isinstance(scenario, Scenario):
+            raise InputError(f"scenarios: number {k} is a {type(scenario).__name__}; expected a Scenario")
+    stop = Event()
+
+    def check(done: int, of: int) -> None:
+        if stop.is_set():
+            raise _Abandoned
+
+    def one(k: int) -> xr.Dataset | MjsheafError:
+        try:
+            check(0, 0)
+            return simulate(todo[k], backend, engine=engine, threads=1, allow_drift=allow_drift, progress=check)
+        except MjsheafError as error:
+            return error
+
+    with shown(progress, "running") as bar, ThreadPoolExecutor(workers or usable_processors()) as pool:
+        report = partial(bar, "running") if bar else progress if callable(progress) else None
+        if bar:
+            bar("running", 0, len(todo))
+        try:
+            futures = [pool.submit(one, k) for k in range(len(todo))]
+            for done, future in enumerate(as_completed(futures), 1):
+                future.result()  # an exception is raised as soon as it occurs
+                if report:
+                    report(done, len(futures))
+            return [future.result() for future in futures]
+        finally:
+            stop.set()
+
+
+class _Abandoned(Exception):  # noqa: N818
+    """Signal to end a run because the others were interrupted."""
+
+
 def stream(
-    run: "System | Sequence[Phase]",
+    run: System | Sequence[Phase],
     backend: str,
     seed: int,
     progress: Callable[[int, int], None] | None = None,
     samples: int | None = None,
-    controller: "Law | Controller | None" = None,
-    only: "Collection[str] | None" = None,
-) -> "Iterator[xr.Dataset]":
+    controller: Law | Controller | None = None,
+    only: Collection[str] | None = None,
+) -> Iterator[xr.Dataset]:
     """Yield a run as consecutive Datasets; see `simulate` for arguments that are not listed.
 
     Args:
@@ -96,40 +163,23 @@ def stream(
         samples: Maximum number of samples in a piece; a few megabytes of them unless given.
         only: Names of the variables to collect; all unless given.
     """
-    from mjsheaf.law.in_python import controller_of
-    from mjsheaf.loop.log import samples_in_piece
-    from mjsheaf.system import phases_of
-
     called = controller_of(controller, phases_of(run)[0].system, seed)
     with engine_of(run, backend, controller=called) as engine:
-        yield from datasets_by(engine, backend, seed, samples or samples_in_piece(engine.system), progress, only)
-
-
-def datasets_by(
-    engine: "Engine",
-    backend: str,
-    seed: int,
-    samples: int,
-    progress: Callable[[int, int], None] | None,
-    only: "Collection[str] | None" = None,
-) -> "Iterator[xr.Dataset]":
-    """Yield the Datasets of an engine's run; see `stream` for the arguments."""
-    pieces = engine.record(samples, progress=progress)
-    return datasets_of(pieces, engine.phases, backend, seed, samples, engine.controller, only)
+        samples = samples or samples_in_piece(engine.system)
+        pieces = engine.record(samples, progress=progress)
+        yield from datasets_of(pieces, engine.phases, backend, seed, samples, engine.controller, only)
 
 
 def datasets_of(
-    pieces: "Iterable[Trajectory]",
-    phases: "Sequence[Phase]",
+    pieces: Iterable[Trajectory],
+    phases: Sequence[Phase],
     backend: str,
     seed: int,
     samples: int,
-    controller: "Controller | None" = None,
-    only: "Collection[str] | None" = None,
-) -> "Iterator[xr.Dataset]":
+    controller: Controller | None = None,
+    only: Collection[str] | None = None,
+) -> Iterator[xr.Dataset]:
     """Yield the Datasets of a run in pieces of the given number of samples; see `stream` for the arguments."""
-    from mjsheaf.results.dataset import in_pieces, make_datasets
-
     datasets = make_datasets(pieces, backend, seed, phases, only=only)
     if any(phase.events for phase in phases):
         datasets = in_pieces(datasets, samples)
@@ -147,11 +197,11 @@ def datasets_of(
 
 
 def dataset_of(
-    pieces: "Sequence[Trajectory]",
-    phases: "Sequence[Phase]",
+    pieces: Iterable[Trajectory],
+    phases: Sequence[Phase],
     backend: str,
     seed: int,
-    controller: "Controller | None" = None,
-) -> "xr.Dataset":
+    controller: Controller | None = None,
+) -> xr.Dataset:
     """Collect a run in memory, with one piece for each phase that it reached; see `stream` for the arguments."""
     return next(datasets_of(pieces, phases, backend, seed, phases[0].system.grid.steps + 1, controller))

@@ -22,6 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from mjsheaf.arrays import Array
 from mjsheaf.show.style import AS_USUAL, LOST, MATPLOTLIB, FigureOptions, groups_of, marker_of
@@ -31,7 +32,6 @@ WIDTH = 7.16
 """Width of two columns, in."""
 HEADING, NORMAL, TICK, SMALL = 9.5, 8.0, 7.5, 7.0
 """Sizes of type, pt."""
-_DPI = 150
 
 _EDGES: dict[str, dict[str, Any]] = {
     "communication": {"color": "#8A94A6", "linestyle": "-"},
@@ -40,12 +40,11 @@ _EDGES: dict[str, dict[str, Any]] = {
 MOST_NAMED = 60
 """Vehicles of a team whose names are drawn; of more, only the targets' and those of the worst agents are."""
 _MOST_KEYS = 12  # groups in a legend
-_LONGEST_NAME, _SHORTER_NAME = 90, 30  # letters of a name in a legend; in one of many rows
 
 
 def new_figure(width: float, height: float, title: str, options: FigureOptions = AS_USUAL) -> Figure:
     """A figure of the given size in inches, with its title; panels and legends get the room that they need."""
-    figure = Figure((width, height), dpi=_DPI, layout=ConstrainedLayoutEngine(h_pad=0.06, w_pad=0.06))
+    figure = Figure((width, height), dpi=150, layout=ConstrainedLayoutEngine(h_pad=0.06, w_pad=0.06))
     FigureCanvasAgg(figure)
     if options.title and title:
         figure.suptitle(fill(title, int(width * 13)), fontsize=10.5, parse_math=False)
@@ -76,21 +75,15 @@ def lay_out(figure: Figure) -> None:
         axis.apply_aspect()
 
 
-# Type that journals take (TrueType in PDF) and that editors can change (text in SVG); ids that are the same each time.
-_SETTINGS: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "mjsheaf"}
-# A version or a date would make equal runs differ.
-_METADATA: dict[str, dict[str, None]] = {
-    "png": {"Software": None},
-    "svg": {"Date": None, "Creator": None},
-    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-}
-
-
 def write_figure(figure: Figure, file: Path | IO[bytes], form: str) -> None:
     """Write a figure in one format; equal figures give equal bytes."""
-    with MATPLOTLIB, rc_context(_SETTINGS):
+    # Type that journals take (TrueType in PDF) and that editors can change (text in SVG); ids that stay the same.
+    settings: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "mjsheaf"}
+    # A version or a date would make equal runs differ.
+    without = {"png": ["Software"], "svg": ["Date", "Creator"], "pdf": ["CreationDate", "Creator", "Producer"]}
+    with MATPLOTLIB, rc_context(settings):
         settle(figure)
-        figure.savefig(file, format=form, metadata=_METADATA[form])
+        figure.savefig(file, format=form, metadata=dict.fromkeys(without[form]))
 
 
 def save_figure(figure: Figure, path: Path, options: FigureOptions) -> None:
@@ -150,8 +143,9 @@ def edge_keys(*teams: Team) -> list[Line2D]:
 
 def legend_below(figure: Figure, keys: Sequence[Any], columns: int, **style: Any) -> None:
     """Add a legend below the panels of a figure, which grows by it; with as many columns as there is room for."""
-    longest = _LONGEST_NAME if len(keys) <= 2 * columns else _SHORTER_NAME
-    names = [name if len(name) <= longest else name[: longest - 1] + "…" for name in map(_label, keys)]
+    longest = 90 if len(keys) <= 2 * columns else 30  # letters of a name
+    names = [str(item.get_label()) for item in keys]
+    names = [name if len(name) <= longest else name[: longest - 1] + "…" for name in names]
     for most in range(min(columns, len(keys)), 0, -1):
         count = -(-len(keys) // -(-len(keys) // most))  # rows of about one length
         legend = figure.legend(
@@ -165,10 +159,6 @@ def legend_below(figure: Figure, keys: Sequence[Any], columns: int, **style: Any
         legend.remove()
 
 
-def _label(item: Any) -> str:
-    return str(item.get_label())
-
-
 def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
     """Make a panel a map seen from above, of equal scales, with a margin, as a part of its size."""
     label_axes(axis, title, x, "y (m)")
@@ -178,11 +168,7 @@ def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
         side.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
 
 
-_OUTLINE = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 _HEAD: dict[str, Any] = {"marker": (3, 0, -90.0), "markersize": 6.0, "markeredgewidth": 0.0}
-_TARGET_STYLE = {"markersize": 11.0, "zorder": 4, **_OUTLINE}
-_FEW_STYLE = {"markersize": 6.0, "zorder": 3, **_OUTLINE}
-_MANY_STYLE = {"markersize": 2.5, "zorder": 3, "markeredgewidth": 0.0}
 
 
 def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
@@ -197,25 +183,24 @@ def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
         lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
         width = 0.9 if len(edges) <= 2 * MOST_NAMED else 0.4
         axis.add_collection(LineCollection(lines, linewidths=width, zorder=1, **_EDGES[kind]))
-    _draw_heads(axis, team, place)
+    # Arrowheads on directed edges, towards the agents that are sensed. The panel has equal scales.
+    for tail, head in [place[[team.index[e.tail], team.index[e.head]]] for e in team.communication if e.directed]:
+        style = _HEAD | {"marker": (3, 0, float(np.degrees(np.arctan2(*(head - tail)[::-1]))) - 90.0)}
+        axis.plot(*(0.4 * tail + 0.6 * head), color=_EDGES["communication"]["color"], zorder=1, **style)
     groups, names, colours = groups_of(team)
     there = np.array([member.id not in team.absent for member in team.members])
     away = np.abs(place - place[there].mean(axis=0)).max(axis=1)
     shown = away <= away[there].max()
+    few = len(place) <= MOST_NAMED
     for k in sorted(set(groups.tolist())):
-        style = _TARGET_STYLE if names[k] == "targets" else _FEW_STYLE if len(place) <= MOST_NAMED else _MANY_STYLE
+        target = names[k] == "targets"
+        style = {"markersize": 11.0 if target else 6.0 if few else 2.5, "zorder": 4 if target else 3}
+        style |= {"markeredgecolor": "white", "markeredgewidth": 0.5} if few or target else {"markeredgewidth": 0.0}
         for own, colour in ((there, colours[k]), (~there, LOST)):
             chosen = (groups == k) & own & shown
             if chosen.any():
                 axis.plot(*place[chosen].T, linestyle="", marker=marker_of(k, names), color=colour, **style)
     return np.flatnonzero(shown)
-
-
-def _draw_heads(axis: Any, team: Team, place: Array) -> None:
-    """Draw arrowheads on directed edges, towards the agents that are sensed. The panel has equal scales."""
-    for tail, head in [place[[team.index[e.tail], team.index[e.head]]] for e in team.communication if e.directed]:
-        style = _HEAD | {"marker": (3, 0, float(np.degrees(np.arctan2(*(head - tail)[::-1]))) - 90.0)}
-        axis.plot(*(0.4 * tail + 0.6 * head), color=_EDGES["communication"]["color"], zorder=1, **style)
 
 
 def place_names(
@@ -236,50 +221,42 @@ def place_names(
     Returns:
         How many were placed.
     """
-    pixel = axis.figure.dpi / 72.0
+    pixel, renderer = axis.figure.dpi / 72.0, axis.figure.canvas.get_renderer()
     points = axis.transData.transform(np.asarray(places, dtype=np.float64).reshape(-1, 2))
     avoid = points if obstacles is None else np.vstack([points, axis.transData.transform(obstacles)])
-    room, taken, placed = axis.bbox.extents, _boxes_in(axis), 0
+    legend = axis.get_legend()
+    written = [*axis.texts, *([legend] if legend else [])]
+    taken = np.array([item.get_window_extent(renderer).extents for item in written]).reshape(-1, 4)
+    low, high = axis.bbox.extents[:2], axis.bbox.extents[2:]
+    placed = 0
     for name, place, point in zip(names, places, points, strict=True):
-        if not (np.isfinite(point).all() and _inside(np.tile(point, 2), room)):
+        if not (point >= low).all() or not (point <= high).all():  # outside, or not finite
             continue
         half = _size_of(axis.figure, name) / 2.0 + 0.8 * pixel
-        spot = _spot_for(point, half, pixel, room, taken, avoid)
-        if spot is None:
+        centres = point + _WAYS * half + _WAYS * _GAPS * pixel
+        frames = np.concatenate([centres - half, centres + half], axis=1)
+        over = (taken[:, None, :2] < frames[:, 2:]).all(axis=2) & (taken[:, None, 2:] > frames[:, :2]).all(axis=2)
+        free = (frames[:, :2] >= low).all(axis=1) & (frames[:, 2:] <= high).all(axis=1) & ~over.any(axis=0)
+        if not free.any():
             continue
-        centre, distance = spot
-        taken = np.vstack([taken, [*(centre - half), *(centre + half)]])
+        hidden = ((avoid[:, None] > frames[:, :2]) & (avoid[:, None] < frames[:, 2:])).all(axis=2).sum(axis=0)
+        k = int(np.where(free, hidden, len(avoid) + 1).argmin())
+        taken = np.vstack([taken, frames[k]])
         joined = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 1.5}
         text = axis.annotate(
-            name, place, (centre - point) / pixel, textcoords="offset points", ha="center", va="center",
-            fontsize=SMALL, color=colour, zorder=6, arrowprops=joined if distance > _NEAR[0] else None,
+            name, place, (centres[k] - point) / pixel, textcoords="offset points", ha="center", va="center",
+            fontsize=SMALL, color=colour, zorder=6, arrowprops=joined if k >= 8 else None,
         )  # fmt: skip
         text.set_in_layout(False)
         placed += 1
     return placed
 
 
-_NEAR = (4.0, 8.0, 14.0, 22.0, 32.0, 44.0)  # gaps between a point and its name, pt
-_DIRECTIONS = np.array([(1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1)], dtype=np.float64)
-
-
-def _spot_for(
-    point: Array, half: Array, pixel: float, room: Array, taken: Array, avoid: Array
-) -> tuple[Array, float] | None:
-    """The middle of a name of half this size near a point, and how far off it is, pt; all else in pixels."""
-    best, fewest = None, len(avoid) + 1
-    for distance in _NEAR:
-        for direction in _DIRECTIONS:
-            centre = point + direction * (half + distance * pixel * (0.7 if direction.all() else 1.0))
-            frame = np.concatenate([centre - half, centre + half])
-            if not _inside(frame, room) or _overlapping(taken, frame).any():
-                continue
-            covered = int(((avoid > frame[:2]) & (avoid < frame[2:])).all(axis=1).sum())
-            if covered < fewest:
-                best, fewest = (centre, distance), covered
-        if fewest == 0:
-            break
-    return best
+# Places for names: eight directions, and the gap from the point in each, pt, the nearest eight places first.
+_WAYS = np.tile(
+    [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)], (6, 1)
+)
+_GAPS = np.repeat([4.0, 8.0, 14.0, 22.0, 32.0, 44.0], 8)[:, None] * np.where(_WAYS.all(axis=1, keepdims=True), 0.7, 1.0)
 
 
 def label_ends(axis: Any, ends: Sequence[tuple[float, str, Any]]) -> None:
@@ -318,14 +295,7 @@ def spread(wanted: Array, gap: float, low: float, high: float) -> Array:
     """Return places near the given ones, shape (K,), in order and `gap` apart, within a range if there is room."""
     order = np.argsort(wanted, kind="stable")
     steps = gap * np.arange(len(order))
-    # Without the gaps, places only have to ascend: the nearest that do are found by pooling those that do not.
-    pools: list[list[float]] = []
-    for value in (wanted[order] - steps).tolist():
-        pools.append([value, 1.0])
-        while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
-            (a, m), (b, n) = pools[-2], pools.pop()
-            pools[-1] = [(m * a + n * b) / (m + n), m + n]
-    ascending = np.repeat([mean for mean, _ in pools], [int(count) for _, count in pools])
+    ascending = isotonic_regression(wanted[order] - steps).x  # without the gaps, places only have to ascend
     places = np.empty(len(order))
     places[order] = np.clip(ascending, low + gap / 2, max(high - gap / 2 - steps[-1], low + gap / 2)) + steps
     return places
@@ -337,26 +307,6 @@ def _size_of(figure: Figure, words: str) -> Array:
     probe = Text(0.0, 0.0, words, fontsize=SMALL)
     probe.set_figure(figure)
     return np.array(probe.get_window_extent(canvas.get_renderer()).size)
-
-
-def _boxes_in(axis: Any) -> Array:
-    """The boxes of what is written in a panel, its legend among them, shape (K, 4), pixels."""
-    renderer = axis.figure.canvas.get_renderer()
-    legend = axis.get_legend()
-    held = [*axis.texts, *([legend] if legend else [])]
-    return np.array([item.get_window_extent(renderer).extents for item in held]).reshape(-1, 4)
-
-
-def _inside(frame: Array, room: Array) -> bool:
-    return bool((frame[:2] >= room[:2]).all() and (frame[2:] <= room[2:]).all())
-
-
-def _overlapping(boxes: Array, frame: Array) -> NDArray[np.bool_]:
-    """Find the boxes, shape (K, 4), that overlap with one."""
-    return np.asarray((boxes[:, :2] < frame[2:]).all(axis=1) & (boxes[:, 2:] > frame[:2]).all(axis=1))
-
-
-_NARROW = 5.0  # ratio of largest to smallest value below which a logarithmic axis would have almost no labels
 
 
 def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> None:
@@ -371,7 +321,8 @@ def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> Non
                   fontsize=NORMAL)  # fmt: skip
         axis.set(**{f"{which}ticks": []})
         return
-    if positive.max() < _NARROW * positive.min() and np.nanmin(values) > 0.0:
+    # Ratio of largest to smallest value below which a logarithmic axis would have almost no labels.
+    if positive.max() < 5.0 * positive.min() and np.nanmin(values) > 0.0:
         return
     low, high = log_limits(max(positive.min() / 1.5, positive.max() / 10.0**decades), positive.max() * 1.5)
     axis.set(**{f"{which}scale": "log", f"{which}lim": (0.999 * low, 1.001 * high)})

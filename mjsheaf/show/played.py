@@ -8,25 +8,22 @@ face where they go.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import Literal, Self
 
 import numpy as np
 import xarray as xr
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import InputError
 from mjsheaf.law.obstacles import ObstacleArrays, points_kept_from
 from mjsheaf.media.medium import WITHOUT_MEAN, mean_flow
 from mjsheaf.media.waves import Components
-from mjsheaf.results.dataset import join, labelled_edges
+from mjsheaf.results.dataset import labelled_edges
 from mjsheaf.results.metrics import edge_residuals, mean_known
-from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
+from mjsheaf.results.netcdf import length_of_piece, pieces_of
 from mjsheaf.scenario import Scenario
-from mjsheaf.show.style import MOMENTS, automatic_scales, groups_of, round_number
+from mjsheaf.show.style import automatic_scales, groups_of, round_number
+from mjsheaf.system import Phase
 from mjsheaf.team import Edge, Team
-
-if TYPE_CHECKING:
-    from mjsheaf.system import Phase
 
 UPRIGHT: Array = np.array([1.0, 0.0, 0.0, 0.0])
 """Quaternion w, x, y, z of a level attitude that faces along x."""
@@ -37,10 +34,7 @@ DrawnEdge = tuple[int, int, EdgeKind]
 HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, offsets for estimating the heading of a body without attitude
 OUTLIER_FACTOR = 100.0  # multiple of the size of a region beyond which a vehicle has blown up
 _SNAPSHOTS = 24  # of a flow that changes with time, in each phase
-_POSITIONS = 2**18  # positions read at once, so that memory does not grow with the length of a video
-_FASTEST = 0.98  # quantile of the speeds that a scale covers: a singular vortex has no largest one
 _SIDE = 40  # places along each side of the region in which speeds are looked at
-_MARGIN = 0.15  # of the region's size, around it
 _SHORTEST = 1.5  # k times the spacing of a grid, in rad, from which on a wave fades
 
 
@@ -48,7 +42,7 @@ _SHORTEST = 1.5  # k times the spacing of a grid, in rad, from which on a wave f
 
 
 @dataclass(frozen=True)
-class Samples:
+class Poses:
     """A team at T times: V vehicles, N agents first, then the targets.
 
     Attributes:
@@ -65,7 +59,7 @@ class Samples:
     harmonic_extension: Array
     error: Array
 
-    def at(self, times: Array) -> "Samples":
+    def at(self, times: Array) -> "Poses":
         """Interpolate: linear, for attitudes linear and normalised; held before the first and after the last sample.
 
         Args:
@@ -84,7 +78,7 @@ class Samples:
         first, second = self.quaternions[before], self.quaternions[after]
         opposite = (first * second).sum(axis=-1, keepdims=True) < 0  # q and -q are one attitude: go the shorter way
         turned = between(first, np.where(opposite, -second, second))
-        return Samples(
+        return Poses(
             times,
             between(self.positions[before], self.positions[after]),
             turned / np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), 1e-12),
@@ -119,15 +113,6 @@ def goals_in(chunk: xr.Dataset, positions: Array) -> Array:
     return q_star
 
 
-def samples_in(chunk: xr.Dataset, surface_height: float) -> Samples:
-    """Return consecutive samples of a run; attitudes that there are none of are upright."""
-    positions = positions_in(chunk, surface_height)
-    upright = np.broadcast_to(UPRIGHT, (*positions.shape[:2], 4))
-    attitudes = joined(chunk, "orientation") if has_bodies(chunk) else upright
-    error = np.sqrt(mean_known(chunk["tracking_error"].values ** 2))
-    return Samples(chunk["time"].values, positions, attitudes, goals_in(chunk, positions), error)
-
-
 class RecordedRun:
     """A run's data, read piece by piece when they are looked at.
 
@@ -142,8 +127,8 @@ class RecordedRun:
         self._length = length_of_piece(dataset)
         self._piece = lru_cache(2)(self._read)
 
-    def at(self, times: Array) -> Samples:
-        """Interpolate; see `Samples.at`."""
+    def at(self, times: Array) -> Poses:
+        """Interpolate; see `Poses.at`."""
         found = self._interpolate(times)
         return found if has_bodies(self._dataset) else replace(found, quaternions=self._headings(times))
 
@@ -153,7 +138,7 @@ class RecordedRun:
         names = [f"{kind}_{quantity}" for quantity in quantities for kind in ("agent", "target")]
         return (positions_in(piece, self._surface) for piece in pieces_of(self._dataset, names))
 
-    def _interpolate(self, times: Array, *, horizontal: bool = False) -> Samples:
+    def _interpolate(self, times: Array, *, horizontal: bool = False) -> Poses:
         """Interpolate as `at`, without headings; `horizontal` leaves out all but positions x and y."""
         # Only the two samples around each time are stored.
         after = np.searchsorted(self.time, times, side="right").clip(0, len(self.time) - 1)
@@ -162,26 +147,23 @@ class RecordedRun:
             [values[rows[rows // self._length == piece] - piece * self._length] for values in self._piece(piece)]
             for piece in np.unique(rows // self._length).tolist()
         ]
-        whole = Samples(*(np.concatenate(values) for values in zip(*pieces, strict=True)))
+        whole = Poses(*(np.concatenate(values) for values in zip(*pieces, strict=True)))
         if horizontal:
             none = {"quaternions": whole.quaternions[:, :0], "harmonic_extension": whole.harmonic_extension[:, :0]}
             whole = replace(whole, positions=whole.positions[..., :2], **none)
         return whole.at(times)
 
     def _read(self, number: int) -> list[Array]:
-        """The fields of `Samples` over one piece of the data."""
+        """Return the fields of `Poses` over one piece of the data; attitudes that there are none of are upright."""
         piece = self._dataset.isel(time=slice(number * self._length, (number + 1) * self._length))
-        return list(vars(samples_in(piece, self._surface)).values())
+        positions = positions_in(piece, self._surface)
+        upright = np.broadcast_to(UPRIGHT, (*positions.shape[:2], 4))
+        attitudes = joined(piece, "orientation") if has_bodies(piece) else upright
+        error = np.sqrt(mean_known(piece["tracking_error"].values ** 2))
+        return [piece["time"].values, positions, attitudes, goals_in(piece, positions), error]
 
     def _headings(self, times: Array) -> Array:
-        """Level attitudes that follow the horizontal velocity, smoothed over half a second. Shape (K, V, 4)."""
-        vehicles = self._dataset.sizes["agent"] + self._dataset.sizes["target"]
-        count = max(1, _POSITIONS // (len(HEADING_OFFSETS) * vehicles))  # of times at once
-        starts = range(0, len(times), count)
-        return np.concatenate([self._headings_at(times[begin : begin + count]) for begin in starts])
-
-    def _headings_at(self, times: Array) -> Array:
-        """Compute `_headings` of a few times."""
+        """Return level attitudes along the horizontal velocity, smoothed over half a second, shape (K, V, 4)."""
         around = self._interpolate((times[:, None] + HEADING_OFFSETS).ravel(), horizontal=True).positions
         steps = np.diff(around.reshape(len(times), len(HEADING_OFFSETS), -1, 2), axis=1)
         # Each instant has an equal say, however fast it is: the first seconds are fast.
@@ -226,21 +208,10 @@ class Region:
             return np.where(np.isfinite(points), np.clip(points, self.centre - far, self.centre + far), np.nan)
 
 
-def at_rows(dataset: xr.Dataset, names: Sequence[str], rows: IntArray) -> xr.Dataset:
-    """Return some variables at some samples, in memory; the data are read piece by piece."""
-    step = length_of_piece(dataset)
-    found = []
-    for begin, piece in zip(range(0, dataset.sizes["time"], step), split(dataset[list(names)], step), strict=True):
-        here = rows[(rows >= begin) & (rows < begin + step)] - begin
-        if len(here):
-            found.append(piece.load().isel(time=here))
-    return join(found)
-
-
 # -- edges and the safety filter ---------------------------------------------------------------------------------------
 
 
-def edges_of(phases: "Sequence[Phase]") -> dict[tuple[str, str], Edge]:
+def edges_of(phases: Sequence[Phase]) -> dict[tuple[str, str], Edge]:
     """Return all edges of a run by kind and name, in the order in which its phases have them."""
     found: dict[tuple[str, str], Edge] = {}
     for phase in phases:
@@ -248,7 +219,7 @@ def edges_of(phases: "Sequence[Phase]") -> dict[tuple[str, str], Edge]:
     return found
 
 
-def residuals_in(chunk: xr.Dataset, phases: "Sequence[Phase]", positions: Array) -> Array:
+def residuals_in(chunk: xr.Dataset, phases: Sequence[Phase], positions: Array) -> Array:
     """Compute the residual of every edge of `edges_of` at samples, shape (T, E), m; NaN while it does not exist.
 
     Args:
@@ -339,18 +310,18 @@ def largest_speed(velocity: Callable[[Array], Array], places: Array) -> float:
     if not len(known):
         return 0.0
     low, high = known.min(axis=0), known.max(axis=0)
-    room = _MARGIN * float((high - low)[:2].max()) + 1.0
+    room = 0.15 * float((high - low)[:2].max()) + 1.0
     x, y = (np.linspace(low[k] - room, high[k] + room, _SIDE) for k in range(2))
     level = float(np.median(known[:, 2]))
     grid = np.stack([*np.meshgrid(x, y), np.full((_SIDE, _SIDE), level)], axis=-1).reshape(-1, 3)
     with np.errstate(all="ignore"):
         speeds = np.linalg.norm(velocity(grid), axis=1)
     speeds = speeds[np.isfinite(speeds)]
-    fastest = float(np.quantile(speeds, _FASTEST)) if len(speeds) else 0.0
+    fastest = float(np.quantile(speeds, 0.98)) if len(speeds) else 0.0  # a singular vortex has no largest speed
     return round_number(fastest, up=True) if fastest > 1e-9 else 0.0
 
 
-def media_of(phases: "Sequence[Phase]", places: Array) -> list[Medium]:
+def media_of(phases: Sequence[Phase], places: Array) -> list[Medium]:
     """List the flow fields that vehicles meet and that move in a phase of the run.
 
     Args:
@@ -373,7 +344,7 @@ def media_of(phases: "Sequence[Phase]", places: Array) -> list[Medium]:
     return [medium for medium in found if medium.top > 0.0]
 
 
-def _snapshots(phases: "Sequence[Phase]", name: str, vehicle: int) -> list[tuple[float, Callable[[Array], Array]]]:
+def _snapshots(phases: Sequence[Phase], name: str, vehicle: int) -> list[tuple[float, Callable[[Array], Array]]]:
     """List velocities of a flow and the times at which they begin: several of a flow that changes with time.
 
     Args:
@@ -433,7 +404,7 @@ def _faded(number: Array, places: Array) -> Array:
     return np.asarray(np.exp(-((np.outer(spacing, number) / _SHORTEST) ** 4)))
 
 
-def seas_of(phases: "Sequence[Phase]") -> list[Sea]:
+def seas_of(phases: Sequence[Phase]) -> list[Sea]:
     """List the sea of each phase of a run, level in a phase without waves; empty if no phase has waves."""
     found = []
     for phase in phases:
@@ -496,7 +467,7 @@ class Played:
     """
 
     name: str
-    run: Samples | RecordedRun
+    run: Poses | RecordedRun
     agent_ids: list[str]
     target_ids: list[str]
     group: IntArray
@@ -513,39 +484,6 @@ class Played:
     obstacles: ObstacleArrays | None = None
     restraints: Callable[[float, Array], tuple[Array, Array]] | None = None
     seas: Sequence[Sea] = ()
-
-    def __post_init__(self) -> None:
-        """Check that everything fits together.
-
-        Raises:
-            InputError: naming the array that does not fit, and the shape expected.
-        """
-        time, groups = self.run.time, len(self.group_names)
-        if self.vehicles == 0:
-            raise InputError("video has no vehicles; expected at least one agent or target")
-        if not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
-            raise InputError("film.run.time: expected at least one time; all finite and increasing")
-        for name, value, shape in self._shapes():
-            if np.shape(value) != shape:
-                raise InputError(f"film.{name} has shape {np.shape(value)}; expected {shape}")
-        if np.any((self.group < 0) | (self.group >= groups)):
-            raise InputError(f"film.group: expected indices into group_names, 0 to {groups - 1}")
-        for i, j, kind in [edge for edges in (self.edges, *(stage.edges for stage in self.stages)) for edge in edges]:
-            if not 0 <= min(i, j) <= max(i, j) < self.vehicles or kind not in get_args(EdgeKind):
-                raise InputError(f"film.edges has ({i}, {j}, {kind!r}); expected two vehicles and a kind of edge")
-
-    def _shapes(self) -> list[tuple[str, Any, tuple[int, ...]]]:
-        """List arrays by name with the shapes that they must have."""
-        run = self.run if isinstance(self.run, Samples) else self.run.at(self.run.time[:1])
-        samples = len(run.time)
-        return [
-            ("run.positions", run.positions, (samples, self.vehicles, 3)),
-            ("run.quaternions", run.quaternions, (samples, self.vehicles, 4)),
-            ("run.harmonic_extension", run.harmonic_extension, (samples, self.agents, 3)),
-            ("run.error", run.error, (samples,)),
-            ("group", self.group, (self.vehicles,)),
-            ("colours", self.colours, (len(self.group_names), 3)),
-        ]
 
     @property
     def agents(self) -> int:
@@ -582,14 +520,14 @@ class Played:
 
     def places(self) -> Array:
         """Return positions at a few moments of the run, shape (K, V, 3), m; NaN for absent agents."""
-        times = np.linspace(self.run.time[0], self.run.time[-1], MOMENTS)
+        times = np.linspace(self.run.time[0], self.run.time[-1], 9)
         positions = self.run.at(times).positions.copy()
         for row, time in enumerate(times.tolist()):
             positions[row, sorted(self.absent(time))] = np.nan
         return positions
 
 
-def played(scenario: Scenario, dataset: xr.Dataset, phases: "Sequence[Phase] | None" = None) -> Played:
+def played(scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | None = None) -> Played:
     """Read a run for drawing it.
 
     Args:
@@ -601,6 +539,11 @@ def played(scenario: Scenario, dataset: xr.Dataset, phases: "Sequence[Phase] | N
     system = phases[0].system
     team, safety, scene = system.team, system.control.law.safety, scenario.scene
     group, names, colours = groups_of(team)
+    stages = []
+    for phase in phases:
+        then = phase.system.team
+        absent = frozenset(np.flatnonzero(~then.present).tolist())
+        stages.append(Stage(phase.time, _drawn_edges(then), absent, ", ".join(phase.events)))
     found = Played(
         name=scenario.name,
         run=RecordedRun(dataset, scene.height),
@@ -613,7 +556,7 @@ def played(scenario: Scenario, dataset: xr.Dataset, phases: "Sequence[Phase] | N
         radii=system.vehicle_radii,
         surface=scene.surface,
         surface_height=scene.height,
-        stages=[_stage(phase) for phase in phases] if len(phases) > 1 or phases[0].system.team.absent else (),
+        stages=stages if len(phases) > 1 or team.absent else (),
         kinds=system.bodies.vehicle,
         obstacles=system.obstacles,
         restraints=partial(_restraints, dataset, safety.obstacles) if "safety_cause" in dataset else None,
@@ -631,13 +574,6 @@ def _drawn_edges(team: Team) -> list[DrawnEdge]:
         (team.index[e.tail], team.index[e.head], "one-way" if e.directed else "communication")
         for e in team.communication
     ] + [(team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing]
-
-
-def _stage(phase: "Phase") -> Stage:
-    """Convert a phase of the scenario to a stage of the video."""
-    team = phase.system.team
-    absent = frozenset(np.flatnonzero(~team.present).tolist())
-    return Stage(phase.time, _drawn_edges(team), absent, ", ".join(phase.events))
 
 
 def _restraints(dataset: xr.Dataset, obstacles: ObstacleArrays, time: float, positions: Array) -> tuple[Array, Array]:

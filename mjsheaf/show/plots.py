@@ -1,7 +1,5 @@
 """The figures of a run: errors over time and by agent, trajectories, first and last configuration."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any
 
@@ -44,45 +42,12 @@ from mjsheaf.show.style import AS_USUAL, DASHES, LOST, OBSTACLE, VIEW, FigureOpt
 from mjsheaf.team import Team
 
 _WORST = 3  # number of worst agents that are highlighted and named
-_MOST_CURVES = 60  # maximum number of agents with a curve each
 _MOST_RANKED = 26  # maximum number of agents with a name each below their bars
-_ELSEWHERE, _BACK = 0.5, 0.15  # distance from where a team ends, of its largest, to be elsewhere and back
 _PALE = 0.35  # opacity of earlier rounds, of that of the last
-_LEAST_ENLARGED, _SHORT = 8, 0.04  # samples, and fraction of the run, of a beginning that is drawn again
-_EMPTY = 0.5  # part of a panel's height that curves leave to it
 _MOST_POINTS = 1500  # maximum number of points of a curve, about the width of a printed panel in dots
 _MOST_KEYS = 12  # maximum number of groups in a legend
 _BESIDE = 1.0  # of the room of the tracks, beyond which obstacles do not enlarge a view
 _MOST_EVENTS = 12  # maximum number of events listed below a figure
-
-
-def figures_of(
-    team: Team,
-    last: Team,
-    dataset: xr.Dataset,
-    bound: tuple[str, Array] | None = None,
-    options: FigureOptions = AS_USUAL,
-    view: tuple[float, float] = VIEW,
-    obstacles: ObstacleArrays | None = None,
-) -> dict[str, Callable[[], Figure]]:
-    """Return a function that draws each figure of a run, by the figure's name.
-
-    Hold `MATPLOTLIB` while you call them.
-
-    Args:
-        team: Team of the first phase.
-        last: Team of the last phase.
-        dataset: Data of the run, thinned to the visible detail.
-        bound: See `draw_errors`.
-        options: Formats and style of the figures.
-        view: See `draw_trajectories`.
-        obstacles: What agents keep away from; None without any.
-    """
-    return {
-        "errors": lambda: draw_errors(team, dataset, bound, options),
-        "trajectories": lambda: draw_trajectories(team, dataset, options, view, obstacles),
-        "configurations": lambda: draw_configurations(team, last, dataset, options),
-    }
 
 
 _EVERYONE: dict[str, Any] = {"color": "black", "linewidth": 1.5}
@@ -90,67 +55,65 @@ _BOUND: dict[str, Any] = {"color": "black", "linewidth": 1.2, "linestyle": (0, (
 _EVENT: dict[str, Any] = {"color": "#6B7280", "linewidth": 0.9, "linestyle": (0, (4, 3))}
 
 
-@dataclass(frozen=True)
-class _Panel:
-    """An error over time, of groups and of the whole team.
+def _draw_error(
+    axis: Any,
+    time: Array,
+    styles: dict[int, dict[str, Any]],
+    title: str,
+    label: str,
+    groups: dict[int, Array],
+    team: Array,
+    bound: Array | None = None,
+) -> None:
+    """Draw an error over time, of groups if there are several and of the whole team.
 
-    Attributes:
+    The first moments are drawn again in a corner where the error falls so fast that its curve is vertical. The corner
+    is empty if what is drawn in the second half of the run is far below the top.
+
+    Args:
+        axis: The panel.
+        time: Times, shape (T,), s.
+        styles: Style of each group by its number.
         title: Title of the panel.
         label: Label of its vertical axis.
         groups: Error of each group by its number, shape (T,), m.
         team: Error of the whole team, shape (T,), m.
         bound: Bound on the error of the whole team, shape (T,), m; None without one.
     """
-
-    title: str
-    label: str
-    groups: dict[int, Array]
-    team: Array
-    bound: Array | None = None
-
-    def draw(self, axis: Any, time: Array, styles: dict[int, dict[str, Any]]) -> None:
-        """Draw the curves; those of groups only if there are several."""
-        for k, values in self.groups.items() if len(styles) > 1 else ():
-            axis.plot(time, values, **styles[k])
-        axis.plot(time, self.team, **_EVERYONE)
-        drawn = [*self.groups.values(), self.team]
-        if self.bound is not None:
-            axis.plot(time, self.bound, **_BOUND)
-            drawn.append(self.bound)
-        log_axis(axis, "y", np.concatenate(drawn))
-        label_axes(axis, self.title, y=self.label)
-        axis.set_xlim(*_span(time))
-        late = np.concatenate([values[_last_half(time)] for values in drawn])
-        self._enlarge_beginning(axis, time, late[~np.isnan(late)].max(initial=0.0))
-
-    def _enlarge_beginning(self, axis: Any, time: Array, late: float) -> None:
-        """Draw the first moments again in the empty corner where the error falls so fast that its curve is vertical.
-
-        The corner is empty if what is drawn in the second half of the run is at most `late`, far below the top.
-        """
-        above = np.flatnonzero(self.team > 1.5 * late)
-        first = time <= time[0] + 2.0 * (time[above[-1]] - time[0]) if len(above) else np.zeros(len(time), dtype=bool)
-        low, high = axis.get_ylim()
-        if not _LEAST_ENLARGED <= first.sum() <= _SHORT * len(time) or late > low * (high / low) ** _EMPTY:
-            return
-        corner = axis.inset_axes((0.5, 0.62, 0.48, 0.33))
-        corner.plot(time[first], self.team[first], **_EVERYONE)
-        if self.bound is not None:
-            corner.plot(time[first], self.bound[first], **_BOUND)
-        log_axis(corner, "y", self.team[first])
-        corner.tick_params(labelsize=SMALL)
-        corner.set_title("the beginning", fontsize=SMALL, pad=2)
+    for k, values in groups.items() if len(styles) > 1 else ():
+        axis.plot(time, values, **styles[k])
+    own = [(team, _EVERYONE), *([] if bound is None else [(bound, _BOUND)])]
+    for values, style in own:
+        axis.plot(time, values, **style)
+    drawn = [*groups.values(), *(values for values, _ in own)]
+    log_axis(axis, "y", np.concatenate(drawn))
+    label_axes(axis, title, y=label)
+    axis.set_xlim(*_span(time))
+    late = float(np.nanmax(np.concatenate([[0.0], *(values[_last_half(time)] for values in drawn)])))
+    above = np.flatnonzero(team > 1.5 * late)
+    first = time <= time[0] + 2.0 * (time[above[-1]] - time[0]) if len(above) else np.zeros(len(time), dtype=bool)
+    low, high = axis.get_ylim()
+    if not 8 <= first.sum() <= 0.04 * len(time) or late > low * (high / low) ** 0.5:
+        return
+    corner = axis.inset_axes((0.5, 0.62, 0.48, 0.33))
+    for values, style in own:
+        corner.plot(time[first], values[first], **style)
+    log_axis(corner, "y", team[first])
+    corner.tick_params(labelsize=SMALL)
+    corner.set_title("the beginning", fontsize=SMALL, pad=2)
 
 
-def _error_panels(team: Team, dataset: xr.Dataset, members: dict[int, BoolArray], bound: Array | None) -> list[_Panel]:
-    """List the panels of errors over time; `members` marks the agents of each group."""
+def _error_panels(
+    team: Team, dataset: xr.Dataset, members: dict[int, BoolArray], bound: Array | None
+) -> list[tuple[Any, ...]]:
+    """List the errors over time, each as arguments of `_draw_error`; `members` marks the agents of each group."""
     eta = dataset["disagreement"].values
     squares = dataset["tracking_error"].values ** 2
     tracking = {k: np.sqrt(mean_known(squares[:, chosen])) for k, chosen in members.items()}
     disagreement = {k: mean_known(eta[:, chosen]) for k, chosen in members.items()}
-    panels = [
-        _Panel("disagreement", "mean |η| (m)", disagreement, mean_known(eta)),
-        _Panel("tracking error |q* − q|", "RMS over agents (m)", tracking, np.sqrt(mean_known(squares)), bound),
+    panels: list[tuple[Any, ...]] = [
+        ("disagreement", "mean |η| (m)", disagreement, mean_known(eta)),
+        ("tracking error |q* − q|", "RMS over agents (m)", tracking, np.sqrt(mean_known(squares)), bound),
     ]
     of_groups = {
         "formation_error": ("formation error", "RMS edge residual (m)"),
@@ -159,7 +122,7 @@ def _error_panels(team: Team, dataset: xr.Dataset, members: dict[int, BoolArray]
     if any(not np.isnan(dataset[name].values).all() for name in of_groups):
         for name, (title, label) in of_groups.items():
             groups = dict(enumerate(dataset[f"group_{name}"].values.T)) if team.formations else {}
-            panels.append(_Panel(title, label, groups, dataset[name].values))
+            panels.append((title, label, groups, dataset[name].values))
     return panels
 
 
@@ -193,53 +156,43 @@ def draw_errors(
         _plot_arrival(figure.add_subplot(grid[rows, :]), dataset)
     styles = {k: {"color": colours[k], "linestyle": DASHES[k % len(DASHES)], "linewidth": 1.0} for k in members}
     for axis, panel in zip(axes, panels, strict=False):
-        panel.draw(axis, time, styles)
+        _draw_error(axis, time, styles, *panel)
     curves_axis, ranking_axis = axes[-2:]
     tracking = curves["tracking_error"].values
-    late = _late_error(time, tracking)
+    # RMS of each agent's error over the second half, m; NaN for those absent at the end.
+    late = np.where(np.isnan(tracking[-1]), np.nan, np.sqrt(mean_known(tracking[_last_half(time)].T ** 2)))
     known = ~np.isnan(late)
     order = np.argsort(np.where(known, -late, np.inf), kind="stable")[: int(known.sum())]
     keys = _draw_agents(curves_axis, team, time, tracking, order, colours[agents])
     _draw_ranking(ranking_axis, team, tracking[_last_half(time)], late, order, agents)
     curves_axis.set_xlabel("time (s)", fontsize=NORMAL)
-    for axis in axes[:-1]:
-        mark_events(axis, curves)
-    events = _events_in_words(dataset)
+    phase_times = [phase["time"] for phase in phases_in(dataset) if phase["events"]]
+    for axis in [*axes[:-1], *figure.axes[len(axes) :]]:
+        mark_times(axis, phase_times)
+    found = [phase for phase in phases_in(dataset) if phase["events"]]
+    told = [f"{k}: {', '.join(p['events'])} ({p['time']:.6g} s)" for k, p in enumerate(found[:_MOST_EVENTS], 1)]
+    if len(found) > _MOST_EVENTS:
+        told.append(f"and {len(found) - _MOST_EVENTS} more")
+    groups_shown = [*styles][:_MOST_KEYS] if len(styles) > 1 else []
     legend = [
-        *_keys_of_groups(names, styles),
+        *(key(names[k], **styles[k], marker=marker_of(k, names), markersize=4.5) for k in groups_shown),
         key("whole team", **_EVERYONE),
         *([] if bound is None else [key(f"{bound[0]} / √N", **_BOUND)]),
         *keys,
-        *([key("events", **_EVENT)] if events else []),
+        *([key("events", **_EVENT)] if told else []),
     ]
-    legend_below(figure, legend, 6, title=events)
+    legend_below(figure, legend, 6, title="\n".join(wrap("   ".join(told), 105, max_lines=5, placeholder=" …")))
     settle(figure)
     spread_ends(curves_axis)
     if len(order) > _MOST_RANKED:
-        _name_worst(ranking_axis, team, late, order)
+        places = np.column_stack([np.arange(1, len(order) + 1), late[order]])
+        place_names(ranking_axis, [team.agents[i].id for i in order[:_WORST]], places[:_WORST], places)
     return figure
-
-
-def _keys_of_groups(names: list[str], styles: dict[int, dict[str, Any]]) -> list[Line2D]:
-    """Return rows of a legend for the curves of groups, if there are several."""
-    shown = [*styles][:_MOST_KEYS] if len(styles) > 1 else []
-    return [key(names[k], **styles[k], marker=marker_of(k, names), markersize=4.5) for k in shown]
-
-
-def _name_worst(axis: Any, team: Team, late: Array, order: IntArray) -> None:
-    """Label the worst agents in the ranking of a large team."""
-    places = np.column_stack([np.arange(1, len(order) + 1), late[order]])
-    place_names(axis, [team.agents[i].id for i in order[:_WORST]], places[:_WORST], places)
 
 
 def _last_half(time: Array) -> BoolArray:
     """Mark the samples in the second half of a run, shape (T,)."""
     return np.asarray(time >= (time[0] + time[-1]) / 2)
-
-
-def _late_error(time: Array, tracking: Array) -> Array:
-    """Compute the RMS of agents' errors (T, N) over the second half, shape (N,), m; NaN for those absent at the end."""
-    return np.where(np.isnan(tracking[-1]), np.nan, np.sqrt(mean_known(tracking[_last_half(time)].T ** 2)))
 
 
 def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
@@ -251,7 +204,6 @@ def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
     axis.plot(time, (total[high] - total[low]) / (high - low), color="black", linewidth=1.0)
     label_axes(axis, "measurements that arrive", "time (s)", "fraction of edges")
     axis.set(xlim=_span(time), ylim=(-0.03, 1.03))
-    mark_events(axis, dataset)
 
 
 def _draw_agents(axis: Any, team: Team, time: Array, errors: Array, order: IntArray, colours: Array) -> list[Line2D]:
@@ -263,7 +215,7 @@ def _draw_agents(axis: Any, team: Team, time: Array, errors: Array, order: IntAr
     keys = []
     worst = order[:_WORST] if len(order) > 1 else order
     others = np.setdiff1d(np.arange(errors.shape[1]), worst)
-    if len(others) > _MOST_CURVES:
+    if len(others) > 60:  # maximum number of agents with a curve each
         with np.errstate(all="ignore"):
             low, middle, high = np.nanquantile(np.where(np.isfinite(errors), errors, np.nan), (0.05, 0.5, 0.95), axis=1)
         axis.fill_between(time, low, high, color="#B8BEC8", linewidth=0, alpha=0.6)
@@ -314,14 +266,6 @@ def _span(time: Array) -> tuple[float, float]:
     return start - room, end + room
 
 
-def mark_events(axis: Any, dataset: xr.Dataset) -> None:
-    """Mark and number the start of each phase of a run with events; a legend explains the numbers.
-
-    Events that are close together share a label.
-    """
-    mark_times(axis, [phase["time"] for phase in phases_in(dataset) if phase["events"]])
-
-
 def mark_times(axis: Any, times: list[float]) -> None:
     """Mark and number times, s; times that are close together share a label."""
     low, high = axis.get_xlim()
@@ -333,16 +277,6 @@ def mark_times(axis: Any, times: list[float]) -> None:
             axis.annotate(number, (time, 0.0), (2, 2), xycoords=axis.get_xaxis_transform(),
                           textcoords="offset points", fontsize=SMALL, color="#4B5563")  # fmt: skip
             first = k + 1
-
-
-def _events_in_words(dataset: xr.Dataset) -> str:
-    """List the events of a run by number, in lines that fit below a figure; empty if there are none."""
-    found = [phase for phase in phases_in(dataset) if phase["events"]]
-    told = [
-        *(f"{k}: {', '.join(p['events'])} ({p['time']:.6g} s)" for k, p in enumerate(found[:_MOST_EVENTS], 1)),
-        *([f"and {len(found) - _MOST_EVENTS} more"] if len(found) > _MOST_EVENTS else []),
-    ]
-    return "\n".join(wrap("   ".join(told), 105, max_lines=5, placeholder=" …"))
 
 
 def draw_trajectories(
@@ -388,7 +322,17 @@ def draw_trajectories(
         label_axes(axis, "", *(f"{'xyz'[coordinate]} (m)" for coordinate in plane))
         for line in (axis.xaxis, axis.yaxis):
             line.set_major_locator(MaxNLocator(6 if axis is above else "auto", steps=[1, 2, 2.5, 5, 10]))
-    keys = [*group_keys(groups, names, colours), *_keys_of_marks(bool(absent[:, -1].any()), rounds > 0, obstacles)]
+    keys = [
+        *group_keys(groups, names, colours),
+        key("start", color="black", marker="o", markerfacecolor="white", markersize=4),
+        key("end", color="black", marker="o", markersize=5),
+    ]
+    if rounds:
+        keys.append(key("earlier rounds", color="black", linewidth=0.4, alpha=_PALE))
+    if absent[:, -1].any():
+        keys.append(key("lost", color="black", marker="X", markersize=5))
+    if obstacles is not None and len(obstacles.kind):
+        keys.append(key("obstacle", color=OBSTACLE, marker="s", markersize=6))
     legend_below(figure, keys, 6)
     if spatial:
         for axis, name in ((above, "above"), (front, "the front"), (side, "the side")):
@@ -403,19 +347,6 @@ def draw_trajectories(
     _fill_views(views, middle, size)
     _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
     return figure
-
-
-def _keys_of_marks(lost: bool, several: bool, obstacles: ObstacleArrays | None) -> list[Line2D]:
-    """Return the keys of starts, ends, places where vehicles were lost, rounds before the last, and obstacles."""
-    keys = [key("start", color="black", marker="o", markerfacecolor="white", markersize=4)]
-    keys.append(key("end", color="black", marker="o", markersize=5))
-    if several:
-        keys.append(key("earlier rounds", color="black", linewidth=0.4, alpha=_PALE))
-    if lost:
-        keys.append(key("lost", color="black", marker="X", markersize=5))
-    if obstacles is not None and len(obstacles.kind):
-        keys.append(key("obstacle", color=OBSTACLE, marker="s", markersize=6))
-    return keys
 
 
 def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -> str:
@@ -452,8 +383,8 @@ def _start_of_last_round(tracks: Array) -> int:
     with np.errstate(all="ignore"):
         away = np.nan_to_num(np.sqrt(np.nanmean((tracks - tracks[:, :, -1:]) ** 2, axis=(0, 1))))
     farthest = away[len(away) // 2 :].max()
-    elsewhere = np.flatnonzero(away > _ELSEWHERE * farthest)
-    back = np.flatnonzero(away[: elsewhere[-1]] < _BACK * farthest) if len(elsewhere) else elsewhere
+    elsewhere = np.flatnonzero(away > 0.5 * farthest)
+    back = np.flatnonzero(away[: elsewhere[-1]] < 0.15 * farthest) if len(elsewhere) else elsewhere
     return int(back[-1]) if len(back) else 0
 
 

@@ -23,11 +23,9 @@ _SHAPES = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
     mujoco.mjtGeom.mjGEOM_BOX: "box",
 }
-_MOST_TRIANGLES = 20_000  # of one mesh; of a larger one every n-th is drawn
 _OBSTACLES = {SPHERE: "sphere", CAPSULE: "capsule", BOX: "box", HALF_SPACE: "box"}
 _CORNERS = 72  # of an outline
 _FAR = 1e4  # size at which a half-space is drawn in an outline, m
-_LEVEL = 1e-6  # component of a normal along the line of sight, below which a half-space is seen from its edge
 
 
 def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[dict[str, Any]], list[int]]:
@@ -79,19 +77,16 @@ def _solid(model: mujoco.MjModel, data: mujoco.MjData, g: int, place: Array, tur
         "livery": material >= 0 and model.mat(material).name.endswith("/livery"),
     }
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        solid |= _mesh(model, int(model.geom_dataid[g]))
+        mesh = int(model.geom_dataid[g])
+        first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        vertices = np.asarray(model.mesh_vert[first : first + count], "<f4")
+        first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+        # Of more than 20,000 triangles every n-th is drawn.
+        faces = np.asarray(model.mesh_face[first : first + count], "<u4")[:: -(-count // 20_000)]
+        used, corners = np.unique(faces, return_inverse=True)
+        for name, values in {"vertices": vertices[used], "faces": corners.astype("<u4")}.items():  # in base64
+            solid[name] = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
     return solid
-
-
-def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, Any]:
-    """Vertices, float32, and triangles, uint32, of a mesh in base64."""
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    vertices = np.asarray(model.mesh_vert[first : first + count], "<f4")
-    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    faces = np.asarray(model.mesh_face[first : first + count], "<u4")[:: -(-count // _MOST_TRIANGLES)]
-    used, corners = np.unique(faces, return_inverse=True)
-    parts = (("vertices", vertices[used]), ("faces", corners.astype("<u4")))
-    return {name: base64.b64encode(np.ascontiguousarray(x).tobytes()).decode() for name, x in parts}
 
 
 def quaternion_of(axes: Array) -> Array:
@@ -222,7 +217,8 @@ def outline(obstacles: ObstacleArrays, n: int, centre: Array, projection: Array)
     ways = np.column_stack([np.cos(angle), np.sin(angle)]) @ projection  # in space, shape (P, 3)
     if obstacles.kind[n] == HALF_SPACE:
         normal = projection @ obstacles.axes[n, 0]
-        if np.linalg.norm(normal) < 1.0 - _LEVEL:
+        # Component of a normal along the line of sight, below which a half-space is seen from its edge.
+        if np.linalg.norm(normal) < 1.0 - 1e-6:
             return None
         side = np.array([-normal[1], normal[0]])
         return np.asarray(projection @ centre + _FAR * np.array([side, side - normal, -side - normal, -side]))

@@ -9,24 +9,21 @@ each other.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
-
-if TYPE_CHECKING:
-    from mjsheaf.team import Team
+from mjsheaf.files import FIGURE_FORMATS
+from mjsheaf.team import Team
 
 # -- files of figures --------------------------------------------------------------------------------------------------
-
-FORMATS = ("png", "svg", "pdf")
 
 VIEW = (-60.0, 35.0)
 """Azimuth and elevation of the eye in degrees, unless a scenario has its own (`video.eye`)."""
@@ -40,7 +37,7 @@ class FigureOptions:
     """Settings of figure files.
 
     Attributes:
-        formats: Formats of their files, one file for each; from FORMATS.
+        formats: Formats of their files, one file for each; from FIGURE_FORMATS.
         title: True for figures with a title; papers have captions instead.
     """
 
@@ -53,10 +50,10 @@ class FigureOptions:
         Raises:
             InputError: There are none, or one is unknown or given twice.
         """
-        unknown = [form for form in self.formats if form not in FORMATS]
+        unknown = [form for form in self.formats if form not in FIGURE_FORMATS]
         if unknown or not self.formats or len(set(self.formats)) < len(self.formats):
             what = f"{unknown[0]!r} is none of them" if unknown else f"not {','.join(self.formats) or 'none'!r}"
-            raise InputError(f"format: expected one or more of {', '.join(FORMATS)}, each once; {what}")
+            raise InputError(f"format: expected one or more of {', '.join(FIGURE_FORMATS)}, each once; {what}")
 
     def paths(self, path: Path) -> list[Path]:
         """Return the files of a figure: `path` with the suffix of each format."""
@@ -64,11 +61,6 @@ class FigureOptions:
 
 
 AS_USUAL = FigureOptions()
-
-
-def names_of(figures: Iterable[str]) -> list[str]:
-    """List all possible file names of figures, which are given without suffix."""
-    return [f"{figure}.{form}" for figure in figures for form in FORMATS]
 
 
 # -- colours -----------------------------------------------------------------------------------------------------------
@@ -103,7 +95,7 @@ def palette(count: int) -> Array:
     return np.array([[int(code[k : k + 2], 16) / 255.0 for k in (1, 3, 5)] for code in codes])
 
 
-def groups_of(team: "Team") -> tuple[IntArray, list[str], Array]:
+def groups_of(team: Team) -> tuple[IntArray, list[str], Array]:
     """Index of each vehicle's group, shape (V,); the groups' names; their colours, RGB, shape (G, 3)."""
     names = [f.name for f in team.formations]
     index = {member: k for k, f in enumerate(team.formations) for member in f.members}
@@ -119,10 +111,15 @@ def marker_of(group: int, names: Sequence[str]) -> str:
 
 
 def line_style(k: int) -> dict[str, Any]:
-    """Colour, dashes and markers of the k-th of some lines, which stay distinct in grey."""
-    colour, dashes, marker = (among[k % len(among)] for among in (_COLOURS, DASHES, MARKERS))
-    return {"color": colour, "linestyle": dashes, "linewidth": 1.1, "marker": marker, "markersize": 4.0,
-            "markevery": (0.015 * (k % 10), 0.15)}  # fmt: skip
+    """Return colour, dashes and markers of the k-th of some lines, which stay distinct in grey."""
+    return {
+        "color": _COLOURS[k % len(_COLOURS)],
+        "linestyle": DASHES[k % len(DASHES)],
+        "linewidth": 1.1,
+        "marker": MARKERS[k % len(MARKERS)],
+        "markersize": 4.0,
+        "markevery": (0.015 * (k % 10), 0.15),
+    }
 
 
 def speed_colours(medium: int, fraction: Array) -> Array:
@@ -146,9 +143,6 @@ MIN_FRACTION = 1 / 18
 """Smallest size of a vehicle as it is drawn, as a fraction of the size of the run."""
 MAX_GAP_FRACTION = 0.8
 """Largest size of an enlarged vehicle as it is drawn, as a fraction of the gap between neighbours."""
-MOMENTS = 9
-"""Number of samples of a run from which its size is found."""
-
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
@@ -163,9 +157,13 @@ def automatic_scales(kinds: Sequence[str], radii: Array, positions: Array) -> Ar
     Returns:
         Scale of each vehicle, at least 1, shape (V,).
     """
-    size, gap = run_size(positions), _typical_gap(positions)
-    room = MAX_GAP_FRACTION * gap
-    wanted = MIN_FRACTION * size
+    gaps = [np.inf]  # from each vehicle to its nearest neighbour, m
+    for places in positions:
+        known = places[np.isfinite(places).all(axis=1)]
+        if len(known) > 1:
+            gaps.append(float(np.median(cKDTree(known).query(known, k=2)[0][:, 1])))
+    room = MAX_GAP_FRACTION * float(np.median(gaps[1:] or gaps))
+    wanted = MIN_FRACTION * run_size(positions)
     found = np.ones(len(kinds))
     for kind in dict.fromkeys(kinds):
         own = np.array([each == kind for each in kinds])
@@ -186,17 +184,6 @@ def run_size(positions: Array) -> float:
         return 0.0
     away = np.linalg.norm(known - np.median(known, axis=0), axis=1)
     return 2.0 * float(np.quantile(away, 0.9))
-
-
-def _typical_gap(positions: Array) -> float:
-    """Compute the usual distance in m from a vehicle to its nearest neighbour; infinite for a vehicle alone."""
-    gaps = []
-    for places in positions:
-        known = places[np.isfinite(places).all(axis=1)]
-        if len(known) > 1:
-            nearest, _ = cKDTree(known).query(known, k=2)
-            gaps.append(float(np.median(nearest[:, 1])))
-    return float(np.median(gaps)) if gaps else np.inf
 
 
 def round_number(value: float, *, up: bool, steps: Sequence[float] = _STEPS) -> float:

@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from mjsheaf.errors import InputError, PlaceError, shortened
-from mjsheaf.files import dump_yaml, is_part_of, naming, write_whole
+from mjsheaf.files import dump_yaml, figure_files, is_part_of, naming, write_whole
 from mjsheaf.results.store import digest, enclosing_run, read_mapping
-from mjsheaf.show.style import names_of
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.workers import STATUSES, JobResult, Point
 
@@ -32,7 +31,7 @@ _NUMBERED = re.compile(r"[0-9]+\.(json|nc|html)")
 _SHOWN_DIFFERENCES = 3
 _SEALS = ("result_sha256", "record_sha256")
 
-_FIGURES = names_of(("error", "success", "messages", "over_time"))
+_FIGURES = figure_files(("error", "success", "messages", "over_time"))
 RESULT_FILES = {"table.csv", "table.parquet", "index.html", *_FIGURES}
 """Names of the files that are written when all runs have ended."""
 

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.files import whole_file
 from mjsheaf.show.style import MATPLOTLIB
 from mjsheaf.video.camera import SMOOTHING, View, camera_path
@@ -35,15 +35,7 @@ PRESET = "veryfast"  # rendering is the expensive part, and x264 competes with i
 X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
 """Options of x264 with a third less work than the preset's at the same file size, on few threads."""
 CONTAINER = ("-movflags", "+faststart", "-f", "mp4")  # explicit, because the temporary name has no extension
-UNSEEN = 5  # a group of geoms that MuJoCo does not draw
-AHEAD = 3  # maximum number of drawn frames that wait for the encoder
 GAP = 4  # pixels between pictures side by side; must be even
-
-_BLOCK = 1 << 20  # bytes; more than ffmpeg writes at a time
-
-
-class UnwritableError(InputError):
-    """A video's place cannot be written, or its disk is full."""
 
 
 def draw_video(
@@ -66,37 +58,34 @@ def draw_video(
 
     Raises:
         InputError: The vehicles do not fit their model.
-        UnwritableError: the file cannot be written.
+        PlaceError: The file cannot be written, or its disk is full.
         MjsheafError: no offscreen OpenGL works here (the message says what to install), or ffmpeg failed.
     """
     with ExitStack() as held:
-        others = [[film for film, _ in films[:k] + films[k + 1 :]] for k in range(len(films))]
-        painters = [
-            held.enter_context(Painter(film, model, options, beside))
-            for (film, model), beside in zip(films, others, strict=True)
-        ]
-        return write_mp4(Path(path), _frames(painters, progress), options.fps)
+        painters = []
+        for k, (film, model) in enumerate(films):
+            beside = [other for other, _ in films[:k] + films[k + 1 :]]
+            painters.append(held.enter_context(Painter(film, model, options, beside)))
+        total = len(painters[0].times)
 
+        def frames() -> Iterator[Callable[[], Image.Image]]:
+            """Draw the scenes of all frames in turn; each is completed by a call in another thread."""
+            for number in range(total):
+                yield partial(_side_by_side, [painter.draw(number) for painter in painters])
+                if progress is not None:
+                    progress(number + 1, total)
 
-def _frames(
-    painters: Sequence["Painter"], progress: Callable[[int, int], None] | None
-) -> Iterator[Callable[[], Image.Image]]:
-    """Draw the scenes of all frames in turn; each is completed by a call, which may be made in another thread."""
-    total = len(painters[0].times)
-    for number in range(total):
-        yield partial(_side_by_side, [painter.draw(number) for painter in painters])
-        if progress is not None:
-            progress(number + 1, total)
+        return write_mp4(Path(path), frames(), options.fps)
 
 
 def _side_by_side(halves: Sequence[Callable[[], Image.Image]]) -> Image.Image:
     """Complete frames of one size and lay them side by side on white."""
-    first, *others = (half() for half in halves)
-    if not others:
-        return first
-    step = first.width + GAP
-    both = Image.new("RGB", (len(others) * step + first.width, first.height), "white")
-    for k, image in enumerate([first, *others]):
+    images = [half() for half in halves]
+    if len(images) == 1:
+        return images[0]
+    step = images[0].width + GAP
+    both = Image.new("RGB", (len(images) * step - GAP, images[0].height), "white")
+    for k, image in enumerate(images):
         both.paste(image, (k * step, 0))
     return both
 
@@ -120,7 +109,12 @@ class Painter(AbstractContextManager["Painter"]):
             InputError: the film does not fit the model.
             MjsheafError: no offscreen OpenGL works here.
         """
-        _check_fit(film, model)
+        for vehicle, (body, address) in enumerate(zip(film.body_id, film.qpos_address, strict=True)):
+            joint = model.body_jntadr[body] if 0 <= body < model.nbody else -1
+            free = joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE.value
+            if not free or model.jnt_qposadr[joint] != address:
+                place = f"body {body} of {film.ids[vehicle]}"
+                raise InputError(f"{place} must have a free joint at qpos[{address}] in the model")
         backend, reason = available_backend()
         if backend is None:
             raise MjsheafError(reason)
@@ -130,7 +124,7 @@ class Painter(AbstractContextManager["Painter"]):
         self.model = copy(model)  # because the size of vehicles and visual settings change
         enlarge_vehicles(self.model, film.body_id, film.drawn_scales)
         if film.seas:
-            self.model.geom(film.surface).group = UNSEEN  # waves are drawn in its place
+            self.model.geom(film.surface).group = 5  # MuJoCo does not draw this group; waves are drawn in its place
         radius = film.drawn_radius
         films = [self._frames, *(Frames(other, options) for other in beside)]
         self.camera = camera_path(
@@ -198,17 +192,6 @@ class Painter(AbstractContextManager["Painter"]):
         self.close()
 
 
-def _check_fit(film: Film, model: mujoco.MjModel) -> None:
-    """Raise InputError if a vehicle's body or joint is not at its given index."""
-    for vehicle, (body, address) in enumerate(zip(film.body_id, film.qpos_address, strict=True)):
-        joint = model.body_jntadr[body] if 0 <= body < model.nbody else -1
-        free = joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE.value
-        if not free or model.jnt_qposadr[joint] != address:
-            raise InputError(
-                f"body {body} of {film.ids[vehicle]} must have a free joint at qpos[{address}] in the model"
-            )
-
-
 def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:
     """Encode frames as they come. The file appears under its name only when it is complete.
 
@@ -222,7 +205,7 @@ def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: floa
         How many frames were written.
 
     Raises:
-        UnwritableError: the file cannot be written.
+        PlaceError: The file cannot be written, or its disk is full.
         MjsheafError: ffmpeg is missing or fails.
     """
     try:
@@ -232,10 +215,14 @@ def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: floa
                 if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
                     raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames)")
             except MjsheafError:
-                _require_room(part)
+                # The disk may be full, which ffmpeg does not tell: write more than it does at a time.
+                with part.open("ab", buffering=0) as file:
+                    room = bytes(1 << 20)
+                    while room:
+                        room = room[file.write(room) :]
                 raise
     except OSError as error:
-        raise UnwritableError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise PlaceError(f"{path}: cannot be written: {error.strerror or error}") from error
     return count
 
 
@@ -268,7 +255,7 @@ def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float)
         for frame in frames:
             sent.append(encoder.submit(lambda finish: writer.append_data(np.asarray(finish())), frame))
             count += 1
-            wait(AHEAD)
+            wait(3)
         wait(0)
     return count
 
@@ -279,15 +266,3 @@ def _duration(part: Path) -> float:
         return float(iio.immeta(part, plugin="FFMPEG", extension=".mp4")["duration"])
     except (OSError, RuntimeError, IndexError, KeyError):
         return -1.0
-
-
-def _require_room(part: Path) -> None:
-    """See whether the disk is why ffmpeg failed, which does not tell.
-
-    Raises:
-        OSError: it takes no more.
-    """
-    with part.open("ab", buffering=0) as file:
-        room = bytes(_BLOCK)
-        while room:
-            room = room[file.write(room) :]

@@ -1,8 +1,7 @@
 """Film of a run: its content, the viewer's options, and the content of each frame; of two runs side by side, too."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,16 +11,13 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.results.metrics import law_in_words
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.scenario import Video
-from mjsheaf.show.played import OUTLIER_FACTOR, UPRIGHT, Played, Region, Samples, played
+from mjsheaf.show.played import OUTLIER_FACTOR, UPRIGHT, Played, Poses, Region, played
+from mjsheaf.system import Phase
 
 if TYPE_CHECKING:
     from mjsheaf.mujoco_import import mujoco
-    from mjsheaf.system import Phase
 
-PANEL = 320  # width of the panel next to the scene, in pixels of a 1000x720 frame
 DRAFT_FPS = 15
-HALF_FPS = 24  # most, where two runs are drawn side by side,
-LONGEST_HALF = 30.0  # and the longest such video, s: two pictures a frame cost twice as much
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +56,7 @@ class VideoOptions(Video):
     @property
     def panel(self) -> int:
         """Width of the panel at the left of the scene, which has status and legend, in pixels."""
-        return 2 * round(PANEL * self.unit / 2)
+        return 2 * round(160 * self.unit)
 
     @property
     def scene(self) -> tuple[int, int]:
@@ -98,7 +94,7 @@ def video_options(scenario: Scenario, **changes: float | int | str | None) -> Vi
 
 
 def film_of(
-    scenario: Scenario, dataset: xr.Dataset, phases: "Sequence[Phase] | None" = None
+    scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | None = None
 ) -> "tuple[Film, mujoco.MjModel]":
     """Build the content of a run's video, and the model to draw it with.
 
@@ -116,48 +112,13 @@ def film_of(
     if content.surface != "none" and not content.seas:
         # texrepeat counts the repetitions of a uniform texture in two metres. The ground's texture has four squares.
         grid = 2.0 / float(arena.model.mat(content.surface).texrepeat[0]) / (2 if content.surface == "ground" else 1)
-    subtitle = _subtitle(dataset, system.law.term_names)
-    film = Film(**vars(content), subtitle=subtitle, qpos_address=arena.qpos, body_id=arena.body, grid=grid)
-    return film, arena.model
-
-
-def _subtitle(dataset: xr.Dataset, term_names: Sequence[str]) -> str:
-    """Describe how a run was simulated: backend, law, and whether it blew up."""
     words = ["MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics", law_in_words(dataset)]
     if not dataset.attrs.get("controller"):
-        words += term_names
+        words += system.law.term_names
     if dataset.attrs["status"] != "finished":
         words.append("blew up")
-    return ", ".join(words)
-
-
-def film_run(
-    scenario: Scenario,
-    dataset: xr.Dataset,
-    path: Path,
-    options: VideoOptions,
-    progress: Callable[[int, int], None] | None = None,
-    phases: "Sequence[Phase] | None" = None,
-) -> int:
-    """Draw a run to an MP4; see `film_of` and `draw_video`. Returns the number of frames."""
-    from mjsheaf.video.draw import draw_video
-
-    return draw_video([film_of(scenario, dataset, phases)], path, options, progress)
-
-
-def film_side_by_side(
-    scenario: Scenario,
-    ideal: xr.Dataset,
-    physics: xr.Dataset,
-    path: Path,
-    progress: Callable[[int, int], None] | None = None,
-    quality: str | None = None,
-) -> int:
-    """Draw ideal kinematics on the left and bodies on the right, seen by one camera; see `film_run`."""
-    from mjsheaf.video.draw import draw_video
-
-    options = half_options(scenario, quality)
-    return draw_video(both_films(scenario, ideal, physics, options), path, options, progress)
+    poses = {"qpos_address": arena.qpos, "body_id": arena.body}
+    return Film(**vars(content), subtitle=", ".join(words), grid=grid, **poses), arena.model
 
 
 def both_films(
@@ -180,13 +141,13 @@ def both_films(
 def half_options(scenario: Scenario, quality: str | None = None) -> VideoOptions:
     """Return the options of each half: the scenario's, but no wider than 4 by 3 and at most 30 s long.
 
-    `quality` overrides the scenario's.
+    Two pictures a frame cost twice as much, so there are fewer frames. `quality` overrides the scenario's.
     """
     video = scenario.video
     quality = quality or video.quality
-    fps = min(video.fps, DRAFT_FPS if quality == "draft" else HALF_FPS)
+    fps = min(video.fps, DRAFT_FPS if quality == "draft" else 24)
     width = min(video.width, 2 * round(video.height * 2 / 3))
-    speed = max(video.speed, (scenario.time.end - scenario.time.start) / LONGEST_HALF)
+    speed = max(video.speed, (scenario.time.end - scenario.time.start) / 30.0)
     return video_options(scenario, width=width, fps=fps, speed=min(float(f"{speed:.3g}"), 1e3), quality=quality)
 
 
@@ -214,11 +175,6 @@ def error_range(*errors: Array) -> tuple[float, float] | None:
     return max(float(shown.min()), high / 10.0**DECADES), high
 
 
-UNFOLLOW_FACTOR = 3.0  # multiple of the region's size beyond which the camera stops following a vehicle that blew up
-_SURVEYED = 2000  # maximum number of frames that determine the extent
-_SURVEYED_POSITIONS = 400_000  # maximum number of positions in these frames
-
-
 @dataclass(frozen=True)
 class Extent:
     """Region that a video shows, estimated robustly from the run, and the vehicles that leave it.
@@ -233,7 +189,7 @@ class Extent:
         left: Position of each at that time, shape (V + N, 3), m.
     """
 
-    survey: Samples
+    survey: Poses
     region: Region
     last: Array
     unfollowed: Array
@@ -242,14 +198,14 @@ class Extent:
     @classmethod
     def of(cls, film: Film, times: Array) -> "Extent":
         """Measure the extent of a video with frames at these times."""
-        count = min(len(times), _SURVEYED, max(_SURVEYED_POSITIONS // film.vehicles, 2))
+        count = min(len(times), 2000, max(400_000 // film.vehicles, 2))
         survey = film.run.at(times[np.linspace(0, len(times) - 1, count).round().astype(np.int64)])
         points = np.concatenate([survey.positions, survey.harmonic_extension], axis=1)
         finite: BoolArray = np.isfinite(points).all(axis=-1)
         region = Region.of(survey.positions, part=0.75)
         distance = np.where(finite, np.abs(points - region.centre).max(axis=-1), np.inf)
         outlier = distance > OUTLIER_FACTOR * region.size
-        near = (distance <= UNFOLLOW_FACTOR * region.size) & ~np.logical_or.accumulate(outlier, axis=0)
+        near = (distance <= 3.0 * region.size) & ~np.logical_or.accumulate(outlier, axis=0)
 
         def last(condition: BoolArray) -> tuple[Array, Array]:
             """When and where each point last met a condition; before all times and at the centre if it never did."""
@@ -260,7 +216,7 @@ class Extent:
         left_at, left = last(near)
         return cls(survey, region, last(finite)[1], np.where(outlier.any(axis=0), left_at, np.inf), left)
 
-    def drawable(self, samples: Samples) -> Samples:
+    def drawable(self, samples: Poses) -> Poses:
         """Make every position and attitude one that can be drawn.
 
         A vehicle without a position stays where it was last; one that is absurdly far goes no farther; an attitude
@@ -268,19 +224,17 @@ class Extent:
         """
         vehicles = samples.positions.shape[1]
 
-        def confined(points: Array, last: Array) -> Array:
-            known = np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, last)
-            return self.region.confined(known)
+        def known(values: Array, others: Array) -> Array:
+            return np.where(np.isfinite(values).all(axis=-1, keepdims=True), values, others)
 
-        upright = np.where(np.isfinite(samples.quaternions).all(axis=-1, keepdims=True), samples.quaternions, UPRIGHT)
         return replace(
             samples,
-            positions=confined(samples.positions, self.last[:vehicles]),
-            harmonic_extension=confined(samples.harmonic_extension, self.last[vehicles:]),
-            quaternions=upright,
+            positions=self.region.confined(known(samples.positions, self.last[:vehicles])),
+            harmonic_extension=self.region.confined(known(samples.harmonic_extension, self.last[vehicles:])),
+            quaternions=known(samples.quaternions, UPRIGHT),
         )
 
-    def followed(self, samples: Samples) -> Array:
+    def followed(self, samples: Poses) -> Array:
         """Return what the camera keeps in view: vehicles and q*, but where they were left once they blow up.
 
         Args:
@@ -316,13 +270,8 @@ class Moment:
     trail_time: Array
 
 
-_READ = 256  # maximum number of frames read together
-_READ_POSITIONS = 25_600  # maximum number of positions in these frames
-
 # Pieces of a trail: the minimum per vehicle, whatever the budget of all vehicles, and the maximum in a short trail.
 TRAIL_PIECES = (4, 48)
-PIECES_PER_SECOND = 8  # in a long trail
-TRAIL_BUDGET = 2000
 
 
 class Frames:
@@ -340,13 +289,13 @@ class Frames:
         self.film = film
         self.times = frame_times(film, options)
         self.extent = Extent.of(film, self.times)
-        self.step = max(1, min(_READ, _READ_POSITIONS // film.vehicles))
+        self.step = max(1, min(256, 25_600 // film.vehicles))
         self.trail = min(options.trail, film.span[1] - film.span[0])
-        most = max(TRAIL_PIECES[1], int(PIECES_PER_SECOND * self.trail))
-        self._pieces = max(TRAIL_PIECES[0], min(most, TRAIL_BUDGET // film.vehicles)) if self.trail > 0 else 0
+        most = max(TRAIL_PIECES[1], int(8 * self.trail))
+        self._pieces = max(TRAIL_PIECES[0], min(most, 2000 // film.vehicles)) if self.trail > 0 else 0
         self._chunk = -1
 
-    def chunk(self, number: int) -> Samples:
+    def chunk(self, number: int) -> Poses:
         """Read `step` consecutive frames, made drawable; there are `len(times) / step` such chunks."""
         return self.extent.drawable(self.film.run.at(self.times[number * self.step : (number + 1) * self.step]))
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -22,7 +21,7 @@ from matplotlib.transforms import IdentityTransform
 from PIL import Image, ImageDraw, ImageFont
 
 from mjsheaf.arrays import Array
-from mjsheaf.show.played import Samples
+from mjsheaf.show.played import Poses
 from mjsheaf.show.style import OBSTACLE, STOPS, list_scales, round_number, speed_colours
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Film, Moment, VideoOptions, error_range
@@ -31,14 +30,10 @@ from mjsheaf.video.scene import ABSENT, COMMUNICATION, RESTRAINED, SENSING
 Colour = tuple[float, float, float]  # RGB in 0..1
 WHITE, GREY, BLUE = (1.0, 1.0, 1.0), (0.75, 0.78, 0.83), (0.47, 0.84, 1.0)
 PLATE = (0.03, 0.05, 0.08, 0.65)  # ground of what is written, RGBA in 0..1
-PANEL_GROUND = (0.09, 0.13, 0.18)  # of the panel next to the scene
 
-
-LABELLED_AGENTS = 24  # labels of more than these would cover the picture
 
 # Sizes in pixels of a 1000x720 frame.
 MARGIN = 14
-SCALE_BAR = 150  # longest
 TITLE, SUBTITLE, TIME, ERROR, CURVE, STATUS_HEIGHT = 8, 40, 66, 93, 120, 202  # rows of the status
 CURVE_HEIGHT, TICKS = 58, 56  # height of the curve; width of the numbers next to it
 
@@ -63,7 +58,7 @@ class Overlay:
         self,
         film: Film,
         options: VideoOptions,
-        survey: Samples,
+        survey: Poses,
         arrows: Mapping[str, tuple[float, int]] | None = None,
     ) -> None:
         """Draw everything that stays the same.
@@ -80,19 +75,30 @@ class Overlay:
         self._inner = max(self._panel - 2 * self._px(MARGIN), 1)
         self._left = self._px(MARGIN)
         size = self._panel / 72, options.height / 72
-        figure = Figure(figsize=size, dpi=72, facecolor=PANEL_GROUND)  # a point is a pixel
+        # Of the panel next to the scene.
+        figure = Figure(figsize=size, dpi=72, facecolor=(0.09, 0.13, 0.18))  # a point is a pixel
         canvas = FigureCanvasAgg(figure)
         self._add_title(figure)
         (curve,) = self._add_curve(figure, survey)
         self.rows = legend_rows(film, options, survey)
-        self._add_legend(figure, arrows or {})
+        top = self._height - self._px(STATUS_HEIGHT + 2 * MARGIN)
+        bars = (BAR_ROOM * len(arrows) + BELOW_BARS) * self._unit if arrows else 0.0
+        add_legend(figure, self.rows, (self._left, top, self._inner, top - self._px(MARGIN) - bars), SIZE * self._unit)
+        add_bars(figure, arrows or {}, self._left, self._inner, self._unit)
         canvas.draw()
         self._whole = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         curve.set_visible(False)
         canvas.draw()
         self._bare = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         self._dot = text("●", self._px(12), WHITE)
-        self._labels = self._draw_labels()
+        self._labels: list[tuple[int, Image.Image, Image.Image | None]] = []  # vehicle, name, and sign of a target
+        for vehicle, name in enumerate(film.ids):
+            target = vehicle >= film.agents
+            if target or film.agents <= 24:  # labels of more than these would cover the picture
+                tint = bright(film.colours[film.group[vehicle]])
+                label = text(name, self._px(16 if target else 14), tint, bold=True, outline=self._px(2))
+                sign = text("◇", self._px(32), tint, outline=self._px(1)) if target else None
+                self._labels.append((vehicle, label, sign))
         ever = {agent for stage in film.stages for agent in stage.absent}
         self._grey = {i: text(film.agent_ids[i], self._px(14), GREY, bold=True, outline=self._px(2)) for i in ever}
 
@@ -105,7 +111,8 @@ class Overlay:
         image.paste(self._bare, (0, 0))
         image.paste(self._whole.crop((0, 0, split, self._whole.height)), (0, 0))
         if np.isfinite(row):
-            _paste(image, self._dot, (round(column - self._dot.width / 2), round(row - self._dot.height / 2)))
+            place = (round(column - self._dot.width / 2), round(row - self._dot.height / 2))
+            image.paste(self._dot, place, self._dot)
         stages = self._film.stages
         event = stages[self._film.stage(moment.time)].name if stages else ""
         time = f"t = {moment.time:.2f} s" + (f"   {event}" if event else "")
@@ -116,17 +123,10 @@ class Overlay:
             words = shorten(words, self._px(size), self._inner)
             draw.text((self._left, self._px(MARGIN + line)), words, to_hex(colour), font(self._px(size)))
 
-    def _add_legend(self, figure: Figure, arrows: Mapping[str, tuple[float, int]]) -> None:
-        """Add the legend and the bars of colours below the status."""
-        top = self._height - self._px(STATUS_HEIGHT + 2 * MARGIN)
-        height = top - self._px(MARGIN) - bars_height(arrows, self._unit)
-        add_legend(figure, self.rows, (self._left, top, self._inner, height), SIZE * self._unit)
-        add_bars(figure, arrows, self._left, self._inner, self._unit)
-
     def _write_scale(self, draw: ImageDraw.ImageDraw, view: View) -> None:
         """Draw a bar of a round length at the bottom right, as long as that is at the team's centre."""
         metre = 1.0 / view.metres_per_pixel(self._height)
-        length = round_number(self._px(SCALE_BAR) / metre, up=False, steps=(1.0, 2.0, 5.0))
+        length = round_number(self._px(150) / metre, up=False, steps=(1.0, 2.0, 5.0))  # longest
         right, row, width = self._width - self._px(2 * MARGIN), self._height - self._px(2 * MARGIN), self._px(2)
         left, end = right - length * metre, self._px(5)
         marks = [(x, row - end, x, row + end) for x in (left, right)]
@@ -157,7 +157,7 @@ class Overlay:
                 parse_math=False,
             )
 
-    def _add_curve(self, figure: Figure, survey: Samples) -> list[Line2D]:
+    def _add_curve(self, figure: Figure, survey: Poses) -> list[Line2D]:
         """Add the error over time on a log scale, and note where it is in the frame; return the curve."""
         left, width = self._left, max(self._inner - self._px(TICKS), 2)
         bottom = self._height - self._px(MARGIN + CURVE + CURVE_HEIGHT)
@@ -191,18 +191,6 @@ class Overlay:
         self._curve_time, self._curve = survey.time, (place[:, 0], rows)
         return curve
 
-    def _draw_labels(self) -> list[tuple[int, Image.Image, Image.Image | None]]:
-        """List index, name and sign of each vehicle with a label: targets, and agents if they are few."""
-        film, labels = self._film, []
-        for vehicle, name in enumerate(film.ids):
-            target = vehicle >= film.agents
-            if target or film.agents <= LABELLED_AGENTS:
-                colour = bright(film.colours[film.group[vehicle]])
-                label = text(name, self._px(16 if target else 14), colour, bold=True, outline=self._px(2))
-                sign = text("◇", self._px(32), colour, outline=self._px(1)) if target else None
-                labels.append((vehicle, label, sign))
-        return labels
-
     def _write_labels(self, image: Image.Image, moment: Moment, view: View) -> None:
         pixels, depth = view.project(moment.positions, *self._scene)
         pixels[:, 0] += self._panel
@@ -214,17 +202,12 @@ class Overlay:
                 label = self._grey[vehicle]
             column, row = np.clip(np.round(pixels[vehicle]), -1e5, 1e5).astype(int).tolist()
             if sign is not None:
-                _paste(image, sign, (column - sign.width // 2, row - sign.height // 2))
-            _paste(image, label, (column + self._px(11), row - label.height - self._px(4)))
+                image.paste(sign, (column - sign.width // 2, row - sign.height // 2), sign)
+            image.paste(label, (column + self._px(11), row - label.height - self._px(4)), label)
 
     def _px(self, size: float) -> int:
         """Convert a size given for a frame of the reference size to this frame's pixels."""
         return max(1, round(size * self._unit))
-
-
-def _paste(image: Image.Image, part: Image.Image, place: tuple[int, int]) -> None:
-    """Lay an RGBA image over a frame, its top left corner at a pixel; what falls outside is cut off."""
-    image.paste(part, place, part)
 
 
 # -- the legend --------------------------------------------------------------------------------------------------------
@@ -261,7 +244,7 @@ class Row:
         )
 
 
-def legend_rows(film: Film, options: VideoOptions, survey: Samples) -> list[Row]:
+def legend_rows(film: Film, options: VideoOptions, survey: Poses) -> list[Row]:
     """List the legend's rows: groups, targets, q*, edges, tracks, heights, scales and speed; only what is shown.
 
     Args:
@@ -269,10 +252,6 @@ def legend_rows(film: Film, options: VideoOptions, survey: Samples) -> list[Row]
         options: Speed, trail and scales of vehicles.
         survey: Samples of the run.
     """
-    return [*_team_rows(film), *_edge_rows(film), *_notes(film, options, survey)]
-
-
-def _team_rows(film: Film) -> list[Row]:
     of_agents = list(dict.fromkeys(film.group[: film.agents].tolist()))  # in order, each once
     of_targets = list(dict.fromkeys(film.group[film.agents :].tolist()))
     rows = [Row.marked(film.group_names[g], film.colours[g], "o") for g in of_agents[:MAX_GROUPS]]
@@ -290,12 +269,7 @@ def _team_rows(film: Film) -> list[Row]:
         rows.append(Row.marked("obstacle", OBSTACLE, "s"))
     if any(stage.absent for stage in film.stages):
         rows.append(Row.marked("lost, or yet to join", tuple(ABSENT[:3].tolist()), "o"))
-    return rows
-
-
-def _edge_rows(film: Film) -> list[Row]:
     kinds = {kind for edges in (film.edges, *(stage.edges for stage in film.stages)) for _, _, kind in edges}
-    rows = []
     if "communication" in kinds:
         rows.append(Row.lined("agents communicate", COMMUNICATION))
     if "one-way" in kinds:
@@ -304,17 +278,10 @@ def _edge_rows(film: Film) -> list[Row]:
         rows.append(Row.lined("agent senses target", SENSING, (0, (2.0, 1.4))))
     if film.restraints is not None:
         rows.append(Row.lined("the safety filter restrains an agent", RESTRAINED, marker="o", markersize=0.9))
-    return rows
-
-
-def _notes(film: Film, options: VideoOptions, survey: Samples) -> list[Row]:
-    rows = []
     if options.trail:
         rows.append(Row.marked(f"track of the last {options.trail:g} s", GREY, r"$\sim$", markersize=1.5))
-    off = bool(
-        (np.abs(survey.positions[..., 2] - film.surface_height) > 1.0).any()
-    )  # lines to the surface begin at about 1 m
-    if off and film.surface != "none":
+    # Lines to the surface begin at about 1 m.
+    if film.surface != "none" and (np.abs(survey.positions[..., 2] - film.surface_height) > 1.0).any():
         rows.append(Row.marked("height above or below the surface", GREY, "|", markersize=1.2, markeredgewidth=0.09))
     if film.grid:
         square = {"markerfacecolor": "none", "markeredgewidth": 0.09}
@@ -363,11 +330,6 @@ def add_legend(figure: Figure, rows: list[Row], room: tuple[float, float, float,
         size = max(min(0.95 * size, size * height / taken), 1.0)
 
 
-def bars_height(arrows: Mapping[str, tuple[float, int]], unit: float) -> float:
-    """Return the height that bars of colours take, in pixels."""
-    return (BAR_ROOM * len(arrows) + BELOW_BARS) * unit if arrows else 0.0
-
-
 def add_bars(figure: Figure, arrows: Mapping[str, tuple[float, int]], left: float, width: float, unit: float) -> None:
     """Add a bar of colours for the speed of each medium, above one another from the bottom of a figure in pixels.
 
@@ -377,10 +339,21 @@ def add_bars(figure: Figure, arrows: Mapping[str, tuple[float, int]], left: floa
         left, width: Where bars begin, and how long they are.
         unit: Pixels in one of a 1000x720 frame.
     """
+    size = (figure.bbox.width, figure.bbox.height) * 2
     for number, name in enumerate(reversed(list(arrows))):
         top, scale = arrows[name]
         bottom = (BELOW_BARS + BAR_ROOM * number) * unit
-        axes = _add_bar(figure, scale, top, (left, bottom, width, max(BAR_HEIGHT * unit, 1.0)))
+        axes = figure.add_axes(tuple(np.divide((left, bottom, width, max(BAR_HEIGHT * unit, 1.0)), size)))
+        shades = speed_colours(scale, np.linspace(0.0, 1.0, 128))
+        opacity = shades[:, 3:]
+        blended = opacity * shades[:, :3] + (1.0 - opacity) * WATER
+        axes.imshow(blended[None], aspect="auto", extent=(0.0, top, 0.0, 1.0))
+        axes.set_yticks([])
+        axes.set_xticks([0.0, top / 2.0, top], ["0", f"{top / 2.0:g}", f"{top:g} m/s"])
+        first, _, last = axes.get_xticklabels()
+        first.set_horizontalalignment("left")
+        last.set_horizontalalignment("right")
+        axes.spines[:].set_visible(False)
         axes.tick_params(labelsize=11 * unit, colors=GREY, length=0, pad=3 * unit)
         axes.set_title(f"speed of the {name}", loc="left", fontsize=SIZE * unit, color=WHITE, pad=5 * unit, x=0.14)
         tint = tuple(STOPS[scale % len(STOPS), 1, :3].tolist())
@@ -390,23 +363,6 @@ def add_bars(figure: Figure, arrows: Mapping[str, tuple[float, int]], left: floa
         )
         arrow.set(transform=None, linestyle="none", markeredgewidth=0.0)
         figure.add_artist(arrow)
-
-
-def _add_bar(figure: Figure, scale: int, top: float, place: tuple[float, float, float, float]) -> Axes:
-    """Add a bar of colours with its numbers; its place is left, bottom, width and height in pixels."""
-    size = (figure.bbox.width, figure.bbox.height) * 2
-    left, bottom, width, height = (float(each) for each in np.divide(place, size))
-    axes = figure.add_axes((left, bottom, width, height))
-    shades = speed_colours(scale, np.linspace(0.0, 1.0, 128))
-    opacity = shades[:, 3:]
-    axes.imshow((opacity * shades[:, :3] + (1.0 - opacity) * WATER)[None], aspect="auto", extent=(0.0, top, 0.0, 1.0))
-    axes.set_yticks([])
-    axes.set_xticks([0.0, top / 2.0, top], ["0", f"{top / 2.0:g}", f"{top:g} m/s"])
-    first, _, last = axes.get_xticklabels()
-    first.set_horizontalalignment("left")
-    last.set_horizontalalignment("right")
-    axes.spines[:].set_visible(False)
-    return axes
 
 
 # -- lettering ---------------------------------------------------------------------------------------------------------

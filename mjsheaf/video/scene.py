@@ -38,26 +38,14 @@ FACE = 0.05  # half the thickness at which the face of a half-space is drawn, m
 ABSENT: Float32Array = np.array([0.6, 0.6, 0.6, 1.0], np.float32)
 
 DASHES = (2, 40)  # minimum and maximum number of dashes on a sensing edge
-DASH_BUDGET = 800
-FEW_DASHED = 60  # number of sensing edges above which they are drawn fainter
 
 HEAD_AT = 0.65  # place of the arrowhead's tip on an edge, as a fraction: vehicles may cover the end
-HALO = 11  # radius around an agent that the filter restrains, in pixels of the reference frame
-RESTRAINED_TO = 0.4  # of the way from an agent to what the filter keeps it away from
 
 ARROW_REACH = 9  # number of arrows from the centre of the picture to where they fade
 
 # Sizes in pixels of a 1000x720 frame, at the team's centre.
-ARROW_SPACING = 75.0
-LONGEST_ARROW = 0.95  # maximum length of an arrow, as a fraction of the spacing
-SLOWEST_ARROW = 0.03  # slowest flow with an arrow, as a fraction of the scale's end
 DASH = 10.0  # length of a dash and of the gap after it
-HEAD = 14.0  # length of an arrowhead on an edge; half of it each way across
-MARKER = 10.5  # radius of the ball at q*
-SMALL_MARKER = 6.5  # radius of an opaque ball at q*
-SMALL_TEAM = 50  # number of agents above which balls shrink, so that they do not cover each other
 FOOT = 2.5  # radius of the ball at the foot of a vertical line
-STEM = 17.0  # minimum length of a vertical line
 
 
 @dataclass(frozen=True)
@@ -102,11 +90,11 @@ class Decorator:
         self._spacing = 0.0
         # MuJoCo's transparent geoms write no depth, so a sea, which is drawn later, would cover them.
         self._see_through = 1.0 if film.seas else 0.55
-        self._marker = SMALL_MARKER if film.seas else MARKER
+        self._marker = 6.5 if film.seas else 10.5  # radius of the ball at q*
 
     def lay_out_arrows(self, view: View) -> None:
         """Choose the spacing of arrows for one of the camera's views."""
-        self._spacing = ARROW_SPACING * self._unit * view.metres_per_pixel(self._height)
+        self._spacing = 75.0 * self._unit * view.metres_per_pixel(self._height)
 
     def add(self, scene: mujoco.MjvScene, moment: Moment, view: View) -> list[Lines]:
         """Add one frame's balls to the scene and return its lines."""
@@ -115,7 +103,8 @@ class Decorator:
         if absent:
             self._turn_grey(scene, absent)
         size = self._unit * view.metres_per_pixel(self._height)  # of a pixel of the reference frame, in m
-        radius = self._marker * min(1.0, (SMALL_TEAM / max(self._film.agents, 1)) ** 0.5) * size
+        # Of more than 50 agents, balls shrink, so that they do not cover each other.
+        radius = self._marker * min(1.0, (50 / max(self._film.agents, 1)) ** 0.5) * size
         goals = zip(moment.harmonic_extension, self._with_alpha(self._see_through), strict=False)
         for i, (goal, rgba) in enumerate(goals):
             if i not in absent:
@@ -144,11 +133,12 @@ class Decorator:
         velocity = medium.at(places, moment.time)
         speed = np.linalg.norm(velocity, axis=1)
         away = np.linalg.norm(places[:, :2] - view.lookat[:2], axis=1) / (ARROW_REACH * self._spacing)
-        shown = np.isfinite(speed) & (speed > SLOWEST_ARROW * medium.top) & (away < 1.0)
+        # The slowest flow has no arrow.
+        shown = np.isfinite(speed) & (speed > 0.03 * medium.top) & (away < 1.0)
         places, velocity, speed, away = places[shown], velocity[shown], speed[shown], away[shown]
         along = velocity / speed[:, None]
         fraction = np.minimum(speed / medium.top, 1.0)
-        length = LONGEST_ARROW * self._spacing * fraction[:, None]
+        length = 0.95 * self._spacing * fraction[:, None]
         aside = np.cross(along, [0.0, 0.0, 1.0])
         tip, barb = places + along * length / 2.0, 0.35 * np.minimum(length, 0.5 * self._spacing)
         starts = np.concatenate([places - along * length / 2.0, tip, tip])
@@ -180,13 +170,14 @@ class Decorator:
         """Show who sees whom."""
         starts, along = moment.positions[sensing[:, 0]], np.diff(moment.positions[sensing], axis=1)[:, 0]
         wanted = np.linalg.norm(along, axis=1) / (2 * DASH * size)
-        most = int(np.clip(DASH_BUDGET // max(len(sensing), 1), *DASHES))
+        most = int(np.clip(800 // max(len(sensing), 1), *DASHES))
         dashes = np.clip(np.round(wanted), DASHES[0], most).astype(int)
         edge = np.repeat(np.arange(len(dashes)), dashes)
         number = np.arange(len(edge)) - np.repeat(np.cumsum(dashes) - dashes, dashes)
         begin, count, step = (number + 0.25)[:, None], dashes[edge, None], along[edge]
         first = starts[edge] + begin / count * step
-        rgba = SENSING * np.array([1, 1, 1, min(1.0, (FEW_DASHED / max(len(sensing), 1)) ** 0.5)], np.float32)
+        # More than 60 edges are drawn fainter.
+        rgba = SENSING * np.array([1, 1, 1, min(1.0, (60 / max(len(sensing), 1)) ** 0.5)], np.float32)
         return Lines.of(first, first + 0.5 / count * step, rgba, 1.5 * self._unit)
 
     def _pointers(self, scene: mujoco.MjvScene, moment: Moment, one_way: IntArray, view: View) -> list[Lines]:
@@ -196,8 +187,8 @@ class Decorator:
         if self._film.restraints is not None:
             starts, ends = self._film.restraints(moment.time, moment.positions)
             for start in starts:
-                _add_ball(scene, start, HALO * size, RESTRAINED)
-            found.append(Lines.of(starts, starts + RESTRAINED_TO * (ends - starts), RESTRAINED, 4.0 * self._unit))
+                _add_ball(scene, start, 11 * size, RESTRAINED)
+            found.append(Lines.of(starts, starts + 0.4 * (ends - starts), RESTRAINED, 4.0 * self._unit))
         return found
 
     def _heads(self, moment: Moment, one_way: IntArray, view: View, size: float) -> Lines:
@@ -205,7 +196,7 @@ class Decorator:
         tails, along = moment.positions[one_way[:, 0]], np.diff(moment.positions[one_way], axis=1)[:, 0]
         across = np.cross(along, camera.axes(view.azimuth, view.elevation)[2])
         length, width = (np.linalg.norm(way, axis=1, keepdims=True) + 1e-12 for way in (along, across))
-        tip, barb = tails + HEAD_AT * along, np.minimum(HEAD * size, 0.3 * length)
+        tip, barb = tails + HEAD_AT * along, np.minimum(14.0 * size, 0.3 * length)
         ends = np.concatenate([tip - barb * (along / length + 0.5 * side * across / width) for side in (-1.0, 1.0)])
         return Lines.of(np.tile(tip, (2, 1)), ends, HEADS, 2.0 * self._unit)
 
@@ -220,7 +211,7 @@ class Decorator:
     def _stems(self, scene: mujoco.MjvScene, moment: Moment, size: float) -> Lines:
         """Draw a line straight to the surface from what is off it: without it heights cannot be read."""
         level = self._film.surface_height
-        off = np.abs(moment.positions[:, 2] - level) > STEM * size
+        off = np.abs(moment.positions[:, 2] - level) > 17.0 * size  # minimum length of a vertical line
         feet = moment.positions[off] * [1.0, 1.0, 0.0] + [0.0, 0.0, level]
         rgba = self._with_alpha(0.5)[off]
         for foot, own in zip(feet, rgba, strict=True):
@@ -306,8 +297,13 @@ def draw_lines(batches: Sequence[Lines], sea: tuple[Array, Array] | None = None)
         gl.glDisableClientState(gl.GL_TEXTURE_COORD_ARRAY)
         gl.glEnableClientState(gl.GL_VERTEX_ARRAY)
         gl.glEnableClientState(gl.GL_COLOR_ARRAY)
-        if sea is not None:
-            draw_sea(*sea)
+        if sea is not None:  # it hides nothing that is drawn later
+            vertices, shades = (np.ascontiguousarray(values, np.float32) for values in sea)
+            RAW.glVertexPointer(3, gl.GL_FLOAT, 0, vertices.ctypes.data_as(c_void_p))
+            RAW.glColorPointer(4, gl.GL_FLOAT, 0, shades.ctypes.data_as(c_void_p))
+            gl.glBindBuffer(gl.GL_ELEMENT_ARRAY_BUFFER, 0)
+            corners = TRIANGLES.ctypes.data_as(c_void_p)
+            RAW.glDrawElements(gl.GL_TRIANGLES, len(TRIANGLES), gl.GL_UNSIGNED_INT, corners)
         for lines in batches:
             ends = np.ascontiguousarray(lines.ends)
             colours = np.repeat(lines.rgba, 2, axis=0)
@@ -437,7 +433,6 @@ def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: Array | f
 
 
 NEAR, FAR = 0.02, 40.0  # clipping planes, as multiples of the camera's shortest and longest distance
-FEWEST_SLICES = 12  # minimum number of sides of round geoms
 FLATNESS = 0.6  # maximum distance of a side from the circle, pixels
 
 
@@ -457,7 +452,7 @@ def set_detail(model: mujoco.MjModel, camera: CameraPath, radius: float, height:
     # The largest one is assumed to be a third of its vehicle. n sides miss a circle of radius r by r (1 - cos(pi / n)).
     nearest = camera.view(int(camera.distance.argmin()))
     part = max(radius / nearest.metres_per_pixel(height) / 3, 2 * FLATNESS)
-    slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), FEWEST_SLICES)
+    slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), 12)  # minimum number of sides of round geoms
     model.vis.quality.numslices = min(model.vis.quality.numslices, slices)
     model.vis.quality.numstacks = min(model.vis.quality.numstacks, slices * 2 // 3)
 
@@ -465,16 +460,12 @@ def set_detail(model: mujoco.MjModel, camera: CameraPath, radius: float, height:
 # -- the sea -----------------------------------------------------------------------------------------------------------
 
 POINTS = 201  # of the grid along x and along y
-REACH = 36.0  # from its middle to its edge, in distances of the camera
 GRADING = 6.0  # about exp(GRADING) is the ratio of the widest spacing to the finest
 DEEP = np.array([0.04, 0.21, 0.33])  # colours, RGB in 0..1: of the water,
 CREST = np.array([0.20, 0.50, 0.58])  # of high water, through which light falls,
 HORIZON = np.array([0.80, 0.88, 0.94])  # and of the sky, low and high
 ZENITH = np.array([0.32, 0.52, 0.76])
 SUN = np.array([0.48, 0.36, 0.80])  # unit vector to it
-GLITTER = 60.0  # exponent of the sun's reflection
-HAZE = 14.0  # distances of the camera at which the water has nearly the colour of the horizon
-OPACITY = 0.88  # what is under water shows through
 
 
 def sea_at(seas: Sequence[Sea], time: float) -> Sea | None:
@@ -494,7 +485,8 @@ def mesh(sea: Sea, view: View, time: float) -> tuple[Array, Array]:
     Returns:
         Points, shape (P, P, 3), m, and their colours, RGBA in 0..1, shape (P, P, 4).
     """
-    graded = REACH * view.distance * np.sinh(np.linspace(-GRADING, GRADING, POINTS)) / np.sinh(GRADING)
+    # It reaches 36 distances of the camera far.
+    graded = 36.0 * view.distance * np.sinh(np.linspace(-GRADING, GRADING, POINTS)) / np.sinh(GRADING)
     x = view.lookat[0] + graded
     y = view.lookat[1] + graded
     height, slope_x, slope_y = sea.surface(x, y, time)
@@ -504,52 +496,22 @@ def mesh(sea: Sea, view: View, time: float) -> tuple[Array, Array]:
     to_eye = view.lookat - view.distance * camera.axes(view.azimuth, view.elevation)[2] - points
     away = np.linalg.norm(to_eye, axis=-1, keepdims=True)
     to_eye /= away
-    rgb = _lit(normal, to_eye, height / max(4.0 * np.sqrt(np.sum(sea.waves.amplitude**2) / 2.0), 1e-9))
-    haze = 1.0 - np.exp(-((away / (HAZE * view.distance)) ** 2) * 3.0)
-    rgb += haze * (HORIZON - rgb)
-    return points, np.concatenate([rgb, np.maximum(haze, OPACITY)], axis=-1)
-
-
-def _lit(normal: Array, to_eye: Array, height: Array) -> Array:
-    """Return colours of water, RGB, by its normals, unit vectors to the eye, and elevations over H_s.
-
-    It reflects the sky by Schlick's formula, and the sun.
-    """
+    # It reflects the sky by Schlick's formula, and the sun; light falls through high water.
     facing = np.clip(np.sum(normal * to_eye, axis=-1, keepdims=True), 0.0, 1.0)
     mirrored = 2.0 * facing * normal - to_eye
     sky = HORIZON + np.clip(mirrored[..., 2:], 0.0, 1.0) * (ZENITH - HORIZON)
-    water = DEEP + np.clip(0.5 + height, 0.0, 1.0)[..., None] * (CREST - DEEP)
+    steepness = height / max(4.0 * np.sqrt(np.sum(sea.waves.amplitude**2) / 2.0), 1e-9)
+    water = DEEP + np.clip(0.5 + steepness, 0.0, 1.0)[..., None] * (CREST - DEEP)
     water *= 0.25 + 0.9 * np.clip(normal @ SUN, 0.0, 1.0)[..., None]
     fresnel = 0.02 + 0.98 * (1.0 - facing) ** 5
-    glitter = 0.5 * np.clip(mirrored @ SUN, 0.0, 1.0)[..., None] ** GLITTER
-    return np.asarray(np.clip(water + fresnel * (sky - water) + glitter, 0.0, 1.0))
+    glitter = 0.5 * np.clip(mirrored @ SUN, 0.0, 1.0)[..., None] ** 60.0
+    rgb = np.clip(water + fresnel * (sky - water) + glitter, 0.0, 1.0)
+    # At 14 distances of the camera the water has nearly the colour of the horizon.
+    haze = 1.0 - np.exp(-((away / (14.0 * view.distance)) ** 2) * 3.0)
+    rgb += haze * (HORIZON - rgb)
+    return points, np.concatenate([rgb, np.maximum(haze, 0.88)], axis=-1)  # what is under water shows through
 
 
-def _triangles() -> Array:
-    """Return the corners of the grid's triangles, shape (n,)."""
-    corner = np.arange(POINTS * POINTS).reshape(POINTS, POINTS)[:-1, :-1].ravel()
-    corners = [corner, corner + POINTS, corner + 1, corner + 1, corner + POINTS, corner + POINTS + 1]
-    return np.stack(corners, axis=1).ravel().astype(np.uint32)
-
-
-TRIANGLES = _triangles()
-
-
-def draw_sea(points: Array, rgba: Array) -> None:
-    """Draw a mesh into the current context's buffer, where nothing nearer is; it hides nothing that is drawn later.
-
-    Args:
-        points: Corners of the triangles, shape (P, P, 3), m.
-        rgba: Their colours in 0..1, shape (P, P, 4).
-    """
-    # PyOpenGL loads its library at its first import, which must happen after the context exists: see gl.
-    from OpenGL import GL
-    from OpenGL.raw.GL.VERSION import GL_1_1 as RAW  # the plain functions keep no reference to arrays
-
-    gl: Any = GL
-    vertices = np.ascontiguousarray(points, np.float32)
-    colours = np.ascontiguousarray(rgba, np.float32)
-    RAW.glVertexPointer(3, gl.GL_FLOAT, 0, vertices.ctypes.data_as(c_void_p))
-    RAW.glColorPointer(4, gl.GL_FLOAT, 0, colours.ctypes.data_as(c_void_p))
-    gl.glBindBuffer(gl.GL_ELEMENT_ARRAY_BUFFER, 0)
-    RAW.glDrawElements(gl.GL_TRIANGLES, len(TRIANGLES), gl.GL_UNSIGNED_INT, TRIANGLES.ctypes.data_as(c_void_p))
+_CORNER = np.arange(POINTS * POINTS).reshape(POINTS, POINTS)[:-1, :-1].ravel()
+TRIANGLES = np.ravel(_CORNER[:, None] + [0, POINTS, 1, 1, POINTS, POINTS + 1]).astype(np.uint32)
+"""Corners of the grid's triangles, shape (n,)."""

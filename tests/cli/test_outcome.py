@@ -98,12 +98,12 @@ INTERRUPTED = """
 import os, sys
 from mjsheaf.cli import main
 from mjsheaf.runs import publish
-from mjsheaf.video import film as films
-def film(scenario, dataset, path, *_):
+from mjsheaf.video import draw
+def film(films, path, *_):
     os.kill(os.getpid(), {number})
     raise AssertionError
 publish.available_backend = lambda: ("none", "")
-films.film_run = film
+draw.draw_video = film
 main({arguments})
 """
 

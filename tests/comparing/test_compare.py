@@ -23,7 +23,7 @@ from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.style import AS_USUAL
 from mjsheaf.video import available_backend
-from mjsheaf.video.film import Frames, both_films, half_options
+from mjsheaf.video.film import Frames, VideoOptions, both_films, half_options
 from mjsheaf.video.overlay import Overlay
 from tests.builders import REPOSITORY, approx, two_boats
 from tests.commands import call
@@ -159,16 +159,16 @@ def test_everything_else_is_there_before_the_video(
     out = tmp_path / "out"
     asked: list[str] = []
 
-    def film(scenario: object, ideal: object, physics: object, path: Path, progress: object, quality: str) -> int:
+    def draw(films: object, path: Path, options: VideoOptions, progress: object) -> int:
         assert {p.name for p in out.iterdir()} == DATA
         assert CompareRecord.model_validate_json((out / "compare.json").read_text()).video is None
         assert "report.html in any browser" in capsys.readouterr().out
-        asked.append(quality)
+        asked.append(options.quality)
         path.touch()
         return 1
 
     monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
-    monkeypatch.setattr("mjsheaf.video.film.film_side_by_side", film)
+    monkeypatch.setattr("mjsheaf.video.draw.draw_video", draw)
     for quality in ("draft", "good"):
         option = ["--quality", quality] * (quality != "draft")
         assert call("compare", "midpoint", *SHORT, *option, "--out", out) == 0

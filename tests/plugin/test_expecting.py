@@ -79,7 +79,7 @@ def test_a_miss_shows_bound_and_value_and_the_command_to_watch() -> None:
     trial = trial_of(ideal={"tracking_error": 0.5, "mean_disagreement": 1.0})
     assert trial.met is False
     assert trial.final["tracking_error"] == pytest.approx(FOUND, rel=1e-9)
-    assert [check["measure"] for check in missed(trial)] == ["tracking_error"]
+    assert [text.split()[0] for text in missed(trial.checks)] == ["tracking_error"]
     assert describe(trial, "tiny", "tiny.yaml").splitlines() == [
         "tiny on ideal: finished, NOT as expected",
         "  measure (m)           expected       found",

@@ -16,7 +16,7 @@ import xarray as xr
 from mjsheaf import simulate
 from mjsheaf.errors import PlaceError
 from mjsheaf.results import open_run
-from mjsheaf.runs.publish import TimedIterator, execute, publish
+from mjsheaf.runs.publish import Timings, execute, publish
 from mjsheaf.scenario import Scenario, load_scenario
 from mjsheaf.video.film import video_options
 from tests.commands import RUN_FILES
@@ -75,7 +75,7 @@ def test_data_in_memory_never_replace_what_is_not_a_run(tmp_path: Path) -> None:
 def drawn_by(draw: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a function of a path stand for what draws videos."""
     monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
-    monkeypatch.setattr("mjsheaf.video.film.film_run", lambda scenario, dataset, path, *_: draw(path))
+    monkeypatch.setattr("mjsheaf.video.draw.draw_video", lambda films, path, *_: draw(path))
 
 
 @pytest.fixture
@@ -125,10 +125,8 @@ def test_what_ends_the_video_leaves_the_run(
 def test_a_video_that_cannot_be_written_is_an_error_that_names_the_run(
     short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mjsheaf.video.draw import UnwritableError
-
     def draw(path: Path) -> int:
-        raise UnwritableError(f"{path}: cannot be written: No space left on device")
+        raise PlaceError(f"{path}: cannot be written: No space left on device")
 
     drawn_by(draw, monkeypatch)
     with pytest.raises(
@@ -163,8 +161,9 @@ def test_the_time_of_a_run_is_without_that_of_compiling() -> None:
             event.end_event("numba:compile", data=nested)
         yield xr.Dataset()
 
-    timed = TimedIterator(pieces())
+    timings = Timings()
+    timed = timings.simulating(pieces())
     begun = time.perf_counter()
     next(timed)
     assert time.perf_counter() - begun >= pause
-    assert 0.0 <= timed.seconds <= time.perf_counter() - begun - pause
+    assert 0.0 <= timings.parts["simulation"] <= time.perf_counter() - begun - pause

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.runs.reflections import describe_reflections
+from mjsheaf.runs.diagnostics import describe_reflections
 from tests.builders import make_scenario
 
 PLACES = [[0.0, 0.0], [4.0, 0.0], [1.0, 2.0]]

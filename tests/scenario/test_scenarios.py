@@ -95,7 +95,7 @@ def test_same_scenario_same_bits(backend: str) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_resolved_scenario_runs_to_the_same_bits(backend: str, tmp_path: Path) -> None:
-    from mjsheaf.runs.publish import dump_scenario
+    from tests.builders import dump_scenario
 
     changes = {"time.end": 1, "seed": 11, "controller.gain": 2.5, "summary": "1e3"}  # text that looks like a number
     scenario = load_scenario("local_frames", changes)
@@ -174,7 +174,7 @@ def test_overrides_may_be_values_of_numpy_and_tuples() -> None:
 
 @pytest.mark.parametrize("name", list_scenarios())
 def test_schema_accepts_what_ships(name: str, tmp_path: Path) -> None:
-    from mjsheaf.runs.publish import dump_scenario
+    from tests.builders import dump_scenario
 
     validator = validator_of(Scenario)
     validator.validate(read_yaml(list_scenarios()[name]))
@@ -257,7 +257,7 @@ def test_scenario_from_a_mapping() -> None:
 
 def test_paths_of_vehicles_are_relative_to_the_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from mjsheaf.files import resource_directory
-    from mjsheaf.runs.publish import dump_scenario
+    from tests.builders import dump_scenario
 
     inner = tmp_path / "inner"
     inner.mkdir()

@@ -65,8 +65,8 @@ def test_a_study_file_and_what_is_given_beside_it(tmp_path: Path) -> None:
 
 
 def test_a_study_names_a_scenario_beside_it(tmp_path: Path) -> None:
-    from mjsheaf.runs.publish import dump_scenario
     from mjsheaf.scenario import load_scenario
+    from tests.builders import dump_scenario
 
     (tmp_path / "team.yaml").write_text(dump_scenario(load_scenario("midpoint")))
     (tmp_path / "own.yaml").write_text("scenario: team.yaml\nbackend: ideal\n")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mjsheaf.errors import MjsheafError
-from mjsheaf.video.draw import UnwritableError, write_mp4
+from mjsheaf.errors import MjsheafError, PlaceError
+from mjsheaf.video.draw import write_mp4
 
 # Takes all frames and writes nothing. It is also asked, without -y, to read the result.
 SWALLOW = '[ "$1" = -y ] && cat > /dev/null; exit 1'
@@ -54,7 +54,7 @@ def test_an_error_on_the_way_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 def test_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(UnwritableError, match=r"missing/a\.mp4"):
+    with pytest.raises(PlaceError, match=r"missing/a\.mp4"):
         write_mp4(tmp_path / "missing" / "a.mp4", grey(3), 24)
 
 

@@ -15,11 +15,11 @@ from mjsheaf.loop import log as trajectory
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
-from mjsheaf.show.played import Samples
+from mjsheaf.show.played import Poses
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
-from mjsheaf.video.film import Frames, film_of, film_run, video_options
+from mjsheaf.video.film import Frames, film_of, video_options
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.scene import Decorator
 
@@ -44,7 +44,7 @@ def test_the_film_knows_where_the_surface_is(backend: str, monkeypatch: pytest.M
             "scene": {"surface": "water", "height": 12.0},
         }
     )
-    film_run(scenario, simulate(scenario, backend=backend), tmp_path / "video.mp4", VideoOptions())
+    draw_video([film_of(scenario, simulate(scenario, backend=backend))], tmp_path / "video.mp4", VideoOptions())
     assert (films[0].surface, films[0].surface_height) == ("water", 12.0)
     np.testing.assert_allclose(films[0].run.at(films[0].run.time).positions[..., 2], 12.0, atol=1e-6)
 
@@ -109,7 +109,7 @@ def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
             assert_same(read.at(np.array(times)), in_memory.at(np.array(times)))
 
 
-def assert_same(one: Samples, other: Samples) -> None:
+def assert_same(one: Poses, other: Poses) -> None:
     for name, values in vars(one).items():
         np.testing.assert_allclose(values, getattr(other, name), rtol=0, atol=1e-12, err_msg=name)
 

@@ -3,12 +3,10 @@
 import re
 from typing import Any
 
-import numpy as np
 import pytest
 
 from mjsheaf.errors import InputError
 from mjsheaf.video import VideoOptions
-from tests.builders import make_film, make_model
 
 
 @pytest.mark.parametrize(
@@ -45,25 +43,3 @@ def test_option_out_of_bounds(option: str, value: Any) -> None:
 )
 def test_options_at_their_bounds(options: dict[str, Any]) -> None:
     VideoOptions(**options)
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("time", np.zeros(41)),
-        ("time", np.full(41, np.nan)),
-        ("time", np.zeros(0)),
-        ("positions", np.zeros((41, 4, 3))),
-        ("quaternions", np.zeros((41, 5, 3))),
-        ("harmonic_extension", np.zeros((41, 5, 3))),
-        ("group", np.zeros(3, int)),
-        ("group", np.full(5, 3)),
-        ("colours", np.zeros((2, 3))),
-        ("error", np.zeros(40)),
-        ("edges", [(0, 5, "sensing")]),
-        ("edges", [(0, 1, "talking")]),
-    ],
-)
-def test_film_that_does_not_fit_together(field: str, value: Any) -> None:
-    with pytest.raises(InputError, match=rf"film\.(run\.)?{field}\b"):
-        make_film(make_model(), **{field: value})

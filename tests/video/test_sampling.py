@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from mjsheaf.show.played import Samples
+from mjsheaf.show.played import Poses
 from mjsheaf.video import VideoOptions
 from mjsheaf.video.film import Frames, frame_times
 from tests.builders import change_film, make_film, make_model, make_run, samples_of
 
 
-def between(film: Samples, first: int) -> Samples:
+def between(film: Poses, first: int) -> Poses:
     """Halfway between a sample and the next."""
     return film.at(film.time[first : first + 2].mean(keepdims=True))
 
