@@ -98,7 +98,6 @@ class Log(LogSink):
         edges = message.entities.add(frame_id=WORLD, id="edges", timestamp=stamp)
         goals = message.entities.add(frame_id=WORLD, id="goals", timestamp=stamp)
         for level in np.unique(moment.levels).tolist():
-            # Width of an edge, pixels.
             line = edges.lines.add(type=LinePrimitive.LINE_LIST, thickness=2.0, scale_invariant=True)
             _set_colour(line.color, PALETTE[level])
             line.pose.orientation.w = 1.0
@@ -185,7 +184,7 @@ def _set_numbers(message: Any, field: str, values: Array) -> None:
         setattr(message, field, float(values))
 
 
-def _significant(values: Array, steps: float = 2.0**12) -> Array:  # steps of the mantissa of errors and commands
+def _significant(values: Array, steps: float = 2.0**12) -> Array:
     """Round the mantissas of values, to a relative error of at most 1 / steps, so that they compress well."""
     with np.errstate(over="ignore", invalid="ignore"):
         mantissa, exponent = np.frexp(values)

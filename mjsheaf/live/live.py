@@ -239,7 +239,7 @@ def outlook(system: System) -> Array:
     are those of the start.
     """
     path = follow_targets(system.remaining)
-    some = slice(None, None, 1 + path.positions[..., 0].size // 1000)  # points of an outlook
+    some = slice(None, None, 1 + path.positions[..., 0].size // 1000)  # about a thousand points
     points = path.positions[some].copy()
     points[:, : len(system.team.agents)] = system.team.unpack(path.q_star[some])
     points[:, system.planar, 2] += system.bodies.surface_height
@@ -429,7 +429,7 @@ class LiveRun:
         if due > took:
             self._server.wait(due - took)
         work = max(took - self._display.cost, 1e-6) / self._samples
-        # Fraction of the time that frames may take.
+        # Frames may take a hundredth of the time.
         affordable = max(1, int(max(FRAME, self._display.cost / 0.01) / work))
         wanted = affordable if math.isinf(self._speed) else round(FRAME * self._speed / period)
         self._samples = max(1, min(wanted, 2 * self._samples, affordable, _MAX_SAMPLES))

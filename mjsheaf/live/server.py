@@ -201,7 +201,7 @@ class Server:
             self._client = 0
             self._pages = 0
             self._changed.notify_all()
-            # S after which a page that does not come back is closed: a reload takes less.
+            # A page that does not come back is closed; a reload takes less than two seconds.
             self._changed.wait_for(lambda: is_back() or self._pages, 2.0)
             if self._pages:
                 self._changed.wait_for(is_back, _MOST_WAIT)

@@ -143,7 +143,7 @@ def bounds_from(trial: Trial, margin: float) -> dict[str, Any]:
             phases += [{} for _ in range(int(phase[1]) + 1 - len(phases))]
             own = phases[int(phase[1])]
         if found is not None and measure == _AT_LEAST:
-            # M: margins of smaller separations are those of this one.
+            # The margin of a separation below a millimetre is that of a millimetre.
             own[measure] = max(round(found - margin * max(abs(found), 1e-3), 6), 0.0)
         elif found is not None:
             own[measure] = round_up(max(found * (1.0 + margin), SMALLEST_BOUND))

@@ -76,21 +76,30 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
         OSError: The directory cannot be written.
     """
     raw = scenario.model_dump(mode="json", exclude_none=True)
-    places = [
-        *((holder, "vehicle") for holder in [*raw["agents"], *raw["targets"]]),
-        *((raw.get("vehicles", {}), key) for key in ("agents", "targets")),
-    ]
+    vehicles = [(holder, "vehicle") for holder in [*raw["agents"], *raw["targets"]]]
+    vehicles += [(raw.get("vehicles", {}), key) for key in ("agents", "targets")]
     copies: dict[str, str] = {}
-    for holder, key in places:
+    for holder, key in vehicles:
         name = holder.get(key)
         if name is None or Path(name).suffix not in SUFFIXES:
             continue
         if name not in copies:
             taken = {store.CHECKSUMS, _TERMS, _FLOWS, *(Path(copy).parts[1] for copy in copies.values())}
-            copies[name] = _copy(Path(name), directory, taken)
+            copies[name] = _copy_vehicle(Path(name), directory, taken)
         holder[key] = copies[name]
-    copies |= _copy_files(raw["controller"].get("custom", {}), "file", _TERMS, directory)
-    copies |= _copy_files(raw["flow"], "path", _FLOWS, directory)
+    others = [(section, "file", f"{_TERMS}/{name}") for name, section in raw["controller"].get("custom", {}).items()]
+    others += [(section, "path", f"{_FLOWS}/{name}") for name, section in raw["flow"].items()]
+    for section, key, place in others:
+        file = section.get(key)
+        if file is None:
+            continue
+        if file not in copies:
+            copies[file] = f"{store.VEHICLES}/{place}{Path(file).suffix}"
+            (directory / copies[file]).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, directory / copies[file])
+            if section.get("sha256", "") not in ("", store.digest(directory / copies[file])):
+                raise InputError(f"flow.{Path(place).name}.path: {file} has changed since the run read it; run again")
+        section[key] = copies[file]
     if copies:
         store.write_checksums(directory / store.VEHICLES)
     path = directory / "scenario.yaml"
@@ -98,27 +107,7 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
     return path
 
 
-def _copy_files(sections: dict[str, Any], field: str, folder: str, directory: Path) -> dict[str, str]:
-    """Copy the files that a field of sections refers to, make the field refer to the copies, and return them.
-
-    The result maps the original names to the copies.
-    """
-    copies: dict[str, str] = {}
-    for name, section in sections.items():
-        file = section.get(field)
-        if file is None:
-            continue
-        if file not in copies:
-            copies[file] = f"{store.VEHICLES}/{folder}/{name}{Path(file).suffix}"
-            (directory / copies[file]).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, directory / copies[file])
-            if section.get("sha256", "") not in ("", store.digest(directory / copies[file])):
-                raise InputError(f"flow.{name}.path: {file} has changed since the run read it; run again")
-        section[field] = copies[file]
-    return copies
-
-
-def _copy(description: Path, directory: Path, taken: set[str]) -> str:
+def _copy_vehicle(description: Path, directory: Path, taken: set[str]) -> str:
     """Copy the files of a vehicle into a folder of its own, and return the relative path of its description."""
     names = chain([description.stem], (f"{description.stem}_{k}" for k in count(2)))
     folder = next(name for name in names if name not in taken)

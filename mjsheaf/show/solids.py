@@ -217,7 +217,6 @@ def outline(obstacles: ObstacleArrays, n: int, centre: Array, projection: Array)
     ways = np.column_stack([np.cos(angle), np.sin(angle)]) @ projection  # in space, shape (P, 3)
     if obstacles.kind[n] == HALF_SPACE:
         normal = projection @ obstacles.axes[n, 0]
-        # Component of a normal along the line of sight, below which a half-space is seen from its edge.
         if np.linalg.norm(normal) < 1.0 - 1e-6:
             return None
         side = np.array([-normal[1], normal[0]])

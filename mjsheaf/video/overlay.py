@@ -75,7 +75,6 @@ class Overlay:
         self._inner = max(self._panel - 2 * self._px(MARGIN), 1)
         self._left = self._px(MARGIN)
         size = self._panel / 72, options.height / 72
-        # Of the panel next to the scene.
         figure = Figure(figsize=size, dpi=72, facecolor=(0.09, 0.13, 0.18))  # a point is a pixel
         canvas = FigureCanvasAgg(figure)
         self._add_title(figure)
@@ -126,7 +125,7 @@ class Overlay:
     def _write_scale(self, draw: ImageDraw.ImageDraw, view: View) -> None:
         """Draw a bar of a round length at the bottom right, as long as that is at the team's centre."""
         metre = 1.0 / view.metres_per_pixel(self._height)
-        length = round_number(self._px(150) / metre, up=False, steps=(1.0, 2.0, 5.0))  # longest
+        length = round_number(self._px(150) / metre, up=False, steps=(1.0, 2.0, 5.0))
         right, row, width = self._width - self._px(2 * MARGIN), self._height - self._px(2 * MARGIN), self._px(2)
         left, end = right - length * metre, self._px(5)
         marks = [(x, row - end, x, row + end) for x in (left, right)]
