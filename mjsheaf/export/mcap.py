@@ -52,10 +52,23 @@ class Log(LogSink):
 
     def write_moment(self, moment: Moment) -> None:
         """Write poses, scene and values of a sample."""
-        self._send("/tf", self._transforms(moment))
+        poses, stamp = transforms_pb2.FrameTransforms(), self._stamp
+        for frame, pose in self.placed(moment):
+            own = poses.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame)
+            _set_point(own.translation, pose)
+            _set_quaternion(own.rotation, pose[3:])
+        self._send("/tf", poses)
         self._send("/scene", self._scene(moment))
         for topic, kind in self._kinds.items():
-            self._send(f"/{topic}", self._values(kind, moment.values))
+            message = kind()
+            for variable in kind.DESCRIPTOR.fields:
+                values = moment.values[variable.name]
+                if variable.message_type is None:
+                    _set_numbers(message, variable.name, values)
+                    continue
+                for field, value in zip(variable.message_type.fields, values, strict=True):
+                    _set_numbers(getattr(message, variable.name), field.name, value)
+            self._send(f"/{topic}", message)
 
     def write_log(self, level: str, words: str) -> None:
         """Write a message, of level INFO or ERROR, at the time of the last sample."""
@@ -82,15 +95,6 @@ class Log(LogSink):
     def _send(self, topic: str, message: Any) -> None:
         """Write a message at the time of the last sample."""
         self._writer.write_message(topic, message, self.last, self.last)
-
-    def _transforms(self, moment: Moment) -> Any:
-        """Return the poses of all vehicles, except those that are not finite."""
-        message, stamp = transforms_pb2.FrameTransforms(), self._stamp
-        for frame, pose in self.placed(moment):
-            own = message.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame)
-            _set_point(own.translation, pose)
-            _set_quaternion(own.rotation, pose[3:])
-        return message
 
     def _scene(self, moment: Moment) -> Any:
         """Return edges, desired positions and arrows; each of them replaces the one before."""
@@ -132,18 +136,6 @@ class Log(LogSink):
             for solid in solids:
                 _add_solid(entity, solid)
         self._send("/vehicles", message)
-
-    def _values(self, kind: Any, values: Mapping[str, Array]) -> Any:
-        """Return the values of the variables of one topic at a sample."""
-        message = kind()
-        for variable in kind.DESCRIPTOR.fields:
-            if variable.message_type is None:
-                _set_numbers(message, variable.name, values[variable.name])
-                continue
-            own = getattr(message, variable.name)
-            for field, value in zip(variable.message_type.fields, values[variable.name], strict=True):
-                _set_numbers(own, field.name, value)
-        return message
 
 
 def make_messages(labels: Mapping[str, Sequence[str]], vectors: Collection[str]) -> dict[str, Any]:

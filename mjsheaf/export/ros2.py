@@ -88,11 +88,22 @@ class Log(LogSink):
     def write_moment(self, moment: Moment) -> None:
         """Write poses, scene and values of a sample."""
         header = _Type["header"](_stamp(moment.time), WORLD)
-        self._send("/tf", "tf", self._transforms(moment, header))
+        poses = [
+            _Type["stamped"](
+                header, frame, _Type["transform"](_Type["vector"](*pose[:3]), _Type["quaternion"](*pose[3:]))
+            )
+            for frame, pose in self.placed(moment)
+        ]
+        self._send("/tf", "tf", _Type["tf"](poses))
         self._send("/scene", "markers", self._scene(moment, header))
         for topic, names in TOPICS.items():
             for name in (name for name in names if name in moment.values):
-                self._send(f"/{topic}/{name}", "values", self._values(name, moment.values[name]))
+                rows = np.atleast_1d(np.asarray(moment.values[name], np.float64))
+                labels = [",".join(self.labels[name]), *[""] * (rows.ndim - 1)]  # the first lists the columns' names
+                strides = [int(np.prod(rows.shape[k:])) for k in range(rows.ndim)]
+                dimensions = [_Type["dimension"](*row) for row in zip(labels, rows.shape, strides, strict=True)]
+                message = _Type["values"](_Type["layout"](dimensions, 0), rows.ravel())
+                self._send(f"/{topic}/{name}", "values", message)
 
     def write_log(self, level: str, words: str) -> None:
         """Write a message, of level INFO or ERROR, at the time of the last sample."""
@@ -120,16 +131,6 @@ class Log(LogSink):
                 topic, _SHORT[kind], typestore=_STORE, offered_qos_profiles=profiles
             )
         self._writer.write(self._connections[topic], self.last, _STORE.serialize_cdr(message, _SHORT[kind]))
-
-    def _transforms(self, moment: Moment, header: Any) -> Any:
-        """Return the poses of all vehicles, except those that are not finite."""
-        transforms = [
-            _Type["stamped"](
-                header, frame, _Type["transform"](_Type["vector"](*pose[:3]), _Type["quaternion"](*pose[3:]))
-            )
-            for frame, pose in self.placed(moment)
-        ]
-        return _Type["tf"](transforms)
 
     def _scene(self, moment: Moment, header: Any) -> Any:
         """Return edges, desired positions and arrows, after everything of the sample before is deleted."""
@@ -159,14 +160,6 @@ class Log(LogSink):
             header = _Type["header"](_stamp(self.last), frame)
             markers += [_solid(header, frame, k, solid) for k, solid in enumerate(solids)]
         self._send("/vehicles", "markers", _Type["markers"](markers), latched=True)
-
-    def _values(self, name: str, values: Array) -> Any:
-        """Return the values of a variable at a sample; the label of the first dimension lists the columns' names."""
-        rows = np.atleast_1d(np.asarray(values, np.float64))
-        labels = [",".join(self.labels[name]), *[""] * (rows.ndim - 1)]
-        strides = [int(np.prod(rows.shape[k:])) for k in range(rows.ndim)]
-        dimensions = [_Type["dimension"](*row) for row in zip(labels, rows.shape, strides, strict=True)]
-        return _Type["values"](_Type["layout"](dimensions, 0), rows.ravel())
 
 
 def _write_checksums(path: Path) -> None:

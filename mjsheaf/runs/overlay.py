@@ -297,13 +297,16 @@ def plot_runs(runs: Sequence[OpenRun], path: Path, options: FigureOptions = AS_U
     figure = new_figure(WIDTH, 0.9 + 2.4 * len(drawn), f"{scenarios}: {len(runs)} runs", options)
     panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
     events = [phase for phase in phases_in(runs[0].dataset) if phase["events"]]
-    for panel, name in zip(panels, drawn, strict=True):
-        errors = [run.errors[name].values for run in runs]
+    for panel, measure in zip(panels, drawn, strict=True):
+        errors = [run.errors[measure].values for run in runs]
         for k, (run, error) in enumerate(zip(runs, errors, strict=True)):
             keep = thin(len(run.time), 1500)
-            panel.plot(run.time[keep], error[keep], label=_legend(run), **line_style(k) | {"color": _COLOURS[k]})
+            terms = run.scenario.system.law.term_names
+            law = run.law if run.gain is None else ", ".join([f"gain {run.gain:g} 1/s", *terms])
+            name = plain(f"{run.name} ({run.dataset.attrs['backend']}, {law})")
+            panel.plot(run.time[keep], error[keep], label=name, **line_style(k) | {"color": _COLOURS[k]})
         log_axis(panel, "y", np.concatenate(errors))
-        label_axes(panel, "", y=_LABELS[name])
+        label_axes(panel, "", y=_LABELS[measure])
         mark_times(panel, [phase["time"] for phase in events])
     told = [f"{k}: {', '.join(phase['events'])} ({phase['time']:.6g} s)" for k, phase in enumerate(events, 1)]
     below = f"\nevents of {plain(runs[0].name)}:   " + "   ".join(told) if told else ""
@@ -312,12 +315,6 @@ def plot_runs(runs: Sequence[OpenRun], path: Path, options: FigureOptions = AS_U
     legend_below(figure, panels[0].get_legend_handles_labels()[0], 2)
     settle(figure)
     save_figure(figure, path, options)
-
-
-def _legend(run: OpenRun) -> str:
-    terms = run.scenario.system.law.term_names
-    law = run.law if run.gain is None else ", ".join([f"gain {run.gain:g} 1/s", *terms])
-    return plain(f"{run.name} ({run.dataset.attrs['backend']}, {law})")
 
 
 def page_of_runs(runs: Sequence[OpenRun], record: RunsRecord) -> bytes:

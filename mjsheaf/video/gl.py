@@ -9,8 +9,6 @@ As a script, this module draws a small picture with the backend that MUJOCO_GL n
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -85,27 +83,18 @@ def open_context(backend: str, width: int, height: int) -> Any:
     """
     from mjsheaf.errors import MjsheafError  # here, as the script stands alone
 
-    try:
-        with _pyopengl_platform(backend):
-            context = import_module(f"mujoco.{backend}").GLContext(width, height)
-            context.make_current()
-    except Exception as error:  # PyOpenGL, ctypes and the drivers each have their own
-        reason = str(error).strip() or type(error).__name__
-        raise MjsheafError(f"cannot open an OpenGL context with {backend}: {reason}") from error
-    return context
-
-
-@contextmanager
-def _pyopengl_platform(backend: str) -> Iterator[None]:
-    """Let PyOpenGL load the backend's library, whatever PYOPENGL_PLATFORM says, and restore the variable.
-
-    PyOpenGL reads it at its first import, and mujoco.egl and mujoco.osmesa set it, or refuse another's value.
-    """
+    # PyOpenGL loads the library that this variable names at its first import, and mujoco.egl and mujoco.osmesa set it,
+    # or refuse another's value. It is restored.
     before = os.environ.pop("PYOPENGL_PLATFORM", None)
     if backend in ("egl", "osmesa"):
         os.environ["PYOPENGL_PLATFORM"] = backend
     try:
-        yield
+        context = import_module(f"mujoco.{backend}").GLContext(width, height)
+        context.make_current()
+        return context
+    except Exception as error:  # PyOpenGL, ctypes and the drivers each have their own
+        reason = str(error).strip() or type(error).__name__
+        raise MjsheafError(f"cannot open an OpenGL context with {backend}: {reason}") from error
     finally:
         os.environ.pop("PYOPENGL_PLATFORM", None)
         if before is not None:
