@@ -21,7 +21,7 @@ are recorded after limiting, so jumps that a limit cuts off are larger than they
 """
 
 from collections.abc import Iterator, Sequence, Set
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -83,10 +83,6 @@ class Note:
     agent: str | None = None
     time: float | None = None
     number: float | None = None
-
-    def record(self) -> dict[str, Any]:
-        """Return the entry of summary.json."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)

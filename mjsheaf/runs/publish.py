@@ -10,7 +10,7 @@ import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
@@ -378,7 +378,7 @@ def account_of(
         **_bounds_summary(*bounds[0]),
         "safety": safety,
         "terms": terms and terms.record(),
-        "notes": [note.record() for note in notes],
+        "notes": [asdict(note) for note in notes],
         "video": None,
         "timings": {},
         store.RESULT_DIGEST: "",

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from mjsheaf.errors import InputError, MjsheafError, PlaceError
+from mjsheaf.errors import MjsheafError, PlaceError
 from mjsheaf.files import whole_file
 from mjsheaf.show.style import MATPLOTLIB
 from mjsheaf.video.camera import SMOOTHING, View, camera_path
@@ -57,7 +57,6 @@ def draw_video(
         Number of frames written, at least one.
 
     Raises:
-        InputError: The vehicles do not fit their model.
         PlaceError: The file cannot be written, or its disk is full.
         MjsheafError: no offscreen OpenGL works here (the message says what to install), or ffmpeg failed.
     """
@@ -106,15 +105,8 @@ class Painter(AbstractContextManager["Painter"]):
             beside: Other runs of the same length and number of vehicles, which the camera keeps in view too.
 
         Raises:
-            InputError: the film does not fit the model.
             MjsheafError: no offscreen OpenGL works here.
         """
-        for vehicle, (body, address) in enumerate(zip(film.body_id, film.qpos_address, strict=True)):
-            joint = model.body_jntadr[body] if 0 <= body < model.nbody else -1
-            free = joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE.value
-            if not free or model.jnt_qposadr[joint] != address:
-                place = f"body {body} of {film.ids[vehicle]}"
-                raise InputError(f"{place} must have a free joint at qpos[{address}] in the model")
         backend, reason = available_backend()
         if backend is None:
             raise MjsheafError(reason)
