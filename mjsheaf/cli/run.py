@@ -542,6 +542,7 @@ def video(
         from mjsheaf.results.store import reopen_run, save_summary
         from mjsheaf.runs.publish import video_entry
         from mjsheaf.video import available_backend
+        from mjsheaf.video.draw import draw_video
         from mjsheaf.video.film import film_of, video_options
 
         with reopen_run(directory) as (scenario, dataset, summary):
@@ -553,8 +554,6 @@ def video(
             backend, reason = available_backend()
             if backend is None:
                 raise InputError(f"no video can be drawn here: {reason}")
-            from mjsheaf.video.draw import draw_video  # after a backend is found: it imports MuJoCo
-
             frames = draw_video([film_of(scenario, dataset)], path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")

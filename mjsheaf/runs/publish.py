@@ -16,7 +16,7 @@ from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -35,6 +35,7 @@ from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
 from mjsheaf.law.in_python import Controller
 from mjsheaf.loop.log import samples_in_piece
 from mjsheaf.loop.session import moved_by, require_simulable
+from mjsheaf.mujoco_import import mujoco
 from mjsheaf.page import page_of, require_shown
 from mjsheaf.progress import shown
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
@@ -53,9 +54,6 @@ from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.loading import files_of, read_description
 from mjsheaf.video import VideoOptions, available_backend
 from mjsheaf.video.film import Film, film_of, video_options
-
-if TYPE_CHECKING:
-    from mjsheaf.mujoco_import import mujoco
 
 _TERMS = "terms"  # folder of the files of registered terms, next to those of vehicles
 _FLOWS = "flows"  # folder of the files of gridded flow
@@ -541,7 +539,7 @@ def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
 
 
 def draw_video(
-    films: "Callable[[], list[tuple[Film, mujoco.MjModel]]]",
+    films: Callable[[], list[tuple[Film, mujoco.MjModel]]],
     path: Path,
     options: VideoOptions,
     progress: Progress,
@@ -565,7 +563,7 @@ def draw_video(
     backend, reason = available_backend()
     if backend is None:
         return 0, f"no video: {reason}"
-    from mjsheaf.video import draw  # after a backend is found: it imports MuJoCo
+    from mjsheaf.video import draw  # here, as it loads what runs without videos do not need
 
     try:
         return draw.draw_video(films(), path, options, partial(progress, "drawing video")), ""

@@ -6,9 +6,6 @@ Modules:
 - draw: the whole of it, film and model in, video file out;
 - camera, scene, overlay: where the camera is, vehicles, decoration and sea as pixels, what is written over them;
 - gl: which offscreen OpenGL works here.
-
-`draw` and `scene` import MuJoCo, which fails where MUJOCO_GL names a backend that is not there: ask
-`available_backend` before importing them.
 """
 
 from mjsheaf.video.film import Film, VideoOptions

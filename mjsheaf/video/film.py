@@ -2,20 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.loop.mujoco_engine import arena_of
+from mjsheaf.mujoco_import import mujoco
 from mjsheaf.results.metrics import law_in_words
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.scenario import Video
 from mjsheaf.show.played import OUTLIER_FACTOR, UPRIGHT, Played, Poses, Region, played
 from mjsheaf.system import Phase
-
-if TYPE_CHECKING:
-    from mjsheaf.mujoco_import import mujoco
 
 DRAFT_FPS = 15
 
@@ -95,7 +93,7 @@ def video_options(scenario: Scenario, **changes: float | int | str | None) -> Vi
 
 def film_of(
     scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | None = None
-) -> "tuple[Film, mujoco.MjModel]":
+) -> tuple[Film, mujoco.MjModel]:
     """Build the content of a run's video, and the model to draw it with.
 
     Args:
@@ -103,8 +101,6 @@ def film_of(
         dataset: Data of the run, in memory or an open file. They are read frame by frame.
         phases: Phases of the scenario, if they were built already.
     """
-    from mjsheaf.loop.mujoco_engine import arena_of
-
     content = played(scenario, dataset, phases)
     system = (phases or scenario.phases)[0].system
     arena = arena_of(system, content.colours[content.group])
@@ -123,7 +119,7 @@ def film_of(
 
 def both_films(
     scenario: Scenario, ideal: xr.Dataset, physics: xr.Dataset, options: VideoOptions
-) -> "list[tuple[Film, mujoco.MjModel]]":
+) -> list[tuple[Film, mujoco.MjModel]]:
     """Return the content of both videos, each with its model, with equal lengths and a common axis for the errors.
 
     A run that ends early stands still until the other one ends.
