@@ -5,7 +5,7 @@ initial size, so that files stay small.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from itertools import chain
@@ -216,7 +216,7 @@ FORMATS = {"mcap": "run.mcap", "ros2": BAG}
 """Name in a run's directory of what each format writes: a file, and the directory of a bag."""
 
 
-def require_installed(formats: Sequence[str]) -> list[type[LogSink]]:
+def require_installed(formats: Sequence[str]) -> list[Callable[..., Sink]]:
     """Return the sinks of formats, keys of `FORMATS`.
 
     Raises:

@@ -87,7 +87,12 @@ def page_of(
     connect = ""
     if live is not None:
         said["live"] = live.controls | {"ahead": (live.ahead - replay["origin"]).round(2).tolist()}
-        connect = f"; connect-src {live.controls['address']}"  # extends the content security policy
+        connect = f"; connect-src {live.controls['address']}"
+    return _fill(said, data, connect)
+
+
+def _fill(said: dict[str, Any], data: str, connect: str = "") -> bytes:
+    """Fill the template of the page; `connect` extends its content security policy."""
     home = files("mjsheaf.page")
     script, style, template = (
         home.joinpath(name).read_text(encoding="utf-8") for name in ("bundle.js", "bundle.css", "page.html")

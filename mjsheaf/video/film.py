@@ -113,8 +113,8 @@ def film_of(
         words += system.law.term_names
     if dataset.attrs["status"] != "finished":
         words.append("blew up")
-    poses = {"qpos_address": arena.qpos, "body_id": arena.body}
-    return Film(**vars(content), subtitle=", ".join(words), grid=grid, **poses), arena.model
+    film = Film(**vars(content), subtitle=", ".join(words), qpos_address=arena.qpos, body_id=arena.body, grid=grid)
+    return film, arena.model
 
 
 def both_films(
