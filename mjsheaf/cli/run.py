@@ -77,7 +77,8 @@ def announcing(scenario: "Scenario", backend: str, progress: "Progress") -> "Pro
 
 def print_start(scenario: "Scenario", backend: str) -> None:
     """Print the size, engine and duration of a run that starts."""
-    agents, targets = len(scenario.agents), len(scenario.targets)
+    agents = len(scenario.agents)
+    targets = len(scenario.targets)
     team = f"{agents} agent{'' if agents == 1 else 's'} and {targets} target{'' if targets == 1 else 's'}"
     bodies = "MuJoCo bodies" if backend == "physics" else "ideal kinematics"
     line = f"{scenario.name}: {team} on {bodies}, {scenario.time.end - scenario.time.start:.6g} s"
@@ -110,7 +111,8 @@ def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
     notes = [f"note: {note['text']}" for note in told]
     if len(notes) > _MAX_NOTES:
         notes[_MAX_NOTES - 1 :] = [f"and {len(notes) - _MAX_NOTES + 1} more notes in summary.json"]
-    sent, speed = summary["communication"], f"{summary['realtime_factor']:.3g} x real time"
+    sent = summary["communication"]
+    speed = f"{summary['realtime_factor']:.3g} x real time"
     effort = [f"{summary['steps']} steps in {summary['wall_time_s']:.2f} s ({speed})"]
     if sent["exchanges_per_second"]:
         effort.append(
@@ -471,8 +473,8 @@ def sweep(
         )
 
         def kept() -> str:
-            ended, points = len(list(out.glob("runs/[0-9]*.json"))), len(plan.points)
-            return f"{ended} of {points} runs have ended and are kept in {out}; the same command resumes the study"
+            ended = len(list(out.glob("runs/[0-9]*.json")))
+            return f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command resumes it"
 
         with saying_what_is_kept(kept):
             study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)

@@ -164,7 +164,8 @@ class LogSink(ABC):
         """Return the samples of the next chunk of the run."""
         times = np.rint(1e9 * chunk["time"].values).astype(np.int64).tolist()
         values = {name: chunk[name].values for name in self.labels}
-        poses, q_star = self._poses(chunk), chunk["harmonic_extension"].values
+        poses = self._poses(chunk)
+        q_star = chunk["harmonic_extension"].values
         goals = np.where(np.isnan(q_star), poses[:, : q_star.shape[1], :3], q_star)  # at the agent's height without one
         goals[np.isnan(q_star[..., 0])] = np.nan  # of absent agents
         flow = np.nan_to_num(joined(chunk, "flow"))

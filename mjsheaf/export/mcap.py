@@ -52,7 +52,8 @@ class Log(LogSink):
 
     def write_moment(self, moment: Moment) -> None:
         """Write poses, scene and values of a sample."""
-        poses, stamp = transforms_pb2.FrameTransforms(), self._stamp
+        poses = transforms_pb2.FrameTransforms()
+        stamp = self._stamp
         for frame, pose in self.placed(moment):
             own = poses.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame)
             _set_point(own.translation, pose)
@@ -155,7 +156,8 @@ def make_messages(labels: Mapping[str, Sequence[str]], vectors: Collection[str])
             elif labels[variable]:
                 own.type = _FIELD.TYPE_MESSAGE
                 own.type_name = f".mjsheaf.{variable}"
-                of_labels, names = file.message_type.add(name=variable), set[str]()
+                of_labels = file.message_type.add(name=variable)
+                names = set[str]()
                 several = _FIELD.LABEL_REPEATED if variable in vectors else _FIELD.LABEL_OPTIONAL
                 for n, label in enumerate(labels[variable]):
                     plain = re.sub(r"\W", "_", label, flags=re.ASCII)

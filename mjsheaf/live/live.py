@@ -285,7 +285,8 @@ class Display:
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk for pages, and publish a frame with its last sample."""
         self._history.write(chunk)
-        before, self._last = self._last, chunk
+        before = self._last
+        self._last = chunk
         if self._edges is None or before is None:
             return
         began = time.perf_counter()
@@ -312,7 +313,8 @@ class Display:
 
     def _frame(self, before: xr.Dataset, chunk: xr.Dataset) -> bytes:
         """Return the last sample of a chunk: its time as a 64-bit float, then all arrays as 32-bit floats."""
-        phases, own = self._recorder.session.engine.phases, chunk.isel(time=[-1])
+        phases = self._recorder.session.engine.phases
+        own = chunk.isel(time=[-1])
         both = join([before.isel(time=[-1]), own])  # headings along a path need two samples
         row = Row()
         add_samples(row, both, own, self._height, phases, self._scene, self._origin)

@@ -152,7 +152,8 @@ def pack(
     Returns:
         Data for the page: times, names, arrays, scene and errors; and the packed arrays of its field `arrays`.
     """
-    origin, T = origin_of(dataset), dataset.sizes["time"]
+    origin = origin_of(dataset)
+    T = dataset.sizes["time"]
     run = RecordedRun(dataset, content.surface_height)
     most = int(np.clip(_MOST_POSITIONS // content.vehicles, _FEWEST, _MOST))
     events = [row for phase in phases[1:] for row in (phase.start - 1, phase.start) if 0 <= row < T]

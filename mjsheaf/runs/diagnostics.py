@@ -192,8 +192,10 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
 
     Agents that are stuck have a note of their own.
     """
-    system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"
-    ids, by_law = system.team.agent_ids, not dataset.attrs.get("controller")
+    system = phases[0].system
+    bodies = dataset.attrs["backend"] == "physics"
+    ids = system.team.agent_ids
+    by_law = not dataset.attrs.get("controller")
     N = len(ids)
     own_speed = np.full(N, np.inf)  # of the vehicle in its slowest direction
     if bodies:
@@ -232,7 +234,8 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
     }
     for kind, (samples, text) in texts.items():
         fraction = samples / np.maximum(present, 1)
-        v, count = int(fraction.argmax()), int((fraction > MAX_LIMITED_FRACTION).sum())
+        v = int(fraction.argmax())
+        count = int((fraction > MAX_LIMITED_FRACTION).sum())
         if count:
             sentence = text.format(_and_others(ids[v], count - 1), fraction[v]).replace("%", " %")
             notes.append(Note(kind, sentence, ids[v], None, float(fraction[v])))
@@ -263,10 +266,12 @@ def _about_the_surface(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Not
     flying &= np.array([name != "submersible" for name in system.bodies.vehicle])
     if system.bodies.surface == "none" or not flying.any():
         return []
-    bodies, height = dataset.attrs["backend"] == "physics", system.bodies.surface_height
+    bodies = dataset.attrs["backend"] == "physics"
+    height = system.bodies.surface_height
     nobody = np.zeros(len(members), dtype=np.bool_)
     lost = np.array([nobody if phase.system.stopped is None else phase.system.stopped for phase in phases])
-    first, depth = np.full(len(flying), np.inf), np.zeros(len(flying))  # time and depth below the surface
+    first = np.full(len(flying), np.inf)
+    depth = np.zeros(len(flying))  # time and depth below the surface
     names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
     for chunk in pieces_of(dataset, [*names, "phase"]):
         z = np.concatenate([chunk[name].values if bodies else chunk[name].values[..., 2] for name in names], axis=1)
@@ -304,7 +309,8 @@ def _about_distances(system: System, dataset: xr.Dataset) -> list[Note]:
         for k in np.unique(apart.argmin(axis=0)[apart.min(axis=0) < sizes.max()]).tolist():
             pairs = cKDTree(x[k]).query_pairs(float(sizes.max()), output_type="ndarray")
             distance = np.linalg.norm(x[k, pairs[:, 0]] - x[k, pairs[:, 1]], axis=1)
-            share, when = distance / (0.5 * sizes[pairs].sum(axis=1)), float(piece["time"].values[k])
+            share = distance / (0.5 * sizes[pairs].sum(axis=1))
+            when = float(piece["time"].values[k])
             near = np.flatnonzero(share < 1.0)
             found += [(share[n], distance[n], when, *pairs[n].tolist()) for n in near]
     if not found:
@@ -360,7 +366,8 @@ def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> TermsIn
     commanded = float(np.sqrt(speed / (count * terms.agents)))
     at_limit /= rest * terms.agents
     saturated /= rest
-    on, warning = joined(terms.names), []
+    on = joined(terms.names)
+    warning = []
     if jump > max(0.1 * commanded, 1e-6):  # smaller jumps, m/s, count as rounding
         warning = [
             f"with {on}, commands jump by {jump:.3g} m/s RMS from sample to sample "

@@ -246,7 +246,8 @@ def describe(trial: Trial, name: str, watch: str) -> str:
     if measures:
         lines.append(f"  {'measure (m)':<{width}}{'expected':>12}{'found':>12}")
     for measure in measures:
-        check, found = bounds.get(measure), trial.final.get(measure)
+        check = bounds.get(measure)
+        found = trial.final.get(measure)
         side = ">=" if measure == _AT_LEAST else "<="
         expected = "-" if check is None else f"{side} {check['bound']:g}"
         why = "" if check is None or check["met"] else _why_missed(measure, check["bound"], found, trial.status)

@@ -267,7 +267,8 @@ def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> xr.Dat
 
 def _unlike(runs: Sequence[OpenRun], end: float) -> list[str]:
     """Describe differences between the runs in time, and of each from the first in team and scenario."""
-    first, notes = runs[0], []
+    first = runs[0]
+    notes = []
     if len({float(run.time[-1]) for run in runs}) > 1:
         notes.append(f"the runs end at different times; errors are those at {end:g} s, the last that all of them reach")
     for run in runs[1:]:

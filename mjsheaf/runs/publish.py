@@ -5,7 +5,6 @@ In Python, `plot` and `replay` show a run without writing anything.
 
 import base64
 import html
-import io
 import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -47,7 +46,7 @@ from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import same_law
 from mjsheaf.section import LARGEST
-from mjsheaf.show.panels import save_figure, write_figure
+from mjsheaf.show.panels import figure_bytes, save_figure
 from mjsheaf.show.plots import draw_configurations, draw_errors, draw_trajectories
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, FigureOptions
 from mjsheaf.system import Phase, System, phases_of
@@ -148,7 +147,8 @@ class Timings:
     def __init__(self) -> None:
         """Begin to measure."""
         self.parts: dict[str, float] = {}
-        self._begun, self._compiled = perf_counter(), compilation_time()
+        self._begun = perf_counter()
+        self._compiled = compilation_time()
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
@@ -292,11 +292,16 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
     Raises:
         PlaceError: The video cannot be written.
     """
-    directory, timings = outcome.directory, Timings()
+    directory = outcome.directory
+    timings = Timings()
     with open_dataset(directory / "result.nc") as dataset, timings.part("video"):
-        path = directory / "video.mp4"
-        films = lambda: [film_of(scenario, dataset)]  # noqa: E731
-        frames, reason = draw_video(films, path, options, progress, without_video(directory))
+        frames, reason = draw_video(
+            lambda: [film_of(scenario, dataset)],
+            directory / "video.mp4",
+            options,
+            progress,
+            without_video(directory),
+        )
     if reason:
         return replace(outcome, notes=[*outcome.notes, reason])
     summary = {**outcome.summary, "video": video_entry(frames, options)}
@@ -332,15 +337,22 @@ def account_of(
     Fields of summary.json that are not known from the data are None.
     """
     timings = timings or Timings()
-    system, own, drawn = phases[0].system, summarize_phases(phases[0].system.team, dataset), thinned(dataset)
-    attrs, steps, grid = dataset.attrs, dataset.sizes["time"] - 1, system.grid
-    controller, bodies = attrs.get("controller"), attrs["backend"] == "physics"
+    system = phases[0].system
+    own = summarize_phases(system.team, dataset)
+    drawn = thinned(dataset)
+    attrs = dataset.attrs
+    steps = dataset.sizes["time"] - 1
+    grid = system.grid
+    controller = attrs.get("controller")
+    bodies = attrs["backend"] == "physics"
     with timings.part("bounds"):
         bounds = bounds_of_phases(phases, dataset)
     for phase, bound in zip(own, bounds, strict=False):
         phase |= _bounds_summary(*bound)
     with timings.part("notes"):
-        final, safety, terms = summarize(system.team, drawn), safety_of(dataset), examine_terms(phases, dataset)
+        final = summarize(system.team, drawn)
+        safety = safety_of(dataset)
+        terms = examine_terms(phases, dataset)
         if safety and (safety["smallest_separation"] or 0.0) < 0.0:
             moment = dataset.isel(time=[int(np.nanargmin(dataset["separation"].values))])
             closest = next(iter(too_close_in(system, moment).values()), None)
@@ -429,7 +441,8 @@ def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
     scenario = result.encoding.get("scenario")
     if not isinstance(scenario, Scenario):
         raise InputError(f"{doing}: the result has no scenario; expected a Dataset as `simulate` returns it")
-    wrong, team = fault_of(result), scenario.system.team
+    wrong = fault_of(result)
+    team = scenario.system.team
     for kind, ids in (("agent", team.agent_ids), ("target", team.target_ids)):
         if not wrong and result[kind].values.tolist() != ids:
             wrong = f"has other {kind}s than its scenario"
@@ -525,7 +538,8 @@ def _figures_of(
     """Return a function that draws each figure of a run, by the figure's name."""
     first, last = phases[0].system, phases[-1].system
     bound = shown_bound(phases, drawn["time"].values, *bounds[0])
-    view, obstacles = scenario.video.eye, first.obstacles
+    view = scenario.video.eye
+    obstacles = first.obstacles
     return {
         "errors": lambda: draw_errors(first.team, drawn, bound, options),
         "trajectories": lambda: draw_trajectories(first.team, drawn, options, view, obstacles),
@@ -582,9 +596,7 @@ class Figures(dict[str, Figure]):
     def _repr_html_(self) -> str:
         pictures = []
         for name, figure in self.items():
-            file = io.BytesIO()
-            write_figure(figure, file, "png")
-            data = base64.b64encode(file.getvalue()).decode("ascii")
+            data = base64.b64encode(figure_bytes(figure, AS_USUAL)["png"]).decode("ascii")
             pictures.append(f'<img alt="{html.escape(name)}" src="data:image/png;base64,{data}">')
         return "<br>".join(pictures)
 

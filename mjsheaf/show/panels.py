@@ -215,13 +215,15 @@ def place_names(
     Returns:
         How many were placed.
     """
-    pixel, renderer = axis.figure.dpi / 72.0, axis.figure.canvas.get_renderer()
+    pixel = axis.figure.dpi / 72.0
+    renderer = axis.figure.canvas.get_renderer()
     points = axis.transData.transform(np.asarray(places, dtype=np.float64).reshape(-1, 2))
     avoid = points if obstacles is None else np.vstack([points, axis.transData.transform(obstacles)])
     legend = axis.get_legend()
     written = [*axis.texts, *([legend] if legend else [])]
     taken = np.array([item.get_window_extent(renderer).extents for item in written]).reshape(-1, 4)
-    low, high = axis.bbox.extents[:2], axis.bbox.extents[2:]
+    low = axis.bbox.extents[:2]
+    high = axis.bbox.extents[2:]
     placed = 0
     for name, place, point in zip(names, places, points, strict=True):
         if not (point >= low).all() or not (point <= high).all():  # outside, or not finite
