@@ -44,7 +44,6 @@ _FEWEST, _MOST = 400, 3000  # minimum and maximum number of samples
 _MOST_POSITIONS = 500_000  # maximum of vehicles times samples, unless _FEWEST requires more
 _ORIGINS = 1000.0  # spacing of possible origins, m
 _FARTHEST = 1e12  # maximum distance from zero, m; 64-bit floats resolve a tenth of a millimetre there
-_REACH = 2.0  # half the width of that face, in sizes of the scene
 REQUIRED = frozenset(
     {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
     | {"formation_error", "centering_error"}
@@ -313,7 +312,7 @@ def _add_safety(
     packer.add_fixed("cause", cause.astype(np.float64), 1.0)
     packer.add_float("correction", own["safety_correction"].values)
     packer.add_fixed("kept_from", scene.confined(points - origin), scene.step)
-    solids = obstacle_solids(obstacles, face, _REACH * scene.size)
+    solids = obstacle_solids(obstacles, face, 2.0 * scene.size)  # half the width of that face, in sizes of the scene
     return [
         {
             "id": id,

@@ -20,7 +20,6 @@ PROBE_TIMEOUT = 60.0  # s; a second is enough, but a loaded machine with a cold 
 AUTOMATIC = ("cgl", "glfw") if sys.platform == "darwin" else ("egl", "osmesa")
 BACKENDS = ("egl", "osmesa", "glfw", "cgl")  # each is a submodule of mujoco with a GLContext
 MUJOCO_DEFAULT = ("", "enable", "enabled", "on", "true", "1")  # values of MUJOCO_GL that name no backend
-MUJOCO_OFF = ("disable", "disabled", "off", "false", "0")
 REMEDY = (
     "on Debian or Ubuntu install libegl1 libgl1 libgl1-mesa-dri (for egl, no display needed) or libosmesa6 (for osmesa)"
 )
@@ -39,7 +38,7 @@ def available_backend() -> tuple[str | None, str]:
 
 @cache
 def _first_that_works(requested: str) -> tuple[str | None, str]:
-    if requested in MUJOCO_OFF:
+    if requested in ("disable", "disabled", "off", "false", "0"):
         return None, f"rendering is turned off by MUJOCO_GL={requested}; unset it, or set it to egl or osmesa"
     if requested not in (*MUJOCO_DEFAULT, *BACKENDS):
         return None, f"MUJOCO_GL={requested} is not a backend; unset it, or set it to {' or '.join(BACKENDS)}"

@@ -44,7 +44,6 @@ HEAD_AT = 0.65  # place of the arrowhead's tip on an edge, as a fraction: vehicl
 ARROW_REACH = 9  # number of arrows from the centre of the picture to where they fade
 
 # Sizes in pixels of a 1000x720 frame, at the team's centre.
-DASH = 10.0  # length of a dash and of the gap after it
 FOOT = 2.5  # radius of the ball at the foot of a vertical line
 
 
@@ -169,7 +168,7 @@ class Decorator:
     def _dashed(self, moment: Moment, sensing: IntArray, size: float) -> Lines:
         """Show who sees whom."""
         starts, along = moment.positions[sensing[:, 0]], np.diff(moment.positions[sensing], axis=1)[:, 0]
-        wanted = np.linalg.norm(along, axis=1) / (2 * DASH * size)
+        wanted = np.linalg.norm(along, axis=1) / (2 * 10.0 * size)  # length of a dash and of the gap after it
         most = int(np.clip(800 // max(len(sensing), 1), *DASHES))
         dashes = np.clip(np.round(wanted), DASHES[0], most).astype(int)
         edge = np.repeat(np.arange(len(dashes)), dashes)
