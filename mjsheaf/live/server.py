@@ -12,14 +12,17 @@ import threading
 from collections import deque
 from contextlib import suppress
 from http import HTTPStatus
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from mjsheaf.errors import InputError
 
-if TYPE_CHECKING:
+try:
+    from websockets.exceptions import ConnectionClosed
     from websockets.http11 import Request, Response
-    from websockets.sync.server import ServerConnection
+    from websockets.sync.server import ServerConnection, serve
+except ImportError:
+    raise InputError("mjsheaf view needs websockets, which is not installed: pip install 'mjsheaf[live]'") from None
 
 _MAX_MESSAGE = 4096  # bytes of an action
 _MOST_WAIT = 60.0  # s that a browser waits for a page
@@ -50,14 +53,8 @@ class Server:
         """Listen; port 0 takes a free one.
 
         Raises:
-            InputError: websockets is not installed, or the port is taken.
+            InputError: The port is taken.
         """
-        try:
-            from websockets.sync.server import serve
-        except ImportError:
-            raise InputError(
-                "mjsheaf view needs websockets, which is not installed: pip install 'mjsheaf[live]'"
-            ) from None
         quiet = logging.getLogger("mjsheaf.live")
         quiet.setLevel(logging.CRITICAL + 1)  # a refused client is no matter of the user's
         self.token = secrets.token_urlsafe(32)
@@ -142,7 +139,7 @@ class Server:
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
-    def _answer(self, connection: "ServerConnection", request: "Request") -> "Response | None":
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request; None accepts a websocket."""
         address = urlsplit(request.path)
         given = parse_qs(address.query).get("token", [""])
@@ -171,10 +168,8 @@ class Server:
             self._changed.wait_for(lambda: self._page is not None or self.closed, _MOST_WAIT / 2)
             return self._page
 
-    def _converse(self, connection: "ServerConnection") -> None:
+    def _converse(self, connection: ServerConnection) -> None:
         """Serve the websocket of the one client."""
-        from websockets.exceptions import ConnectionClosed
-
         with self._changed:
             if self._client or self.closed:
                 return
@@ -220,10 +215,8 @@ class Server:
                     self._actions.append(action)
                 self._changed.notify_all()
 
-    def _send(self, connection: "ServerConnection", number: int) -> None:
+    def _send(self, connection: ServerConnection, number: int) -> None:
         """Send the newest state and frame whenever they change."""
-        from websockets.exceptions import ConnectionClosed
-
         frame: bytes | None = None
         state = ""
         with suppress(ConnectionClosed):
@@ -246,7 +239,7 @@ class Server:
             return not self.closed and self._client == number
 
 
-def _response(connection: "ServerConnection", status: HTTPStatus, page: bytes | None = None) -> "Response":
+def _response(connection: ServerConnection, status: HTTPStatus, page: bytes | None = None) -> Response:
     if status is HTTPStatus.OK and page is None:
         status = HTTPStatus.SERVICE_UNAVAILABLE
     response = connection.respond(status, f"{status.phrase}\n")
