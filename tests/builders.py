@@ -30,7 +30,7 @@ from mjsheaf.media import varying
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.paths import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.show.played import Poses
+from mjsheaf.show.played import Poses, Stage
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
 from mjsheaf.system import System
@@ -611,7 +611,7 @@ def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, *
         group_names=["pair", "single", "targets"],
         colours=np.array([[0.2, 0.6, 1.0], [1.0, 0.6, 0.2], [1.0, 0.3, 0.3]]),
         radii=np.full(5, 2.7),
-        edges=[(0, 1, "communication"), (1, 2, "communication"), (0, 3, "sensing"), (2, 4, "sensing")],
+        stages=[Stage(0.0, [(0, 1, "communication"), (1, 2, "communication"), (0, 3, "sensing"), (2, 4, "sensing")])],
         surface="water",
     )
     return change_film(film, **changes)
@@ -624,7 +624,9 @@ def samples_of(film: Film) -> Poses:
 
 
 def change_film(film: Film, **changes: Any) -> Film:
-    """Return video content with some fields of it, or of its samples, replaced."""
+    """Return video content with some fields of it, or of its samples, replaced; `edges` hold all the time."""
+    if "edges" in changes:
+        changes["stages"] = [Stage(0.0, changes.pop("edges"))]
     of_samples = {field.name: changes.pop(field.name) for field in fields(Poses) if field.name in changes}
     return replace(film, run=replace(samples_of(film), **of_samples), **changes)
 

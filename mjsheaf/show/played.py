@@ -23,7 +23,7 @@ from mjsheaf.results.netcdf import length_of_piece, pieces_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import automatic_scales, groups_of, round_number
 from mjsheaf.system import Phase
-from mjsheaf.team import Edge, Team
+from mjsheaf.team import Edge
 
 UPRIGHT: Array = np.array([1.0, 0.0, 0.0, 0.0])
 """Quaternion w, x, y, z of a level attitude that faces along x."""
@@ -429,7 +429,7 @@ class Stage:
 
     Attributes:
         start: Start time, s.
-        edges: Edges, in the format of `Played.edges`.
+        edges: Pairs of vehicles (i, j, kind) that exchange states or measure each other.
         absent: Indices of the agents that failed or have yet to join. They are drawn in grey and not followed.
         name: Name of the event, drawn next to the time.
     """
@@ -452,10 +452,9 @@ class Played:
         group: Index of each vehicle's group, which gives its colour, shape (V,).
         group_names: Names of the G groups, for the legend.
         colours: Colour of each group, RGB in 0..1, shape (G, 3).
-        edges: Pairs of vehicles (i, j, kind) that exchange states or measure each other.
+        stages: States between events, in order. The first one holds at the start.
         surface: Plane of the scene, if any. Vehicles off it are joined to it by a vertical line.
         surface_height: z of that plane, m.
-        stages: States between events, in order. The first one holds at the start. Empty without events.
         kinds: Kind of each vehicle. Empty if each is a kind of its own.
         radii: Radius about its origin that holds each vehicle, shape (V,), m.
         scales: Times that each vehicle is drawn larger, shape (V,). None for their true size.
@@ -473,11 +472,10 @@ class Played:
     group: IntArray
     group_names: list[str]
     colours: Array
-    edges: Sequence[DrawnEdge]
+    stages: Sequence[Stage]
     radii: Array
     surface: Literal["water", "ground", "none"] = "none"
     surface_height: float = 0.0
-    stages: Sequence[Stage] = ()
     kinds: Sequence[str] = ()
     scales: Array | None = None
     media: Sequence[Medium] = ()
@@ -511,12 +509,12 @@ class Played:
         return float((self.radii * self.drawn_scales).max(initial=0.1))
 
     def stage(self, time: float) -> int:
-        """Return the index of the stage at a time in s, 0 if there are no stages."""
+        """Return the index of the stage at a time in s."""
         return max(sum(stage.start <= time + 1e-9 for stage in self.stages) - 1, 0)
 
     def absent(self, time: float) -> frozenset[int]:
         """Numbers of the agents that are absent at a time in s."""
-        return self.stages[self.stage(time)].absent if self.stages else frozenset()
+        return self.stages[self.stage(time)].absent
 
     def places(self) -> Array:
         """Return positions at a few moments of the run, shape (K, V, 3), m; NaN for absent agents."""
@@ -543,7 +541,14 @@ def played(scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | No
     for phase in phases:
         then = phase.system.team
         absent = frozenset(np.flatnonzero(~then.present).tolist())
-        stages.append(Stage(phase.time, _drawn_edges(then), absent, ", ".join(phase.events)))
+        edges: list[DrawnEdge] = [
+            *(
+                (then.index[e.tail], then.index[e.head], "one-way" if e.directed else "communication")
+                for e in then.communication
+            ),
+            *((then.index[e.tail], then.index[e.head], "sensing") for e in then.sensing),
+        ]
+        stages.append(Stage(phase.time, edges, absent, ", ".join(phase.events)))
     found = Played(
         name=scenario.name,
         run=RecordedRun(dataset, scene.height),
@@ -552,11 +557,10 @@ def played(scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | No
         group=group,
         group_names=names,
         colours=colours,
-        edges=_drawn_edges(team),
+        stages=stages,
         radii=system.vehicle_radii,
         surface=scene.surface,
         surface_height=scene.height,
-        stages=stages if len(phases) > 1 or team.absent else (),
         kinds=system.bodies.vehicle,
         obstacles=system.obstacles,
         restraints=partial(_restraints, dataset, safety.obstacles) if "safety_cause" in dataset else None,
@@ -566,14 +570,6 @@ def played(scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | No
     automatic = automatic_scales(found.kinds, found.radii, places)
     scales = np.where(np.isnan(given), automatic, given)
     return replace(found, media=media_of(phases, places), scales=scales)
-
-
-def _drawn_edges(team: Team) -> list[DrawnEdge]:
-    """Return the edges of a team, in the format of `Played.edges`."""
-    return [
-        (team.index[e.tail], team.index[e.head], "one-way" if e.directed else "communication")
-        for e in team.communication
-    ] + [(team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing]
 
 
 def _restraints(dataset: xr.Dataset, obstacles: ObstacleArrays, time: float, positions: Array) -> tuple[Array, Array]:

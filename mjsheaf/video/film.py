@@ -299,7 +299,7 @@ class Frames:
         """Return what the camera keeps in view in a chunk, (F, V + N, 3), m; absent agents are where a target is."""
         samples, film = self.chunk(number), self.film
         points = self.extent.followed(samples)
-        for row, time in enumerate(samples.time.tolist() if film.stages else []):
+        for row, time in enumerate(samples.time.tolist()):
             gone = np.array(sorted(film.absent(time)), dtype=np.int64)
             points[row, np.concatenate([gone, film.vehicles + gone])] = points[row, film.vehicles - 1]
         return points

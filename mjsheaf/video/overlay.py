@@ -112,8 +112,7 @@ class Overlay:
         if np.isfinite(row):
             place = (round(column - self._dot.width / 2), round(row - self._dot.height / 2))
             image.paste(self._dot, place, self._dot)
-        stages = self._film.stages
-        event = stages[self._film.stage(moment.time)].name if stages else ""
+        event = self._film.stages[self._film.stage(moment.time)].name
         time = f"t = {moment.time:.2f} s" + (f"   {event}" if event else "")
         error = f"RMS of |q* − q| = {number(moment.error)} m"
         draw = ImageDraw.Draw(image)
@@ -268,7 +267,7 @@ def legend_rows(film: Film, options: VideoOptions, survey: Poses) -> list[Row]:
         rows.append(Row.marked("obstacle", OBSTACLE, "s"))
     if any(stage.absent for stage in film.stages):
         rows.append(Row.marked("lost, or yet to join", tuple(ABSENT[:3].tolist()), "o"))
-    kinds = {kind for edges in (film.edges, *(stage.edges for stage in film.stages)) for _, _, kind in edges}
+    kinds = {kind for stage in film.stages for _, _, kind in stage.edges}
     if "communication" in kinds:
         rows.append(Row.lined("agents communicate", COMMUNICATION))
     if "one-way" in kinds:

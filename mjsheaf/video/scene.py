@@ -82,8 +82,7 @@ class Decorator:
         self._unit = options.drawn_unit
         self._height = options.drawn[1]
         self._trail = min(options.trail, film.span[1] - film.span[0])
-        stages = [stage.edges for stage in film.stages] or [film.edges]
-        self._edges = [[_pairs(edges, kind) for kind in get_args(EdgeKind)] for edges in stages]
+        self._edges = [[_pairs(stage.edges, kind) for kind in get_args(EdgeKind)] for stage in film.stages]
         self.most_geoms = 3 * film.vehicles  # per vehicle: the foot of its vertical line, a ball at q* and a halo
         self.most_geoms += 0 if film.obstacles is None else len(film.obstacles.kind)
         self._spacing = 0.0

@@ -25,7 +25,8 @@ MAGENTA = (255, 0, 255)
 def everything() -> Film:
     """Video content in which every row of a legend has a reason."""
     film = make_film(make_model())
-    stages = [Stage(0.0, film.edges, frozenset({1})), Stage(1.0, film.edges[:2], name="join A2")]
+    edges = film.stages[0].edges
+    stages = [Stage(0.0, edges, frozenset({1})), Stage(1.0, edges[:2], name="join A2")]
     kinds = ["boat", "boat", "drone", "drone", "buoy"]
     scales = np.array([1.0, 1.0, 6.0, 6.0, 4.0])
     names = [f"group {k}" for k in range(12)]

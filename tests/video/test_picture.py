@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mjsheaf.show.played import Stage
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, Moment
@@ -51,7 +52,7 @@ def crowded(film: Film, agents: int, targets: int) -> Film:
         qpos_address=film.qpos_address[every],
         body_id=film.body_id[every],
         group=film.group[every],
-        edges=[],
+        stages=[Stage(0.0, [])],
     )
 
 
@@ -98,7 +99,7 @@ class TestDecoration:
 
     def test_parallel_edges_are_drawn_once(self) -> None:
         film = make_film(make_model(), edges=[(0, 1, "communication")], surface="none")
-        double = replace(film, edges=[(0, 1, "communication")] * 2)
+        double = change_film(film, edges=[(0, 1, "communication")] * 2)
         one, two = (count(decorate(f, VideoOptions(trail=0), 1.0)[1]) for f in (film, double))
         assert one == two
 
@@ -199,7 +200,7 @@ class TestWriting:
 
         plain = count(film)
         assert count(film, speed=2.0) == plain + 1
-        assert count(replace(film, edges=film.edges[:2])) == plain - 1
+        assert count(change_film(film, edges=film.stages[0].edges[:2])) == plain - 1
         assert count(replace(film, surface="none")) == plain - 1
 
     def test_the_curve_grows_with_time_and_ends_at_the_dot(self) -> None:
