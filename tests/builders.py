@@ -611,6 +611,7 @@ def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, *
         group_names=["pair", "single", "targets"],
         colours=np.array([[0.2, 0.6, 1.0], [1.0, 0.6, 0.2], [1.0, 0.3, 0.3]]),
         radii=np.full(5, 2.7),
+        scales=np.ones(5),
         stages=[Stage(0.0, [(0, 1, "communication"), (1, 2, "communication"), (0, 3, "sensing"), (2, 4, "sensing")])],
         surface="water",
     )

@@ -457,7 +457,7 @@ class Played:
         surface_height: z of that plane, m.
         kinds: Kind of each vehicle. Empty if each is a kind of its own.
         radii: Radius about its origin that holds each vehicle, shape (V,), m.
-        scales: Times that each vehicle is drawn larger, shape (V,). None for their true size.
+        scales: Times that each vehicle is drawn larger, shape (V,).
         media: Moving media around the vehicles.
         obstacles: What agents keep away from; None without any.
         restraints: Computes, from a time in s and the positions, shape (V, 3), m, the positions of the agents that the
@@ -474,10 +474,10 @@ class Played:
     colours: Array
     stages: Sequence[Stage]
     radii: Array
+    scales: Array
     surface: Literal["water", "ground", "none"] = "none"
     surface_height: float = 0.0
     kinds: Sequence[str] = ()
-    scales: Array | None = None
     media: Sequence[Medium] = ()
     obstacles: ObstacleArrays | None = None
     restraints: Callable[[float, Array], tuple[Array, Array]] | None = None
@@ -499,14 +499,9 @@ class Played:
         return len(self.ids)
 
     @property
-    def drawn_scales(self) -> Array:
-        """Times that each vehicle is drawn larger, shape (V,)."""
-        return np.ones(self.vehicles) if self.scales is None else self.scales
-
-    @property
     def drawn_radius(self) -> float:
         """Radius of the largest vehicle as it is drawn, at least 0.1, m."""
-        return float((self.radii * self.drawn_scales).max(initial=0.1))
+        return float((self.radii * self.scales).max(initial=0.1))
 
     def stage(self, time: float) -> int:
         """Return the index of the stage at a time in s."""
@@ -559,6 +554,7 @@ def played(scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | No
         colours=colours,
         stages=stages,
         radii=system.vehicle_radii,
+        scales=np.ones(len(group)),
         surface=scene.surface,
         surface_height=scene.height,
         kinds=system.bodies.vehicle,

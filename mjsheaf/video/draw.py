@@ -109,7 +109,7 @@ class Painter(AbstractContextManager["Painter"]):
         self._frames = Frames(film, options)
         self.times = self._frames.times
         self.model = copy(model)  # because the size of vehicles and visual settings change
-        enlarge_vehicles(self.model, film.body_id, film.drawn_scales)
+        enlarge_vehicles(self.model, film.body_id, film.scales)
         if film.seas:
             self.model.geom(film.surface).group = 5  # MuJoCo does not draw this group; waves are drawn in its place
         radius = film.drawn_radius

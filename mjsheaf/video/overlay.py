@@ -284,7 +284,7 @@ def legend_rows(film: Film, options: VideoOptions, survey: Poses) -> list[Row]:
     if film.grid:
         square = {"markerfacecolor": "none", "markeredgewidth": 0.09}
         rows.append(Row.marked(f"squares {film.grid:g} m wide", GREY, "s", **square))
-    scales = list_scales(film.kinds or film.ids, film.ids, film.drawn_scales)
+    scales = list_scales(film.kinds or film.ids, film.ids, film.scales)
     for scale, names in scales[:MAX_SCALES]:
         rows.append(Row.marked(f"drawn ×{scale:g}: {', '.join(names)}", WHITE, r"$\nearrow$", markersize=1.1))
     if len(scales) > MAX_SCALES:

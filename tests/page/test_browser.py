@@ -338,7 +338,7 @@ def test_small_vehicles_are_seen_beside_large_ones(browser: Any, estuary: tuple[
     )
     assert min(pixels) > 24.0
     film, _ = film_of(estuary[1].scenario, estuary[1].dataset)
-    np.testing.assert_allclose(scales, film.drawn_scales)
+    np.testing.assert_allclose(scales, film.scales)
     assert max(scales) > 2.0 > min(scales)
     assert "drawn larger: x500 ×" in page.locator("#legend").inner_text()
     page.evaluate("window.mjsheaf.world.layers.larger = false; window.mjsheaf.world.changed()")

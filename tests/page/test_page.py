@@ -159,7 +159,7 @@ def test_a_page_has_the_scales_and_the_view_of_the_video() -> None:
     made = make_page("harbour", "ideal", drawn)
     said = said_in(made.page)
     film, _ = film_of(made.scenario, made.dataset)
-    np.testing.assert_allclose(said["scales"], film.drawn_scales)
+    np.testing.assert_allclose(said["scales"], film.scales)
     assert said["scales"][4] == 2.5
     assert [[scale, *names] for scale, names in said["larger"] if "W1" in names] == [[2.5, "W1"]]
     assert said["view"] == [-150.0, 50.0]

@@ -52,6 +52,7 @@ def crowded(film: Film, agents: int, targets: int) -> Film:
         qpos_address=film.qpos_address[every],
         body_id=film.body_id[every],
         group=film.group[every],
+        scales=np.ones(agents + targets),
         stages=[Stage(0.0, [])],
     )
 

@@ -98,7 +98,7 @@ def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
     scenario = load_scenario("harbour", {"time.end": 0.02})
     film, model = film_of(scenario, simulate(scenario, backend="ideal"))
     options = video_options(scenario, width=640, height=360)
-    scales = film.drawn_scales
+    scales = film.scales
     own = radii_of(model, film.body_id)
     np.testing.assert_allclose(own, scenario.system.vehicle_radii, rtol=1e-12)
     with Painter(film, model, options) as painter:
@@ -114,7 +114,7 @@ def test_both_halves_of_a_comparison_have_the_same_scales() -> None:
     scenario = load_scenario("harbour", {"time.end": 0.1})
     runs = [simulate(scenario, backend) for backend in ("ideal", "physics")]
     (left, _), (right, _) = both_films(scenario, runs[0], runs[1], half_options(scenario))
-    np.testing.assert_array_equal(left.drawn_scales, right.drawn_scales)
+    np.testing.assert_array_equal(left.scales, right.scales)
 
 
 def test_names_of_scales_reach_the_terminal_without_control_characters() -> None:
