@@ -197,14 +197,21 @@ def _safety(safety: dict[str, Any] | None) -> list[str]:
         else f"TOO CLOSE: a distance is {0.0 if left is None else -left:.3g} m below the required one"
     ]
     circling = safety["circling"]
-    faults = {
-        "DEADLOCKED: the filter has stopped {} short of their places; safety.tie_break: right_hand makes agents that "
-        "stop turn right": [name for name in safety["deadlocked"] if name not in circling],
-        "DEADLOCKED: the filter keeps {} circling without arriving; a larger safety.rate lets such agents "
-        "pass": circling,
-        "INFEASIBLE: at some time no command kept all distances of {}; no guarantee from then on": safety["infeasible"],
-    }
-    return [*lines, *(text.format(shortened(", ".join(names))) for text, names in faults.items() if names)]
+    stopped = [name for name in safety["deadlocked"] if name not in circling]
+    if stopped:
+        lines.append(
+            f"DEADLOCKED: the filter has stopped {shortened(', '.join(stopped))} short of their places; "
+            "safety.tie_break: right_hand makes agents that stop turn right"
+        )
+    if circling:
+        lines.append(
+            f"DEADLOCKED: the filter keeps {shortened(', '.join(circling))} circling without arriving; "
+            "a larger safety.rate lets such agents pass"
+        )
+    if safety["infeasible"]:
+        names = shortened(", ".join(safety["infeasible"]))
+        lines.append(f"INFEASIBLE: at some time no command kept all distances of {names}; no guarantee from then on")
+    return lines
 
 
 def _words(measure: str) -> str:
