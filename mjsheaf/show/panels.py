@@ -61,12 +61,18 @@ def plain(text: str) -> str:
 
 def settle(figure: Figure) -> None:
     """Fix where everything is, so that names can be placed; what is added later takes no more room."""
+    if figure.get_layout_engine() is not None:
+        lay_out(figure)
+        figure.set_layout_engine("none")
+
+
+def lay_out(figure: Figure) -> None:
+    """Give panels and legends their places, without drawing anything."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-        figure.set_layout_engine("none")
-        for axis in figure.axes:
-            axis.apply_aspect()
+    for axis in figure.axes:
+        axis.apply_aspect()
 
 
 def write_figure(figure: Figure, file: Path | IO[bytes], form: str) -> None:

@@ -28,6 +28,7 @@ from mjsheaf.show.panels import (
     key,
     label_axes,
     label_ends,
+    lay_out,
     legend_below,
     log_axis,
     new_figure,
@@ -319,8 +320,6 @@ def draw_trajectories(
         _draw_tracks(axis, team, tracks[:, plane], absent, inside, rounds)
         draw_obstacles(axis, obstacles, dataset["time"].values, np.eye(3)[list(plane)])
         label_axes(axis, "", *(f"{'xyz'[coordinate]} (m)" for coordinate in plane))
-        (left, right), (bottom, top) = (middle[k] + size[k] * np.array([-0.5, 0.5]) for k in plane)
-        axis.set(xlim=(left, right), ylim=(bottom, top))  # for the room that tick labels need
         for line in (axis.xaxis, axis.yaxis):
             line.set_major_locator(MaxNLocator(6 if axis is above else "auto", steps=[1, 2, 2.5, 5, 10]))
     keys = [
@@ -340,10 +339,12 @@ def draw_trajectories(
             axis.set_title(f"from {name}", fontsize=HEADING, loc="right" if axis is side else "center")
         seen = _draw_in_space(corner, team, tracks, absent, inside, rounds, view)
         draw_obstacles(corner, obstacles, dataset["time"].values, seen)
-    settle(figure)
+    lay_out(figure)  # the sizes of the panels determine the region that each shows
     stretched = _fill_views(views, middle, size)
     if spatial:
         front.set_title(f"from the front{stretched}", fontsize=HEADING)
+    settle(figure)  # with the tick labels of these limits
+    _fill_views(views, middle, size)
     _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
     return figure
 
