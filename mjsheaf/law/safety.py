@@ -62,7 +62,7 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.obstacles import ObstacleArrays, distance_from
-from mjsheaf.vehicles.vectors import square_of, subtract, triple
+from mjsheaf.vectors import square_of, subtract, triple
 
 _FARTHEST = 1e10  # m; positions beyond it are a blow-up, which is reported elsewhere
 _USUAL = 4.0  # mean distances from the middle, within which cells end

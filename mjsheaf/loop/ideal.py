@@ -261,7 +261,7 @@ def _record(run, t, x, k, log):
                     log.inputs[k, v, i] = memory.command[v, i]
         for i in range(3):
             slope[v, i] += w[i]
-        record_vehicle(log.extra, run, memory, log, k, v, x[v], slope[v], w)
+        record_vehicle(run, memory, log, k, v, x[v], slope[v], w)
 
 
 @jit

@@ -236,7 +236,7 @@ def record(loop, log, k, first, last):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
         w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
-        record_vehicle(log.extra, loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
+        record_vehicle(loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
         for i in range(3):
             log.origin[k, v, i] = state.qpos[a + i]
         for i in range(4):
@@ -326,8 +326,8 @@ class ClosedLoop(Engine):
     _heading: Array | None = None  # of the vehicles of `_fleet`
     _at_once: ClassVar = 200_000  # physics steps times vehicles in a compiled call; Ctrl-C takes effect between calls
 
-    def _take(self, run: System | Sequence[Phase]) -> None:
-        super()._take(run)
+    def _take(self, phases: Sequence[Phase]) -> None:
+        super()._take(phases)
         system = self.system
         plan = system.bodies
         if plan.heading is not self._heading:  # no seed changes more

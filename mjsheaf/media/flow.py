@@ -29,7 +29,7 @@ from mjsheaf.media.gusts import Gusts
 from mjsheaf.media.varying import MovingVortices, Ramp, Tide
 from mjsheaf.media.waves import Waves
 from mjsheaf.section import NonNegative, Number, Point, Positive, Section
-from mjsheaf.vehicles.vectors import add, cross, triple
+from mjsheaf.vectors import add, cross, triple
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
 # axis or direction (3), strength, and two parameters: core^2, or the falloffs of a channel across and along. Its first

@@ -65,7 +65,7 @@ from mjsheaf.media.varying import (
     varying_velocity,
 )
 from mjsheaf.media.waves import WaveArrays, bound_waves, new_wave_state, pack_waves, wave_surface, wave_velocity
-from mjsheaf.vehicles.vectors import add
+from mjsheaf.vectors import add
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario

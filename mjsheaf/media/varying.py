@@ -20,7 +20,7 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.noise import generator_of
 from mjsheaf.section import NonNegative, Number, Point, Positive, Section
-from mjsheaf.vehicles.vectors import triple
+from mjsheaf.vectors import triple
 
 LARGEST_PHASE = 1e7
 """Largest |rate t + phase| in rad for which the sine of the loops is a sine; it is bounded beyond."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from mjsheaf.arguments import require_whole
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.loop.session import require_backend, require_engine
+from mjsheaf.loop.session import require_engine
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
 from mjsheaf.threads import usable_processors
@@ -52,7 +52,6 @@ def simulate_many(
     """
     from mjsheaf.progress import shown
 
-    require_backend(backend)
     require_engine(engine, backend)
     require_whole("workers", 1 if workers is None else workers, 1)
     todo = _listed(scenarios)

@@ -26,7 +26,7 @@ from mjsheaf.compile.jit import working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
 from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
-from mjsheaf.loop.session import moved_by, require_simulable
+from mjsheaf.loop.session import prepare_run
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
@@ -201,8 +201,7 @@ def execute(
     timings = timings or Timings()
     require_installed(exports)
     with timings.part("checks"):
-        phases = moved_by(scenario.phases, backend, engine, threads)
-        require_simulable(phases, backend, allow_drift=allow_drift)
+        phases = prepare_run(scenario, backend, engine, threads, allow_drift=allow_drift)
     simulating = partial(progress, "simulating")
     pieces = TimedIterator(stream(phases, backend, scenario.seed, simulating, controller=controller))
     shown: Any = {"video": video, "figures": figures, "exports": exports, "progress": progress}

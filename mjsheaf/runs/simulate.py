@@ -91,7 +91,7 @@ def stream(
     """Yield a run as consecutive Datasets; see `simulate` for arguments that are not listed.
 
     Args:
-        run: System that has passed `require_simulable`, or phases whose systems have.
+        run: System that has passed `prepare_run`, or phases whose systems have.
         seed: Seed of the scenario.
         samples: Maximum number of samples in a piece; a few megabytes of them unless given.
         only: Names of the variables to collect; all unless given.

@@ -17,7 +17,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.edges import bound_slopes
-from mjsheaf.law.law import LawArrays, pack_law, with_seed
+from mjsheaf.law.law import ControlArrays, LawArrays, pack_law, with_seed
 from mjsheaf.law.links import pack_links
 from mjsheaf.law.rounds import pack_rounds
 from mjsheaf.law.separation import Safety, Station
@@ -318,6 +318,13 @@ class Ideal(Section):
         1e-9, description="relative tolerance of the integrator [-]"
     )
     atol: Annotated[float, Field(gt=0, le=1)] = Field(1e-12, description="absolute tolerance of the integrator [m]")
+
+
+def _stopping_times(vehicles: Sequence[Vehicle], control: ControlArrays, timestep: float, steps: int) -> list[float]:
+    """Compute the stopping time of each vehicle, s; see `mjsheaf.loop.linear`, which imports MuJoCo."""
+    from mjsheaf.loop.linear import stopping_times
+
+    return stopping_times(vehicles, control, timestep, steps)
 
 
 Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
@@ -666,6 +673,7 @@ class Scenario(Section):
                 contacts=self.physics.contacts,
                 surface=self.scene.surface,
                 surface_height=self.scene.height,
+                stopping_times=_stopping_times,
                 compiled=self._compiled,
             ),
         )

@@ -20,8 +20,8 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.section import Section
+from mjsheaf.vectors import cross, product, subtract, triple
 from mjsheaf.vehicles.body import Body
-from mjsheaf.vehicles.vectors import cross, product, subtract, triple
 
 FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2  # codes
 
