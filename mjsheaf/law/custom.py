@@ -36,12 +36,13 @@ from mjsheaf.compile.jit import INTERPRETED, NumbaError, inline_jit, types, user
 from mjsheaf.compile.parts import for_each
 from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.files import describe, digest_of, execute_file
+from mjsheaf.law.terms import Terms
 from mjsheaf.section import Section
 from mjsheaf.team import Team
 
 _PREFIX = "Term_"
 _MOST_NUMBERS = 1000  # that a term may remember of an agent
-SHIPPED = ("feedforward", "newton", "drift", "integral", "odometry")
+SHIPPED = tuple(Terms.model_fields)
 """Names that terms of mjsheaf have."""
 
 Term = Callable[[Array, Array, Array, Array, float], None]
