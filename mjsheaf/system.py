@@ -17,9 +17,8 @@ from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.law.separation import Safety, Station, no_station, pack_safety
 from mjsheaf.media import FlowField, varying
 from mjsheaf.media.flow import AXIS, CENTRE
-from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, Parts, bounds_of, pack_medium, pack_parts
-from mjsheaf.media.varying import Bounds
+from mjsheaf.media.varying import Bounds, Exposure
 from mjsheaf.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.team import Team
 from mjsheaf.vehicles.allocation import EffectivenessArrays
