@@ -30,7 +30,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError, in_field, raise_first
-from mjsheaf.recordings.positions import read_positions
+from mjsheaf.recordings import read_positions
 from mjsheaf.section import NonNegative, Number, Point, Positive, Tagged
 
 if TYPE_CHECKING:

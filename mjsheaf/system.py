@@ -12,9 +12,9 @@ from mjsheaf.arguments import require_scenario
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.law import ControlArrays, LawArrays, edges_of
+from mjsheaf.law.law import Station, no_station
 from mjsheaf.law.obstacles import ObstacleArrays
-from mjsheaf.law.safety import SafetyArrays
-from mjsheaf.law.separation import Safety, Station, no_station, pack_safety
+from mjsheaf.law.safety import Safety, SafetyArrays, pack_safety
 from mjsheaf.media import FlowField, varying
 from mjsheaf.media.flow import AXIS, CENTRE
 from mjsheaf.media.medium import MediumArrays, Parts, bounds_of, pack_medium, pack_parts
@@ -276,7 +276,7 @@ class System:
         """Return what keeps vehicles apart for compiled code, with margins (V,) in m in addition to the distance.
 
         Raises:
-            InputError: See `mjsheaf.law.separation.pack_safety`.
+            InputError: See `mjsheaf.law.safety.pack_safety`.
         """
         assert self.safety is not None
         N, planar, grid = len(self.team.agents), self.planar, self.grid

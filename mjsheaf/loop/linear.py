@@ -19,7 +19,7 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, lay_out
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.law import ControlArrays
-from mjsheaf.law.separation import no_station
+from mjsheaf.law.law import no_station
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.log import quaternions_of
 from mjsheaf.loop.loop import AUTOPILOT, Bodies, Params, controlled_positions, new_loop

@@ -15,8 +15,7 @@ from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller
-from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
-from mjsheaf.law.separation import Station, keep_station
+from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory
 from mjsheaf.loop.bodies import Fleet, pack_fleet
 from mjsheaf.loop.engine import Engine, Recorder
 from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle

@@ -17,10 +17,10 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.edges import bound_slopes
-from mjsheaf.law.law import ControlArrays, LawArrays, pack_law, with_seed
+from mjsheaf.law.law import ControlArrays, LawArrays, Station, pack_law, with_seed
 from mjsheaf.law.links import pack_links
 from mjsheaf.law.rounds import pack_rounds
-from mjsheaf.law.separation import Safety, Station
+from mjsheaf.law.safety import Safety
 from mjsheaf.law.terms import Terms, pack_terms
 from mjsheaf.media import Disturbance, FlowField, varying
 from mjsheaf.media.gridded import GriddedFlow

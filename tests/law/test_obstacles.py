@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.law.obstacles import ObstacleArrays, distance_from, distances
-from mjsheaf.law.separation import Safety, pack_obstacles
+from mjsheaf.law.obstacles import ObstacleArrays, distance_from, distances, pack_obstacles
+from mjsheaf.law.safety import Safety
 
 MOTION = {"kind": "lissajous", "amplitude": [1.0, 2.0, 0.5], "rate": [0.3, 0.2, 0.7], "phase": [0.1, 0.2, 0.3]}
 SOME: list[dict[str, Any]] = [
