@@ -263,13 +263,11 @@ def distance_from(obstacles, k, t, x, y, z):
 
 
 @jit
-def _distances(obstacles, times, points, out):
-    """Write the signed distance of points (T, P, 3) from every obstacle into out (T, P, K)."""
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
-            for k in range(out.shape[2]):
-                away, _, _, _ = distance_from(obstacles, k, times[i], points[i, p, 0], points[i, p, 1], points[i, p, 2])
-                out[i, p, k] = away
+def _probe(obstacles, which, times, points, out):
+    """Write signed distance and outward normal of point k from obstacle which[k] at times[k] into out (P, 4)."""
+    for p in range(points.shape[0]):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = distance_from(obstacles, which[p], times[p], x, y, z)
 
 
 def distances(obstacles: ObstacleArrays, times: Array, points: Array) -> Array:
@@ -283,34 +281,17 @@ def distances(obstacles: ObstacleArrays, times: Array, points: Array) -> Array:
     Returns:
         Shape (T, P, K), m; negative inside.
     """
-    out = np.empty((*points.shape[:2], len(obstacles.kind)))
-    _distances(obstacles, np.asarray(times, dtype=np.float64), np.ascontiguousarray(points, dtype=np.float64), out)
-    return out
-
-
-@jit
-def _centres(obstacles, t, out):
-    """Write the centre of every obstacle at time t, s, into out (K, 3), m."""
-    for k in range(out.shape[0]):
-        out[k, 0], out[k, 1], out[k, 2] = position_at(obstacles.motion, k, t)
+    shape = *points.shape[:2], len(obstacles.kind)
+    k, i, which = (of.ravel() for of in np.indices(shape))
+    found = np.empty((len(which), 4))
+    _probe(obstacles, which, np.asarray(times, dtype=np.float64)[k], np.asarray(points, dtype=np.float64)[k, i], found)
+    return found[:, 0].reshape(shape)
 
 
 def centres(obstacles: ObstacleArrays, time: float) -> Array:
     """Return the centre of every obstacle at a time in s, of a half-space its point, shape (K, 3), m."""
-    out = np.empty((len(obstacles.kind), 3))
-    _centres(obstacles, float(time), out)
-    return out
-
-
-@jit
-def _nearest_points(obstacles, which, times, points, out):
-    """Write the point of each of P obstacles nearest to each point into out (P, 3), m."""
-    for p in range(points.shape[0]):
-        x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        away, nx, ny, nz = distance_from(obstacles, which[p], times[p], x, y, z)
-        out[p, 0] = x - away * nx
-        out[p, 1] = y - away * ny
-        out[p, 2] = z - away * nz
+    found = [position_at(obstacles.motion, k, float(time)) for k in range(len(obstacles.kind))]
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
 
 
 def nearest_points(obstacles: ObstacleArrays, which: IntArray, times: Array, points: Array) -> Array:
@@ -325,9 +306,9 @@ def nearest_points(obstacles: ObstacleArrays, which: IntArray, times: Array, poi
     Returns:
         Shape (P, 3), m.
     """
-    out = np.empty((len(points), 3))
-    _nearest_points(obstacles, which, np.ascontiguousarray(times), np.ascontiguousarray(points), out)
-    return out
+    found = np.empty((len(points), 4))
+    _probe(obstacles, which, np.ascontiguousarray(times), np.ascontiguousarray(points), found)
+    return np.asarray(points - found[:, :1] * found[:, 1:])
 
 
 def points_kept_from(obstacles: ObstacleArrays, cause: IntArray, times: Array, positions: Array) -> Array:

@@ -243,22 +243,16 @@ class Goal(NamedTuple):
 
 
 @inline_jit
-def square_error(goal, x, i):
-    """|q*_i - q_i|^2 of agent i, m^2, where vehicles are at x (V, 3), m."""
-    n, total = goal.rest.shape[0], 0.0
-    for r in range(goal.first[i], goal.first[i + 1]):
-        e = goal.rest[r] - x[goal.own[r, 0], goal.own[r, 1]]
-        for c in range(goal.carry.shape[1]):
-            e += goal.carry[r, c] * x[goal.own[n + c, 0], goal.own[n + c, 1]]
-        total += e * e
-    return total
-
-
-@inline_jit
 def square_errors(goal, x, squares):
-    """Write |q*_i - q_i|^2 of all agents into squares (N,), m^2; NaN for absent agents."""
+    """Write |q*_i - q_i|^2 of all agents at x (V, 3), m, into squares (N,), m^2; NaN for absent agents."""
+    n = goal.rest.shape[0]
     for i in range(squares.shape[0]):
-        squares[i] = square_error(goal, x, i)
+        squares[i] = 0.0
+        for r in range(goal.first[i], goal.first[i + 1]):
+            e = goal.rest[r] - x[goal.own[r, 0], goal.own[r, 1]]
+            for c in range(goal.carry.shape[1]):
+                e += goal.carry[r, c] * x[goal.own[n + c, 0], goal.own[n + c, 1]]
+            squares[i] += e * e
 
 
 class SquareErrors:

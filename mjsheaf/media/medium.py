@@ -231,24 +231,6 @@ def medium_velocity(medium, state, v, x, y, z):
     return wx + dx, wy + dy, wz + dz
 
 
-@jit
-def _record_moving(medium, state, times, positions, out):
-    V = positions.shape[1]
-    for k in range(times.shape[0]):
-        hold(medium, times[k], 0, V, state)
-        advance(medium, times[k], 0, V, state)
-        for v in range(V):
-            x = positions[k, v]
-            out[k, v, 0], out[k, v, 1], out[k, v, 2] = moving_velocity(medium, state, v, x[0], x[1], x[2])
-
-
-def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
-    """Return the part of the velocity that changes with time, along paths (T, V, 3), m, at times (T,), s: (T, V, 3)."""
-    out = np.zeros_like(positions)
-    _record_moving(medium, new_state(medium), times, np.ascontiguousarray(positions), out)
-    return out
-
-
 @inline_jit
 def surface_about(medium, state, v, x, y):
     """Return height, m, slopes along x and y, and rate, m/s, of the surface above a point where vehicle v is."""
@@ -269,6 +251,18 @@ def _elevations(medium, state, times, positions, out):
     for k in range(times.shape[0]):
         advance(medium, times[k], 0, 1, state)
         out[k] = surface_about(medium, state, 0, positions[k, 0], positions[k, 1])[0] - medium.level
+
+
+def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
+    """Return the part of the velocity that changes with time, along paths (T, V, 3), m, at times (T,), s: (T, V, 3)."""
+    moving = medium._replace(kernels=np.zeros_like(medium.kernels[:1]), rows=medium.rows * 0 + [0, 1])
+    out = np.zeros_like(positions)
+    for v in range(positions.shape[1]):
+        along = np.ascontiguousarray(positions[:, v])
+        own = np.zeros_like(along)
+        _velocities(moving, new_state(moving), v, times, along, own)
+        out[:, v] = own
+    return out
 
 
 def mean_flow(system: "System", vehicle: int, time: float, points: Array) -> Array:

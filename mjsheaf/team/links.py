@@ -131,7 +131,7 @@ class Links(Section):
         Raises:
             InputError: A sensor range_bearing has noise from a more specific section.
         """
-        return _model(self.all, getattr(self, kind), own)
+        return model_of(self.all, getattr(self, kind), own)
 
 
 class LinkModel(NamedTuple):
@@ -186,7 +186,7 @@ class LinkModel(NamedTuple):
         return not (self.random or self.bias != 0.0 or self.delay > 0.0 or np.isfinite(self.range))
 
 
-def _model(*sections: Link | None) -> LinkModel:
+def model_of(*sections: Link | None) -> LinkModel:
     """The link of sections from the coarsest to the finest."""
     fields: dict[str, Any] = {}
     for section in sections:

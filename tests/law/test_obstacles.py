@@ -23,7 +23,7 @@ SOME: list[dict[str, Any]] = [
 
 
 def packed(height: float = 0.0) -> ObstacleArrays:
-    return pack_obstacles(Safety.model_validate({"distance": 1.0, "obstacles": SOME}), height, 0.0, 10.0)
+    return pack_obstacles(Safety.model_validate({"distance": 1.0, "obstacles": SOME}).obstacles, height, 0.0, 10.0)
 
 
 def nearest_point(k: int, p: Array) -> Array:
@@ -100,4 +100,4 @@ def test_bad_obstacles_are_refused(obstacle: dict[str, Any], told: str) -> None:
 def test_a_motion_of_another_dimension_is_refused() -> None:
     one = {"kind": "sphere", "centre": [0, 0], "radius": 1, "motion": MOTION}
     with pytest.raises(InputError, match=r"safety\.obstacles"):
-        pack_obstacles(Safety.model_validate({"distance": 1.0, "obstacles": [one]}), 0.0, 0.0, 1.0)
+        pack_obstacles(Safety.model_validate({"distance": 1.0, "obstacles": [one]}).obstacles, 0.0, 0.0, 1.0)
