@@ -22,14 +22,12 @@ from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, reco
 from mjsheaf.media.medium import (
     MediumArrays,
     MediumState,
-    Parts,
     advance,
     hold,
     medium_velocity,
     new_state,
     unknown_flow,
 )
-from mjsheaf.media.varying import HarmonicArrays
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import ANGLE
 
@@ -46,7 +44,7 @@ AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
 
 
 class Params(NamedTuple):
-    """Constants of a run. Runs of one team under different seeds share all but what `seeded_of` returns.
+    """Constants of a run. Runs of one team under different seeds share all but what `map_seeded` maps.
 
     Attributes:
         control: Law and references of the onboard computers.
@@ -73,34 +71,20 @@ class Params(NamedTuple):
     per_sample: int = 1
 
 
-class Seeded(NamedTuple):
-    """The constants of a run that depend on its seed.
+def map_seeded(function: Callable[[Any], Any], params: Params) -> Params:
+    """Return constants with another value in the place of each array of numbers that depends on the seed of a run.
 
-    Attributes:
-        seed: Seed of the random numbers of links and terms, shape (1,).
-        origin: See `MotionArrays`.
-        harmonics: Disturbances.
-        parts: What else moves in the medium, such as gusts.
+    These are the seed of random numbers, where targets begin, disturbances, and all else that moves in the medium.
+    Arrays of numbers have entries of eight bytes; others, such as flags, are shared by runs.
     """
 
-    seed: IntArray
-    origin: Array
-    harmonics: HarmonicArrays
-    parts: Parts
+    def own(leaf: Any) -> Any:
+        return function(leaf) if isinstance(leaf, np.ndarray) and leaf.dtype.itemsize == 8 else leaf
 
-
-def seeded_of(params: Params) -> Seeded:
-    """Return the constants that depend on the seed."""
-    control, medium = params.control, params.medium
-    return Seeded(control.law.seed, control.motion.origin, medium.harmonics, medium.parts)
-
-
-def with_seeded(params: Params, seeded: Seeded) -> Params:
-    """Return constants with others of those that depend on the seed."""
     law, motion = params.control
-    control = params.control._replace(law=law._replace(seed=seeded.seed), motion=motion._replace(origin=seeded.origin))
-    medium = params.medium._replace(harmonics=seeded.harmonics, parts=seeded.parts)
-    return params._replace(control=control, medium=medium)
+    control = ControlArrays(law._replace(seed=own(law.seed)), motion._replace(origin=own(motion.origin)))
+    harmonics, parts = mapped(own, params.medium.harmonics), mapped(own, params.medium.parts)
+    return params._replace(control=control, medium=params.medium._replace(harmonics=harmonics, parts=parts))
 
 
 class State(NamedTuple):
@@ -269,11 +253,6 @@ def begin_span(loop, k, recorder):
     return row
 
 
-def is_seeded(leaf: Any) -> bool:
-    """Return True for a leaf of `Seeded` that each run has: an array of numbers, which take eight bytes each."""
-    return isinstance(leaf, np.ndarray) and leaf.dtype.itemsize == 8
-
-
 def first_bad(bad: IntArray) -> tuple[int, int] | None:
     """Return the vehicle that was bad first and the number of its step, from `Fused._bad`; None if none was."""
     vehicle = int(np.argmin(bad))
@@ -381,14 +360,12 @@ class ClosedLoop(Engine):
         params, state = self.new_loop(room)
         room.since(0)[:] = self._values
 
-        def copied(leaf: Any) -> Any:
-            if not is_seeded(leaf):
-                return leaf
+        def copied(leaf: Array | IntArray) -> Any:
             own = room.take(leaf.shape).view(leaf.dtype)
             own[...] = leaf
             return own
 
-        return Loop(with_seeded(params, mapped(copied, seeded_of(params))), state)
+        return Loop(map_seeded(copied, params), state)
 
     def params(self) -> Params:
         """Return the constants of the present phase."""
