@@ -275,7 +275,7 @@ class SafetyArrays(NamedTuple):
 
 
 class Safety(Section):
-    """Fields of the safety filter."""
+    """Fields of the safety filter; see `mjsheaf.law.safety`."""
 
     distance: Positive | Literal["size"] = Field(
         description="between the positions of any two vehicles of which one is an agent, and from an agent to the "

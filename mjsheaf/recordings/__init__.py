@@ -8,30 +8,24 @@ import stat
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 from mjsheaf.errors import InputError, shortened
 from mjsheaf.recordings.logs import read_bag, read_mcap
-from mjsheaf.recordings.selection import Axes, Rows, Selection
+from mjsheaf.recordings.selection import Rows, Selection
 from mjsheaf.recordings.tables import read_netcdf, read_table
 
 MAX_ROWS = 200_000
 """Maximum number of rows; a scenario with more could not be read again."""
 
 
-def read_positions(
-    path: str,
-    topic: str | None = None,
-    frame: str | None = None,
-    time: Literal["stamp", "log"] | None = None,
-    axes: Axes | None = None,
-    origin: list[float] | None = None,
-) -> Rows:
+def read_positions(path: str, selection: Selection | None = None, **fields: Any) -> Rows:
     """Read the rows of a file or of a bag's directory.
 
     Args:
         path: CSV table, netCDF (.nc), MCAP, or bag of ROS (.bag, .db3, directory).
-        topic, frame, time, axes, origin: What is read of the file; see `Selection`.
+        selection: What is read of the file.
+        **fields: Fields of a `Selection` unless one is given.
 
     Raises:
         InputError: The file cannot be read, or does not hold positions; the message names the file and what is missing.
@@ -45,7 +39,7 @@ def read_positions(
         _require_regular(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of libraries, about attributes that do not matter here
-            rows = read(place, Selection(topic, frame, time, axes, origin))
+            rows = read(place, selection or Selection(**fields))
     except OSError as error:
         raise InputError(f"{name}: {error.strerror or f'cannot be read: {error}'}") from None
     except InputError as error:
