@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -622,7 +622,7 @@ def phases_of(run: "Scenario | System | Sequence[Phase]") -> tuple[Phase, ...]:
     given = [Phase(0, run)] if isinstance(run, System) else run
     if not (isinstance(given, list | tuple) and all(isinstance(phase, Phase) for phase in given)):
         require_scenario(run)
-        given = run.phases
+        given = cast("Scenario", run).phases
     phases = tuple(given)
     _require_in_order(phases)
     for phase in phases[1:]:

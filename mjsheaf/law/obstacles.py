@@ -183,7 +183,7 @@ class HalfSpace(Obstacle):
 AnyObstacle = Annotated[Sphere | Capsule | Box | HalfSpace, Field(discriminator="kind")]
 
 
-def pack_obstacles(some: Sequence[Obstacle], height: float, start: float, end: float) -> ObstacleArrays:
+def pack_obstacles(some: Sequence[AnyObstacle], height: float, start: float, end: float) -> ObstacleArrays:
     """Return obstacles for compiled code; those in the plane are at a height in m.
 
     Raises:

@@ -19,7 +19,7 @@ from mjsheaf.errors import InputError, in_field
 from mjsheaf.files import digest_of
 from mjsheaf.media.flow import FlowField
 from mjsheaf.media.flow_files import Grid, Medium, Reading, Request, read_flow
-from mjsheaf.media.varying import Bounds, Exposure
+from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure
 from mjsheaf.section import NonNegative, Number
 
 _ROUNDING = 1e-9
@@ -169,8 +169,6 @@ class GridArrays(NamedTuple):
     turn: Array
     turned: bool
 
-    velocity_at = grid_velocity
-
     def new_state(self, take: Take = np.zeros) -> GridState:
         """Return a state for `grid_velocity` to write to."""
         state = GridState(take((len(self.met), 2)))
@@ -199,6 +197,9 @@ class GridArrays(NamedTuple):
         met = (self.met > 0).astype(np.float64)
         fastest = float(np.nanmax(np.linalg.norm(w, axis=-1)))
         return Bounds(met * fastest, met * change, met * slope, rate)
+
+
+COMPILED[GridArrays] = Compiled(grid_velocity)
 
 
 def pack_grid(flow: GriddedFlow, medium: Medium | None, met: IntArray, exposed: Exposure) -> GridArrays:

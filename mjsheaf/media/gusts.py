@@ -30,7 +30,7 @@ from scipy.special import gammainc
 from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.media.varying import Bounds, Exposure, Moving, unbounded
+from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving, unbounded
 from mjsheaf.noise import normals, stream_of
 from mjsheaf.section import Number, Positive
 
@@ -305,9 +305,6 @@ class GustArrays(NamedTuple):
     filters: Array
     clock: Array
 
-    velocity_at = gust_velocity
-    hold = hold_gusts
-
     def new_state(self, take: Take = np.zeros) -> GustState:
         """Return a state for `hold_gusts` to write to."""
         V = len(self.met)
@@ -318,6 +315,9 @@ class GustArrays(NamedTuple):
     def bound(self) -> Bounds:
         """Return bounds, infinite for vehicles that meet gusts: they are Gaussian."""
         return unbounded(self.met > 0)
+
+
+COMPILED[GustArrays] = Compiled(gust_velocity, hold_gusts)
 
 
 def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
@@ -422,9 +422,6 @@ class FrozenArrays(NamedTuple):
     place: Array
     clock: Array
 
-    velocity_at = frozen_velocity
-    hold = hold_frozen
-
     def new_state(self, take: Take = np.zeros) -> FrozenState:
         """Return a state for `hold_frozen` to write to."""
         return FrozenState(take(len(self.met)))
@@ -432,6 +429,9 @@ class FrozenArrays(NamedTuple):
     def bound(self) -> Bounds:
         """Return bounds, infinite for vehicles that meet the field: it is Gaussian."""
         return unbounded(self.met > 0)
+
+
+COMPILED[FrozenArrays] = Compiled(frozen_velocity, hold_frozen)
 
 
 @jit

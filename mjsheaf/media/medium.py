@@ -6,8 +6,7 @@ depends on time. A loop calls `hold` at each sample, `advance` once for each tim
 changes. Vehicles are advanced in ranges by several threads at once, so that the state of each vehicle is its own. It is
 a function of time alone: at any time, a run can continue with a new state.
 
-What moves is a tuple of parts, each a named tuple whose type has its compiled functions: see
-`mjsheaf.media.varying.Moving` and `mjsheaf.compile.parts`.
+What moves is a tuple of parts, each a named tuple: see `mjsheaf.media.varying.Moving` and `mjsheaf.compile.parts`.
 
 `medium` returns the medium of a scenario, to be looked at: velocities and surface at any times and places, as a run
 meets them.
@@ -29,7 +28,7 @@ from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.media.gridded import GridArrays, describe_unknown
 from mjsheaf.media.gusts import FrozenArrays, GustArrays
-from mjsheaf.media.varying import Bounds, Exposure, HarmonicArrays, disturbance_velocity, evaluate_sines, pack
+from mjsheaf.media.varying import COMPILED, Bounds, Exposure, HarmonicArrays, disturbance_velocity, evaluate_sines, pack
 from mjsheaf.media.waves import WaveArrays
 from mjsheaf.vectors import add
 
@@ -74,7 +73,7 @@ def of_kind(parts: Parts, kind: type) -> list[Any]:
     return [part for part in parts if isinstance(part, kind)]
 
 
-hold_parts = for_each(lambda kind: getattr(kind, "hold", None))
+hold_parts = for_each(lambda kind: COMPILED[kind].hold)
 """Called with (parts, states, (), t, first, last)."""
 
 
@@ -83,13 +82,13 @@ def _add_surface(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
 
 
-add_velocities = for_each(lambda kind: kind.velocity_at, add)
+add_velocities = for_each(lambda kind: COMPILED[kind].velocity, add)
 """Called with (parts, states, velocity, t, v, x, y, z): returns the velocity and those of all parts, m/s."""
 
-add_surfaces = for_each(lambda kind: getattr(kind, "surface_at", None), _add_surface)
+add_surfaces = for_each(lambda kind: COMPILED[kind].surface, _add_surface)
 """Called with (parts, states, surface, t, v, x, y): returns the surface (elevation, slopes, rate) and those of all."""
 
-_have_surface = has_any(lambda kind: getattr(kind, "surface_at", None))
+_have_surface = has_any(lambda kind: COMPILED[kind].surface)
 
 
 @inline_jit
@@ -255,7 +254,8 @@ def _elevations(medium, state, times, positions, out):
 
 def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
     """Return the part of the velocity that changes with time, along paths (T, V, 3), m, at times (T,), s: (T, V, 3)."""
-    moving = medium._replace(kernels=np.zeros_like(medium.kernels[:1]), rows=medium.rows * 0 + [0, 1])
+    rows = np.tile(np.array([0, 1]), (len(medium.rows), 1))
+    moving = medium._replace(kernels=np.zeros_like(medium.kernels[:1]), rows=rows)
     out = np.zeros_like(positions)
     for v in range(positions.shape[1]):
         along = np.ascontiguousarray(positions[:, v])

@@ -169,17 +169,30 @@ def bounds(harmonics: Array) -> Array:
     return np.asarray(np.linalg.norm(harmonics[..., :3], axis=2).sum(axis=1), dtype=np.float64)
 
 
+class Compiled(NamedTuple):
+    """Compiled functions of a part of a moving medium, a named tuple with a field `met`: 0 for vehicles outside it.
+
+    Attributes:
+        velocity: Called with (part, state, t, v, x, y, z); returns three numbers, m/s.
+        hold: Called with (part, state, t, first, last) at every sample.
+        surface: Called with (part, state, t, v, x, y); returns elevation, slopes along x and y, and rate.
+    """
+
+    velocity: Any
+    hold: Any = None
+    surface: Any = None
+
+
+COMPILED: dict[type, Compiled] = {}
+"""Functions of the parts of each type."""
+
+
 class Moving(Section, ABC):
     """Base of the sections of what moves in a medium, each a field of `mjsheaf.media.flow.FlowField`.
 
-    Subclasses must implement `parts`, which yields named tuples with arrays for compiled code. The type of such a tuple
-    has a field `met`, which is 0 for vehicles outside it, shape (V,), a method `bound()`, which returns the `Bounds` of
-    what each vehicle can meet, and a compiled function `velocity_at(part, state, t, v, x, y, z)`, which returns three
-    numbers, m/s. As far as it needs them, it has
-
-    - a method `new_state(take)`, which returns a state; `take` returns zeros of a shape;
-    - a compiled function `hold(part, state, t, first, last)`, called at every sample;
-    - a compiled function `surface_at(part, state, t, v, x, y)`, which returns elevation, slopes along x and y, rate.
+    Subclasses must implement `parts`, which yields named tuples with arrays for compiled code. Their type has an entry
+    in COMPILED, a field `met`, shape (V,), and a method `bound()`, which returns the `Bounds` of what each vehicle can
+    meet. A method `new_state(take)` returns a state, if there is one; `take` returns zeros of a shape.
     """
 
     @abstractmethod
@@ -331,8 +344,6 @@ class VaryingArrays(NamedTuple):
     rise: Array
     vortices: MovingVortices
 
-    velocity_at = varying_velocity
-
     def bound(self) -> Bounds:
         """Return the sums of the largest values of all flows.
 
@@ -349,6 +360,9 @@ class VaryingArrays(NamedTuple):
         change = turning * rate + rising / float(self.rise[1] - self.rise[0]) + carried
         met = (self.met > 0).astype(np.float64)
         return Bounds(met * speed, met * change, met * float(slopes.sum()), rate)
+
+
+COMPILED[VaryingArrays] = Compiled(varying_velocity)
 
 
 def pack_varying(tide: Tide | None, ramp: Ramp | None, vortices: MovingVortices, met: IntArray) -> VaryingArrays:

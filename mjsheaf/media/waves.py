@@ -26,7 +26,7 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.media.varying import Bounds, Exposure, Moving, sine
+from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving, sine
 from mjsheaf.noise import generator_of
 from mjsheaf.section import Number, Positive
 
@@ -343,9 +343,6 @@ class WaveArrays(NamedTuple):
     waves: Array
     level: Array
 
-    velocity_at = wave_velocity
-    surface_at = wave_surface
-
     def new_state(self, take: Take = np.zeros) -> WaveState:
         """Return a state for `wave_velocity` and `wave_surface` to write to."""
         V, N = len(self.met), self.waves.shape[1]
@@ -368,6 +365,9 @@ class WaveArrays(NamedTuple):
             slope=met * (along * number).sum(),
             rate=float(rate.max()) if met.any() else 0.0,
         )
+
+
+COMPILED[WaveArrays] = Compiled(wave_velocity, surface=wave_surface)
 
 
 def pack_waves(components: Components, met: IntArray, level: float) -> WaveArrays:

@@ -17,7 +17,7 @@ from mjsheaf.compile.jit import inline_jit
 from mjsheaf.loop.session import engine_of
 from mjsheaf.media import FlowField
 from mjsheaf.media.medium import moving_along
-from mjsheaf.media.varying import Bounds, Exposure, Moving
+from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving
 from mjsheaf.section import Number, Positive
 
 
@@ -44,11 +44,12 @@ class EddyArrays(NamedTuple):
     met: IntArray
     numbers: Array
 
-    velocity_at = eddy_velocity
-
     def bound(self) -> Bounds:
-        met = (self.met > 0) * abs(float(self.numbers[0]))
-        return Bounds(met * float(self.numbers[1]) * 2.0 / np.sqrt(27.0), 0.0 * met, 2.0 * met, 0.0)
+        met: Array = (self.met > 0) * abs(self.numbers[0])
+        return Bounds(met * self.numbers[1] * 2.0 * 27.0**-0.5, 0.0 * met, 2.0 * met, 0.0)
+
+
+COMPILED[EddyArrays] = Compiled(eddy_velocity)
 
 
 class Stirred(FlowField):
