@@ -624,7 +624,9 @@ def phases_of(run: "Scenario | System | Sequence[Phase]") -> tuple[Phase, ...]:
         require_scenario(run)
         given = cast("Scenario", run).phases
     phases = tuple(given)
-    _require_in_order(phases)
+    starts = [phase.start for phase in phases]
+    if not phases or starts[0] != 0 or starts != sorted(set(starts)) or starts[-1] > phases[0].system.grid.steps:
+        raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
     for phase in phases[1:]:
         _require_same_run(phase, phases[0].system)
     return tuple(_after_earlier(phases))
@@ -641,13 +643,6 @@ def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
         yield phase if system is phase.system else replace(phase, system=system)
         if phase is not phases[-1]:
             earlier = np.maximum(earlier, system.medium_speeds)
-
-
-def _require_in_order(phases: Sequence[Phase]) -> None:
-    """Refuse phases that do not begin at sample 0, or do not follow one another within the run."""
-    starts = [phase.start for phase in phases]
-    if not phases or starts[0] != 0 or starts != sorted(set(starts)) or starts[-1] > phases[0].system.grid.steps:
-        raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
 
 
 def _require_same_run(phase: Phase, first: System) -> None:

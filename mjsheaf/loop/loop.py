@@ -127,13 +127,8 @@ class Loop(NamedTuple):
     state: State
 
 
-class Bodies(NamedTuple):
-    """Arrays of what moves the bodies: see `State`."""
-
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    act: Array
+Bodies = tuple[Array, Array, Array, Array]
+"""Arrays of what moves the bodies: qpos, qvel, ctrl and act of a `State`."""
 
 
 @inline_jit

@@ -160,7 +160,7 @@ class World(ClosedLoop):
     def _bodies(self, room: Room) -> Bodies:
         self._kept = room.take(mujoco.mj_stateSize(self.model, _STATE))
         data = self.data
-        return Bodies(data.qpos, data.qvel, data.ctrl, data.act)
+        return data.qpos, data.qvel, data.ctrl, data.act
 
     @property
     def steps_taken(self) -> int:
