@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from threading import Event, Lock, Thread
-from typing import Any, TextIO
+from typing import Protocol, TextIO
 
 Report = Callable[[str, int, int], None]
 """Called with (what is being done, done, in all)."""
@@ -58,6 +58,16 @@ class State:
             what = "compiling the loops for this machine, once"
             return f"{what}: function" if compiled[1] > 1 else what, *compiled
         return self._what, self._done, self._total
+
+
+class View(Protocol):
+    """Shows progress."""
+
+    def update(self, state: State) -> None:
+        """Show the present state."""
+
+    def close(self) -> None:
+        """Remove what is shown."""
 
 
 class Terminal:
@@ -135,7 +145,7 @@ class Lines:
         """Leave the lines."""
 
 
-def _find_view() -> Callable[[], Any] | None:
+def _find_view() -> Callable[[], View] | None:
     """Return what shows a bar here: a notebook, a terminal, or nothing."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
@@ -166,8 +176,8 @@ def shown(progress: "Callable[..., None] | bool | None", what: str) -> Iterator[
 
 
 @contextmanager
-def displaying(make: Callable[[], Any] | None, what: str) -> Iterator[Report | None]:
-    """Show progress in a view that `make` makes, and yield what to call with it; None if nothing can be shown."""
+def displaying(make: Callable[[], View] | None, what: str) -> Iterator[Report | None]:
+    """Show progress in a view, which `make` makes, and yield what to call with it; None if nothing can be shown."""
     if make is None or not _displaying.acquire(blocking=False):
         yield None
         return
@@ -184,7 +194,7 @@ def displaying(make: Callable[[], Any] | None, what: str) -> Iterator[Report | N
         _displaying.release()
 
 
-def _show(state: State, make: Callable[[], Any], ended: Event) -> None:
+def _show(state: State, make: Callable[[], View], ended: Event) -> None:
     """Show progress from half a second on until the work has ended."""
     if ended.wait(DELAY):
         return
