@@ -10,6 +10,7 @@ is known, so the curve shows the regret of each generation.
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.linalg import block_diag
 
 import mjsheaf
 import mjsheaf.envs
@@ -25,27 +26,45 @@ def worlds_in(current):
     return mjsheaf.envs.vector_env(scenario, CANDIDATES, horizon=HORIZON, autoreset_mode="Disabled")
 
 
+def disagreement_matrix(episode):
+    """Return M with eta = M o for an observation o of the team, from edges that compare positions."""
+    blocks = []
+    for agent, n in zip(episode.agents, episode.dimensions, strict=True):
+        own = episode.observe()[agent]
+        block = {part: np.zeros((n, own[part].size)) for part in episode.parts}
+        first = 0
+        for k, edge in enumerate(episode.edges[agent]):
+            pull = -edge.F_tail.T @ edge.weight if agent == edge.tail else edge.F_head.T @ edge.weight
+            block["measurements"][:, first : first + len(edge.b)] = pull
+            block["received"][:, k] = pull @ edge.b
+            first += len(edge.b)
+        blocks.append(np.hstack(list(block.values())))
+    return block_diag(*blocks)
+
+
 def regrets(worlds, policies):
     """Return the mean of |q* - q|^2 over agents and time under each policy, shape (n,), m^2.
 
     A policy (a, b, c) adds a eta + b d(eta)/dt + c (integral of eta) to the velocity of a boat, eta its disagreement.
     """
-    law = mjsheaf.envs.SheafLaw(worlds)
-    grid = worlds.envs[0].episode.scenario.whole.grid
+    episode = worlds.envs[0].episode
+    M = disagreement_matrix(episode)
+    limits = np.repeat(episode.action_limits, episode.dimensions)  # velocity that an action of 1 stands for, m/s
+    grid = episode.scenario.whole.grid
     observation, _ = worlds.reset()
-    before = law.disagreement(observation)
+    before = observation @ M.T
     total = np.zeros_like(before)
     regret = np.zeros(len(policies))
     steps = round(HORIZON / grid.period)
     for _ in range(steps):
-        eta = law.disagreement(observation)
+        eta = observation @ M.T
         total += grid.period * eta
         features = np.stack([eta, (eta - before) / grid.period, total], axis=-1)
         before = eta
         velocity = np.einsum("wnk,wk->wn", features, policies)  # m/s
-        observation, rewards, *_ = worlds.step(np.clip(velocity / law.limits, -1.0, 1.0))
+        observation, rewards, *_ = worlds.step(np.clip(velocity / limits, -1.0, 1.0))
         regret -= rewards
-    return regret / (steps * len(law.agents))
+    return regret / (steps * len(episode.agents))
 
 
 rng = np.random.default_rng(0)

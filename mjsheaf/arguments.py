@@ -26,14 +26,13 @@ def require_type(name: str, value: Any, kinds: Any, accepted: str) -> None:
 
 
 def require_scenario(value: Any) -> None:
-    """Refuse an argument that is no Scenario.
+    """Refuse an argument that is no Scenario, which is what has phases and runs under any seed.
 
     Raises:
         InputError: it is none.
     """
-    from mjsheaf.scenario import Scenario
-
-    require_type("scenario", value, Scenario, "a Scenario, as mjsheaf.load_scenario returns it")
+    if not (hasattr(value, "phases") and hasattr(value, "with_seed")):
+        raise InputError(f"scenario is {_given(value)}; expected a Scenario, as mjsheaf.load_scenario returns it")
 
 
 def require_whole(name: str, value: Any, least: int) -> None:
@@ -124,19 +123,3 @@ def require_path(name: str, value: Any) -> None:
         InputError: naming the argument.
     """
     require_type(name, value, (str, Path), "a path, as text or a Path")
-
-
-def phases_given(run: Any) -> Any:
-    """The phases of a Scenario; a System or the phases of a run as they are.
-
-    Raises:
-        InputError: it is none of these.
-    """
-    from mjsheaf.scenario import Scenario
-    from mjsheaf.system import Phase, System
-
-    if isinstance(run, Scenario):
-        return run.phases
-    if isinstance(run, System) or (isinstance(run, list | tuple) and all(isinstance(phase, Phase) for phase in run)):
-        return run
-    raise InputError(f"scenario is {_given(run)}; expected a Scenario, as mjsheaf.load_scenario returns it")

@@ -59,10 +59,3 @@ def mapped(function: Callable[[Any], Any], tree: Any) -> Any:
         return function(tree)
     make = getattr(type(tree), "_make", tuple)
     return make(mapped(function, part) for part in tree)
-
-
-def leaves_of(tree: Any) -> list[Any]:
-    """Return the leaves of a tree of tuples in order."""
-    leaves: list[Any] = []
-    mapped(leaves.append, tree)
-    return leaves

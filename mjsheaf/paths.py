@@ -22,7 +22,7 @@ the other ends keep theirs. Position and velocity stay continuous.
 
 from collections.abc import Sequence
 from math import factorial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -30,7 +30,8 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError, in_field, raise_first
-from mjsheaf.recordings.positions import read_positions
+from mjsheaf.recordings import read_positions
+from mjsheaf.recordings.selection import Selection
 from mjsheaf.section import NonNegative, Number, Point, Positive, Tagged
 
 if TYPE_CHECKING:
@@ -285,13 +286,7 @@ class Waypoints(Tagged):
         return PPoly(np.array(taylor), knots)
 
 
-class Recorded(Tagged):
-    """A path through recorded positions: a cubic spline (not-a-knot) through the samples, unless that leaves the track.
-
-    Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away. A
-    loaded scenario has the samples of a file in place of its path. See `mjsheaf.paths` for uneven samples.
-    """
-
+class _Source(Tagged):
     kind: Literal["recorded", "file"] = Field("recorded", description="recorded; older files say file")
     samples: Annotated[list[Annotated[list[Number], Field(min_length=3, max_length=4)]], Field(min_length=2)] | None = (
         Field(
@@ -305,19 +300,15 @@ class Recorded(Tagged):
         description="file with the positions: CSV, netCDF, MCAP, or a bag of ROS; relative to the scenario. Times "
         "of tables and netCDF without a date are those of the run; dates and clocks count from the first position",
     )
-    topic: str | None = Field(
-        None, description="topic of a log; the agent or target in a run's result.nc; one of several trajectories"
-    )
-    frame: str | None = Field(None, description="child frame, of a topic with the transforms of several")
-    time: Literal["stamp", "log"] | None = Field(
-        None, description="clock of a log: stamps in its messages, where they have any, or the times in the log"
-    )
-    axes: Literal["enu", "ned"] | None = Field(
-        None, description="axes of x, y and z, where the file does not say: east, north, up or north, east, down"
-    )
-    origin: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="latitude and longitude of the scenario's origin, for positions in degrees [deg]"
-    )
+
+
+class Recorded(Selection, _Source):
+    """A path through recorded positions: a cubic spline (not-a-knot) through the samples, unless that leaves the track.
+
+    Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away. A
+    loaded scenario has the samples of a file in place of its path. See `mjsheaf.paths` for uneven samples.
+    """
+
     pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
 
     @model_validator(mode="after")
@@ -327,7 +318,7 @@ class Recorded(Tagged):
             {
                 "expected either samples or path": (self.samples is None) == (self.path is None),
                 "topic and frame select from the file of `path`, as time, axes and origin do; expected only with it": (
-                    self.path is None and any(value is not None for value in self._selection())
+                    self.path is None and self.selects
                 ),
             },
         )
@@ -341,10 +332,7 @@ class Recorded(Tagged):
         """
         if self.path is None:
             return self
-        return Recorded(samples=read_positions(self.path, *self._selection()), pull=self.pull)
-
-    def _selection(self) -> tuple[Any, ...]:
-        return self.topic, self.frame, self.time, self.axes, self.origin
+        return Recorded(samples=read_positions(self.path, self), pull=self.pull)
 
     def spline(self, n: int, start: float, end: float) -> "PPoly":
         """The path, its first n coordinates, m, over time, s, of the degree of `Waypoints.spline`.

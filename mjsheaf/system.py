@@ -1,29 +1,32 @@
 """The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from mjsheaf.arguments import require_scenario
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, in_field, raise_first
 from mjsheaf.law import ControlArrays, LawArrays, edges_of
+from mjsheaf.law.law import Station, no_station
 from mjsheaf.law.obstacles import ObstacleArrays
-from mjsheaf.law.safety import SafetyArrays
-from mjsheaf.law.separation import Safety, Station, no_station, pack_safety
+from mjsheaf.law.safety import Safety, SafetyArrays, pack_safety
 from mjsheaf.media import FlowField, varying
 from mjsheaf.media.flow import AXIS, CENTRE
-from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, Parts, bounds_of, pack_medium, pack_parts
-from mjsheaf.media.varying import Bounds
+from mjsheaf.media.varying import Bounds, Exposure
 from mjsheaf.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.team import Team
 from mjsheaf.vehicles.allocation import EffectivenessArrays
 from mjsheaf.vehicles.effects import Effects, capability_of, embody, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,7 @@ class PhysicsOptions:
         surface_height: Height of the surface, m.
         engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.loop.fused`.
         threads: Maximum number of threads of the fused engine.
+        stopping_times: Function that computes how long vehicles take to stop, as `mjsheaf.loop.linear.stopping_times`.
         compiled: Vehicles as their files describe them by (name,), and as they are simulated by (name, time constant,
             effects); made on first use and shared by all copies and seeds.
     """
@@ -90,6 +94,7 @@ class PhysicsOptions:
     contacts: bool
     surface: str
     surface_height: float
+    stopping_times: Callable[..., list[float]]
     engine: str = "mujoco"
     threads: int = 1
     compiled: dict[tuple[Any, ...], Vehicle] = field(default_factory=dict, repr=False)
@@ -271,7 +276,7 @@ class System:
         """Return what keeps vehicles apart for compiled code, with margins (V,) in m in addition to the distance.
 
         Raises:
-            InputError: See `mjsheaf.law.separation.pack_safety`.
+            InputError: See `mjsheaf.law.safety.pack_safety`.
         """
         assert self.safety is not None
         N, planar, grid = len(self.team.agents), self.planar, self.grid
@@ -379,11 +384,9 @@ class System:
         from where its commands alone would have moved it, by `mjsheaf.loop.linear.stopping_time`. A vehicle
         without thrusters or without a linear model counts with tau.
         """
-        from mjsheaf.loop import linear  # imports MuJoCo
-
         steps = max(1, round(_STOP / self.timestep)) if self.grid.continuous else self.steps_per_sample
         kinds = {id(vehicle): vehicle for vehicle in self.vehicles}
-        times = linear.stopping_times(list(kinds.values()), self.control, self.timestep, steps)
+        times = self.bodies.stopping_times(list(kinds.values()), self.control, self.timestep, steps)
         by_kind = dict(zip(kinds, times, strict=True))
         return np.array([by_kind[id(vehicle)] for vehicle in self.vehicles])
 
@@ -609,15 +612,21 @@ def during(phases: Sequence[Phase], k: int, initial: Array | None = None) -> Sys
     return system.remaining if own == grid else replace(system.remaining, grid=own)
 
 
-def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
-    """A run as phases: one for a system alone.
+def phases_of(run: "Scenario | System | Sequence[Phase]") -> tuple[Phase, ...]:
+    """Return the phases of a run: those of a scenario, or one for a system alone.
 
     Raises:
-        InputError: they do not begin with sample 0, do not follow one another, or differ in what is the whole run's;
-            the message names that.
+        InputError: It is no run; or phases do not begin with sample 0, do not follow one another, or differ in what is
+            the whole run's; the message names that.
     """
-    phases = (Phase(0, run),) if isinstance(run, System) else tuple(run)
-    _require_in_order(phases)
+    given = [Phase(0, run)] if isinstance(run, System) else run
+    if not (isinstance(given, list | tuple) and all(isinstance(phase, Phase) for phase in given)):
+        require_scenario(run)
+        given = cast("Scenario", run).phases
+    phases = tuple(given)
+    starts = [phase.start for phase in phases]
+    if not phases or starts[0] != 0 or starts != sorted(set(starts)) or starts[-1] > phases[0].system.grid.steps:
+        raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
     for phase in phases[1:]:
         _require_same_run(phase, phases[0].system)
     return tuple(_after_earlier(phases))
@@ -634,13 +643,6 @@ def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
         yield phase if system is phase.system else replace(phase, system=system)
         if phase is not phases[-1]:
             earlier = np.maximum(earlier, system.medium_speeds)
-
-
-def _require_in_order(phases: Sequence[Phase]) -> None:
-    """Refuse phases that do not begin at sample 0, or do not follow one another within the run."""
-    starts = [phase.start for phase in phases]
-    if not phases or starts[0] != 0 or starts != sorted(set(starts)) or starts[-1] > phases[0].system.grid.steps:
-        raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
 
 
 def _require_same_run(phase: Phase, first: System) -> None:

@@ -17,7 +17,7 @@ from mjsheaf.checking.finished import MIN_DURATION, MIN_SPEED, ROUNDING, ending_
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.loop.log import samples_in_piece
-from mjsheaf.loop.session import engine_of, moved_by, require_simulable
+from mjsheaf.loop.session import engine_of, prepare_run
 from mjsheaf.results.dataset import join, make_datasets, of_phase
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario
@@ -98,9 +98,8 @@ def try_mission(
         InputError: The scenario cannot be simulated for a reason that is not one of the theory's assumptions.
     """
     contacts = scenario.whole.bodies.contacts
-    phases = moved_by(scenario.phases, "physics", "mujoco" if contacts else "fused")
     try:
-        require_simulable(phases, "physics")
+        phases = prepare_run(scenario, "physics", "mujoco" if contacts else "fused")
     except (NotUniqueError, RankError) as error:
         return _refused(error)
     try:

@@ -25,13 +25,13 @@ from mjsheaf.comparing.measures import (
 )
 from mjsheaf.comparing.variants import Run, ladder_of, run_ablation, span_of_phase
 from mjsheaf.compile.jit import working_time
-from mjsheaf.loop.session import moved_by, require_simulable
+from mjsheaf.loop.session import prepare_run
 from mjsheaf.results.dataset import law_of
 from mjsheaf.runs.diagnostics import examine_terms
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import LawFile
-from mjsheaf.system import Phase, phases_of
+from mjsheaf.system import Phase
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,7 @@ def compare(
         NotUniqueError: The harmonic extension is not unique in some phase.
     """
     begun = working_time()
-    phases = phases_of(moved_by(scenario.phases, "physics", engine, threads))
-    require_simulable(phases, "physics")
+    phases = prepare_run(scenario, "physics", engine, threads)
     system = phases[0].system
     runs = run_ablation(phases, ladder_of(phases, controlled=law is not None), progress, law=law, seed=scenario.seed)
     ideal = runs["ideal"]

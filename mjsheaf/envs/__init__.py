@@ -14,12 +14,10 @@ if TYPE_CHECKING:
     from mjsheaf.envs.episode import Episode
     from mjsheaf.envs.gym import env
     from mjsheaf.envs.petting_zoo import parallel_env
-    from mjsheaf.envs.policies import SheafLaw
     from mjsheaf.envs.vector import vector_env
 
 _HOME = {
     "Episode": "mjsheaf.envs.episode",
-    "SheafLaw": "mjsheaf.envs.policies",
     "dm_env": "mjsheaf.envs.control_suite",
     "env": "mjsheaf.envs.gym",
     "parallel_env": "mjsheaf.envs.petting_zoo",
@@ -27,7 +25,7 @@ _HOME = {
 }
 _EXTRAS = ("gymnasium", "pettingzoo")
 
-__all__ = ["Episode", "SheafLaw", "dm_env", "env", "parallel_env", "vector_env"]
+__all__ = ["Episode", "dm_env", "env", "parallel_env", "vector_env"]
 
 
 def __getattr__(name: str) -> Any:

@@ -93,8 +93,7 @@ class FlatEpisode(Episode):
 
     def picture(self) -> Any:
         """Draw the vehicles as they are, shape (480, 640, 3), 8 bits a colour; headless where there is no display."""
-        from mjsheaf.envs.control_suite import BodyPhysics
-        from mjsheaf.envs.suite import MovableCamera
+        from mjsheaf.envs.control_suite import BodyPhysics, MovableCamera
 
         if not hasattr(self, "_camera"):
             self._camera = MovableCamera(BodyPhysics(self), *_PICTURE)

@@ -21,7 +21,7 @@ import inspect
 import marshal
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -36,12 +36,13 @@ from mjsheaf.compile.jit import INTERPRETED, NumbaError, inline_jit, types, user
 from mjsheaf.compile.parts import for_each
 from mjsheaf.errors import InputError, expected, in_field, raise_first
 from mjsheaf.files import describe, digest_of, execute_file
+from mjsheaf.law.terms import Terms
 from mjsheaf.section import Section
 from mjsheaf.team import Team
 
 _PREFIX = "Term_"
 _MOST_NUMBERS = 1000  # that a term may remember of an agent
-SHIPPED = ("feedforward", "newton", "drift", "integral", "odometry")
+SHIPPED = tuple(Terms.model_fields)
 """Names that terms of mjsheaf have."""
 
 Term = Callable[[Array, Array, Array, Array, float], None]
@@ -299,25 +300,20 @@ def carry_custom(old: Sequence[Any], kept: Sequence[Array], new: Sequence[Any], 
             own[:] = before[type(term)]
 
 
-def naming_terms(terms: Sequence[Any], team: Team, evaluated: Array) -> AbstractContextManager[None]:
-    """Return a context that turns an exception of a registered term into an InputError with term, agent and time.
+@contextmanager
+def naming_terms(terms: Sequence[Any], team: Team, evaluated: Array) -> Iterator[None]:
+    """Turn an exception of a registered term into an InputError with term, agent and time.
 
     Args:
         terms: Registered terms of the law that is evaluated inside.
         team: The team.
         evaluated: Numbers of the term and the vehicle that were evaluated last, and the time, s, shape (3,).
     """
-    return _naming(terms, team, evaluated) if terms else _NOTHING
-
-
-_NOTHING = nullcontext()
-
-
-@contextmanager
-def _naming(terms: Sequence[Any], team: Team, evaluated: Array) -> Iterator[None]:
     try:
         yield
     except Exception as error:
+        if not terms:
+            raise
         k, v, t = evaluated
         what = str(error) if isinstance(error, InputError) else describe(error)
         name, agent = names_of(terms)[int(k)], team.agent_ids[int(v)]

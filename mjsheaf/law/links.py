@@ -23,17 +23,15 @@ from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import as_records, inline_jit, jit
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.law.edges import disturb
-from mjsheaf.noise import normal_of, stream_of, uniforms
+from mjsheaf.noise import stream_of, uniforms
 from mjsheaf.team import Edge, Team
-from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods
+from mjsheaf.team.links import KINDS, WHOLE, LinkModel, Links, perceive, require_bearing, whole_periods
 
 SILENT, HELD, NEW = 0.0, 1.0, 2.0
 """Reception of an edge at a sample: nothing, the last measurement held, or a new one."""
 
 _MOST_NUMBERS = 100_000_000  # in delay lines
 _STILL = 1e-9  # m in a period: no direction of motion
-
-_WHOLE = ("bearing", "delay", "hold")  # fields of a LinkModel that are whole numbers for compiled code
 
 LINK = np.dtype(
     [
@@ -45,7 +43,7 @@ LINK = np.dtype(
         ("lossy", "i8"),  # 1 if anything is lost at random
         ("bursts", "i8"),  # 1 if losses depend on the state of a chain
         ("stream", "i8", 2),  # stream of random numbers, the same wherever the edge stands
-        *((name, "i8" if name in _WHOLE else "f8") for name in LinkModel._fields),
+        *((name, "i8" if name in WHOLE else "f8") for name in LinkModel._fields),
     ],
     align=True,
 )
@@ -498,65 +496,8 @@ def distance(x, x_lift, y, y_lift):
 def sense(law, link, first, end, n, draw, attitude, tail, y):
     """Add the errors of sample n to the measurement y[first:end] of an edge; of `draw` (4,) the last three are used."""
     edges = law.edges
-    if disturb(edges.kinds, link, edges, first, end, draw, y):
-        return
-    if link.bearing:
-        far, angle = link.range_noise * normal_of(draw[1]), link.bearing_noise * normal_of(draw[2])
-        if end - first == 2:
-            y[first], y[first + 1] = perceive_plane(y[first], y[first + 1], far, angle)
-        else:
-            tilt = link.bearing_noise * normal_of(draw[3])
-            perceive_space(edges.F_tail[first:end], attitude[tail], far, angle, tilt, y[first:end])
-    elif link.noise > 0.0:
-        add_noise(law.seed[0], link, n, draw, y[first:end])
-    if link.bias != 0.0:
-        for r in range(first, end):
-            y[r] += link.bias
-
-
-@inline_jit
-def add_noise(seed, link, n, draw, y):
-    """Add white noise to the measurement y of an edge: three numbers of `draw` (4,), then four of each further draw."""
-    for r in range(y.shape[0]):
-        word = (r + 1) % 4
-        if r > 0 and word == 0:
-            draw = uniforms(seed, link.stream, n, 2 + (r - 3) // 4)
-        y[r] += link.noise * normal_of(draw[word])
-
-
-@inline_jit
-def perceive_plane(y0, y1, far, angle):
-    """Range times bearing in the plane, the range `far` m too long and the bearing `angle` rad too large.
-
-    A range of 0 has no direction, and is measured as 0.
-    """
-    r, c, s = np.sqrt(y0 * y0 + y1 * y1), np.cos(angle), np.sin(angle)
-    longer = (r + far) / r if r > 0.0 else 0.0
-    return longer * (c * y0 - s * y1), longer * (s * y0 + c * y1)
-
-
-@inline_jit
-def perceive_space(F, attitude, far, azimuth, elevation, y):
-    """The same in space, in place: azimuth and elevation in the frame of a body, y (3,) = F times a relative state."""
-    dx = F[0, 0] * y[0] + F[1, 0] * y[1] + F[2, 0] * y[2]
-    dy = F[0, 1] * y[0] + F[1, 1] * y[1] + F[2, 1] * y[2]
-    dz = F[0, 2] * y[0] + F[1, 2] * y[1] + F[2, 2] * y[2]
-    w, i, j, k = attitude[0], attitude[1], attitude[2], attitude[3]
-    bx, by, bz = turn(w, -i, -j, -k, dx, dy, dz)
-    across = np.sqrt(bx * bx + by * by)
-    r = np.sqrt(across * across + bz * bz)
-    a, e = np.arctan2(by, bx) + azimuth, np.arctan2(bz, across) + elevation
-    r = r + far if r > 0.0 else 0.0
-    dx, dy, dz = turn(w, i, j, k, r * np.cos(e) * np.cos(a), r * np.cos(e) * np.sin(a), r * np.sin(e))
-    for row in range(3):
-        y[row] = F[row, 0] * dx + F[row, 1] * dy + F[row, 2] * dz
-
-
-@inline_jit
-def turn(w, i, j, k, x, y, z):
-    """The vector (x, y, z) turned by the unit quaternion (w, i, j, k)."""
-    a, b, c = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
-    return x + w * a + (j * c - k * b), y + w * b + (k * a - i * c), z + w * c + (i * b - j * a)
+    if not disturb(edges.kinds, link, edges, first, end, draw, y):
+        perceive(law.seed[0], link, n, draw, edges.F_tail[first:end], attitude, tail, y[first:end])
 
 
 @jit

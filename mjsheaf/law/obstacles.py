@@ -8,13 +8,20 @@
 | half_space | behind the plane through the centre, normal its x axis    |                                  |
 """
 
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field, field_validator, model_validator
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.paths import MotionArrays, position_at
+from mjsheaf.errors import in_field
+from mjsheaf.paths import Adrift, Motion, MotionArrays, pack_motions, position_at, reference_bounds
+from mjsheaf.section import Id, Number, Point, Positive, Tagged
+
+_PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 
 SPHERE, CAPSULE, BOX, HALF_SPACE = 0, 1, 2, 3
 """Kinds of obstacles."""
@@ -37,6 +44,166 @@ class ObstacleArrays(NamedTuple):
     size: Array
     speed: Array
     motion: MotionArrays
+
+
+class Obstacle(Tagged, ABC):
+    """Base of all obstacles; subclasses must implement `place`, and `axis` and `size` if they have them."""
+
+    id: Id | None = Field(None, description="name that results and pictures show; kind and number unless given")
+    motion: Motion | None = Field(None, description="motion of the centre, without turning; at rest unless given")
+
+    @field_validator("motion")
+    @classmethod
+    def _not_carried(cls, motion: Motion | None) -> Motion | None:
+        if isinstance(motion, Adrift):
+            raise ValueError("no flow carries an obstacle; expected a motion other than adrift, or none")
+        return motion
+
+    @property
+    @abstractmethod
+    def place(self) -> list[float]:
+        """Initial position of the centre, 2 or 3 coordinates, m."""
+
+    @property
+    def axis(self) -> Array:
+        """Direction of the x axis, shape (3,)."""
+        return np.array([1.0, 0.0, 0.0])
+
+    @property
+    def size(self) -> list[float]:
+        """Sizes as the module has them, m; none unless overridden."""
+        return []
+
+
+class Sphere(Obstacle):
+    """A ball."""
+
+    kind: Literal["sphere"] = Field("sphere", description="always sphere")
+    centre: Point = Field(description="its centre; of two numbers the third is scene.height [m]")
+    radius: Positive = Field(description="its radius [m]")
+
+    @property
+    def place(self) -> list[float]:
+        """The centre."""
+        return self.centre
+
+    @property
+    def size(self) -> list[float]:
+        """The radius."""
+        return [self.radius]
+
+
+class Capsule(Obstacle):
+    """All points within a radius of a segment."""
+
+    kind: Literal["capsule"] = Field("capsule", description="always capsule")
+    ends: Annotated[list[Point], Field(min_length=2, max_length=2)] = Field(
+        description="the two ends of the segment; of two numbers the third is scene.height [m]"
+    )
+    radius: Positive = Field(description="its radius [m]")
+
+    @model_validator(mode="after")
+    def _is_long(self) -> "Capsule":
+        if len(self.ends[0]) != len(self.ends[1]) or self.ends[0] == self.ends[1]:
+            raise ValueError("ends: expected two different points of the same dimension")
+        return self
+
+    @property
+    def _span(self) -> Array:
+        return np.array([*np.subtract(self.ends[1], self.ends[0]), 0.0][:3])
+
+    @property
+    def place(self) -> list[float]:
+        """The middle of the segment."""
+        return [0.5 * (a + b) for a, b in zip(*self.ends, strict=True)]
+
+    @property
+    def axis(self) -> Array:
+        """From one end to the other."""
+        return np.asarray(self._span / np.linalg.norm(self._span, axis=0))
+
+    @property
+    def size(self) -> list[float]:
+        """Half the length of the segment, and the radius."""
+        return [0.5 * float(np.linalg.norm(self._span, axis=0)), self.radius]
+
+
+class Box(Obstacle):
+    """A box that stands upright."""
+
+    kind: Literal["box"] = Field("box", description="always box")
+    centre: Point = Field(description="its centre; of two numbers the third is scene.height [m]")
+    sides: Annotated[list[Positive], Field(min_length=3, max_length=3)] = Field(
+        description="lengths of its sides along its x, y and z axes [m]"
+    )
+    heading: Number = Field(0.0, description="rotation about z [degrees]")
+
+    @property
+    def place(self) -> list[float]:
+        """The centre."""
+        return self.centre
+
+    @property
+    def axis(self) -> Array:
+        """Direction of the first side."""
+        angle = np.deg2rad(self.heading)
+        return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    @property
+    def size(self) -> list[float]:
+        """Half of each side."""
+        return [0.5 * side for side in self.sides]
+
+
+class HalfSpace(Obstacle):
+    """All that lies behind a plane, such as a wall or the ground."""
+
+    kind: Literal["half_space"] = Field("half_space", description="always half_space")
+    point: Point = Field(description="a point of the plane; of two numbers the third is scene.height [m]")
+    normal: Point = Field(description="direction out of the obstacle, of any length [-]")
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> "HalfSpace":
+        if not any(self.normal):
+            raise ValueError("normal: is zero; expected a direction")
+        return self
+
+    @property
+    def place(self) -> list[float]:
+        """A point of the plane."""
+        return self.point
+
+    @property
+    def axis(self) -> Array:
+        """The normal."""
+        normal = np.array([*self.normal, 0.0][:3])
+        return np.asarray(normal / np.linalg.norm(normal, axis=0))
+
+
+AnyObstacle = Annotated[Sphere | Capsule | Box | HalfSpace, Field(discriminator="kind")]
+
+
+def pack_obstacles(some: Sequence[AnyObstacle], height: float, start: float, end: float) -> ObstacleArrays:
+    """Return obstacles for compiled code; those in the plane are at a height in m.
+
+    Raises:
+        InputError: A motion does not fit; the message begins with the field.
+    """
+    K = len(some)
+    places, size, axes = np.zeros((K, 3)), np.zeros((K, 3)), np.zeros((K, 3, 3))
+    for k, one in enumerate(some):
+        places[k] = [*one.place, height][:3]
+        size[k, : len(one.size)] = one.size
+        x = one.axis
+        aside = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+        y = np.cross(aside, x)
+        y /= np.linalg.norm(y, axis=0)
+        axes[k] = x, y, np.cross(x, y)
+    dimensions = [len(one.place) for one in some]
+    with in_field("safety.obstacles"):
+        motion = pack_motions([one.motion for one in some], places, start, dimensions, end)
+    kinds = np.array([KINDS.index(one.kind) for one in some], dtype=np.int64)
+    return ObstacleArrays(kinds, axes, size, reference_bounds(motion, parts=_PARTS)[0], motion)
 
 
 @inline_jit
@@ -96,13 +263,11 @@ def distance_from(obstacles, k, t, x, y, z):
 
 
 @jit
-def _distances(obstacles, times, points, out):
-    """Write the signed distance of points (T, P, 3) from every obstacle into out (T, P, K)."""
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
-            for k in range(out.shape[2]):
-                away, _, _, _ = distance_from(obstacles, k, times[i], points[i, p, 0], points[i, p, 1], points[i, p, 2])
-                out[i, p, k] = away
+def _probe(obstacles, which, times, points, out):
+    """Write signed distance and outward normal of point k from obstacle which[k] at times[k] into out (P, 4)."""
+    for p in range(points.shape[0]):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = distance_from(obstacles, which[p], times[p], x, y, z)
 
 
 def distances(obstacles: ObstacleArrays, times: Array, points: Array) -> Array:
@@ -116,34 +281,17 @@ def distances(obstacles: ObstacleArrays, times: Array, points: Array) -> Array:
     Returns:
         Shape (T, P, K), m; negative inside.
     """
-    out = np.empty((*points.shape[:2], len(obstacles.kind)))
-    _distances(obstacles, np.asarray(times, dtype=np.float64), np.ascontiguousarray(points, dtype=np.float64), out)
-    return out
-
-
-@jit
-def _centres(obstacles, t, out):
-    """Write the centre of every obstacle at time t, s, into out (K, 3), m."""
-    for k in range(out.shape[0]):
-        out[k, 0], out[k, 1], out[k, 2] = position_at(obstacles.motion, k, t)
+    shape = *points.shape[:2], len(obstacles.kind)
+    k, i, which = (of.ravel() for of in np.indices(shape))
+    found = np.empty((len(which), 4))
+    _probe(obstacles, which, np.asarray(times, dtype=np.float64)[k], np.asarray(points, dtype=np.float64)[k, i], found)
+    return found[:, 0].reshape(shape)
 
 
 def centres(obstacles: ObstacleArrays, time: float) -> Array:
     """Return the centre of every obstacle at a time in s, of a half-space its point, shape (K, 3), m."""
-    out = np.empty((len(obstacles.kind), 3))
-    _centres(obstacles, float(time), out)
-    return out
-
-
-@jit
-def _nearest_points(obstacles, which, times, points, out):
-    """Write the point of each of P obstacles nearest to each point into out (P, 3), m."""
-    for p in range(points.shape[0]):
-        x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        away, nx, ny, nz = distance_from(obstacles, which[p], times[p], x, y, z)
-        out[p, 0] = x - away * nx
-        out[p, 1] = y - away * ny
-        out[p, 2] = z - away * nz
+    found = [position_at(obstacles.motion, k, float(time)) for k in range(len(obstacles.kind))]
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
 
 
 def nearest_points(obstacles: ObstacleArrays, which: IntArray, times: Array, points: Array) -> Array:
@@ -158,9 +306,9 @@ def nearest_points(obstacles: ObstacleArrays, which: IntArray, times: Array, poi
     Returns:
         Shape (P, 3), m.
     """
-    out = np.empty((len(points), 3))
-    _nearest_points(obstacles, which, np.ascontiguousarray(times), np.ascontiguousarray(points), out)
-    return out
+    found = np.empty((len(points), 4))
+    _probe(obstacles, which, np.ascontiguousarray(times), np.ascontiguousarray(points), found)
+    return np.asarray(points - found[:, :1] * found[:, 1:])
 
 
 def points_kept_from(obstacles: ObstacleArrays, cause: IntArray, times: Array, positions: Array) -> Array:

@@ -30,7 +30,7 @@ from mjsheaf.law.edges import slope
 from mjsheaf.law.links import distance, linked_edges, next_state, require_held
 from mjsheaf.noise import uniforms
 from mjsheaf.team import Team
-from mjsheaf.team.links import Links, RoundLink, chain_of, whole_periods
+from mjsheaf.team.links import Link, LinkModel, Links, RoundLink, model_of, whole_periods
 
 NEWTON, FEEDFORWARD = 0, 1
 """Whose rounds they are."""
@@ -39,23 +39,13 @@ _WEIGHT = 0.9  # w
 _COUNT = 2**20  # random numbers of rounds are counted from here on within a sample: apart from those of measurements
 
 
-class Losses(NamedTuple):
-    """Chain of losses of messages; see `mjsheaf.team.links.GilbertElliott`."""
-
-    to_bad: float = 0.0
-    to_good: float = 0.0
-    bad: float = 0.0
-    loss_good: float = 0.0
-    loss_bad: float = 0.0
-
-
 class RoundArrays(NamedTuple):
     """Links of the rounds of N agents with C communication edges, the first of a law; by default all is perfect.
 
     Attributes:
         present: (1,) if a message can be delayed or lost, on any edge; () leaves them out of the compiled code.
         delay: Delay of a message, periods; if positive, there is one round a period.
-        loss: Chain of losses of each edge.
+        loss: Link with the chain of losses of each edge.
         streams: Random streams, shape (C, 2).
         range: beyond which an edge carries no messages, shape (C,), m.
         lift: what is added to z for the distance between bodies, shape (V,), m.
@@ -65,7 +55,7 @@ class RoundArrays(NamedTuple):
 
     present: tuple[int, ...] = ()
     delay: int = 0
-    loss: Losses = Losses()
+    loss: LinkModel = LinkModel()
     streams: IntArray = np.zeros((0, 2), dtype=np.int64)
     range: Array = np.zeros(0)
     lift: Array = np.zeros(0)
@@ -81,7 +71,7 @@ class RoundArrays(NamedTuple):
     @property
     def lossy(self) -> bool:
         """Return True if a message can be lost at random."""
-        return self.loss.loss_good > 0.0 or self.loss.bad * self.loss.loss_bad > 0.0
+        return self.loss.lossy
 
     def settling(self, rounds: int, low: float) -> float:
         """Fraction of the slowest error that the rounds of one period remove, nearly; `low` bounds H from below."""
@@ -172,7 +162,7 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
     wanted = links.rounds or RoundLink()
     with in_field("links.rounds.delay"):
         delay = whole_periods(wanted.delay, period) if period > 0.0 else 0
-    loss = chain_of(wanted.loss)
+    loss = model_of(Link(loss=wanted.loss))
     edges = linked_edges(team, links)[: len(team.communication)]
     far = np.array([one.link.range for one in edges])
     if not (delay or loss.lossy or np.isfinite(far).any()):
@@ -183,7 +173,7 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
     return RoundArrays(
         present=(1,),
         delay=delay,
-        loss=Losses(*(float(getattr(loss, name)) for name in Losses._fields)),
+        loss=loss,
         streams=np.array([one.stream for one in edges], dtype=np.int64).reshape(-1, 2),
         range=far,
         lift=np.where([member.dimension == 2 for member in team.members], height, 0.0),

@@ -55,14 +55,18 @@ has an unbounded derivative at 0. Hence a set that is thinner than `_THICKNESS` 
 one plus `_THICKNESS`, or 0 if that is negative. The minimum is then a Lipschitz function of the constraints.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, BoolArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.law.obstacles import ObstacleArrays, distance_from
-from mjsheaf.vehicles.vectors import square_of, subtract, triple
+from mjsheaf.errors import InputError
+from mjsheaf.law.obstacles import AnyObstacle, ObstacleArrays, distance_from, pack_obstacles
+from mjsheaf.section import Positive, Section
+from mjsheaf.vectors import square_of, subtract, triple
 
 _FARTHEST = 1e10  # m; positions beyond it are a blow-up, which is reported elsewhere
 _USUAL = 4.0  # mean distances from the middle, within which cells end
@@ -268,6 +272,147 @@ class SafetyArrays(NamedTuple):
     uniform: bool
     right: bool
     obstacles: ObstacleArrays
+
+
+class Safety(Section):
+    """Fields of the safety filter; see `mjsheaf.law.safety`."""
+
+    distance: Positive | Literal["size"] = Field(
+        description="between the positions of any two vehicles of which one is an agent, and from an agent to the "
+        "surface of an obstacle; `size`: spheres about the vehicles do not touch each other or an obstacle [m]"
+    )
+    range: Positive | None = Field(
+        None,
+        description="within which agents see other vehicles and obstacles, by a sensor of its own; as far as the "
+        "filter can act unless given [m]",
+    )
+    rate: Positive = Field(1.0, description="largest rate gamma at which h = |z|^2 - distance^2 may fall [1/s]")
+    authority: Literal["equal", "by_speed"] = Field(
+        "equal", description="by_speed: of two agents, the faster one gives way more, in proportion to velocity_limit"
+    )
+    tie_break: Literal["none", "right_hand"] = Field(
+        "none", description="right_hand: an agent turns what the filter takes off its speed to the right"
+    )
+    obstacles: list[AnyObstacle] = Field(default_factory=list, description="what agents keep away from too")
+
+    @property
+    def obstacle_ids(self) -> list[str]:
+        """Name of each obstacle."""
+        return [one.id or f"{one.kind}_{k}" for k, one in enumerate(self.obstacles, 1)]
+
+    @model_validator(mode="after")
+    def _named_once(self) -> "Safety":
+        ids = self.obstacle_ids
+        for k, id in enumerate(ids):
+            if id in ids[:k]:
+                raise ValueError(f"obstacles.{k}.id: there is another obstacle {id!r}; expected a unique name")
+        return self
+
+
+def pack_safety(
+    safety: Safety,
+    *,
+    ids: Sequence[str],
+    planar: BoolArray,
+    height: float,
+    limit: Array,
+    yields: BoolArray,
+    radius: Array,
+    margin: Array,
+    speed: Array,
+    carried: Array,
+    unsteady: Array,
+    period: float,
+    start: float,
+    end: float,
+) -> SafetyArrays:
+    """Return the section for compiled code, for V vehicles; see `SafetyArrays` for carried and unsteady.
+
+    Args:
+        safety: The section.
+        ids: Ids of the agents.
+        planar: True for vehicles that live in the plane, shape (V,).
+        height: Height of planar vehicles, m.
+        limit: Largest commanded speed of each vehicle, shape (V,), m/s.
+        yields: True for present agents, shape (V,).
+        radius: Radius of each vehicle, which counts if the distance is their size, shape (V,), m.
+        margin: Addition to the distance for each vehicle, shape (V,), m.
+        speed: Bound on the speed relative to the medium of a vehicle that does not yield, shape (V,), m/s.
+        carried, unsteady: Bounds of the medium about each vehicle.
+        period: Time for which commands are held, s.
+        start, end: Start and end time of the run, s.
+
+    Raises:
+        InputError: The range is missing, and an agent has no velocity limit from which it follows; or the motion of an
+            obstacle does not fit. The message begins with the field.
+    """
+    V = len(planar)
+    own = radius if safety.distance == "size" else np.full(V, 0.5 * float(safety.distance))
+    padded = own + margin
+    obstacles = pack_obstacles(safety.obstacles, height, start, end)
+    lift = np.zeros((V, 3))
+    lift[planar, 2] = height
+    shares = np.ones(V)
+    for v, id in enumerate(ids if safety.authority == "by_speed" else []):
+        if not np.isfinite(limit[v]):
+            raise InputError(f"safety.authority: {id} has no velocity_limit; expected one, or authority equal")
+        shares[v] = limit[v] if yields[v] else 1.0
+    stirred = np.linalg.norm(carried - carried[0], axis=1) + unsteady
+    moving = np.where(yields, 0.0, speed)
+    clearance = (own if safety.distance == "size" else 2.0 * own) + margin
+    if safety.range is None:
+        limits = {id: limit[v] for v, id in enumerate(ids) if yields[v]}
+        others = max(speed.max(initial=0.0), obstacles.speed.max(initial=0.0))
+        flows = np.linalg.norm(carried, axis=1).max(initial=0.0) + unsteady.max(initial=0.0)
+        D = max(2.0 * float(padded.max()), float(clearance.max()))
+        reach = _farthest(limits, others, flows, D, safety.rate, period)
+    else:
+        reach = safety.range + 2.0 * float(margin.max())
+    return SafetyArrays(
+        agents=len(ids),
+        radius=padded,
+        clearance=clearance,
+        reach=reach,
+        rate=safety.rate,
+        period=period or 1.0 / safety.rate,
+        pairing=np.column_stack([padded, shares * yields, unsteady + moving]),
+        yields=yields,
+        carried=carried,
+        unsteady=unsteady,
+        lift=lift,
+        planar=planar,
+        closing=stirred + stirred.max() + moving.max(),
+        burden=1.0 + shares.max() / shares,
+        widest=float(padded.max()),
+        uniform=bool((carried == carried[0]).all()),
+        right=safety.tie_break == "right_hand",
+        obstacles=obstacles,
+    )
+
+
+def _farthest(limits: dict[str, float], others: float, flows: float, D: float, rate: float, period: float) -> float:
+    """Return the distance beyond which the filter changes no command that is within the velocity limits, m.
+
+    The bound of a constraint at distance r is at most q - gamma (r^2 - D^2) / (2 r), taken as a whole for a pair, with
+    q the fastest at which two vehicles can close in.
+
+    Args:
+        limits: Velocity limit of each present agent, m/s.
+        others: Largest speed of what does not yield, m/s.
+        flows: Largest speed of the medium, m/s.
+        D: Largest distance that is kept, m.
+        rate: gamma, 1/s.
+        period: Time for which commands are held, s.
+
+    Raises:
+        InputError: An agent has no velocity limit.
+    """
+    for id, limit in limits.items():
+        if not np.isfinite(limit):
+            raise InputError(f"safety.range: {id} has no velocity_limit from which a range follows; expected either")
+    closing = 2.0 * max(limits.values(), default=0.0) + others + 2.0 * flows
+    settled = closing / rate
+    return float(max(settled + np.hypot(settled, D), D + closing * period))
 
 
 class SafetyMemory(NamedTuple):

@@ -46,7 +46,11 @@ _ROUNDS = "exchanges a control period; in each, the ends of every communication 
 Rounds = Annotated[int, Field(ge=1, le=1000)]
 
 
-class Feedforward(Section):
+class Term(Section):
+    """Base of the sections of terms."""
+
+
+class Feedforward(Term):
     """The velocity of q*, from what agents sense of their targets' velocities."""
 
     rounds: Rounds = Field(3, description=_ROUNDS)
@@ -58,19 +62,19 @@ class Feedforward(Section):
     )
 
 
-class Newton(Section):
+class Newton(Term):
     """Straight to q* instead of down the slope of the disagreement."""
 
     rounds: Rounds = Field(3, description=_ROUNDS)
 
 
-class Drift(Section):
+class Drift(Term):
     """Observer of the velocity that adds to the agent's command."""
 
     filter: NonNegative = Field(0.1, description="time constant of the observer [s]")
 
 
-class Integral(Section):
+class Integral(Term):
     """The sum of the disagreement over time, without odometry."""
 
     gain: Positive = Field(description="k_I [1/s^2]")
@@ -86,24 +90,28 @@ class Odometry(Section):
     bias: float = Field(0.0, ge=-1e9, le=1e9, description="growth of the error of each coordinate [m/s]")
 
 
-class Terms(NamedTuple):
-    """The terms of a law; None leaves one out."""
+class Terms(Section):
+    """Terms of a law, fields of the section `controller`; None leaves one out."""
 
-    feedforward: Feedforward | None = None
-    newton: Newton | None = None
-    drift: Drift | None = None
-    integral: Integral | None = None
-    odometry: Odometry = Odometry()
+    feedforward: Feedforward | None = Field(None, description="adds the velocity of q*; not in the law unless given")
+    newton: Newton | None = Field(
+        None, description="commands k1 (q* - q) instead of -k1 eta; not in the law unless given"
+    )
+    drift: Drift | None = Field(
+        None, description="subtracts the velocity that adds to an agent's command; not in the law unless given"
+    )
+    integral: Integral | None = Field(None, description="adds the sum of eta over time; not in the law unless given")
+    odometry: Odometry = Field(Odometry(), description="errors of odometry, on which feedforward and drift rest")
 
     @property
-    def any(self) -> bool:
+    def has_terms(self) -> bool:
         """Return True if the law has terms in addition to the paper's."""
-        return any(self[k] is not None for k, name in enumerate(self._fields) if name != "odometry")
+        return any(isinstance(term, Term) for _, term in self)
 
     @property
-    def solve_nothing(self) -> bool:
-        """Return True if no term has rounds."""
-        return self.feedforward is None and self.newton is None
+    def has_rounds(self) -> bool:
+        """Return True if a term has rounds."""
+        return self.feedforward is not None or self.newton is not None
 
 
 class TermArrays(NamedTuple):
@@ -290,7 +298,7 @@ def pack_terms(
         slopes: Bounds on H, which rounds of a team with range or bearing edges need.
     """
     without = TermArrays(noise=terms.odometry.noise, bias=terms.odometry.bias)
-    if not terms.any:
+    if not terms.has_terms:
         return without
     first = len(team.communication)
     packed = without._replace(

@@ -38,16 +38,7 @@ from mjsheaf.media.flow import SOURCE, VORTEX, channel_velocity, offset_from, so
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.media.medium import medium_velocity, surface_about, upright_in
 from mjsheaf.media.varying import sine
-from mjsheaf.vehicles.actuators import ANGLE, actuator_force, aim, flow_wrench, unit_wrench
-from mjsheaf.vehicles.steering import (
-    HAND_POINT,
-    THRUST_VECTOR,
-    is_within_thrust,
-    share_within_thrust,
-    steer_attitude,
-    steer_hand_point,
-)
-from mjsheaf.vehicles.vectors import (
+from mjsheaf.vectors import (
     add,
     cross,
     product,
@@ -58,6 +49,15 @@ from mjsheaf.vehicles.vectors import (
     to_world,
     triple,
     upward,
+)
+from mjsheaf.vehicles.actuators import ANGLE, actuator_force, aim, flow_wrench, unit_wrench
+from mjsheaf.vehicles.steering import (
+    HAND_POINT,
+    THRUST_VECTOR,
+    is_within_thrust,
+    share_within_thrust,
+    steer_attitude,
+    steer_hand_point,
 )
 from mjsheaf.vehicles.vehicle import Vehicle
 

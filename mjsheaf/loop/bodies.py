@@ -51,13 +51,12 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import apart_jit, as_records, inline_jit, jit
 from mjsheaf.loop.log import quaternions_of
+from mjsheaf.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.actuators import CHANNEL, FIXED, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest
-from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
 from mjsheaf.vehicles.steering import drag_force
-from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
-from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
 
 # Body axes, about the origin of the body frame.
 KIND = np.dtype(

@@ -7,7 +7,7 @@ compiled code. `mjsheaf.loop.session` chooses one and offers it as a `Session`.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class Engine(ABC):
 
     def __init__(
         self,
-        run: System | Sequence[Phase],
+        run: "Scenario | System | Sequence[Phase]",
         *,
         controller: Law | Controller | None = None,
         commanded: Commanded = False,
@@ -78,18 +78,18 @@ class Engine(ABC):
         """Put every vehicle at its initial position and heading.
 
         Args:
-            run: The System of a scenario, or the phases of a run.
+            run: A Scenario, the System that one describes, or the phases of a run.
             controller: Law in Python in place of the agents' own.
             commanded: True if velocities from outside take the place of the agents' own law, 'thrust' if commands of
                 actuators take the place of their law and autopilot; see `add_to_command`.
-            scenario: Scenario that the run was made from, for other seeds.
+            scenario: Scenario that phases are of, for other seeds.
 
         Raises:
             InputError: A vehicle is unknown or does not fit the dimension of its agent or target, or the control period
                 is 0 with a law in Python.
         """
-        self.scenario = scenario
-        self._take(run)
+        self.scenario = cast("Scenario", run) if hasattr(run, "with_seed") else scenario
+        self._take(phases_of(run))
         self._coordinates = np.arange(3) < [[agent.dimension] for agent in self.system.team.agents]
         self.controller = controller_of(controller, self.system, max(self.seed, 0))
         self._commanded: Commanded = commanded or self.controller is not None
@@ -100,9 +100,9 @@ class Engine(ABC):
     def _prepare(self) -> None:  # noqa: B027
         """Make what no seed changes."""
 
-    def _take(self, run: System | Sequence[Phase]) -> None:
+    def _take(self, phases: Sequence[Phase]) -> None:
         """Store the phases of a run, and the data common to all of them."""
-        self._phases = phases_of(run)
+        self._phases = phases
         self.system = self._phases[0].system
         self._views: dict[int, View] = {}
 
@@ -117,7 +117,7 @@ class Engine(ABC):
             raise InputError(f"seed is {seed}; expected None for a run that was not made from a Scenario")
         plan = self.system.bodies
         self.scenario = self.scenario.with_seed(seed)
-        self._take(on_engine(self.scenario.phases, plan.engine, plan.threads))
+        self._take(phases_of(on_engine(self.scenario.phases, plan.engine, plan.threads)))
         self._control = self._law_of_phase()
         if self.controller:
             self.controller.seed = self.seed

@@ -149,7 +149,7 @@ class Fused(ClosedLoop):
 
     def _bodies(self, room: Room) -> Bodies:
         V = len(self._vehicles)
-        return Bodies(room.take(7 * V), room.take(6 * V), room.take(len(self._gain)), room.take(len(self._act)))
+        return room.take(7 * V), room.take(6 * V), room.take(len(self._gain)), room.take(len(self._act))
 
     @property
     def compiled(self) -> tuple[Loop, NDArray[np.void]]:

@@ -20,8 +20,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, Room, lay_out
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
-from mjsheaf.law.separation import Station, keep_station, no_station
+from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory, no_station
 from mjsheaf.loop.engine import Engine, Recorder
 from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state, unknown_flow
@@ -261,7 +260,7 @@ def _record(run, t, x, k, log):
                     log.inputs[k, v, i] = memory.command[v, i]
         for i in range(3):
             slope[v, i] += w[i]
-        record_vehicle(log.extra, run, memory, log, k, v, x[v], slope[v], w)
+        record_vehicle(run, memory, log, k, v, x[v], slope[v], w)
 
 
 @jit

@@ -19,10 +19,10 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, lay_out
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.law import ControlArrays
-from mjsheaf.law.separation import no_station
+from mjsheaf.law.law import no_station
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.log import quaternions_of
-from mjsheaf.loop.loop import AUTOPILOT, Bodies, Params, controlled_positions, new_loop
+from mjsheaf.loop.loop import AUTOPILOT, Params, controlled_positions, new_loop
 from mjsheaf.loop.mujoco_engine import evaluate_forces, mujoco_arrays
 from mjsheaf.media import FlowField
 from mjsheaf.media.medium import pack_medium
@@ -193,7 +193,7 @@ class _Bench:
         fleet, self.arrays = pack_fleet(vehicles, heading, timestep), mujoco_arrays(self.model, self.data)
         helm, gain = np.full(V, AUTOPILOT, dtype=np.int8), self.model.actuator_gainprm
         params = Params(control, medium, fleet, no_station(V), helm, gain, timestep)
-        bodies = Bodies(self.data.qpos, self.data.qvel, self.data.ctrl, self.data.act)
+        bodies = self.data.qpos, self.data.qvel, self.data.ctrl, self.data.act
         self.loop = lay_out(lambda room: new_loop(params, lambda _: bodies, room))[1]
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]

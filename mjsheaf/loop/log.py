@@ -8,6 +8,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import inline_jit
+from mjsheaf.compile.parts import for_each
 from mjsheaf.law.law import LawArrays
 from mjsheaf.system import Phase, System
 
@@ -19,20 +20,24 @@ def samples_in_piece(system: System) -> int:
     return max(16, min(2048, _PIECE // len(system.team.members)))
 
 
+READERS: dict[str, tuple[Any, int]] = {}
+"""Compiled functions that read what only the loop knows, by name, and how many numbers each writes.
+
+`read(run, memory, v, out)` is called for vehicle v at every sample: `run` is the Loop on bodies and the Integrator on
+ideal kinematics, `memory` is the law's. See `results.dataset.Samples.recorded`.
+"""
+
+
 class Extra(NamedTuple):
-    """Recorded values of variables with a compiled reader (see `results.dataset`).
+    """Recorded values of one of the READERS.
 
     Attributes:
-        values: Values of all these variables, one after the other, shape (T, V, width).
-        read: Compiled function that writes the values of one vehicle.
+        values: The values, shape (T, V, width).
+        read: The function that writes those of one vehicle.
     """
 
     values: Array
     read: Any
-
-    def span(self, begin: int, end: int) -> "Extra":
-        """Return views of the samples from `begin` up to but without `end`."""
-        return Extra(self.values[begin:end], self.read)
 
 
 class Log(NamedTuple):
@@ -54,7 +59,7 @@ class Log(NamedTuple):
         heard: Reception on each link (see `mjsheaf.law.links`), shape (T, L).
         measurements: Delivered measurements, -b if nothing was received, shape (T, m), m; recorded on request.
         safety: Results of the safety filter (see `mjsheaf.law.safety`), shape (T, V, 4); without one (T, V, 0).
-        extra: Extra of further variables; () without any.
+        extra: An Extra for each of the READERS.
     """
 
     positions: Array
@@ -76,8 +81,7 @@ class Log(NamedTuple):
     def span(self, begin: int, end: int) -> "Log":
         """Return views of the samples from `begin` up to but without `end`."""
         arrays = [values[begin:end] for values in self[:-1]]
-        extra = self.extra.span(begin, end) if self.extra else ()
-        return Log._make([*arrays, extra])
+        return Log._make([*arrays, tuple(Extra(one.values[begin:end], one.read) for one in self.extra)])
 
 
 def new_log(T: int, law: LawArrays, *, inputs: tuple[int, int] | None = None, actuators: int | None = None) -> Log:
@@ -99,32 +103,8 @@ def new_log(T: int, law: LawArrays, *, inputs: tuple[int, int] | None = None, ac
         heard=np.empty((T, len(links.table))),
         measurements=np.empty((T, len(law.edges.b) if links.record else 0)),
         safety=np.zeros((T, V, 4 if law.safety else 0)),
-        extra=_new_extra(T, V),
+        extra=tuple(Extra(np.full((T, V, width), np.nan), read) for read, width in READERS.values()),
     )
-
-
-def _new_extra(T: int, V: int) -> Extra | tuple[()]:
-    """Return room for the variables that have a compiled reader."""
-    from mjsheaf.results.dataset import compiled
-
-    entries = compiled()
-    if not entries:
-        return ()
-    read, width = entries[0].read, entries[0].width
-    for entry in entries[1:]:
-        read = _one_after_the_other(read, width, entry.read)
-        width += entry.width
-    return Extra(np.full((T, V, width), np.nan), read)
-
-
-def _one_after_the_other(first: Any, width: int, then: Any) -> Any:
-    """Return a compiled reader that calls two readers; the first one writes `width` numbers."""
-
-    def read(run, memory, v, out):
-        first(run, memory, v, out[:width])
-        then(run, memory, v, out[width:])
-
-    return inline_jit(read)
 
 
 @dataclass(frozen=True)
@@ -155,12 +135,19 @@ class Trajectory:
 
 
 @inline_jit
-def record_vehicle(extra, run, memory, log, k, v, position, velocity, medium):
+def _read_extra(extra, _, run, memory, k, v):
+    extra.read(run, memory, v, extra.values[k, v])
+
+
+_read_extras = for_each(lambda _: _read_extra)
+
+
+@inline_jit
+def record_vehicle(run, memory, log, k, v, position, velocity, medium):
     """Write the values that every backend records of vehicle v as sample k.
 
     Args:
-        extra: `log.extra`; where it is (), nothing of what reads it is compiled.
-        run: Source of the compiled readers: a Loop on bodies, an Integrator on ideal kinematics.
+        run: A Loop on bodies, an Integrator on ideal kinematics; see `READERS`.
         memory: Memory of the law.
         log: Log to write to.
         k, v: Numbers of the sample and the vehicle.
@@ -176,8 +163,7 @@ def record_vehicle(extra, run, memory, log, k, v, position, velocity, medium):
         log.medium[k, v, i] = medium[i]
     for i in range(log.safety.shape[2]):
         log.safety[k, v, i] = memory.safety.found[v, i]
-    if len(extra) > 0:
-        extra.read(run, memory, v, extra.values[k, v])
+    _read_extras(log.extra, log.extra, None, run, memory, k, v)
 
 
 @inline_jit

@@ -15,22 +15,19 @@ from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller
-from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
-from mjsheaf.law.separation import Station, keep_station
+from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory
 from mjsheaf.loop.bodies import Fleet, pack_fleet
 from mjsheaf.loop.engine import Engine, Recorder
 from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.media.medium import (
     MediumArrays,
     MediumState,
-    Parts,
     advance,
     hold,
     medium_velocity,
     new_state,
     unknown_flow,
 )
-from mjsheaf.media.varying import HarmonicArrays
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import ANGLE
 
@@ -47,7 +44,7 @@ AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
 
 
 class Params(NamedTuple):
-    """Constants of a run. Runs of one team under different seeds share all but what `seeded_of` returns.
+    """Constants of a run. Runs of one team under different seeds share all but what `map_seeded` maps.
 
     Attributes:
         control: Law and references of the onboard computers.
@@ -74,34 +71,20 @@ class Params(NamedTuple):
     per_sample: int = 1
 
 
-class Seeded(NamedTuple):
-    """The constants of a run that depend on its seed.
+def map_seeded(function: Callable[[Any], Any], params: Params) -> Params:
+    """Return constants with another value in the place of each array of numbers that depends on the seed of a run.
 
-    Attributes:
-        seed: Seed of the random numbers of links and terms, shape (1,).
-        origin: See `MotionArrays`.
-        harmonics: Disturbances.
-        parts: What else moves in the medium, such as gusts.
+    These are the seed of random numbers, where targets begin, disturbances, and all else that moves in the medium.
+    Arrays of numbers have entries of eight bytes; others, such as flags, are shared by runs.
     """
 
-    seed: IntArray
-    origin: Array
-    harmonics: HarmonicArrays
-    parts: Parts
+    def own(leaf: Any) -> Any:
+        return function(leaf) if isinstance(leaf, np.ndarray) and leaf.dtype.itemsize == 8 else leaf
 
-
-def seeded_of(params: Params) -> Seeded:
-    """Return the constants that depend on the seed."""
-    control, medium = params.control, params.medium
-    return Seeded(control.law.seed, control.motion.origin, medium.harmonics, medium.parts)
-
-
-def with_seeded(params: Params, seeded: Seeded) -> Params:
-    """Return constants with others of those that depend on the seed."""
     law, motion = params.control
-    control = params.control._replace(law=law._replace(seed=seeded.seed), motion=motion._replace(origin=seeded.origin))
-    medium = params.medium._replace(harmonics=seeded.harmonics, parts=seeded.parts)
-    return params._replace(control=control, medium=medium)
+    control = ControlArrays(law._replace(seed=own(law.seed)), motion._replace(origin=own(motion.origin)))
+    harmonics, parts = mapped(own, params.medium.harmonics), mapped(own, params.medium.parts)
+    return params._replace(control=control, medium=params.medium._replace(harmonics=harmonics, parts=parts))
 
 
 class State(NamedTuple):
@@ -144,13 +127,8 @@ class Loop(NamedTuple):
     state: State
 
 
-class Bodies(NamedTuple):
-    """Arrays of what moves the bodies: see `State`."""
-
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    act: Array
+Bodies = tuple[Array, Array, Array, Array]
+"""Arrays of what moves the bodies: qpos, qvel, ctrl and act of a `State`."""
 
 
 @inline_jit
@@ -236,7 +214,7 @@ def record(loop, log, k, first, last):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
         w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
-        record_vehicle(log.extra, loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
+        record_vehicle(loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
         for i in range(3):
             log.origin[k, v, i] = state.qpos[a + i]
         for i in range(4):
@@ -268,11 +246,6 @@ def begin_span(loop, k, recorder):
     if k % params.per_law == 0:
         run_law(loop, params.start + k * params.timestep)
     return row
-
-
-def is_seeded(leaf: Any) -> bool:
-    """Return True for a leaf of `Seeded` that each run has: an array of numbers, which take eight bytes each."""
-    return isinstance(leaf, np.ndarray) and leaf.dtype.itemsize == 8
 
 
 def first_bad(bad: IntArray) -> tuple[int, int] | None:
@@ -327,8 +300,8 @@ class ClosedLoop(Engine):
     _in_lanes: ClassVar = False  # True if compiled code moves vehicles itself, and may do so in lanes
     _at_once: ClassVar = 200_000  # physics steps times vehicles in a compiled call; Ctrl-C takes effect between calls
 
-    def _take(self, run: System | Sequence[Phase]) -> None:
-        super()._take(run)
+    def _take(self, phases: Sequence[Phase]) -> None:
+        super()._take(phases)
         system = self.system
         plan = system.bodies
         if plan.heading is not self._heading:  # no seed changes more
@@ -385,14 +358,12 @@ class ClosedLoop(Engine):
         params, state = self.new_loop(room)
         room.since(0)[:] = self._values
 
-        def copied(leaf: Any) -> Any:
-            if not is_seeded(leaf):
-                return leaf
+        def copied(leaf: Array | IntArray) -> Any:
             own = room.take(leaf.shape).view(leaf.dtype)
             own[...] = leaf
             return own
 
-        return Loop(with_seeded(params, mapped(copied, seeded_of(params))), state)
+        return Loop(map_seeded(copied, params), state)
 
     def params(self) -> Params:
         """Return the constants of the present phase."""

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arguments import phases_given
 from mjsheaf.arrays import Array, IntArray, Room
 from mjsheaf.compile.jit import external, inline_jit, jit, on_stack
 from mjsheaf.compile.tiers import Tiered
@@ -148,9 +147,7 @@ class World(ClosedLoop):
                 where the control period is 0.
         """
         self._visible = visible
-        run = phases_given(scenario)
-        given = None if run is scenario else scenario
-        super().__init__(run, controller=controller, commanded=commanded, scenario=given)
+        super().__init__(scenario, controller=controller, commanded=commanded)
 
     def _prepare(self) -> None:
         self.arena = arena_of(self.system, visible=self._visible)
@@ -163,7 +160,7 @@ class World(ClosedLoop):
     def _bodies(self, room: Room) -> Bodies:
         self._kept = room.take(mujoco.mj_stateSize(self.model, _STATE))
         data = self.data
-        return Bodies(data.qpos, data.qvel, data.ctrl, data.act)
+        return data.qpos, data.qvel, data.ctrl, data.act
 
     @property
     def steps_taken(self) -> int:

@@ -68,8 +68,7 @@ class Session:
         self.backend = backend
         if commanded == "thrust" and backend == "ideal":
             raise InputError("commanded is 'thrust': ideal kinematics have no thrusters; expected backend 'physics'")
-        phases = moved_by(scenario.phases, backend, engine, threads)
-        require_simulable(phases, backend, allow_drift=allow_drift)
+        phases = prepare_run(scenario, backend, engine, threads, allow_drift=allow_drift)
         self.engine = engine_of(
             phases, backend, controller=controller, scenario=scenario, commanded=commanded, visible=visible
         )
@@ -130,11 +129,8 @@ class Session:
             InputError: As for `simulate`; the session continues as before.
             NotUniqueError: The harmonic extension is not unique in some phase.
         """
-        from mjsheaf.system import on_engine
-
         plan = self.engine.system.bodies
-        phases = on_engine(scenario.phases, plan.engine, plan.threads)
-        require_simulable(phases, self.backend)
+        phases = prepare_run(scenario, self.backend, plan.engine, plan.threads)
         self.engine.scenario = scenario
         self.engine.change_phases(phases)
 
@@ -182,10 +178,10 @@ def engine_of(
 ) -> "Engine":
     """Return the engine of a run at its start.
 
-    This function does not refuse runs that cannot be simulated; see `require_simulable`.
+    This function does not refuse runs that cannot be simulated; see `prepare_run`.
 
     Args:
-        run: A system, or the phases of a run on their engine; see `moved_by`.
+        run: A system, or the phases of a run on their engine.
         backend, controller, commanded, visible: See `Session`.
         scenario: Scenario that the run was made from, for other seeds.
     """
@@ -204,60 +200,48 @@ def engine_of(
     return World(scenario or run, controller=controller, commanded=commanded, visible=visible)
 
 
-def moved_by(
-    phases: "Sequence[Phase]", backend: str, engine: str = "mujoco", threads: int | None = None
-) -> "Sequence[Phase]":
-    """Return a run on an engine and threads, of which MuJoCo takes one; see `simulate`.
+def require_engine(engine: str, backend: str) -> None:
+    """Refuse an engine or a backend.
 
     Raises:
-        InputError: unknown engine, threads below 1, or either for ideal kinematics.
-    """
-    from mjsheaf.system import on_engine
-
-    require_engine(engine, backend)
-    if threads is not None:
-        require_whole("threads", threads, 1)
-    if backend == "ideal":
-        if threads is not None and threads > 1:
-            raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
-        return phases
-    return on_engine(phases, engine, 1 if engine == "mujoco" else threads or usable_processors())
-
-
-def require_backend(backend: str) -> None:
-    """Refuse an unknown backend.
-
-    Raises:
-        InputError: it is.
+        InputError: One is unknown, or the engine is not for this backend.
     """
     require_choice("backend", backend, BACKENDS)
-
-
-def require_engine(engine: str, backend: str) -> None:
-    """Refuse an engine.
-
-    Raises:
-        InputError: it is unknown, or not for this backend.
-    """
     require_choice("engine", engine, ENGINES)
     if engine != "mujoco" and backend == "ideal":
         raise InputError(f"engine {engine!r}: moves bodies, and ideal kinematics have none; expected backend 'physics'")
 
 
-def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_drift: bool = False) -> None:
-    """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
+def prepare_run(
+    run: "Scenario | System | Sequence[Phase]",
+    backend: str,
+    engine: str = "mujoco",
+    threads: int | None = None,
+    *,
+    allow_drift: bool = False,
+) -> "tuple[Phase, ...]":
+    """Return the phases of a run on an engine and threads, of which MuJoCo takes one; see `simulate`.
+
+    What cannot be simulated is refused, the same on both backends, before anything is simulated or written.
 
     Raises:
-        InputError: unknown backend; contacts, where the engine has none; a vehicle that is unknown or
-            does not fit its agent or target, which matters to the ideal backend too, as a scenario that only one
-            backend takes is not one to compare; or a g that is not of full row rank.
+        InputError: unknown backend or engine, threads below 1, or either for ideal kinematics; contacts, where the
+            engine has none; a vehicle that is unknown or does not fit its agent or target, which matters to the ideal
+            backend too, as a scenario that only one backend takes is not one to compare; or a g that is not of full row
+            rank.
         NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
     """
-    from mjsheaf.system import DEFAULT_VEHICLE, phases_of
+    from mjsheaf.system import DEFAULT_VEHICLE, on_engine, phases_of
     from mjsheaf.vehicles.allocation import without_full_row_rank
 
-    require_backend(backend)
+    require_engine(engine, backend)
+    if threads is not None:
+        require_whole("threads", threads, 1)
     phases = phases_of(run)
+    if backend == "physics":
+        phases = on_engine(phases, engine, 1 if engine == "mujoco" else threads or usable_processors())
+    elif threads is not None and threads > 1:
+        raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
     system = phases[0].system
     system.bodies.refuse_contacts()
     team = system.team
@@ -281,3 +265,4 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
             shown = "; ".join(free[:4]) + ("; ..." if len(free) > 4 else "")
             why = f"H^0(G, G_p; F) has dimension {len(free)}: {shown}; sense or share the free coordinates"
         raise NotUniqueError(f"the harmonic extension is not unique{when}: {why}")
+    return phases

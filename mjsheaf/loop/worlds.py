@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out, leaves_of, mapped
+from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError
@@ -19,7 +19,7 @@ from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.law import look, unlook
 from mjsheaf.loop.fused import Fused, advance_blocks, command_vehicles
 from mjsheaf.loop.log import new_log
-from mjsheaf.loop.loop import NEVER, Params, blow_up_of, is_seeded, run_law, seeded_of, with_seeded
+from mjsheaf.loop.loop import NEVER, Params, blow_up_of, map_seeded, run_law
 from mjsheaf.system import System
 
 
@@ -107,7 +107,14 @@ def _require_world(run: Fused) -> None:
 
 def _shared(params: Params) -> Params:
     """Return constants with shapes in the place of what worlds do not share."""
-    return with_seeded(params, mapped(lambda leaf: leaf.shape if is_seeded(leaf) else leaf, seeded_of(params)))
+    return map_seeded(lambda leaf: leaf.shape, params)
+
+
+def _seeded(params: Params) -> list[Any]:
+    """Return what worlds do not share, in order."""
+    leaves: list[Any] = []
+    map_seeded(leaves.append, params)
+    return leaves
 
 
 def _require_same(w: int, one: Any, other: Any, path: str = "params") -> None:
@@ -192,10 +199,8 @@ class Worlds:
             params = run.params()
             _require_same(w, _shared(params), self._shared)
             self.values[w, : len(self._empty)] = self._empty
-            old = leaves_of(seeded_of(self._loops[w].params))
-            for own, value in zip(old, leaves_of(seeded_of(params)), strict=True):
-                if is_seeded(own):
-                    own[...] = value
+            for own, value in zip(_seeded(self._loops[w].params), _seeded(params), strict=True):
+                own[...] = value
             run.place()
         if len(new):
             begin_periods(self._loop, self._row, self.values, new)
@@ -243,22 +248,16 @@ class Goal(NamedTuple):
 
 
 @inline_jit
-def square_error(goal, x, i):
-    """|q*_i - q_i|^2 of agent i, m^2, where vehicles are at x (V, 3), m."""
-    n, total = goal.rest.shape[0], 0.0
-    for r in range(goal.first[i], goal.first[i + 1]):
-        e = goal.rest[r] - x[goal.own[r, 0], goal.own[r, 1]]
-        for c in range(goal.carry.shape[1]):
-            e += goal.carry[r, c] * x[goal.own[n + c, 0], goal.own[n + c, 1]]
-        total += e * e
-    return total
-
-
-@inline_jit
 def square_errors(goal, x, squares):
-    """Write |q*_i - q_i|^2 of all agents into squares (N,), m^2; NaN for absent agents."""
+    """Write |q*_i - q_i|^2 of all agents at x (V, 3), m, into squares (N,), m^2; NaN for absent agents."""
+    n = goal.rest.shape[0]
     for i in range(squares.shape[0]):
-        squares[i] = square_error(goal, x, i)
+        squares[i] = 0.0
+        for r in range(goal.first[i], goal.first[i + 1]):
+            e = goal.rest[r] - x[goal.own[r, 0], goal.own[r, 1]]
+            for c in range(goal.carry.shape[1]):
+                e += goal.carry[r, c] * x[goal.own[n + c, 0], goal.own[n + c, 1]]
+            squares[i] += e * e
 
 
 class SquareErrors:

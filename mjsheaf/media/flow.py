@@ -16,20 +16,20 @@ Source: the paper's Section VI, and the kernels of its published run.
 import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import inline_jit, jit, overload, two_to_by_bits
 from mjsheaf.errors import InputError, raise_first
 from mjsheaf.media.gusts import Gusts
-from mjsheaf.media.varying import MovingVortices, Ramp, Tide
+from mjsheaf.media.varying import Exposure, Moving, MovingVortices, Ramp, Tide, pack_varying
 from mjsheaf.media.waves import Waves
 from mjsheaf.section import NonNegative, Number, Point, Positive, Section
-from mjsheaf.vehicles.vectors import add, cross, triple
+from mjsheaf.vectors import add, cross, triple
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
 # axis or direction (3), strength, and two parameters: core^2, or the falloffs of a channel across and along. Its first
@@ -280,7 +280,7 @@ class FlowField(Section):
     @property
     def is_steady(self) -> bool:
         """True if nothing of it changes with time."""
-        return self.gusts is None and self.waves is None and not self.varies
+        return not (self.varies or any(isinstance(section, Moving) for _, section in self))
 
     @property
     def varies(self) -> bool:
@@ -296,6 +296,20 @@ class FlowField(Section):
         core2, space = float(self.core or 0.0) ** 2, float(self.dimension == 3)
         numbers = (np.full(len(moving), number) for number in (core2, space))
         return MovingVortices(*(np.array(rows).reshape(-1, 3) for rows in vectors), *numbers)
+
+    def recorded(self, name: str, met: Exposure) -> tuple[list[Any], Array]:
+        """Return parts out of a file, and the velocity where each vehicle begins, shape (V, 3), m/s; no parts here."""
+        return [], met.wind
+
+    def parts(self, name: str, met: Exposure, reached: IntArray) -> Iterator[Any]:
+        """Yield what moves of it, for compiled code; see `Moving.parts`."""
+        if self.varies:
+            yield pack_varying(self.tide, self.ramp, self.moving_vortices, met.met.astype(np.int64))
+        recorded, wind = self.recorded(name, met)
+        yield from recorded
+        for _, section in self:
+            if isinstance(section, Moving):
+                yield from section.parts(name, met._replace(wind=wind), reached)
 
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.

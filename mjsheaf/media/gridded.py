@@ -19,11 +19,12 @@ from mjsheaf.errors import InputError, in_field
 from mjsheaf.files import digest_of
 from mjsheaf.media.flow import FlowField
 from mjsheaf.media.flow_files import Grid, Medium, Reading, Request, read_flow
-from mjsheaf.media.gusts import Exposure
-from mjsheaf.media.varying import Bounds
+from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure
 from mjsheaf.section import NonNegative, Number
 
 _ROUNDING = 1e-9
+_MEDIA: dict[str, Medium] = {"wind": "air", "current": "water"}
+"""Medium of a flow field by its name; those by role have none."""
 
 
 class GriddedFlow(FlowField):
@@ -63,6 +64,11 @@ class GriddedFlow(FlowField):
                 return {**fields, "sha256": digest_of(fields["path"])}
         return fields
 
+    def recorded(self, name: str, met: Exposure) -> tuple[list[Any], Array]:
+        """Return the grid, and the velocity of the medium where and when each vehicle begins, shape (V, 3), m/s."""
+        grid = pack_grid(self, _MEDIA.get(name), met.met.astype(np.int64), met)
+        return [grid], met.wind + flow_at_start(grid, met)
+
     def read(self, medium: Medium | None) -> Reading:
         """Return the file's data in the scenario's coordinates and time.
 
@@ -83,22 +89,6 @@ class GriddedFlow(FlowField):
 # -- compiled ------------------------------------------------------------------------------------------------------
 
 
-class GridArrays(NamedTuple):
-    """A gridded flow for compiled code: see `Grid`, and the vehicles that meet it.
-
-    Attributes:
-        met: 1 for vehicles that meet it, else 0, shape (V,).
-    """
-
-    met: IntArray
-    x: Array
-    y: Array
-    time: Array
-    velocity: Array
-    turn: Array
-    turned: bool
-
-
 class GridState(NamedTuple):
     """State of a gridded flow.
 
@@ -107,13 +97,6 @@ class GridState(NamedTuple):
     """
 
     place: Array
-
-
-def new_grid_state(grid: GridArrays, take: Take = np.zeros) -> GridState:
-    """Return a state for `grid_velocity` to write to."""
-    state = GridState(take((len(grid.met), 2)))
-    state.place[:] = np.nan
-    return state
 
 
 @inline_jit
@@ -171,6 +154,54 @@ def grid_velocity(grid, state, t, v, x, y, z):
     return east, north, up
 
 
+class GridArrays(NamedTuple):
+    """A gridded flow for compiled code: see `Grid`, and the vehicles that meet it.
+
+    Attributes:
+        met: 1 for vehicles that meet it, else 0, shape (V,).
+    """
+
+    met: IntArray
+    x: Array
+    y: Array
+    time: Array
+    velocity: Array
+    turn: Array
+    turned: bool
+
+    def new_state(self, take: Take = np.zeros) -> GridState:
+        """Return a state for `grid_velocity` to write to."""
+        state = GridState(take((len(self.met), 2)))
+        state.place[:] = np.nan
+        return state
+
+    def bound(self) -> Bounds:
+        """Return the largest values of a gridded flow and of its derivatives, which are at nodes and corners."""
+        w = self.velocity
+        along_x = np.diff(w, axis=2) / np.diff(self.x)[:, None]
+        along_y = np.diff(w, axis=1) / np.diff(self.y)[:, None, None]
+        slope = 0.0
+        for rows in (slice(None, -1), slice(1, None)):
+            for columns in (slice(None, -1), slice(1, None)):
+                J = np.stack([along_x[:, rows], along_y[:, :, columns]], axis=-1)
+                if self.turned:
+                    J = J @ self.turn
+                a, b, c = (np.einsum("...i,...i", J[..., m], J[..., n]) for m, n in ((0, 0), (0, 1), (1, 1)))
+                squares = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)  # of the norm: largest eigenvalues of J^T J
+                slope = max(slope, math.sqrt(np.fmax.reduce(squares, axis=None, initial=0.0)))  # but for NaN
+        change, rate = 0.0, 0.0
+        if len(self.time) > 1:
+            steps = np.diff(self.time)
+            change = float(np.nanmax(np.linalg.norm(np.diff(w, axis=0), axis=-1) / steps[:, None, None]))
+            rate = math.pi / float(steps.min())
+        met = (self.met > 0).astype(np.float64)
+        fastest = float(np.nanmax(np.linalg.norm(w, axis=-1)))
+        return Bounds(met * fastest, met * change, met * slope, rate)
+
+
+COMPILED[GridArrays] = Compiled(grid_velocity)
+
+
 def pack_grid(flow: GriddedFlow, medium: Medium | None, met: IntArray, exposed: Exposure) -> GridArrays:
     """Pack a gridded flow of a medium for compiled code.
 
@@ -195,36 +226,12 @@ def flow_at_start(grid: GridArrays, exposed: Exposure) -> Array:
     Raises:
         InputError: It is not known.
     """
-    state, found = new_grid_state(grid), np.zeros((len(grid.met), 3))
+    state, found = grid.new_state(), np.zeros((len(grid.met), 3))
     for v, place in enumerate(exposed.positions.tolist()):
         found[v] = grid_velocity(grid, state, exposed.start, v, *place)
         if why := describe_unknown(grid, state, v):
             raise InputError(f"path: {exposed.ids[v]} begins where no flow is known: {why}")
     return found
-
-
-def bound_grid(grid: GridArrays) -> Bounds:
-    """Return the largest values of a gridded flow and of its derivatives, which are at nodes and corners."""
-    w = grid.velocity
-    along_x = np.diff(w, axis=2) / np.diff(grid.x)[:, None]
-    along_y = np.diff(w, axis=1) / np.diff(grid.y)[:, None, None]
-    slope = 0.0
-    for rows in (slice(None, -1), slice(1, None)):
-        for columns in (slice(None, -1), slice(1, None)):
-            J = np.stack([along_x[:, rows], along_y[:, :, columns]], axis=-1)
-            if grid.turned:
-                J = J @ grid.turn
-            a, b, c = (np.einsum("...i,...i", J[..., m], J[..., n]) for m, n in ((0, 0), (0, 1), (1, 1)))
-            squares = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)  # of the norm: largest eigenvalues of J^T J
-            slope = max(slope, math.sqrt(np.fmax.reduce(squares, axis=None, initial=0.0)))  # but for NaN
-    change, rate = 0.0, 0.0
-    if len(grid.time) > 1:
-        steps = np.diff(grid.time)
-        change = float(np.nanmax(np.linalg.norm(np.diff(w, axis=0), axis=-1) / steps[:, None, None]))
-        rate = math.pi / float(steps.min())
-    met = (grid.met > 0).astype(np.float64)
-    fastest = float(np.nanmax(np.linalg.norm(w, axis=-1)))
-    return Bounds(met * fastest, met * change, met * slope, rate)
 
 
 def describe_unknown(grid: GridArrays, state: GridState, v: int) -> str:

@@ -20,19 +20,19 @@ Gusts change at control periods and are held between. What a vehicle meets is a 
 and the number of the period alone; the state is what that function has reached, and goes back by starting over.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator
 from scipy.special import gammainc
 
-from mjsheaf.arrays import Array, BoolArray, IntArray, Take
+from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.errors import InputError
-from mjsheaf.media.varying import Bounds, unbounded
+from mjsheaf.errors import InputError, in_field
+from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving, unbounded
 from mjsheaf.noise import normals, stream_of
-from mjsheaf.section import Number, Positive, Section
+from mjsheaf.section import Number, Positive
 
 FOOT = 0.3048  # m
 LOWEST = 10.0 * FOOT
@@ -53,7 +53,7 @@ def _shape(altitude: float) -> float:
     return 0.177 + 0.000823 * altitude / FOOT
 
 
-class Gusts(Section):
+class Gusts(Moving):
     """Dryden gusts in addition to the steady flow."""
 
     kind: Literal["dryden"] = Field(description="spectrum")
@@ -104,29 +104,11 @@ class Gusts(Section):
         direction = velocity[:2] / speed if speed > 0.0 else np.array([1.0, 0.0])
         return direction, max(float(np.linalg.norm(velocity)), self.airspeed)
 
-
-class Exposure(NamedTuple):
-    """The vehicles that meet the gusts of a flow field, and how the run is sampled.
-
-    Attributes:
-        met: True for those vehicles, shape (V,).
-        ids: Ids of all vehicles.
-        positions: Initial positions, shape (V, 3), m.
-        wind: Steady flow at the initial positions, shape (V, 3), m/s.
-        level: Height of the surface, m.
-        start, end, period: Times of the first and last sample, and between samples, s.
-        seed: Seed of the run.
-    """
-
-    met: BoolArray
-    ids: Sequence[str]
-    positions: Array
-    wind: Array
-    level: float
-    start: float
-    end: float
-    period: float
-    seed: int
+    def parts(self, name: str, met: Exposure, reached: IntArray) -> "Iterator[FrozenArrays | GustArrays]":
+        """Yield gusts of each vehicle's own, or one frozen field."""
+        if met.met.any():
+            with in_field("gusts"):
+                yield pack_frozen(self, met, name) if self.frozen else pack_gusts(self, met)
 
 
 # -- filters -------------------------------------------------------------------------------------------------------
@@ -259,24 +241,6 @@ def _in_world(f, along, left, up):
 # -- gusts of each vehicle's own -----------------------------------------------------------------------------------
 
 
-class GustArrays(NamedTuple):
-    """Gusts of V vehicles, each with its own.
-
-    Attributes:
-        met: Number of each vehicle that meets gusts among those that do, from 1 on; 0 for the others, shape (V,).
-        seed: Seed of the run, shape (1,).
-        streams: Random streams of those that do, shape (G, 2).
-        filters: Numbers of their filters over a period, shape (G, 19); see `filter_of`.
-        clock: Time of sample 0, and the period, shape (2,), s.
-    """
-
-    met: IntArray
-    seed: IntArray
-    streams: IntArray
-    filters: Array
-    clock: Array
-
-
 class GustState(NamedTuple):
     """State of the gusts.
 
@@ -289,14 +253,6 @@ class GustState(NamedTuple):
     sample: Array
     filters: Array
     velocity: Array
-
-
-def new_gust_state(gusts: GustArrays, take: Take = np.zeros) -> GustState:
-    """Return a state for `hold_gusts` to write to."""
-    V = len(gusts.met)
-    state = GustState(take(V), take((V, _STATES)), take((V, 3)))
-    state.sample[:] = -1.0
-    return state
 
 
 @jit
@@ -332,9 +288,36 @@ def gust_velocity(gusts, state, t, v, x, y, z):
     return state.velocity[v, 0], state.velocity[v, 1], state.velocity[v, 2]
 
 
-def bound_gusts(gusts: GustArrays) -> Bounds:
-    """Return bounds, infinite for vehicles that meet gusts: they are Gaussian."""
-    return unbounded(gusts.met > 0)
+class GustArrays(NamedTuple):
+    """Gusts of V vehicles, each with its own.
+
+    Attributes:
+        met: Number of each vehicle that meets gusts among those that do, from 1 on; 0 for the others, shape (V,).
+        seed: Seed of the run, shape (1,).
+        streams: Random streams of those that do, shape (G, 2).
+        filters: Numbers of their filters over a period, shape (G, 19); see `filter_of`.
+        clock: Time of sample 0, and the period, shape (2,), s.
+    """
+
+    met: IntArray
+    seed: IntArray
+    streams: IntArray
+    filters: Array
+    clock: Array
+
+    def new_state(self, take: Take = np.zeros) -> GustState:
+        """Return a state for `hold_gusts` to write to."""
+        V = len(self.met)
+        state = GustState(take(V), take((V, _STATES)), take((V, 3)))
+        state.sample[:] = -1.0
+        return state
+
+    def bound(self) -> Bounds:
+        """Return bounds, infinite for vehicles that meet gusts: they are Gaussian."""
+        return unbounded(self.met > 0)
+
+
+COMPILED[GustArrays] = Compiled(gust_velocity, hold_gusts)
 
 
 def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
@@ -352,29 +335,6 @@ def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
 
 
 # -- a frozen field ------------------------------------------------------------------------------------------------
-
-
-class FrozenArrays(NamedTuple):
-    """A field of gusts that the mean wind carries, the same for all vehicles.
-
-    With s the distance along the wind, it is a function of xi = V t - s, given at nodes. Between two nodes with the
-    correlation r it is ((1 - f) g_0 + f g_1) / ((1 - f)^2 + f^2 + 2 f (1 - f) r)^(1/2), whose variance is that at the
-    nodes. Distances below that of nodes, a hundredth of the shortest scale length, are not resolved. Beyond the last
-    node, far beyond where vehicles begin, it is mirrored.
-
-    Attributes:
-        met: 1 for vehicles that meet it, else 0, shape (V,).
-        nodes: u, v and w at the nodes, shape (n, 3), m/s.
-        filter: As a row of `GustArrays.filters`, shape (19,).
-        place: Numbers of its `Place`, shape (6,).
-        clock: Time of sample 0, and the period, shape (2,), s.
-    """
-
-    met: IntArray
-    nodes: Array
-    filter: Array
-    place: Array
-    clock: Array
 
 
 class Place(NamedTuple):
@@ -411,11 +371,6 @@ class FrozenState(NamedTuple):
     time: Array
 
 
-def new_frozen_state(gusts: FrozenArrays, take: Take = np.zeros) -> FrozenState:
-    """Return a state for `hold_frozen` to write to."""
-    return FrozenState(take(len(gusts.met)))
-
-
 @jit
 def hold_frozen(gusts, state, t, first, last):
     """Let vehicles from first up to last meet the field as it is at the sample at time t, s."""
@@ -445,9 +400,38 @@ def frozen_velocity(gusts, state, t, v, x, y, z):
     return _in_world(wind, along, left, up)
 
 
-def bound_frozen(gusts: FrozenArrays) -> Bounds:
-    """Return bounds, infinite for vehicles that meet the field: it is Gaussian."""
-    return unbounded(gusts.met > 0)
+class FrozenArrays(NamedTuple):
+    """A field of gusts that the mean wind carries, the same for all vehicles.
+
+    With s the distance along the wind, it is a function of xi = V t - s, given at nodes. Between two nodes with the
+    correlation r it is ((1 - f) g_0 + f g_1) / ((1 - f)^2 + f^2 + 2 f (1 - f) r)^(1/2), whose variance is that at the
+    nodes. Distances below that of nodes, a hundredth of the shortest scale length, are not resolved. Beyond the last
+    node, far beyond where vehicles begin, it is mirrored.
+
+    Attributes:
+        met: 1 for vehicles that meet it, else 0, shape (V,).
+        nodes: u, v and w at the nodes, shape (n, 3), m/s.
+        filter: As a row of `GustArrays.filters`, shape (19,).
+        place: Numbers of its `Place`, shape (6,).
+        clock: Time of sample 0, and the period, shape (2,), s.
+    """
+
+    met: IntArray
+    nodes: Array
+    filter: Array
+    place: Array
+    clock: Array
+
+    def new_state(self, take: Take = np.zeros) -> FrozenState:
+        """Return a state for `hold_frozen` to write to."""
+        return FrozenState(take(len(self.met)))
+
+    def bound(self) -> Bounds:
+        """Return bounds, infinite for vehicles that meet the field: it is Gaussian."""
+        return unbounded(self.met > 0)
+
+
+COMPILED[FrozenArrays] = Compiled(frozen_velocity, hold_frozen)
 
 
 @jit

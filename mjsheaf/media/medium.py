@@ -2,18 +2,17 @@
 
 `MediumArrays` holds the parameters, which nothing changes during a phase of a run; `MediumState` holds all that
 depends on time. A loop calls `hold` at each sample, `advance` once for each time and range of vehicles, and then
-`medium_velocity` and `surface_about` at as many points as it likes. A medium that moves is a part of both, of a kind in
-`KINDS`; no loop changes. Vehicles are advanced in ranges by several threads at once, so that the state
-of each vehicle is its own. It is a function of time alone: at any time, a run can continue with a new state.
+`medium_velocity` and `surface_about` at as many points as it likes. A medium that moves is a part of both; no loop
+changes. Vehicles are advanced in ranges by several threads at once, so that the state of each vehicle is its own. It is
+a function of time alone: at any time, a run can continue with a new state.
 
-What moves is a tuple of parts, each a named tuple of the type of its kind. A kind is a row of `KINDS`: compiled
-functions of its parameters and its state; see `mjsheaf.compile.parts`.
+What moves is a tuple of parts, each a named tuple: see `mjsheaf.media.varying.Moving` and `mjsheaf.compile.parts`.
 
 `medium` returns the medium of a scenario, to be looked at: velocities and surface at any times and places, as a run
 meets them.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,45 +26,11 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.parts import for_each, has_any
 from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.media.flow import FlowField, flow_velocity
-from mjsheaf.media.flow_files import Medium
-from mjsheaf.media.gridded import (
-    GridArrays,
-    GriddedFlow,
-    bound_grid,
-    describe_unknown,
-    flow_at_start,
-    grid_velocity,
-    new_grid_state,
-    pack_grid,
-)
-from mjsheaf.media.gusts import (
-    Exposure,
-    FrozenArrays,
-    GustArrays,
-    bound_frozen,
-    bound_gusts,
-    frozen_velocity,
-    gust_velocity,
-    hold_frozen,
-    hold_gusts,
-    new_frozen_state,
-    new_gust_state,
-    pack_frozen,
-    pack_gusts,
-)
-from mjsheaf.media.varying import (
-    Bounds,
-    HarmonicArrays,
-    VaryingArrays,
-    bound_varying,
-    disturbance_velocity,
-    evaluate_sines,
-    pack,
-    pack_varying,
-    varying_velocity,
-)
-from mjsheaf.media.waves import WaveArrays, bound_waves, new_wave_state, pack_waves, wave_surface, wave_velocity
-from mjsheaf.vehicles.vectors import add
+from mjsheaf.media.gridded import GridArrays, describe_unknown
+from mjsheaf.media.gusts import FrozenArrays, GustArrays
+from mjsheaf.media.varying import COMPILED, Bounds, Exposure, HarmonicArrays, disturbance_velocity, evaluate_sines, pack
+from mjsheaf.media.waves import WaveArrays
+from mjsheaf.vectors import add
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -76,47 +41,20 @@ Parts = tuple[Any, ...]
 """Parameters or states of the parts of a medium."""
 
 
-class Kind(NamedTuple):
-    """Functions of a kind of moving medium, whose parameters have a field `met` by vehicle: 0 for those outside it.
-
-    Attributes:
-        bound: Called with (parameters); returns the `Bounds` of what each vehicle can meet.
-        new_state: Called with (parameters, function that returns zeros of a shape); returns a state.
-        hold: Called with (parameters, state, t, first, last) at every sample.
-        velocity: Called with (parameters, state, t, v, x, y, z); returns three numbers, m/s.
-        surface: Called with (parameters, state, t, v, x, y); returns elevation, slopes along x and y, and rate.
-    """
-
-    bound: Callable[[Any], Bounds]
-    velocity: Any
-    new_state: Callable[[Any, Take], Any] = lambda part, take: ()
-    hold: Any = None
-    surface: Any = None
-
-
-KINDS: dict[type, Kind] = {
-    VaryingArrays: Kind(bound_varying, varying_velocity),
-    GridArrays: Kind(bound_grid, grid_velocity, new_grid_state),
-    GustArrays: Kind(bound_gusts, gust_velocity, new_gust_state, hold_gusts),
-    FrozenArrays: Kind(bound_frozen, frozen_velocity, new_frozen_state, hold_frozen),
-    WaveArrays: Kind(bound_waves, wave_velocity, new_wave_state, surface=wave_surface),
-}
-
-
 WITHOUT_MEAN = (GustArrays, FrozenArrays, WaveArrays)
 """Kinds whose velocity at a fixed place has no mean."""
 
 
 def new_states(parts: Parts, take: Take) -> Parts:
     """Return states of all parts."""
-    return tuple(KINDS[type(part)].new_state(part, take) for part in parts)
+    return tuple(part.new_state(take) if hasattr(part, "new_state") else () for part in parts)
 
 
 def bounds_of(parts: Parts, vehicles: int) -> Bounds:
     """Return the bounds of all parts together."""
     total = Bounds(np.zeros(vehicles), np.zeros(vehicles), np.zeros(vehicles), 0.0)
     for part in parts:
-        more = KINDS[type(part)].bound(part)
+        more = part.bound()
         rate = max(total.rate, more.rate)
         total = Bounds(total.speed + more.speed, total.change + more.change, total.slope + more.slope, rate)
     return total
@@ -135,8 +73,8 @@ def of_kind(parts: Parts, kind: type) -> list[Any]:
     return [part for part in parts if isinstance(part, kind)]
 
 
-hold_parts = for_each(lambda kind: KINDS[kind].hold)
-"""Called with (parts, states, (), t, first, last): see `Kind.hold`."""
+hold_parts = for_each(lambda kind: COMPILED[kind].hold)
+"""Called with (parts, states, (), t, first, last)."""
 
 
 @inline_jit
@@ -144,13 +82,13 @@ def _add_surface(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
 
 
-add_velocities = for_each(lambda kind: KINDS[kind].velocity, add)
+add_velocities = for_each(lambda kind: COMPILED[kind].velocity, add)
 """Called with (parts, states, velocity, t, v, x, y, z): returns the velocity and those of all parts, m/s."""
 
-add_surfaces = for_each(lambda kind: KINDS[kind].surface, _add_surface)
+add_surfaces = for_each(lambda kind: COMPILED[kind].surface, _add_surface)
 """Called with (parts, states, surface, t, v, x, y): returns the surface (elevation, slopes, rate) and those of all."""
 
-_have_surface = has_any(lambda kind: KINDS[kind].surface)
+_have_surface = has_any(lambda kind: COMPILED[kind].surface)
 
 
 @inline_jit
@@ -159,10 +97,6 @@ def upright_in(parts, surface, R):
     if _have_surface(parts):
         return R[6] - surface[1] * R[0] - surface[2] * R[3], R[7] - surface[1] * R[1] - surface[2] * R[4]
     return R[6], R[7]
-
-
-_MEDIA: dict[str, Medium] = {"wind": "air", "current": "water"}
-"""Medium of a flow field by its name; those by role have none."""
 
 
 class MediumArrays(NamedTuple):
@@ -230,19 +164,8 @@ def pack_parts(
     parts: list[Any] = []
     for k, (flow, name) in enumerate(zip(flows, names, strict=True)):
         met = exposed._replace(met=exposed.met & (field == k))
-        numbers = met.met.astype(np.int64)
-        if flow.varies:
-            parts.append(pack_varying(flow.tide, flow.ramp, flow.moving_vortices, numbers))
-        if isinstance(flow, GriddedFlow):
-            with in_field(name):
-                parts.append(pack_grid(flow, _MEDIA.get(name), numbers, exposed))
-                met = met._replace(wind=met.wind + flow_at_start(parts[-1], exposed))
-        if flow.gusts is not None and met.met.any():
-            with in_field(f"{name}: gusts"):
-                parts.append(pack_frozen(flow.gusts, met, name) if flow.gusts.frozen else pack_gusts(flow.gusts, met))
-        if flow.waves is not None:
-            reached = np.where(planar, numbers, 2 * exposed.met)
-            parts.append(pack_waves(flow.waves.components_of(exposed.seed), reached, exposed.level))
+        with in_field(name):
+            parts += flow.parts(name, met, np.where(planar, met.met.astype(np.int64), 2 * exposed.met))
     return tuple(parts)
 
 
@@ -307,24 +230,6 @@ def medium_velocity(medium, state, v, x, y, z):
     return wx + dx, wy + dy, wz + dz
 
 
-@jit
-def _record_moving(medium, state, times, positions, out):
-    V = positions.shape[1]
-    for k in range(times.shape[0]):
-        hold(medium, times[k], 0, V, state)
-        advance(medium, times[k], 0, V, state)
-        for v in range(V):
-            x = positions[k, v]
-            out[k, v, 0], out[k, v, 1], out[k, v, 2] = moving_velocity(medium, state, v, x[0], x[1], x[2])
-
-
-def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
-    """Return the part of the velocity that changes with time, along paths (T, V, 3), m, at times (T,), s: (T, V, 3)."""
-    out = np.zeros_like(positions)
-    _record_moving(medium, new_state(medium), times, np.ascontiguousarray(positions), out)
-    return out
-
-
 @inline_jit
 def surface_about(medium, state, v, x, y):
     """Return height, m, slopes along x and y, and rate, m/s, of the surface above a point where vehicle v is."""
@@ -345,6 +250,19 @@ def _elevations(medium, state, times, positions, out):
     for k in range(times.shape[0]):
         advance(medium, times[k], 0, 1, state)
         out[k] = surface_about(medium, state, 0, positions[k, 0], positions[k, 1])[0] - medium.level
+
+
+def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
+    """Return the part of the velocity that changes with time, along paths (T, V, 3), m, at times (T,), s: (T, V, 3)."""
+    rows = np.tile(np.array([0, 1]), (len(medium.rows), 1))
+    moving = medium._replace(kernels=np.zeros_like(medium.kernels[:1]), rows=rows)
+    out = np.zeros_like(positions)
+    for v in range(positions.shape[1]):
+        along = np.ascontiguousarray(positions[:, v])
+        own = np.zeros_like(along)
+        _velocities(moving, new_state(moving), v, times, along, own)
+        out[:, v] = own
+    return out
 
 
 def mean_flow(system: "System", vehicle: int, time: float, points: Array) -> Array:

@@ -8,9 +8,10 @@ id; the function of time is smooth, and the same whatever integrates it, whereve
 """
 
 import math
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from itertools import groupby
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -20,7 +21,7 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.noise import generator_of
 from mjsheaf.section import NonNegative, Number, Point, Positive, Section
-from mjsheaf.vehicles.vectors import triple
+from mjsheaf.vectors import triple
 
 LARGEST_PHASE = 1e7
 """Largest |rate t + phase| in rad for which the sine of the loops is a sine; it is bounded beyond."""
@@ -168,6 +169,70 @@ def bounds(harmonics: Array) -> Array:
     return np.asarray(np.linalg.norm(harmonics[..., :3], axis=2).sum(axis=1), dtype=np.float64)
 
 
+class Compiled(NamedTuple):
+    """Compiled functions of a part of a moving medium, a named tuple with a field `met`: 0 for vehicles outside it.
+
+    Attributes:
+        velocity: Called with (part, state, t, v, x, y, z); returns three numbers, m/s.
+        hold: Called with (part, state, t, first, last) at every sample.
+        surface: Called with (part, state, t, v, x, y); returns elevation, slopes along x and y, and rate.
+    """
+
+    velocity: Any
+    hold: Any = None
+    surface: Any = None
+
+
+COMPILED: dict[type, Compiled] = {}
+"""Functions of the parts of each type."""
+
+
+class Moving(Section, ABC):
+    """Base of the sections of what moves in a medium, each a field of `mjsheaf.media.flow.FlowField`.
+
+    Subclasses must implement `parts`, which yields named tuples with arrays for compiled code. Their type has an entry
+    in COMPILED, a field `met`, shape (V,), and a method `bound()`, which returns the `Bounds` of what each vehicle can
+    meet. A method `new_state(take)` returns a state, if there is one; `take` returns zeros of a shape.
+    """
+
+    @abstractmethod
+    def parts(self, name: str, met: "Exposure", reached: IntArray) -> Iterator[Any]:
+        """Yield what vehicles meet.
+
+        Args:
+            name: Name of the flow field, for random streams.
+            met: Vehicles that meet the flow field.
+            reached: 1 for these vehicles, 2 for vehicles in space that another flow field carries, else 0, shape (V,).
+
+        Raises:
+            InputError: It does not fit the run.
+        """
+
+
+class Exposure(NamedTuple):
+    """The vehicles that meet a flow field, and how the run is sampled.
+
+    Attributes:
+        met: True for those vehicles, shape (V,).
+        ids: Ids of all vehicles.
+        positions: Initial positions, shape (V, 3), m.
+        wind: Steady flow at the initial positions, shape (V, 3), m/s.
+        level: Height of the surface, m.
+        start, end, period: Times of the first and last sample, and between samples, s.
+        seed: Seed of the run.
+    """
+
+    met: BoolArray
+    ids: Sequence[str]
+    positions: Array
+    wind: Array
+    level: float
+    start: float
+    end: float
+    period: float
+    seed: int
+
+
 class Bounds(NamedTuple):
     """Bounds of the velocity that each of V vehicles can meet of a part of the medium, wherever it is.
 
@@ -236,26 +301,6 @@ class MovingVortices(NamedTuple):
         return MovingVortices(*(values[rows] for values in self))
 
 
-class VaryingArrays(NamedTuple):
-    """Uniform flows in time and moving vortices for compiled code.
-
-    Attributes:
-        met: 1 for vehicles that meet them, else 0, shape (V,).
-        tide: Velocities at phi = 0 and a quarter of a period later, shape (2, 3), m/s.
-        turning: Its rate, rad/s, and phase, rad, shape (2,).
-        ramp: Velocity after a rise, shape (3,), m/s.
-        rise: Its start and end, shape (2,), s.
-        vortices: Vortices that move.
-    """
-
-    met: IntArray
-    tide: Array
-    turning: Array
-    ramp: Array
-    rise: Array
-    vortices: MovingVortices
-
-
 @jit
 def varying_velocity(flow, state, t, v, x, y, z):
     """Return the velocity of the flow at a point, as three numbers, m/s."""
@@ -280,6 +325,46 @@ def varying_velocity(flow, state, t, v, x, y, z):
     return wx, wy, wz
 
 
+class VaryingArrays(NamedTuple):
+    """Uniform flows in time and moving vortices for compiled code.
+
+    Attributes:
+        met: 1 for vehicles that meet them, else 0, shape (V,).
+        tide: Velocities at phi = 0 and a quarter of a period later, shape (2, 3), m/s.
+        turning: Its rate, rad/s, and phase, rad, shape (2,).
+        ramp: Velocity after a rise, shape (3,), m/s.
+        rise: Its start and end, shape (2,), s.
+        vortices: Vortices that move.
+    """
+
+    met: IntArray
+    tide: Array
+    turning: Array
+    ramp: Array
+    rise: Array
+    vortices: MovingVortices
+
+    def bound(self) -> Bounds:
+        """Return the sums of the largest values of all flows.
+
+        A vortex gamma (axis x r) / (r^2 + core^2) is at most |gamma axis| / (2 core), and its Jacobian's norm at most
+        |gamma axis| / core^2; at a fixed place it changes by that times the speed of its centre.
+        """
+        turning = float(np.linalg.norm(self.tide, axis=1).max())
+        rising = float(np.linalg.norm(self.ramp))
+        strength = np.linalg.norm(self.vortices.strength, axis=1)
+        slopes = strength / self.vortices.core2
+        speed = turning + rising + float(np.sum(strength / (2.0 * np.sqrt(self.vortices.core2))))
+        carried = float(np.sum(slopes * np.linalg.norm(self.vortices.velocity, axis=1)))
+        rate = float(self.turning[0])
+        change = turning * rate + rising / float(self.rise[1] - self.rise[0]) + carried
+        met = (self.met > 0).astype(np.float64)
+        return Bounds(met * speed, met * change, met * float(slopes.sum()), rate)
+
+
+COMPILED[VaryingArrays] = Compiled(varying_velocity)
+
+
 def pack_varying(tide: Tide | None, ramp: Ramp | None, vortices: MovingVortices, met: IntArray) -> VaryingArrays:
     """Pack flows in time for compiled code."""
     velocities, turning, risen, rise = np.zeros((2, 3)), np.zeros(2), np.zeros(3), np.array([0.0, 1.0])
@@ -292,21 +377,3 @@ def pack_varying(tide: Tide | None, ramp: Ramp | None, vortices: MovingVortices,
         risen[: len(ramp.velocity)] = ramp.velocity
         rise[:] = ramp.start, ramp.end
     return VaryingArrays(met, velocities, turning, risen, rise, vortices)
-
-
-def bound_varying(flow: VaryingArrays) -> Bounds:
-    """Return the sums of the largest values of all flows.
-
-    A vortex gamma (axis x r) / (r^2 + core^2) is at most |gamma axis| / (2 core), and its Jacobian's norm at most
-    |gamma axis| / core^2; at a fixed place it changes by that times the speed of its centre.
-    """
-    turning = float(np.linalg.norm(flow.tide, axis=1).max())
-    rising = float(np.linalg.norm(flow.ramp))
-    strength = np.linalg.norm(flow.vortices.strength, axis=1)
-    slopes = strength / flow.vortices.core2
-    speed = turning + rising + float(np.sum(strength / (2.0 * np.sqrt(flow.vortices.core2))))
-    carried = float(np.sum(slopes * np.linalg.norm(flow.vortices.velocity, axis=1)))
-    rate = float(flow.turning[0])
-    change = turning * rate + rising / float(flow.rise[1] - flow.rise[0]) + carried
-    met = (flow.met > 0).astype(np.float64)
-    return Bounds(met * speed, met * change, met * float(slopes.sum()), rate)

@@ -18,6 +18,7 @@ Vehicles in the plane meet the velocity at z = 0. Vehicles in space meet it belo
 """
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -25,9 +26,9 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.media.varying import Bounds, sine
+from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving, sine
 from mjsheaf.noise import generator_of
-from mjsheaf.section import Number, Positive, Section
+from mjsheaf.section import Number, Positive
 
 GRAVITY = 9.81
 """m/s^2, as in MuJoCo's models."""
@@ -42,7 +43,7 @@ _HALF_PI = 0.5 * np.pi
 _TURNS = 0.5 / np.pi  # in a radian
 
 
-class Waves(Section):
+class Waves(Moving):
     """A sea of long-crested waves of many frequencies."""
 
     kind: Literal["pierson_moskowitz", "jonswap"] = Field(description="spectrum")
@@ -66,6 +67,10 @@ class Waves(Section):
         if self.kind == "pierson_moskowitz" and self.gamma is not None:
             raise ValueError("gamma: Pierson and Moskowitz's spectrum has none; expected kind jonswap with it")
         return self
+
+    def parts(self, name: str, met: Exposure, reached: IntArray) -> "Iterator[WaveArrays]":
+        """Yield the sea."""
+        yield pack_waves(self.components_of(met.seed), reached, met.level)
 
     @property
     def peak_rate(self) -> float:
@@ -206,20 +211,6 @@ def wave_numbers(rate: Array, depth: float | None) -> Array:
 # -- compiled ------------------------------------------------------------------------------------------------------
 
 
-class WaveArrays(NamedTuple):
-    """A sea for compiled code, N waves.
-
-    Attributes:
-        met: 0 for vehicles that meet no water, 1 for those at its surface, 2 for those in space, shape (V,).
-        waves: `WaveTable` of numbers by wave, shape (9, N).
-        level: Height of the undisturbed surface, and of the bottom above it, shape (2,), m; -inf at infinite depth.
-    """
-
-    met: IntArray
-    waves: Array
-    level: Array
-
-
 class WaveTable(NamedTuple):
     """N waves at the undisturbed surface, each shape (N,).
 
@@ -262,42 +253,6 @@ class WaveState(NamedTuple):
     place: Array
     met: Array
     waves: Array
-
-
-def pack_waves(components: Components, met: IntArray, level: float) -> WaveArrays:
-    """Pack a sea for compiled code; `met` as in `WaveArrays`, the level in m."""
-    c, unit = components, components.unit
-    bottom = -np.inf if c.depth is None else -c.depth
-    decay = np.zeros_like(c.number) if c.depth is None else np.exp(-2.0 * c.number * c.depth)
-    speed = c.amplitude * c.rate
-    number, velocity = c.number * unit.T, c.speed * unit.T
-    rows = WaveTable(number[0], number[1], c.rate, c.phase, c.amplitude, speed, velocity[0], velocity[1], decay)
-    return WaveArrays(met, np.ascontiguousarray(rows), np.array([level, bottom]))
-
-
-def bound_waves(waves: WaveArrays) -> Bounds:
-    """Return the sums of the amplitudes of the velocity and of its derivatives, for vehicles that meet waves.
-
-    Below the surface no amplitude is larger than at it. There the velocity along the wave and upwards are a quarter of
-    a period apart, so that neither it nor its derivatives exceed their amplitudes along the wave.
-    """
-    w = WaveTable(*waves.waves)
-    along, rate, number = np.hypot(w.east, w.north), w.rate, np.hypot(w.number_x, w.number_y)
-    met = waves.met > 0
-    return Bounds(
-        speed=met * along.sum(),
-        change=met * (along * rate).sum(),
-        slope=met * (along * number).sum(),
-        rate=float(rate.max()) if met.any() else 0.0,
-    )
-
-
-def new_wave_state(waves: WaveArrays, take: Take = np.zeros) -> WaveState:
-    """Return a state for `wave_velocity` and `wave_surface` to write to."""
-    V, N = len(waves.met), waves.waves.shape[1]
-    state = WaveState(take((V, 4)), take((V, 7)), take((V, 3, N)))
-    state.place[:] = np.nan
-    return state
 
 
 @jit
@@ -373,3 +328,54 @@ def wave_surface(waves, state, t, v, x, y):
     _meet(waves, state, t, v, x, y)
     met = state.met[v]
     return met[3], met[4], met[5], met[6]
+
+
+class WaveArrays(NamedTuple):
+    """A sea for compiled code, N waves.
+
+    Attributes:
+        met: 0 for vehicles that meet no water, 1 for those at its surface, 2 for those in space, shape (V,).
+        waves: `WaveTable` of numbers by wave, shape (9, N).
+        level: Height of the undisturbed surface, and of the bottom above it, shape (2,), m; -inf at infinite depth.
+    """
+
+    met: IntArray
+    waves: Array
+    level: Array
+
+    def new_state(self, take: Take = np.zeros) -> WaveState:
+        """Return a state for `wave_velocity` and `wave_surface` to write to."""
+        V, N = len(self.met), self.waves.shape[1]
+        state = WaveState(take((V, 4)), take((V, 7)), take((V, 3, N)))
+        state.place[:] = np.nan
+        return state
+
+    def bound(self) -> Bounds:
+        """Return the sums of the amplitudes of the velocity and of its derivatives, for vehicles that meet waves.
+
+        Below the surface no amplitude is larger than at it. There the velocity along the wave and upwards are a quarter
+        of a period apart, so that neither it nor its derivatives exceed their amplitudes along the wave.
+        """
+        w = WaveTable(*self.waves)
+        along, rate, number = np.hypot(w.east, w.north), w.rate, np.hypot(w.number_x, w.number_y)
+        met = self.met > 0
+        return Bounds(
+            speed=met * along.sum(),
+            change=met * (along * rate).sum(),
+            slope=met * (along * number).sum(),
+            rate=float(rate.max()) if met.any() else 0.0,
+        )
+
+
+COMPILED[WaveArrays] = Compiled(wave_velocity, surface=wave_surface)
+
+
+def pack_waves(components: Components, met: IntArray, level: float) -> WaveArrays:
+    """Pack a sea for compiled code; `met` as in `WaveArrays`, the level in m."""
+    c, unit = components, components.unit
+    bottom = -np.inf if c.depth is None else -c.depth
+    decay = np.zeros_like(c.number) if c.depth is None else np.exp(-2.0 * c.number * c.depth)
+    speed = c.amplitude * c.rate
+    number, velocity = c.number * unit.T, c.speed * unit.T
+    rows = WaveTable(number[0], number[1], c.rate, c.phase, c.amplitude, speed, velocity[0], velocity[1], decay)
+    return WaveArrays(met, np.ascontiguousarray(rows), np.array([level, bottom]))

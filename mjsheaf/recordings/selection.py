@@ -1,33 +1,40 @@
 """What a recorded motion says about its file, and how columns of positions become rows t, x, y[, z]."""
 
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.cf import to_plane
 from mjsheaf.errors import InputError, listed
+from mjsheaf.section import Number, Section
 
 Rows = list[list[float]]
 Axes = Literal["enu", "ned"]
 
 
-class Selection(NamedTuple):
-    """Fields of a recorded motion that select from its file; None where the file decides.
+class Selection(Section):
+    """Fields of a recorded motion that select from its file; None where the file decides."""
 
-    Attributes:
-        topic: Topic of a log, vehicle of a run, trajectory of a netCDF file or table.
-        frame: Child frame of transforms.
-        time: Clock of a log: stamps in the messages, or times of their reception.
-        axes: Axes of x, y and z: east-north-up or north-east-down.
-        origin: Latitude and longitude of the scenario's origin, degrees.
-    """
+    topic: str | None = Field(
+        None, description="topic of a log; the agent or target in a run's result.nc; one of several trajectories"
+    )
+    frame: str | None = Field(None, description="child frame, of a topic with the transforms of several")
+    time: Literal["stamp", "log"] | None = Field(
+        None, description="clock of a log: stamps in its messages, where they have any, or the times in the log"
+    )
+    axes: Axes | None = Field(
+        None, description="axes of x, y and z, where the file does not say: east, north, up or north, east, down"
+    )
+    origin: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
+        None, description="latitude and longitude of the scenario's origin, for positions in degrees [deg]"
+    )
 
-    topic: str | None = None
-    frame: str | None = None
-    time: Literal["stamp", "log"] | None = None
-    axes: Axes | None = None
-    origin: list[float] | None = None
+    @property
+    def selects(self) -> bool:
+        """True if a field is given."""
+        return any(getattr(self, name) is not None for name in Selection.model_fields)
 
     def refuse(self, *fields: str) -> None:
         """Refuse fields that a kind of file has nothing for."""

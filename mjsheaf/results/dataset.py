@@ -1,8 +1,8 @@
 """A run as an xarray Dataset with CF attributes, the contents of result.nc.
 
 Every variable and every coordinate is one entry of a list. An entry has a name, dimensions, a unit, a meaning, the runs
-that have it, and a function that reads it: either from samples (`values`), or in the loop during the run (`read`). The
-lists define result.nc, the data of every other sink, and the reference page.
+that have it, and a function that reads it from samples. The lists define result.nc, the data of every other sink, and
+the reference page.
 """
 
 import json
@@ -24,7 +24,7 @@ from mjsheaf.law.law import disagreement
 from mjsheaf.law.links import NEW, SILENT
 from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.law.terms import traffic_of
-from mjsheaf.loop.log import Log, Trajectory
+from mjsheaf.loop.log import READERS, Log, Trajectory
 from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
 from mjsheaf.system import Phase, System
 from mjsheaf.team import Edge
@@ -155,25 +155,18 @@ class Samples:
 
     def read(self, entry: "Variable") -> NDArray[Any]:
         """Return the values of an entry at all samples."""
-        source = entry.values or entry.name
-        if source not in self._known:
-            found = entry.values(self) if entry.values else self._recorded(entry)
-            self._known[source] = found if isinstance(found, np.ndarray) else np.array(found, dtype=object)
-        values = self._known[source]
+        if entry.values not in self._known:
+            found = entry.values(self)
+            self._known[entry.values] = found if isinstance(found, np.ndarray) else np.array(found, dtype=object)
+        values = self._known[entry.values]
         if entry.rows is None:
             return values
         rows = slice(0, self.agents) if entry.rows == "agent" else slice(self.agents, None)
         return values[:, rows] if entry.dimensions[0] == "time" else values[rows]
 
-    def _recorded(self, entry: "Variable") -> Array:
-        """Return the values that the loop recorded for an entry, shape (T, V) or (T, V, width)."""
-        before = 0
-        for other in compiled():
-            if other.name == entry.name:
-                break
-            before += other.width
-        own = self.log.extra.values[:, :, before : before + entry.width]
-        return own if len(entry.dimensions) > 2 else own[:, :, 0]
+    def recorded(self, name: str) -> Array:
+        """Return what one of the READERS wrote, shape (T, V, width)."""
+        return self.log.extra[list(READERS).index(name)].values
 
 
 def labelled_edges(system: "System") -> list[tuple[Key, Edge]]:
@@ -202,35 +195,25 @@ class Variable(NamedTuple):
         dimensions: Names of its dimensions.
         unit: Unit in CF notation, or a function of samples; empty for labels.
         long_name: Meaning of the variable.
-        values: Function that reads it from samples; None if `read` does.
+        values: Function that reads it from samples.
         where: Function that returns True if a run has it, with the same result for all pieces of a run.
         present: Description of `where` for the reference page.
         rows: 'agent' or 'target' if `values` returns both, agents first; None if it returns the recorded values.
-        read: Compiled function `read(run, memory, v, out)` that writes the `width` numbers of vehicle v into `out` at
-            every sample. `run` is the Loop on bodies and the Integrator on ideal kinematics; `memory` is the law's.
-        width: Number of values that `read` writes for each vehicle.
     """
 
     name: str
     dimensions: tuple[str, ...]
     unit: str | Callable[[Samples], str]
     long_name: str
-    values: Callable[[Samples], Any] | None = None
+    values: Callable[[Samples], Any]
     where: Test = lambda _: True
     present: str = ""
     rows: str | None = None
-    read: Any = None
-    width: int = 1
 
     def attributes(self, samples: Samples) -> dict[str, str]:
         """Return its attributes in result.nc."""
         unit = self.unit if isinstance(self.unit, str) else self.unit(samples)
         return {**({"units": unit} if unit else {}), "long_name": self.long_name}
-
-
-def compiled() -> list[Variable]:
-    """Return the entries that are recorded by the loop itself."""
-    return [entry for entry in VARIABLES if entry.read is not None]
 
 
 def of_each(
@@ -444,7 +427,7 @@ def fault_of(dataset: xr.Dataset) -> str:
             return f"has no attribute {name}" if name not in dataset.attrs else f"has a wrong attribute {name}"
     if dataset.attrs["backend"] not in _BACKEND_WORDS:
         return f"has the backend {dataset.attrs['backend']!r}"
-    time = Variable("time", ("time",), "s", "time")
+    time = Variable("time", ("time",), "s", "time", lambda s: s.trajectory.time)
     always = {"", _BACKEND_WORDS[dataset.attrs["backend"]]}
     for entry in (time, *COORDINATES, *VARIABLES):
         if entry.name in dataset.variables:

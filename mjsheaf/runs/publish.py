@@ -33,7 +33,7 @@ from mjsheaf.export import require_installed, sinks_of
 from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
 from mjsheaf.law.in_python import Controller
 from mjsheaf.loop.log import samples_in_piece
-from mjsheaf.loop.session import moved_by, require_simulable
+from mjsheaf.loop.session import prepare_run
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.page import page_of, require_shown
 from mjsheaf.progress import shown
@@ -204,8 +204,7 @@ def execute(
     timings = Timings()
     require_installed(exports)
     with timings.part("checks"):
-        phases = moved_by(scenario.phases, backend, engine, threads)
-        require_simulable(phases, backend, allow_drift=allow_drift)
+        phases = prepare_run(scenario, backend, engine, threads, allow_drift=allow_drift)
     pieces = stream(phases, backend, scenario.seed, partial(progress, "simulating"), controller=controller)
     return publish(
         timings.simulating(pieces), scenario, phases, directory, video=video, origin=origin, figures=figures,

@@ -11,7 +11,7 @@ from mjsheaf.arguments import require_scenario, require_whole
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.law.in_python import Controller, Law, controller_of
 from mjsheaf.loop.log import Trajectory, samples_in_piece
-from mjsheaf.loop.session import Session, engine_of, require_backend, require_engine
+from mjsheaf.loop.session import Session, engine_of, require_engine
 from mjsheaf.progress import shown
 from mjsheaf.results.dataset import in_pieces, make_datasets
 from mjsheaf.scenario import Scenario
@@ -105,7 +105,6 @@ def simulate_many(
     Raises:
         InputError: The backend or engine is unknown, `workers` is below 1, or an item is not a Scenario.
     """
-    require_backend(backend)
     require_engine(engine, backend)
     require_whole("workers", 1 if workers is None else workers, 1)
     if isinstance(scenarios, Scenario) or not isinstance(scenarios, Iterable):
@@ -158,7 +157,7 @@ def stream(
     """Yield a run as consecutive Datasets; see `simulate` for arguments that are not listed.
 
     Args:
-        run: System that has passed `require_simulable`, or phases whose systems have.
+        run: System that has passed `prepare_run`, or phases whose systems have.
         seed: Seed of the scenario.
         samples: Maximum number of samples in a piece; a few megabytes of them unless given.
         only: Names of the variables to collect; all unless given.

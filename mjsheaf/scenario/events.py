@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, ValidationError
 
 from mjsheaf.errors import InputError, expected, in_field
-from mjsheaf.law.separation import Station
+from mjsheaf.law.law import Station
 from mjsheaf.section import Id, NonNegative, Section, split_path, validation_problems
 from mjsheaf.system import Phase, System, TimeGrid
 from mjsheaf.team import Edge, Team

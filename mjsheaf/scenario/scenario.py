@@ -17,19 +17,11 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.edges import bound_slopes
-from mjsheaf.law.law import LawArrays, pack_law, with_seed
+from mjsheaf.law.law import ControlArrays, LawArrays, Station, pack_law, with_seed
 from mjsheaf.law.links import pack_links
 from mjsheaf.law.rounds import pack_rounds
-from mjsheaf.law.separation import Safety, Station
-from mjsheaf.law.terms import (
-    Drift,
-    Feedforward,
-    Integral,
-    Newton,
-    Odometry,
-    Terms,
-    pack_terms,
-)
+from mjsheaf.law.safety import Safety
+from mjsheaf.law.terms import Terms, pack_terms
 from mjsheaf.media import Disturbance, FlowField, varying
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
@@ -216,9 +208,7 @@ class Time(Section):
         return TimeGrid(self.start, period, int(steps), continuous=control_period == 0.0)
 
 
-class Controller(Section):
-    """The law u_i = -k1 g_i^+ eta_i, and its terms beyond the paper's."""
-
+class _Law(Section):
     gain: Positive = Field(1.0, description="k1 of u_i = -k1 g_i^+ eta_i [1/s]")
     control_period: NonNegative = Field(
         0.01,
@@ -228,27 +218,18 @@ class Controller(Section):
     velocity_limit: Positive | None = Field(
         None, description="largest commanded speed of every agent; no limit unless given [m/s]"
     )
-    feedforward: Feedforward | None = Field(None, description="adds the velocity of q*; not in the law unless given")
-    newton: Newton | None = Field(
-        None, description="commands k1 (q* - q) instead of -k1 eta; not in the law unless given"
-    )
-    drift: Drift | None = Field(
-        None, description="subtracts the velocity that adds to an agent's command; not in the law unless given"
-    )
-    integral: Integral | None = Field(None, description="adds the sum of eta over time; not in the law unless given")
-    odometry: Odometry = Field(Odometry(), description="errors of odometry, on which feedforward and drift rest")
+
+
+class Controller(Terms, _Law):
+    """The law u_i = -k1 g_i^+ eta_i, and its terms beyond the paper's."""
+
     custom: dict[str, CustomTerm] = Field(
         {}, description="compiled terms of your own, by the name that `mjsheaf.register` gave them; none unless given"
     )
 
-    @property
-    def terms(self) -> Terms:
-        """The terms beyond the paper's."""
-        return Terms(self.feedforward, self.newton, self.drift, self.integral, self.odometry)
-
     @model_validator(mode="after")
     def _sampled(self) -> "Controller":
-        if (self.terms.any or self.custom) and self.control_period == 0.0:
+        if (self.has_terms or self.custom) and self.control_period == 0.0:
             raise ValueError(
                 "control_period is 0; expected a positive one with feedforward, newton, drift, integral or custom terms"
             )
@@ -318,6 +299,13 @@ class Ideal(Section):
         1e-9, description="relative tolerance of the integrator [-]"
     )
     atol: Annotated[float, Field(gt=0, le=1)] = Field(1e-12, description="absolute tolerance of the integrator [m]")
+
+
+def _stopping_times(vehicles: Sequence[Vehicle], control: ControlArrays, timestep: float, steps: int) -> list[float]:
+    """Compute the stopping time of each vehicle, s; see `mjsheaf.loop.linear`, which imports MuJoCo."""
+    from mjsheaf.loop.linear import stopping_times
+
+    return stopping_times(vehicles, control, timestep, steps)
 
 
 Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
@@ -666,6 +654,7 @@ class Scenario(Section):
                 contacts=self.physics.contacts,
                 surface=self.scene.surface,
                 surface_height=self.scene.height,
+                stopping_times=_stopping_times,
                 compiled=self._compiled,
             ),
         )
@@ -673,7 +662,7 @@ class Scenario(Section):
     def _pack_law(self, team: Team, law: Controller, links: Links, initial: Array, heading: Array) -> LawArrays:
         """The law of a team under a controller and over links, from initial positions (V, 3) and headings (V,), rad."""
         period, height, events = law.control_period, self.scene.height, self.events
-        slopes = None if law.terms.solve_nothing or team.linear else bound_slopes(team, initial)
+        slopes = bound_slopes(team, initial) if law.has_rounds and not team.linear else None
         rounds = pack_rounds(slopes.bound if slopes else team, links, period=period, height=height)
         packed_links = pack_links(
             team,
@@ -691,7 +680,7 @@ class Scenario(Section):
             law.gain,
             np.where(self._fixed, 0.0, self.target_formation.gain if self.target_formation else 0.0),
             np.array(limits),
-            pack_terms(law.terms, team, period, rounds, slopes),
+            pack_terms(law, team, period, rounds, slopes),
             packed_links,
             pack_custom(law.custom, len(team.agents), period),
             self.seed,

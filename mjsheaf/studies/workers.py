@@ -34,7 +34,7 @@ from mjsheaf.checking.finished import Ending, ending_of_run, judge
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
-from mjsheaf.loop.session import moved_by, require_simulable
+from mjsheaf.loop.session import prepare_run
 from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
@@ -243,8 +243,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     scenario = job.load()
     controller = job.law.load(scenario.seed) if job.law else None
     if job.light:
-        phases = moved_by(scenario.phases, job.backend, job.engine, 1)
-        require_simulable(phases, job.backend)
+        phases = prepare_run(scenario, job.backend, job.engine, 1)
         samples = scenario.system.grid.steps + 1
         dataset = next(stream(phases, job.backend, scenario.seed, None, samples, controller, _LIGHT))
     else:

@@ -10,11 +10,15 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array
+from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
+from mjsheaf.noise import normal_of, uniforms
 from mjsheaf.section import NonNegative, Number, Positive, Section, Tagged
 
 KINDS = ("communication", "sensing")
 """The kinds of edges that have links."""
+WHOLE = ("bearing", "delay", "hold")
+"""Fields of a LinkModel that are whole numbers for compiled code."""
 
 Probability = Annotated[float, Field(ge=0, le=1)]
 
@@ -131,7 +135,7 @@ class Links(Section):
         Raises:
             InputError: A sensor range_bearing has noise from a more specific section.
         """
-        return _model(self.all, getattr(self, kind), own)
+        return model_of(self.all, getattr(self, kind), own)
 
 
 class LinkModel(NamedTuple):
@@ -186,7 +190,7 @@ class LinkModel(NamedTuple):
         return not (self.random or self.bias != 0.0 or self.delay > 0.0 or np.isfinite(self.range))
 
 
-def _model(*sections: Link | None) -> LinkModel:
+def model_of(*sections: Link | None) -> LinkModel:
     """The link of sections from the coarsest to the finest."""
     fields: dict[str, Any] = {}
     for section in sections:
@@ -238,3 +242,75 @@ def whole_periods(seconds: float, period: float) -> int:
             f"{seconds:.6g} s is no whole number of control periods of {period:.6g} s; expected {below} or {above}"
         )
     return n
+
+
+@inline_jit
+def perceive(seed, link, n, draw, F, attitude, tail, y):
+    """Add the errors of a link's sensor to the measurement y of an edge, in place; a sensor has its branch here.
+
+    Args:
+        seed: Seed of the run.
+        link: The link: the fields of its LinkModel, and its `stream` of random numbers.
+        n: Number of the sample.
+        draw: Random numbers of that sample, of which the last three are free, (4,).
+        F: Map F_tail, shape (m, 3).
+        attitude: Attitudes of the vehicles, shape (V, 4), if a sensor needs them.
+        tail: Number of the vehicle that measures.
+        y: True relative state, shape (m,), m.
+    """
+    if link.bearing:
+        far, angle = link.range_noise * normal_of(draw[1]), link.bearing_noise * normal_of(draw[2])
+        if y.shape[0] == 2:
+            y[0], y[1] = perceive_plane(y[0], y[1], far, angle)
+        else:
+            perceive_space(F, attitude[tail], far, angle, link.bearing_noise * normal_of(draw[3]), y)
+    elif link.noise > 0.0:
+        add_noise(seed, link, n, draw, y)
+    if link.bias != 0.0:
+        for r in range(y.shape[0]):
+            y[r] += link.bias
+
+
+@inline_jit
+def add_noise(seed, link, n, draw, y):
+    """Add white noise to the measurement y of an edge: three numbers of `draw` (4,), then four of each further draw."""
+    for r in range(y.shape[0]):
+        word = (r + 1) % 4
+        if r > 0 and word == 0:
+            draw = uniforms(seed, link.stream, n, 2 + (r - 3) // 4)
+        y[r] += link.noise * normal_of(draw[word])
+
+
+@inline_jit
+def perceive_plane(y0, y1, far, angle):
+    """Range times bearing in the plane, the range `far` m too long and the bearing `angle` rad too large.
+
+    A range of 0 has no direction, and is measured as 0.
+    """
+    r, c, s = np.sqrt(y0 * y0 + y1 * y1), np.cos(angle), np.sin(angle)
+    longer = (r + far) / r if r > 0.0 else 0.0
+    return longer * (c * y0 - s * y1), longer * (s * y0 + c * y1)
+
+
+@inline_jit
+def perceive_space(F, attitude, far, azimuth, elevation, y):
+    """The same in space, in place: azimuth and elevation in the frame of a body, y (3,) = F times a relative state."""
+    dx = F[0, 0] * y[0] + F[1, 0] * y[1] + F[2, 0] * y[2]
+    dy = F[0, 1] * y[0] + F[1, 1] * y[1] + F[2, 1] * y[2]
+    dz = F[0, 2] * y[0] + F[1, 2] * y[1] + F[2, 2] * y[2]
+    w, i, j, k = attitude[0], attitude[1], attitude[2], attitude[3]
+    bx, by, bz = turn(w, -i, -j, -k, dx, dy, dz)
+    across = np.sqrt(bx * bx + by * by)
+    r = np.sqrt(across * across + bz * bz)
+    a, e = np.arctan2(by, bx) + azimuth, np.arctan2(bz, across) + elevation
+    r = r + far if r > 0.0 else 0.0
+    dx, dy, dz = turn(w, i, j, k, r * np.cos(e) * np.cos(a), r * np.cos(e) * np.sin(a), r * np.sin(e))
+    for row in range(3):
+        y[row] = F[row, 0] * dx + F[row, 1] * dy + F[row, 2] * dz
+
+
+@inline_jit
+def turn(w, i, j, k, x, y, z):
+    """The vector (x, y, z) turned by the unit quaternion (w, i, j, k)."""
+    a, b, c = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
+    return x + w * a + (j * c - k * b), y + w * b + (k * a - i * c), z + w * c + (i * b - j * a)

@@ -38,7 +38,7 @@ from mjsheaf.arrays import Array, freeze
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.section import Section
-from mjsheaf.vehicles.vectors import add, cross, triple
+from mjsheaf.vectors import add, cross, triple
 
 Range = tuple[float, float] | None  # a range of MuJoCo's: lower and upper limit, or None
 

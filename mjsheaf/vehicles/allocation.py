@@ -31,8 +31,8 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.section import Matrix, Number, Point, Section
+from mjsheaf.vectors import subtract, triple
 from mjsheaf.vehicles.actuators import ANGLE, FIXED, WEAK_SIDE
-from mjsheaf.vehicles.vectors import subtract, triple
 
 _FORCE_WEIGHT, _YAW_WEIGHT = 1e-3, 1e-8  # weights in E; yaw has priority
 _ROUNDS = 20  # maximum rounds of the method of multipliers

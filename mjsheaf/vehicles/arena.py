@@ -26,9 +26,8 @@ from mjsheaf.files import resource_directory
 from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
 from mjsheaf.mujoco_import import mujoco, refusing
 from mjsheaf.paths import position_at
-from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import is_at_origin, mass_properties, read_spec
-from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
 
 
 def attachable(vehicle: Vehicle) -> mujoco.MjSpec:

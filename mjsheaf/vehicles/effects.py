@@ -21,9 +21,8 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.section import Duration, Section
 from mjsheaf.vehicles.actuators import WEAK_SIDE, Thruster
-from mjsheaf.vehicles.body import ROW_NAMES
 from mjsheaf.vehicles.steering import Full
-from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
 
 SURGE, YAW = 0, 5
 _TURNING_SHARE = 0.12  # fraction of the speed ahead above which a boat that cannot back turns round under way

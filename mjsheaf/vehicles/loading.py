@@ -24,9 +24,8 @@ from mjsheaf.files import SUFFIXES, confined, read_bytes, read_yaml, resource_di
 from mjsheaf.mujoco_import import mujoco, refusing
 from mjsheaf.section import validation_problems
 from mjsheaf.vehicles.actuators import LAGS, AnyActuator, Mount, Range, Thruster
-from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full
-from mjsheaf.vehicles.vehicle import Vehicle, VehicleDescription
+from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Inertial, Vehicle, VehicleDescription
 
 SEEN_GROUPS = 3
 """MuJoCo shows geoms of the first three groups; collision shapes are in later ones."""

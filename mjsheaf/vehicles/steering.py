@@ -7,21 +7,23 @@
 - `ThrustVector`: A multirotor with parallel rotors. Its thrust along its z axis is weight + F, and it turns the axis
   into that direction (Lee, Leok and McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010).
 
-A new kind subclasses `Steering` and has a code with a branch in `steer_attitude`, or a function of its own next to it
-and `steer_hand_point`.
+A new kind subclasses `Steering`, is named in `AnySteering`, and has a code with a branch in `steer_attitude`, or a
+function of its own next to it and `steer_hand_point`.
 """
 
 from abc import ABC, abstractmethod
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.section import Section
-from mjsheaf.vehicles.body import Body
-from mjsheaf.vehicles.vectors import cross, product, subtract, triple
+from mjsheaf.vectors import cross, product, subtract, triple
+
+if TYPE_CHECKING:
+    from mjsheaf.vehicles.vehicle import Body
 
 FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2  # codes
 
@@ -55,7 +57,7 @@ class Steering(Section, ABC):
         """Distance of the controlled point ahead of the origin, m."""
         return 0.0
 
-    def allocation(self, body: Body) -> Array:
+    def allocation(self, body: "Body") -> Array:
         """Return W^+ on the commanded rows and zero on the others, shape (s, 6); it maps wrenches to efforts.
 
         It includes the moment rows, because the pseudo-inverse of the force rows alone would spin a free body.
@@ -64,24 +66,24 @@ class Steering(Section, ABC):
         P[:, rows] = np.linalg.pinv(body.W[rows])
         return P
 
-    def trim_effort(self, body: Body) -> Array:
+    def trim_effort(self, body: "Body") -> Array:
         """Return the efforts that carry the weight of the level vehicle, shape (s,); zero if water carries it."""
         force = np.array([0.0, 0.0, body.weight * (body.dimension == 3)])
         return np.asarray(self.allocation(body) @ np.concatenate([force, np.cross(body.centre_of_mass, force)]))
 
-    def delays(self, body: Body) -> Array:
+    def delays(self, body: "Body") -> Array:
         """Return the delay of the force along each axis, shape (n,), s."""
         return np.full(body.dimension, body.lag)
 
     @abstractmethod
-    def g(self, body: Body, R: Array) -> Array:
+    def g(self, body: "Body", R: Array) -> Array:
         """Compute the control effectiveness at an attitude R (3, 3), shape (n, s); see `ReducedModel`."""
 
     @abstractmethod
-    def g_inverse(self, body: Body, R: Array) -> Array:
+    def g_inverse(self, body: "Body", R: Array) -> Array:
         """Compute the right inverse of g that causes no other motion, shape (s, n)."""
 
-    def largest_force(self, body: Body, direction: Array) -> float:
+    def largest_force(self, body: "Body", direction: Array) -> float:
         """Compute the largest horizontal force of a level vehicle along a unit vector of its plane, N."""
         along = np.array([*direction, 0.0, 0.0, 0.0, 0.0])
         return body.largest_along(self.rows[body.dimension], along, body.W @ self.trim_effort(body))
@@ -90,11 +92,11 @@ class Steering(Section, ABC):
         """Return the same steering without limits."""
         return self
 
-    def fault(self, body: Body) -> str:
+    def fault(self, body: "Body") -> str:
         """Explain why a vehicle cannot be steered in this way; empty if it can."""
         return ""
 
-    def pack(self, body: Body, kind: np.void) -> None:
+    def pack(self, body: "Body", kind: np.void) -> None:
         """Write the parameters of the branch into the vehicle's KIND."""
         kind["steering"], kind["hand"] = self.code, self.hand
 
@@ -107,11 +109,11 @@ class Full(Steering):
     underactuated = False
     directions = np.column_stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
 
-    def g(self, body: Body, R: Array) -> Array:
+    def g(self, body: "Body", R: Array) -> Array:
         """Compute C R D^-1 W_f."""
         return np.asarray((R @ (body.W[:3] / body.drag[:, None]))[: body.dimension])
 
-    def g_inverse(self, body: Body, R: Array) -> Array:
+    def g_inverse(self, body: "Body", R: Array) -> Array:
         """Compute W^+ D R^T on the force rows."""
         return np.asarray((self.allocation(body)[:, :3] @ (body.drag[:, None] * R.T))[:, : body.dimension])
 
@@ -133,19 +135,19 @@ class HandPoint(Steering):
         """As given."""
         return self.hand_point
 
-    def _gain(self, body: Body) -> Array:
+    def _gain(self, body: "Body") -> Array:
         """Compute the velocity of the hand point, forward and to port, for a surge force and a yaw moment of 1."""
         return np.array([1.0 / body.drag[0], self.hand_point / body.angular_drag[2]])
 
-    def g(self, body: Body, R: Array) -> Array:
+    def g(self, body: "Body", R: Array) -> Array:
         """Compute R(psi) diag(1 / D_surge, l / D_yaw) W on the rows surge and yaw."""
         return np.asarray(R[:2, :2] @ (body.W[[0, 5]] * self._gain(body)[:, None]))
 
-    def g_inverse(self, body: Body, R: Array) -> Array:
+    def g_inverse(self, body: "Body", R: Array) -> Array:
         """Compute the right inverse of g, which is the inverse if there are two efforts."""
         return np.asarray(self.allocation(body)[:, [0, 5]] / self._gain(body) @ R[:2, :2].T)
 
-    def fault(self, body: Body) -> str:
+    def fault(self, body: "Body") -> str:
         """Report a yaw drag of zero, which would make g infinite."""
         if body.angular_drag[2] > 0.0:
             return ""
@@ -162,26 +164,26 @@ class ThrustVector(Steering):
         description="largest tilt of a multirotor with parallel rotors, which tilts to point its thrust [degrees]"
     )
 
-    def delays(self, body: Body) -> Array:
+    def delays(self, body: "Body") -> Array:
         """Return 2 zeta / omega of the attitude, which must turn first, and the thrusters' lag for the vertical."""
         hold = body.hold
         return np.array([*[2.0 * hold.damping / hold.frequency] * 2, body.lag])
 
-    def g(self, body: Body, R: Array) -> Array:
+    def g(self, body: "Body", R: Array) -> Array:
         """Compute R D^-1 R^T."""
         return np.asarray(R / body.drag @ R.T)
 
-    def g_inverse(self, body: Body, R: Array) -> Array:
+    def g_inverse(self, body: "Body", R: Array) -> Array:
         """Compute R D R^T."""
         return np.asarray(R * body.drag @ R.T)
 
-    def largest_thrust(self, body: Body) -> float:
+    def largest_thrust(self, body: "Body") -> float:
         """Return the usable thrust along z, N; the rest is reserved for turning."""
         lifting = body.W[2] > 0.0
         reach = body.W[2, lifting] @ body.effort_bounds[lifting, 1]
         return max(_USABLE * float(reach), 1.01 * body.weight)
 
-    def largest_force(self, body: Body, direction: Array) -> float:
+    def largest_force(self, body: "Body", direction: Array) -> float:
         """Compute the largest horizontal force, limited by tilt or by thrust, N."""
         by_tilt = body.weight * np.tan(np.deg2rad(self.largest_tilt))
         return float(min(by_tilt, np.sqrt(max(self.largest_thrust(body) ** 2 - body.weight**2, 0.0))))
@@ -190,11 +192,29 @@ class ThrustVector(Steering):
         """Return the same steering with a tilt of up to 80 degrees."""
         return ThrustVector(largest_tilt=_FREE_TILT)
 
-    def pack(self, body: Body, kind: np.void) -> None:
+    def pack(self, body: "Body", kind: np.void) -> None:
         """Write the parameters of the branch, with the limits of tilt and thrust."""
         super().pack(body, kind)
         kind["tan_max_tilt"] = np.tan(np.deg2rad(self.largest_tilt))
         kind["most_thrust"] = self.largest_thrust(body)
+
+
+def _kind_of_steering(value: Any) -> str | None:
+    """Return the class of the given field; None unless exactly one is given."""
+    kinds = {"hand_point": "HandPoint", "largest_tilt": "ThrustVector"}
+    given = set(kinds) & set(value if isinstance(value, dict) else type(value).model_fields)
+    return kinds[given.pop()] if len(given) == 1 else None
+
+
+AnySteering = Annotated[
+    Annotated[HandPoint, Tag("HandPoint")] | Annotated[ThrustVector, Tag("ThrustVector")],
+    Discriminator(
+        _kind_of_steering,
+        custom_error_type="steering",
+        custom_error_message="give either hand_point or largest_tilt",
+    ),
+]
+"""Section of a description about its steering."""
 
 
 @inline_jit

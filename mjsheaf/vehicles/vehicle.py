@@ -2,23 +2,223 @@
 
 A description contains the properties of a vehicle that MJCF has no place for: its medium, the effects of the medium
 (drag, added mass, hydrostatics), and the control of the commanded velocity by its onboard computer. Axes are those of
-the body: x forward, y port, z up.
+the body: x forward, y port, z up. Wrenches are [force; moment] about the origin of the body frame, in body axes.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, model_validator
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, freeze
 from mjsheaf.errors import InputError, raise_first
 from mjsheaf.section import Section
-from mjsheaf.vehicles.actuators import AnyActuator
-from mjsheaf.vehicles.body import AttitudeHold, Body
-from mjsheaf.vehicles.steering import HandPoint, Steering, ThrustVector
+from mjsheaf.vehicles.actuators import AnyActuator, Channel, Thruster
+from mjsheaf.vehicles.steering import AnySteering, HandPoint, Steering, ThrustVector
+
+GRAVITY = 9.81  # m/s^2
+
+_STIFF = 10.0  # 1/s: rate D / M above which drag is stiff
+
+ROW_NAMES = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
+
+
+class Inertial(NamedTuple):
+    """Inertia of one body of an MJCF file, as compiled.
+
+    Attributes:
+        position: Position of the centre of mass in the body's frame, shape (3,), m.
+        quaternion: Quaternion of the principal axes, shape (4,).
+        mass: Mass, kg.
+        diagonal: Principal moments of inertia, shape (3,), kg m^2.
+    """
+
+    position: Array
+    quaternion: Array
+    mass: float
+    diagonal: Array
+
+
+class AttitudeHold(Section):
+    """Desired attitude, held by the thrusters as a second-order system.
+
+    A boat steered at its hand point holds no attitude; the values apply if underactuation is switched off.
+    """
+
+    frequency: Annotated[float, Field(gt=0)] = Field(description="natural frequency [rad/s]")
+    damping: Annotated[float, Field(gt=0)] = Field(1.0, description="damping ratio [-]")
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body in a medium, and its actuators.
+
+    Attributes:
+        dimension: Dimension of the controlled position: 2 on the surface, 3 in a volume.
+        mass: Mass, kg.
+        weight: Weight that thrusters or water must carry, N: m g minus MuJoCo's compensation (gravcomp).
+        ballast: Part of the weight that the body does not have in the model, N; see effects.
+        centre_of_mass: Centre of mass in the body frame, shape (3,), m.
+        weight_moment: Sum over bodies of weight, minus MuJoCo's compensation, times its position in the body frame,
+            shape (3,), N m.
+        inertia: Inertia about the origin of the body frame, body axes, shape (3, 3), kg m^2.
+        inertials: Inertias of the bodies in the file, depth first.
+        radius: Radius about the origin of the body frame that holds what is seen of it, m.
+        size: Longest side of the box about all of its geoms along the body axes, m; 0 without geoms.
+        actuators: Actuators of the vehicle.
+        hold: Parameters of the attitude hold.
+        drag: Linear drag D along the body axes, shape (3,), N s/m.
+        angular_drag: Linear drag about the body axes, shape (3,), N m s/rad.
+        quadratic_drag: Coefficients of |v| v along and |omega| omega about the body axes, shape (6,), N s^2/m^2 and
+            N m s^2/rad^2.
+        added_mass: Mass of the medium that moves with the body along and about its axes, shape (6,), kg and kg m^2.
+    """
+
+    dimension: int
+    mass: float
+    weight: float
+    ballast: float
+    centre_of_mass: Array
+    weight_moment: Array
+    inertia: Array
+    inertials: list[Inertial]
+    radius: float
+    size: float
+    actuators: list[Thruster]
+    hold: AttitudeHold
+    drag: Array
+    angular_drag: Array
+    quadratic_drag: Array
+    added_mass: Array
+
+    def __post_init__(self) -> None:
+        freeze([*vars(self).values(), *(value for inertial in self.inertials for value in inertial)])
+
+    @cached_property
+    def channels(self) -> list[Channel]:
+        """Its actuators in MuJoCo, length s: names, units and limits of commands."""
+        return [channel for actuator in self.actuators for channel in actuator.channels]
+
+    @property
+    def thrusters(self) -> list[str]:
+        """Names of the channels."""
+        return [channel.name for channel in self.channels]
+
+    @property
+    def limits(self) -> Array:
+        """Lowest and highest useful command of each channel, shape (s, 2)."""
+        return np.array([(channel.low, channel.high) for channel in self.channels]).reshape(-1, 2)
+
+    @cached_property
+    def W(self) -> Array:  # noqa: N802
+        """Wrench for each effort of 1, shape (6, s), N and N m; see `actuators`."""
+        return np.array([wrench for actuator in self.actuators for wrench in actuator.wrenches]).reshape(-1, 6).T
+
+    @property
+    def effort_bounds(self) -> Array:
+        """Lowest and highest of each effort, shape (s, 2)."""
+        return np.concatenate([np.zeros((0, 2)), *(actuator.bounds for actuator in self.actuators)])
+
+    @property
+    def half_planes(self) -> tuple[Array, Array]:
+        """A (r, s) and b (r,) of A u <= b, which efforts u satisfy in addition to their bounds."""
+        from scipy.linalg import block_diag
+
+        if not self.actuators:
+            return np.zeros((0, 0)), np.zeros(0)
+        A, b = zip(*(actuator.half_planes for actuator in self.actuators), strict=True)
+        return block_diag(*A), np.concatenate(b)
+
+    def solve_for_efforts(self, A: Array, b: Array, cost: Array) -> float:
+        """Return the s >= 0 of the minimum-cost solution of A [u; s] = b with efforts u within limits.
+
+        It is infinite if s is unbounded, and 0 if there is no solution.
+        """
+        from scipy.optimize import linprog
+
+        planes, heights = self.half_planes
+        answer = linprog(
+            cost,
+            A_ub=np.column_stack([planes, np.zeros(len(heights))]) if len(heights) else None,
+            b_ub=heights if len(heights) else None,
+            A_eq=A,
+            b_eq=b,
+            bounds=[*self.effort_bounds, (0.0, np.inf)],
+        )
+        if answer.status == 3:
+            return float("inf")
+        return float(answer.x[-1]) if answer.status == 0 else 0.0
+
+    def largest_along(self, rows: list[int], along: Array, carried: Array) -> float:
+        """Return the largest s for which efforts within limits satisfy W u = carried + s along on `rows`."""
+        cost = np.append(np.zeros(self.W.shape[1]), -1.0)
+        return self.solve_for_efforts(np.column_stack([self.W[rows], -along[rows]]), carried[rows], cost)
+
+    def by_actuator(self, values: NDArray[Any]) -> list[NDArray[Any]]:
+        """Split efforts or commands, shape (s,), by actuator."""
+        ends = np.cumsum([len(actuator.channels) for actuator in self.actuators], dtype=np.int64)
+        return np.split(values, ends)[:-1]
+
+    @property
+    def moving_mass(self) -> Array:
+        """Mass along, and inertia about, each body axis that a thruster must accelerate, shape (6,), kg and kg m^2."""
+        return np.concatenate([np.full(3, self.mass), np.diag(self.inertia)]) + self.added_mass
+
+    @property
+    def lag(self) -> float:
+        """Mean time constant of the actuators, s."""
+        return float(np.mean([actuator.lag for actuator in self.actuators])) if self.actuators else 0.0
+
+    @property
+    def rigid_mass(self) -> Array:
+        """Rigid-body mass matrix M_RB about the origin, shape (6, 6): kg, kg m, kg m^2."""
+        x, y, z = self.mass * self.centre_of_mass
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return np.block([[self.mass * np.eye(3), -cross], [cross, self.inertia]])
+
+    @property
+    def rigid_wrench_map(self) -> Array:
+        """M_RB (M_RB + M_A)^-1, shape (6, 6).
+
+        Maps an applied wrench to the one that gives the rigid body alone the same acceleration.
+        """
+        if not self.added_mass.any():
+            return np.eye(6)
+        rigid = self.rigid_mass
+        return np.asarray(np.linalg.solve(rigid + np.diag(self.added_mass), rigid).T)
+
+    @property
+    def joint_damping(self) -> Array:
+        """Linear damping applied by the free joint, shape (6,), N s/m and N m s/rad.
+
+        MuJoCo integrates damping of joints implicitly, so stiff drag needs no small steps. This costs another
+        factorization of the mass matrix, so drag that is not stiff is an applied force, which is stable up to steps of
+        0.2 s. Bodies with added mass require an applied force: see `mjsheaf.loop.bodies`. The choice does not depend on
+        the timestep. The errors of both are of first order in it, but that of the force is several times larger, so a
+        run that switched would be less accurate with a smaller step.
+        """
+        fastest = max(*(self.drag / self.mass), *(self.angular_drag / np.diag(self.turning_inertia)))
+        if self.added_mass.any() or fastest <= _STIFF * (1.0 + 1e-9):  # allows for the rounding of m / tau
+            return np.zeros(6)
+        return np.array([*np.full(3, self.drag.max()), *self.angular_drag])
+
+    @property
+    def gears(self) -> Array:
+        """Wrench on the free joint for each effort of 1 / gain, shape (s, 6); zero if the gain is zero."""
+        gain = np.array([a.gain for a in self.actuators for _ in a.channels])  # W holds gain times gear
+        wrenches = self.W.T @ self.rigid_wrench_map.T
+        return np.divide(wrenches, gain[:, None], out=np.zeros((len(gain), 6)), where=gain[:, None] != 0)
+
+    @property
+    def turning_inertia(self) -> Array:
+        """Effective inertia for a couple: inertia about the centre of mass plus added inertia, shape (3, 3), kg m^2."""
+        c = self.centre_of_mass
+        return self.inertia - self.mass * (c @ c * np.eye(3) - np.outer(c, c)) + np.diag(self.added_mass[3:])
+
 
 Triple = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)]
 Six = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=6, max_length=6)]
@@ -61,13 +261,6 @@ class Autopilot(Section):
     rate: Annotated[float, Field(gt=0)] = Field(description="k_v of the loop on the velocity through the medium [1/s]")
 
 
-def _kind_of_steering(value: Any) -> str | None:
-    """Return the class of the given field; None unless exactly one is given."""
-    kinds = {"hand_point": "HandPoint", "largest_tilt": "ThrustVector"}
-    given = set(kinds) & set(value if isinstance(value, dict) else type(value).model_fields)
-    return kinds[given.pop()] if len(given) == 1 else None
-
-
 class VehicleDescription(Section):
     """Contents of models/NAME.yaml."""
 
@@ -83,17 +276,7 @@ class VehicleDescription(Section):
     actuators: dict[str, AnyActuator] = Field(
         {}, description="thrusters of the MJCF file that turn, or have a rudder, by name"
     )
-    steering: (
-        Annotated[
-            Annotated[HandPoint, Tag("HandPoint")] | Annotated[ThrustVector, Tag("ThrustVector")],
-            Discriminator(
-                _kind_of_steering,
-                custom_error_type="steering",
-                custom_error_message="give either hand_point or largest_tilt",
-            ),
-        ]
-        | None
-    ) = Field(None, description="steering of a vehicle that cannot push along every axis")
+    steering: AnySteering | None = Field(None, description="steering of a vehicle that cannot push along every axis")
     added_mass: Six | None = Field(None, description="surge, sway, heave; roll, pitch, yaw [kg, kg m^2]")
     hydrostatics: Hydrostatics | None = Field(None, description="restoring moments of a floating vehicle")
     drifts: bool = Field(False, description="true for a buoy without thrusters, which can only be a target")

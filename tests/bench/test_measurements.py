@@ -20,7 +20,7 @@ from benchmarks.measuring import (
 )
 from mjsheaf.errors import InputError
 from mjsheaf.loop.session import ENGINES
-from mjsheaf.vehicles.vectors import rotation
+from mjsheaf.vectors import rotation
 from tests.builders import refused
 
 

@@ -4,7 +4,6 @@ Terms are in the linear model, which is read off the stages that run (see `test_
 the targets' path is derived term by term, so that it is undecided with registered terms (`tests/law/test_custom`).
 """
 
-from collections import namedtuple
 from dataclasses import replace
 
 import pytest
@@ -15,7 +14,7 @@ from mjsheaf.checking.loop.linear_law import unmodelled_parts
 from mjsheaf.law.law import EdgeArrays, LawArrays
 from mjsheaf.law.links import LINK, LinkArrays
 from mjsheaf.law.rounds import RoundArrays
-from mjsheaf.law.terms import Newton, TermArrays, Terms
+from mjsheaf.law.terms import Integral, Newton, TermArrays, Terms
 from mjsheaf.system import System
 
 SCENARIO = "steady_current"
@@ -64,12 +63,14 @@ def test_sensors_gains_and_laws_in_python(system: System) -> None:
 
 
 def test_terms_are_found_by_name() -> None:
-    assert not Terms().any
-    assert Terms(newton=Newton()).any
-    fields = namedtuple("fields", (*Terms._fields, "robust"))  # type: ignore[misc]
-    extended = type("Extended", (fields,), {"any": Terms.any})
-    assert extended(*Terms(), robust=1.0).any
-    assert not extended(*Terms(), robust=None).any
+    assert not Terms().has_terms
+    assert Terms(newton=Newton()).has_terms
+
+    class Extended(Terms):
+        robust: Integral | None = None
+
+    assert Extended(robust=Integral(gain=1.0)).has_terms
+    assert not Extended().has_terms
 
 
 def test_links_are_undecided_too() -> None:

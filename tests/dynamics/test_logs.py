@@ -26,8 +26,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from mjsheaf.cf import EARTH
 from mjsheaf.errors import InputError
+from mjsheaf.recordings import read_positions
 from mjsheaf.recordings.logs import POSITIONS
-from mjsheaf.recordings.positions import read_positions
 
 SECOND = 10**9
 START = 1_700_000_000

@@ -14,7 +14,7 @@ import xarray as xr
 import mjsheaf
 from mjsheaf.errors import MjsheafError
 from mjsheaf.export.log import make_sink
-from mjsheaf.recordings.positions import read_positions
+from mjsheaf.recordings import read_positions
 from mjsheaf.results.netcdf import send, write_dataset
 
 SCENARIO: dict[str, Any] = {

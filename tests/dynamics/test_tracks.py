@@ -12,7 +12,7 @@ import xarray as xr
 
 from mjsheaf.cf import EARTH
 from mjsheaf.errors import InputError
-from mjsheaf.recordings.positions import read_positions
+from mjsheaf.recordings import read_positions
 
 COUNT = 4
 T = np.array([0.0, 60.0, 120.0, 300.0])

@@ -248,4 +248,4 @@ def test_importing_the_package_loads_neither_library() -> None:
     script = "import sys, mjsheaf\nprint({'gymnasium', 'pettingzoo'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
-    assert mjsheaf.envs.__all__ == ["Episode", "SheafLaw", "dm_env", "env", "parallel_env", "vector_env"]
+    assert mjsheaf.envs.__all__ == ["Episode", "dm_env", "env", "parallel_env", "vector_env"]

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from pettingzoo.test import parallel_api_test, parallel_seed_test  # type: ignore[import-untyped]
 
 from mjsheaf import Session, load_scenario
-from mjsheaf.envs import Episode, SheafLaw, dm_env, env, parallel_env
+from mjsheaf.envs import Episode, dm_env, env, parallel_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, mixed_scenario, refused
@@ -159,8 +159,6 @@ def test_what_has_no_thrusters_or_limits_is_refused() -> None:
     drones = fleet(["quadrotor"])
     with refused(InputError, "action of quadrotor", "4 finite commands of its actuators"):
         parallel_env(drones, action="thrust").episode.act_flat({"quadrotor": np.zeros(3)})
-    with refused(InputError, "action is 'thrust'", "sheaf law"):
-        SheafLaw(env(drones, action="thrust").episode)
     with Session(drones, commanded="thrust") as session:
         session.step([3.0, 3.0, 3.0, 3.0])
         with refused(InputError, "(4,) finite commands of actuators"):

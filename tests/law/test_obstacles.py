@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.law.obstacles import ObstacleArrays, distance_from, distances
-from mjsheaf.law.separation import Safety, pack_obstacles
+from mjsheaf.law.obstacles import ObstacleArrays, distance_from, distances, pack_obstacles
+from mjsheaf.law.safety import Safety
 
 MOTION = {"kind": "lissajous", "amplitude": [1.0, 2.0, 0.5], "rate": [0.3, 0.2, 0.7], "phase": [0.1, 0.2, 0.3]}
 SOME: list[dict[str, Any]] = [
@@ -23,7 +23,7 @@ SOME: list[dict[str, Any]] = [
 
 
 def packed(height: float = 0.0) -> ObstacleArrays:
-    return pack_obstacles(Safety.model_validate({"distance": 1.0, "obstacles": SOME}), height, 0.0, 10.0)
+    return pack_obstacles(Safety.model_validate({"distance": 1.0, "obstacles": SOME}).obstacles, height, 0.0, 10.0)
 
 
 def nearest_point(k: int, p: Array) -> Array:
@@ -100,4 +100,4 @@ def test_bad_obstacles_are_refused(obstacle: dict[str, Any], told: str) -> None:
 def test_a_motion_of_another_dimension_is_refused() -> None:
     one = {"kind": "sphere", "centre": [0, 0], "radius": 1, "motion": MOTION}
     with pytest.raises(InputError, match=r"safety\.obstacles"):
-        pack_obstacles(Safety.model_validate({"distance": 1.0, "obstacles": [one]}), 0.0, 0.0, 1.0)
+        pack_obstacles(Safety.model_validate({"distance": 1.0, "obstacles": [one]}).obstacles, 0.0, 0.0, 1.0)

@@ -15,8 +15,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import MjsheafError
 from mjsheaf.law.law import new_memory
 from mjsheaf.law.obstacles import distances
-from mjsheaf.law.safety import keep_apart
-from mjsheaf.law.separation import Safety, pack_safety
+from mjsheaf.law.safety import Safety, keep_apart, pack_safety
 from mjsheaf.paths import add_reference, position_at
 from mjsheaf.results.metrics import safety_of
 from mjsheaf.scenario import Scenario

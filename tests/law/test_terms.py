@@ -431,8 +431,8 @@ def test_a_law_without_terms_holds_nothing_of_them() -> None:
     for path in sorted((REPOSITORY / "scenarios").glob("*.yaml")):
         scenario = load_scenario(str(path))
         terms = scenario.system.law.terms
-        assert bool(terms.agents) == scenario.controller.terms.any, path
-        if not scenario.controller.terms.any:
+        assert bool(terms.agents) == scenario.controller.has_terms, path
+        if not scenario.controller.has_terms:
             V, m = len(scenario.team.members), len(scenario.system.law.edges.b)
             room, links = Room(), scenario.system.law.links
             new_link_memory(links, m, room.take(links.size), room.take)

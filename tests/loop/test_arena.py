@@ -17,8 +17,8 @@ from mjsheaf.errors import InputError
 from mjsheaf.files import resource_directory
 from mjsheaf.vehicles import arena as arena_module
 from mjsheaf.vehicles.arena import compose
-from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.vehicles.vehicle import GRAVITY
 from tests.builders import TETRAHEDRON, Edit, alone, altered, ask, find
 
 

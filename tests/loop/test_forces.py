@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, simulate
-from mjsheaf.vehicles import body
+from mjsheaf.vehicles import vehicle as body
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import altered, find, make_scenario, medium, mixed_scenario, velocity_commands, xml_of
 from tests.running import run_physics

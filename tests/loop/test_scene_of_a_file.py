@@ -12,8 +12,8 @@ from mjsheaf import check, load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles import loading
 from mjsheaf.vehicles.arena import compose
-from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.vehicles.vehicle import GRAVITY
 from tests.builders import Edit, altered, find
 from tests.commands import answer_of
 

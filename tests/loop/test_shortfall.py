@@ -10,9 +10,9 @@ import pytest
 from mjsheaf import load_scenario, simulate
 from mjsheaf.checking.authority import shortfalls_of
 from mjsheaf.checking.slips import slips_of_vehicle
-from mjsheaf.vehicles.body import AttitudeHold
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.vehicle import AttitudeHold
 from tests.commands import answer_of
 
 INERTIA = 2.4e-5  # kg m^2

@@ -14,7 +14,7 @@ from mjsheaf import threads as processors
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import Engine
 from mjsheaf.loop.fused import Fused, _advance_part
-from mjsheaf.loop.session import ENGINES, Session, moved_by
+from mjsheaf.loop.session import ENGINES, Session, prepare_run
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, mixed_scenario, refused
 
@@ -92,9 +92,9 @@ def test_a_container_has_the_processors_of_its_quota(
 
 def test_the_fused_engine_may_take_all_processors(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.loop.session.usable_processors", lambda: 7)
-    phases = load_scenario("swarm", SWARM).phases
+    scenario = load_scenario("swarm", SWARM)
     allowed = {
-        (engine, asked): moved_by(phases, "physics", engine, asked)[0].system.bodies.threads
+        (engine, asked): prepare_run(scenario, "physics", engine, asked)[0].system.bodies.threads
         for engine in ENGINES
         for asked in (None, 3)
     }

@@ -16,6 +16,7 @@ import mjsheaf
 from mjsheaf import simulate
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
+from mjsheaf.loop.log import READERS
 from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
 from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, reference
 from mjsheaf.results.netcdf import Memory, send
@@ -77,9 +78,13 @@ def test_a_compiled_reader_writes_while_the_loop_runs(backend: str, monkeypatch:
 
     agents: dict[str, Any] = {"rows": "agent"}
     added = [
-        Variable("heading_east", ("time", "agent"), "m s-1", "command", read=inline_jit(first), **agents),
-        Variable("as_heard", ("time", "agent", "axis"), "m", "eta", read=inline_jit(residual), width=3, **agents),
+        Variable(
+            "heading_east", ("time", "agent"), "m s-1", "command", lambda s: s.recorded("first")[..., 0], **agents
+        ),
+        Variable("as_heard", ("time", "agent", "axis"), "m", "eta", lambda s: s.recorded("residual"), **agents),
     ]
+    monkeypatch.setitem(READERS, "first", (inline_jit(first), 1))
+    monkeypatch.setitem(READERS, "residual", (inline_jit(residual), 3))
     monkeypatch.setattr(dataset, "VARIABLES", [*VARIABLES, *added])
     found = simulate(scenario(), backend)
     np.testing.assert_array_equal(found["as_heard"][..., :2], found["disagreement_vector"][..., :2])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.media.waves import WaveArrays, new_wave_state, pack_waves, wave_surface
+from mjsheaf.media.waves import WaveArrays, pack_waves, wave_surface
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.show.played import seas_of
 from mjsheaf.video.camera import View
@@ -37,7 +37,7 @@ def afloat(**water: Any) -> Scenario:
 
 def met(waves: WaveArrays, x: float, y: float, time: float) -> list[float]:
     """Return elevation and slopes that a boat at a place meets."""
-    state = new_wave_state(waves)
+    state = waves.new_state()
     return list(wave_surface(waves, state, time, 0, x, y)[:3])
 
 

@@ -56,7 +56,7 @@ from mjsheaf.media.flow import (
     channel_place,
     in_space,
 )
-from mjsheaf.vehicles.vectors import triple
+from mjsheaf.vectors import triple
 
 _BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
 _NO_CORE = 1e-30  # m; a core smaller than this is none
