@@ -19,9 +19,10 @@ from mjsheaf.errors import SheafError
 def assembled(blocks: Iterable[tuple[Any, Any, Any]], shape: tuple[int, int]) -> sparse.coo_array:
     """A matrix of blocks (rows, columns, values), three arrays each that are broadcast; zero elsewhere."""
     entries = [np.broadcast_arrays(*block) for block in blocks]
+    index = np.int32 if max(shape) < 2**31 else np.int64  # as SciPy would choose after a look at all of them
     rows, columns, values = (
-        np.concatenate([np.zeros(0, kind), *(entry[k].ravel() for entry in entries)])
-        for k, kind in enumerate((np.int64, np.int64, np.float64))
+        np.concatenate([np.zeros(0, kind), *(entry[k].ravel() for entry in entries)], dtype=kind, casting="same_kind")
+        for k, kind in enumerate((index, index, np.float64))
     )
     return sparse.coo_array((values, (rows, columns)), shape=shape)
 
