@@ -23,7 +23,7 @@ fit, S is not symmetric.
 """
 
 import itertools
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -78,28 +78,41 @@ _EXACT = 1e-7  # of the team's extent: residual of edges that fit
 _DENSE = 200  # largest number of free coordinates whose matrices are dense: sparse ones take 50 us an operation
 
 
-class NonlinearEdge(NamedTuple):
+@dataclass(frozen=True)
+class NonlinearEdge:
     """An edge of a nonlinear sheaf; see the module for the symbols.
 
     Attributes:
         tail, head: Vertices.
         F_tail, F_head: Restriction maps, shapes (m, n_tail) and (m, n_head).
-        measures: What is compared.
-        desired: Desired value h*: shape (m,) of positions and bearings, (1,) of ranges.
         weight: K, shape (m, m); a multiple of the identity unless positions are compared.
-        lift: Constant part of z, shape (m,).
+        offset: Desired value h*: of F_tail x_tail - F_head x_head for positions, shape (m,); a distance, shape (1,); or
+            a unit vector, (m,). None for zero.
+        measures: What is compared: position, range or bearing.
         directed: True if only the tail is pulled.
+        lift: Constant part of z, shape (m,); None for zero. The offset of positions contains it.
     """
 
-    tail: Hashable
-    head: Hashable
+    tail: Any
+    head: Any
     F_tail: Array
     F_head: Array
-    measures: Measure
-    desired: Array
     weight: Array
-    lift: Array
-    directed: bool
+    offset: Array | None = None
+    measures: Measure = "position"
+    directed: bool = False
+    lift: Array | None = None
+
+    @property
+    def b(self) -> Array:
+        """Term added to F_head x_head - F_tail x_tail: the desired value of positions, else the lift, shape (m,)."""
+        added = self.offset if self.measures == "position" else self.lift
+        return np.zeros(len(self.F_tail)) if added is None else added
+
+    @property
+    def desired(self) -> Array:
+        """Desired value h*, zeros unless given."""
+        return np.zeros(1) if self.offset is None else self.offset
 
 
 class LinearMaps(NamedTuple):
@@ -142,14 +155,14 @@ def measure(measures: Measure, z: Array) -> Measured:
 def linear_maps(edge: NonlinearEdge, z: Array) -> LinearMaps:
     """Linearise an edge at the relative position z, shape (m,)."""
     if edge.measures == "position":
-        return LinearMaps(edge.F_tail, edge.F_head, edge.weight, edge.desired + edge.lift)
+        return LinearMaps(edge.F_tail, edge.F_head, edge.weight, edge.b)
     h, J = measure(edge.measures, z)
     if edge.measures == "range":
         weight = edge.weight[:1, :1]
-        offset = J @ edge.lift - edge.desired
+        offset = J @ edge.b - edge.desired
     else:
         weight = edge.weight * (float(np.linalg.norm(z)) or 1.0)
-        offset = J @ edge.lift + h - edge.desired
+        offset = J @ edge.b + h - edge.desired
     return LinearMaps(J @ edge.F_tail, J @ edge.F_head, weight, offset)
 
 
@@ -294,11 +307,11 @@ def _weight_matrix(weight: ArrayLike, measures: Measure, m: int, where: str) -> 
 class NonlinearSheaf:
     """A sheaf whose edges compare positions, ranges or bearings of vectors in the stalks of their ends."""
 
-    def __init__(self, stalks: Mapping[Any, int]) -> None:
-        """Make a sheaf without edges; `stalks` maps each vertex to its dimension, in order."""
+    def __init__(self, stalks: Mapping[Any, int], edges: Iterable[NonlinearEdge] = ()) -> None:
+        """Make a sheaf; `stalks` maps each vertex to its dimension, in order, and `edges` fit these."""
         self._stalks = Cochains(stalks)
         self._dimension = dict(stalks)
-        self.edges: list[NonlinearEdge] = []
+        self.edges = list(edges)
 
     def add_edge(
         self,
@@ -335,17 +348,19 @@ class NonlinearSheaf:
             raise SheafError(f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}")
         if desired is None and measures != "position":
             raise SheafError(f"{where}: no desired {measures}; expected one")
+        constant = np.zeros(m) if lift is None else np.asarray(lift, dtype=np.float64).reshape(m)
+        offset = desired_value(measures, np.zeros(m) if desired is None else desired, m)
         self.edges.append(
             NonlinearEdge(
                 tail,
                 head,
                 maps[0],
                 maps[1],
-                measures,
-                desired_value(measures, np.zeros(m) if desired is None else desired, m),
                 _weight_matrix(weight, measures, m, where),
-                np.zeros(m) if lift is None else np.asarray(lift, dtype=np.float64).reshape(m),
+                offset + constant if measures == "position" else offset,
+                measures,
                 directed,
+                constant,
             )
         )
         self.__dict__.pop("_arrays", None)
@@ -466,7 +481,7 @@ class _Arrays:
         desired: h*, of a range in each of its rows, shape (m,).
         weight: w of each row, shape (m,); 0 where K is in `K`.
         K: Weights of edges that compare positions, shape (m, m).
-        pairs: Rows and columns of the blocks of range and bearing edges.
+        pairs: Rows and columns of the blocks of range and bearing edges, shape (2, P).
         directed: True if an edge is directed, so that neither H nor the matrix of Gauss-Newton is symmetric.
         conservative: True if c is the derivative of an energy at all ends: no edge is directed, none a bearing.
     """
@@ -479,7 +494,7 @@ class _Arrays:
     desired: Array
     weight: Array
     K: sparse.csr_array
-    pairs: tuple[IntArray, IntArray]
+    pairs: IntArray
     directed: bool
     conservative: bool
 
@@ -551,56 +566,38 @@ class _Arrays:
 
 def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
     """Pack the edges of a sheaf whose stalks have n coordinates in all."""
-    sizes = np.array([len(e.lift) for e in edges], dtype=np.int64)
+    none = np.zeros(0)
+    sizes = np.array([len(e.F_tail) for e in edges], dtype=np.int64)
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     m = int(first[-1])
-    rows = [np.arange(begin, end) for begin, end in itertools.pairwise(first)]
     code = np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64)
-    D, pulled = _coboundaries(stalks, edges, rows, (m, n))
-    return _Arrays(
-        D=D,
-        pulled=pulled,
-        lift=_joined([e.lift for e in edges]),
-        first=first,
-        code=code,
-        desired=_joined([np.broadcast_to(e.desired, e.lift.shape) for e in edges]),
-        weight=np.where(code > 0, _joined([np.diag(e.weight) for e in edges]), 0.0),
-        K=_position_weights(edges, rows, m),
-        pairs=_pairs(edges, rows),
-        directed=any(e.directed for e in edges),
-        conservative=not any(e.directed or e.measures == "bearing" for e in edges),
-    )
-
-
-def _joined(parts: Sequence[Array]) -> Array:
-    return np.concatenate([np.zeros(0), *parts])
-
-
-def _coboundaries(
-    stalks: Cochains, edges: Sequence[NonlinearEdge], rows: Sequence[IntArray], shape: tuple[int, int]
-) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Return the coboundary of z, and the same without heads that are not pulled."""
     ends = dict.fromkeys(end for e in edges for end in (e.tail, e.head))
     columns = {end: stalks.columns_of(stalks.numbers([end])) for end in ends}
-    tails = [(r[:, None], columns[e.tail][None], -e.F_tail) for r, e in zip(rows, edges, strict=True)]
-    heads = [(r[:, None], columns[e.head][None], e.F_head) for r, e in zip(rows, edges, strict=True)]
-    pulled = [block for block, e in zip(heads, edges, strict=True) if not e.directed]
-    return assembled(tails + heads, shape).tocsr(), assembled(tails + pulled, shape).tocsr()
-
-
-def _position_weights(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray], m: int) -> sparse.csr_array:
-    """Return K of the edges that compare positions, shape (m, m)."""
-    linear = [(r[:, None], r[None], e.weight) for r, e in zip(rows, edges, strict=True) if e.measures == "position"]
-    return assembled(linear, (m, m)).tocsr()
-
-
-def _pairs(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
-    """Return rows and columns of the blocks of range and bearing edges."""
-    none = np.zeros(0, dtype=np.int64)
-    curved = [r for r, e in zip(rows, edges, strict=True) if e.measures != "position"]
-    return (
-        np.concatenate([none, *(np.repeat(r, len(r)) for r in curved)]),
-        np.concatenate([none, *(np.tile(r, len(r)) for r in curved)]),
+    tails, heads, pulled, linear = (list[tuple[Any, Any, Any]]() for _ in range(4))
+    curved: list[IntArray] = []
+    for e, begin, end in zip(edges, first, first[1:], strict=False):
+        rows = np.arange(begin, end)
+        tails.append((rows[:, None], columns[e.tail][None], -e.F_tail))
+        heads.append((rows[:, None], columns[e.head][None], e.F_head))
+        if not e.directed:
+            pulled.append(heads[-1])
+        if e.measures == "position":
+            linear.append((rows[:, None], rows[None], e.weight))
+        else:
+            curved.append(rows)
+    pairs = [np.stack([np.repeat(r, len(r)), np.tile(r, len(r))]) for r in curved]
+    return _Arrays(
+        D=assembled(tails + heads, (m, n)).tocsr(),
+        pulled=assembled(tails + pulled, (m, n)).tocsr(),
+        lift=np.concatenate([none, *(np.zeros(len(e.b)) if e.measures == "position" else e.b for e in edges)]),
+        first=first,
+        code=code,
+        desired=np.concatenate([none, *(np.broadcast_to(e.desired, len(e.F_tail)) for e in edges)]),
+        weight=np.where(code > 0, np.concatenate([none, *(np.diag(e.weight) for e in edges)]), 0.0),
+        K=assembled(linear, (m, m)).tocsr(),
+        pairs=np.concatenate([np.zeros((2, 0), dtype=np.int64), *pairs], axis=1),
+        directed=any(e.directed for e in edges),
+        conservative=not any(e.directed or e.measures == "bearing" for e in edges),
     )
 
 

@@ -285,22 +285,8 @@ class Team:
     @cached_property
     def nonlinear_sheaf(self) -> NonlinearSheaf:
         """The sheaf of all members and measuring edges, as edges of any kind see it; GROUND is its last vertex."""
-        sheaf = NonlinearSheaf({member.id: member.dimension for member in (*self.members, _GROUND)})
-        for e in self.measuring_edges:
-            lift = None if e.measures == "position" else e.lift
-            weight = e.weight if e.measures == "position" else e.weight[0, 0]
-            sheaf.add_edge(
-                e.tail,
-                e.head,
-                e.F_tail,
-                e.F_head,
-                measures=e.measures,
-                desired=e.offset,
-                weight=weight,
-                lift=lift,
-                directed=e.directed,
-            )
-        return sheaf
+        stalks = {member.id: member.dimension for member in (*self.members, _GROUND)}
+        return NonlinearSheaf(stalks, self.measuring_edges)
 
     def linearised(self, x: Array) -> "Team":
         """Return the team whose linear edges agree to first order with this one's where members are at x.
@@ -311,20 +297,9 @@ class Team:
             x: Padded positions (V, 3) or stacked ones (n,), m.
         """
         stacked = x if np.ndim(x) == 1 else self.pack(x)
-        sheaf = self.nonlinear_sheaf
         linear = dict[int, Edge]()
-        for e, known, z in zip(self.measuring_edges, sheaf.edges, sheaf.relative(stacked), strict=True):
-            maps = linear_maps(known, z)
-            linear[id(e)] = replace(
-                e,
-                F_tail=maps.F_tail,
-                F_head=maps.F_head,
-                weight=maps.weight,
-                offset=maps.offset,
-                measures="position",
-                lift=None,
-            )
-
+        for e, z in zip(self.measuring_edges, self.nonlinear_sheaf.relative(stacked), strict=True):
+            linear[id(e)] = replace(e, **linear_maps(e, z)._asdict(), measures="position", lift=None)
         team = self.with_edges(linear)
         team.linearised_at = stacked
         return team
