@@ -17,6 +17,7 @@ from pydantic_core import to_json
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.files import SUFFIXES, is_part_of, whole_directory, write_whole
+from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.netcdf import open_dataset
 from mjsheaf.show.style import names_of
 
@@ -315,14 +316,9 @@ def _require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) -
     Raises:
         InputError: The message names the directory and the difference.
     """
-    backend = dataset.attrs.get("backend")
-    drawn = {"time", "agent", "target", "agent_position", "target_position", "harmonic_extension", "disagreement"}
-    of_bodies = {"agent_orientation", "target_orientation", "agent_height", "target_height"}
-    missing = sorted((drawn | of_bodies if backend == "physics" else drawn) - set(dataset.variables))
-    known = isinstance(dataset.attrs.get("status"), str) and dataset.sizes.get("time", 0) > 0
-    if missing or backend not in ("physics", "ideal") or not known:
-        what = missing[0] if missing else "backend, status or sample"
-        raise InputError(f"{directory}: result.nc is not that of a run: it has no {what}")
+    fault = fault_of(dataset)
+    if fault:
+        raise InputError(f"{directory}: result.nc is not that of a run: it {fault}")
     for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
         place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
         found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
