@@ -27,7 +27,7 @@ from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.nonlinear import FREE_MOTION, SOLVED_RANK_TOLERANCE, Measure, linear_maps
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.edges import LinearEdge
-from mjsheaf.team.null_modes import describe, null_mode_basis, null_mode_of, sparsified
+from mjsheaf.team.team import describe, null_mode_basis, null_mode_of, sparsified
 
 # -- the search --------------------------------------------------------------------------------------------------------
 

@@ -19,14 +19,13 @@ import xarray as xr
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.files import naming, whole_directory, whole_file
-from mjsheaf.results.netcdf import length_of_piece, send, split
-from mjsheaf.results.store import BAG, reopen_run, strange_in_bag
+from mjsheaf.results.store import BAG, length_of_piece, reopen_run, send, split, strange_in_bag
 from mjsheaf.show.played import edges_of, joined, residuals_in
 from mjsheaf.show.solids import parts_of
 from mjsheaf.show.style import groups_of
 
 if TYPE_CHECKING:
-    from mjsheaf.results.netcdf import Sink
+    from mjsheaf.results.store import Sink
     from mjsheaf.scenario import Scenario
     from mjsheaf.system import Phase
 

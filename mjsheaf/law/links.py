@@ -25,7 +25,7 @@ from mjsheaf.errors import InputError, in_field
 from mjsheaf.law.edges import disturb
 from mjsheaf.noise import normal_of, stream_of, uniforms
 from mjsheaf.team import Edge, Team
-from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods
+from mjsheaf.team.edges import KINDS, LinkModel, Links, require_bearing, whole_periods
 
 SILENT, HELD, NEW = 0.0, 1.0, 2.0
 """Reception of an edge at a sample: nothing, the last measurement held, or a new one."""

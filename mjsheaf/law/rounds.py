@@ -30,7 +30,7 @@ from mjsheaf.law.edges import slope
 from mjsheaf.law.links import distance, linked_edges, next_state, require_held
 from mjsheaf.noise import uniforms
 from mjsheaf.team import Team
-from mjsheaf.team.links import Links, RoundLink, chain_of, whole_periods
+from mjsheaf.team.edges import Links, RoundLink, chain_of, whole_periods
 
 NEWTON, FEEDFORWARD = 0, 1
 """Whose rounds they are."""
@@ -40,7 +40,7 @@ _COUNT = 2**20  # random numbers of rounds are counted from here on within a sam
 
 
 class Losses(NamedTuple):
-    """Chain of losses of messages; see `mjsheaf.team.links.GilbertElliott`."""
+    """Chain of losses of messages; see `mjsheaf.team.edges.GilbertElliott`."""
 
     to_bad: float = 0.0
     to_good: float = 0.0

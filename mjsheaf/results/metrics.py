@@ -15,7 +15,7 @@ from mjsheaf.law.obstacles import distances
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.section import PER_AGENT_RMS, finite
 from mjsheaf.team import Edge, Formation, Team
-from mjsheaf.team.links import KINDS
+from mjsheaf.team.edges import KINDS
 from mjsheaf.team.team import Path
 
 if TYPE_CHECKING:

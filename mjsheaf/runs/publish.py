@@ -30,7 +30,7 @@ from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
-from mjsheaf.results.netcdf import split, write_and_open
+from mjsheaf.results.store import split, write_and_open
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario

@@ -20,7 +20,7 @@ from mjsheaf.media.medium import WITHOUT_MEAN, mean_flow
 from mjsheaf.media.waves import Components
 from mjsheaf.results.dataset import join, labelled_edges
 from mjsheaf.results.metrics import edge_residuals, mean_known
-from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
+from mjsheaf.results.store import length_of_piece, pieces_of, split
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import MOMENTS, automatic_scales, groups_of, round_number
 from mjsheaf.team import Edge, Team

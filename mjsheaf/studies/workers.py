@@ -39,8 +39,7 @@ from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
-from mjsheaf.results.netcdf import thin
-from mjsheaf.results.store import digest
+from mjsheaf.results.store import digest, thin
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import LawFile, map_vehicles

@@ -15,7 +15,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import ScenarioError
 from mjsheaf.runs.publish import dump_scenario
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.swarm import Swarm, _k_regular, _nearest, _sunflower
+from mjsheaf.scenario.scenario import Swarm, _k_regular, _nearest, _sunflower
 
 GRAPHS = ("nearest", "ring", "random_geometric", "small_world", "k_regular")
 

@@ -20,10 +20,9 @@ from PIL import Image
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.style import FigureOptions
 from mjsheaf.studies import load_plan, run_study
-from mjsheaf.studies.directory import sealed
 from mjsheaf.studies.figures import plot_study, swept_axes
 from mjsheaf.studies.plan import StudyFile, points_of
-from mjsheaf.studies.study import csv_of, make_table, results_of
+from mjsheaf.studies.study import csv_of, make_table, results_of, sealed
 from mjsheaf.studies.workers import JobResult, new_record, run_job
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import contents

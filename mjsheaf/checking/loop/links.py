@@ -37,7 +37,7 @@ from mjsheaf.law.terms import TermArrays
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 from mjsheaf.system import System
 from mjsheaf.team import Team
-from mjsheaf.team.links import KINDS
+from mjsheaf.team.edges import KINDS
 
 UNSTABLE_LINKS = "over its links the law is unstable"
 
