@@ -255,6 +255,14 @@ def digest_of(path: str | Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file as `digest_of`; empty if it cannot be read, such as a broken link."""
+    try:
+        return digest_of(path)
+    except InputError:
+        return ""
+
+
 def confined(name: str, directory: Path, root: Path | None = None) -> Path:
     """Resolve a path in a file to an absolute path without links; the result need not exist.
 

@@ -7,7 +7,6 @@ of a run have the same ones, and differ only in the length of `time`.
 The directory of a run or a comparison is published atomically by rename, never over files of other programs.
 """
 
-import hashlib
 import io
 import json
 import math
@@ -29,7 +28,7 @@ from pydantic_core import to_json
 from mjsheaf._version import __version__
 from mjsheaf.arrays import IntArray
 from mjsheaf.errors import InputError, PlaceError
-from mjsheaf.files import SUFFIXES, is_part_of, whole_directory, write_whole
+from mjsheaf.files import SUFFIXES, digest, is_part_of, whole_directory, write_whole
 from mjsheaf.results.dataset import fault_of, join
 from mjsheaf.show.style import names_of
 
@@ -375,14 +374,6 @@ def strange_in_bag(folder: Path) -> list[str]:
     if not folder.is_dir() or folder.is_symlink():
         return [folder.name] if folder.exists() or folder.is_symlink() else []
     return sorted({entry.name for entry in folder.iterdir()} - BAG_FILES)
-
-
-def digest(path: Path) -> str:
-    """Compute the SHA-256 of a file; empty if it is not a file, such as a broken link."""
-    if not path.is_file():
-        return ""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def holds_run(directory: Path) -> bool:

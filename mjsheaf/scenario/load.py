@@ -1,6 +1,5 @@
 """Load scenarios by name or path, and laws in Python by their files; apply overrides, and check the whole."""
 
-import hashlib
 import inspect
 import os
 import re
@@ -13,7 +12,17 @@ from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion, visible
-from mjsheaf.files import confined, describe, execute_file, in_this_directory, parse_yaml, read_yaml, resource_directory
+from mjsheaf.files import (
+    SUFFIXES,
+    confined,
+    describe,
+    digest,
+    execute_file,
+    in_this_directory,
+    parse_yaml,
+    read_yaml,
+    resource_directory,
+)
 from mjsheaf.law.in_python import Controller
 from mjsheaf.paths import Recorded
 from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
@@ -58,7 +67,7 @@ class LawFile:
     @property
     def changed(self) -> bool:
         """True if the file is no longer the one that was found."""
-        return _digest(Path(self.path)) != self.digest
+        return digest(Path(self.path)) != self.digest
 
     @property
     def here(self) -> str:
@@ -92,7 +101,7 @@ def find_law(source: str, field: str = "--controller", directory: Path | None = 
         raise InputError(f"{field} {source}: {error}") from None
     if not path.is_file():
         raise InputError(f"{field} {source}: there is no file {file}")
-    return LawFile(str(path.resolve()), name, source, _digest(path), field)
+    return LawFile(str(path.resolve()), name, source, digest(path), field)
 
 
 def load_controller(source: str, seed: int = 0) -> Controller:
@@ -143,15 +152,6 @@ def same_law(one: str, other: str | None) -> bool:
     return name == own_name and Path(file).name == Path(own_file).name
 
 
-def _digest(path: Path) -> str:
-    """Compute the SHA-256 of a file; empty if it cannot be read."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return ""
-
-
-_SUFFIXES = (".yaml", ".yml")
 _VEHICLE_PLACES = (
     ("vehicles", "agents"),
     ("vehicles", "targets"),
@@ -313,7 +313,7 @@ def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] 
         return {key: map_vehicles(item, change, (*path, key)) for key, item in node.items()}
     if isinstance(node, list):
         return [map_vehicles(item, change, (*path, str(k))) for k, item in enumerate(node)]
-    if len(path) not in map(len, places) or not (path[0] == "flow" or node.endswith((*_SUFFIXES, ".py"))):
+    if len(path) not in map(len, places) or not (path[0] == "flow" or node.endswith((*SUFFIXES, ".py"))):
         return node
     with in_field(".".join(path)):
         return change(node)
@@ -336,9 +336,9 @@ def find_scenario(source: str | Path) -> Path:
         return known[str(source)]
     if path.is_dir():
         raise ScenarioError(f"{source or repr(source)}: is a directory; expected a scenario's name or a YAML file")
-    if path.suffix in _SUFFIXES or path.exists():
+    if path.suffix in SUFFIXES or path.exists():
         return path
-    beside = [f"{source}{suffix}" for suffix in _SUFFIXES if Path(f"{source}{suffix}").is_file()]
+    beside = [f"{source}{suffix}" for suffix in SUFFIXES if Path(f"{source}{suffix}").is_file()]
     close = f"; did you mean {beside[0]}?" if beside else suggestion(str(source), known)
     raise ScenarioError(f"{source}: no such scenario; expected {', '.join(known)}, or the path of a YAML file{close}")
 

@@ -3,7 +3,7 @@
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -121,11 +121,6 @@ class EdgeBundle:
     weight: Array | None
     number: IntArray
 
-    @property
-    def size(self) -> int:
-        """Dimension m of the edge stalks."""
-        return self.F_tail.shape[1]
-
     def selected(self, chosen: BoolArray, vertex: IntArray, number: IntArray) -> "EdgeBundle":
         """Select edges by a mask (k,), with new numbers of all vertices (V,) and edges (E,)."""
         return EdgeBundle(
@@ -175,9 +170,9 @@ class EdgeSet:
         """Rows of each edge in delta, shape (k, m), for each bundle."""
         size = np.zeros(sum(len(b.number) for b in self.bundles), dtype=np.int64)
         for b in self.bundles:
-            size[b.number] = b.size
+            size[b.number] = b.F_tail.shape[1]
         first = np.cumsum(size) - size
-        return [first[b.number][:, None] + np.arange(b.size) for b in self.bundles]
+        return [first[b.number][:, None] + np.arange(b.F_tail.shape[1]) for b in self.bundles]
 
     @cached_property
     def delta(self) -> sparse.csr_array:
@@ -223,20 +218,11 @@ def merge(bundles: list[EdgeBundle]) -> list[EdgeBundle]:
     alike: dict[tuple[int, ...], list[EdgeBundle]] = defaultdict(list)
     for bundle in bundles:
         alike[(*bundle.F_tail.shape[1:], bundle.F_head.shape[2], bundle.weight is None)].append(bundle)
-    return [group[0] if len(group) == 1 else _join(group) for group in alike.values()]
-
-
-def _join(group: list[EdgeBundle]) -> EdgeBundle:
-    weights = [b.weight for b in group if b.weight is not None]
-    return EdgeBundle(
-        np.concatenate([b.tail for b in group]),
-        np.concatenate([b.head for b in group]),
-        np.concatenate([b.F_tail for b in group]),
-        np.concatenate([b.F_head for b in group]),
-        np.concatenate([b.offset for b in group]),
-        np.concatenate(weights) if weights else None,
-        np.concatenate([b.number for b in group]),
-    )
+    joined = []
+    for group in alike.values():
+        parts = ([getattr(bundle, one.name) for bundle in group] for one in fields(EdgeBundle))
+        joined.append(EdgeBundle(*(None if part[0] is None else np.concatenate(part) for part in parts)))
+    return joined
 
 
 def ranges(begin: IntArray, length: IntArray) -> IntArray:

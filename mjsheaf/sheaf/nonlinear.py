@@ -23,7 +23,7 @@ fit, S is not symmetric.
 """
 
 import itertools
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.linalg import lu_factor, lu_solve
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import splu
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
@@ -267,8 +267,8 @@ class StationaryProblem:
         """Compute the shortest x with H x = r for vectors r of shape (..., n_W), in the sense of least squares."""
         r = np.asarray(right_hand_side, dtype=np.float64)
         if r.shape[-1] > _MAX_DENSE:
-            factor = _across(self.H, _DAMPING * float(np.abs(self.H.diagonal()).max()))
-            return np.array([factor.solve(each) for each in r.reshape(-1, r.shape[-1])]).reshape(r.shape)
+            solve = _factor_across(self.H, _DAMPING * float(np.abs(self.H.diagonal()).max()))
+            return np.array([solve(each) for each in r.reshape(-1, r.shape[-1])]).reshape(r.shape)
         u, sizes, rows = self._singular
         kept = sizes > FREE_MOTION * sizes.max(initial=0.0)
         return np.asarray(((r @ u[:, kept]) / sizes[kept]) @ rows[kept])
@@ -601,48 +601,19 @@ def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
     )
 
 
-class _DenseLU(NamedTuple):
-    """Factors of a dense matrix, used as those of a sparse one.
-
-    Attributes:
-        factors: What scipy's `lu_factor` returns.
-    """
-
-    factors: tuple[Array, Array]
-
-    def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side (n,)."""
-        return np.asarray(lu_solve(self.factors, right, check_finite=False))
+Factored: TypeAlias = Callable[[Array], Array]
+"""Solution of a linear problem for a right-hand side (n,), by factors of its matrix."""
 
 
-class _Across(NamedTuple):
-    """Factors of a damped least-squares problem, whose solutions are orthogonal to the null space of its matrix.
-
-    Attributes:
-        factors: Those of the augmented matrix.
-        states: Number n of unknowns.
-    """
-
-    factors: SuperLU | _DenseLU
-    states: int
-
-    def solve(self, right: Array) -> Array:
-        """Return the least-squares solution for a right-hand side (n,)."""
-        return np.asarray(self.factors.solve(np.concatenate([right, np.zeros(self.states)]))[self.states :])
-
-
-Factor: TypeAlias = SuperLU | _DenseLU | _Across
-"""Factors of a matrix."""
-
-
-def _factored(H: sparse.csr_array | Array, shift: float) -> SuperLU | _DenseLU:
+def _factor(H: sparse.csr_array | Array, shift: float = 0.0) -> Factored:
     """Factor H + shift I."""
-    if isinstance(H, np.ndarray):
-        return _DenseLU(lu_factor(H + shift * np.eye(len(H)), check_finite=False))
-    return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
+    if not isinstance(H, np.ndarray):
+        return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0]))).solve
+    factors = lu_factor(H + shift * np.eye(len(H)), check_finite=False)
+    return lambda right: np.asarray(lu_solve(factors, right, check_finite=False))
 
 
-def _across(H: sparse.csr_array | Array, shift: float) -> _Across:
+def _factor_across(H: sparse.csr_array | Array, shift: float) -> Factored:
     """Factor H, which need not be symmetric, for steps s that minimise |H s - r|^2 + shift^2 |s|^2.
 
     A solution of (H + shift) s = r has the part of r outside the range of H, over the shift, along what is free. This
@@ -651,10 +622,11 @@ def _across(H: sparse.csr_array | Array, shift: float) -> _Across:
     n = H.shape[0]
     shift = shift or 1.0
     if isinstance(H, np.ndarray):
-        whole = np.block([[shift * np.eye(n), H], [H.T, -shift * np.eye(n)]])
-        return _Across(_DenseLU(lu_factor(whole, check_finite=False)), n)
-    damped = shift * sparse.eye_array(n)
-    return _Across(splu(sparse.csc_array(sparse.block_array([[damped, H], [H.T, -damped]]))), n)
+        solve = _factor(np.block([[shift * np.eye(n), H], [H.T, -shift * np.eye(n)]]))
+    else:
+        damped = shift * sparse.eye_array(n)
+        solve = _factor(sparse.block_array([[damped, H], [H.T, -damped]]))
+    return lambda right: solve(np.concatenate([right, np.zeros(n)]))[n:]
 
 
 class Settled(NamedTuple):
@@ -686,7 +658,7 @@ class StationarySolver:
     arrays: _Arrays
     U: IntArray
     W: IntArray
-    _factor: "Factor | None" = field(default=None, repr=False)
+    _solve: Factored | None = field(default=None, repr=False)
 
     @cached_property
     def _moved(self) -> sparse.csr_array | Array:
@@ -734,15 +706,15 @@ class StationarySolver:
         scales = (_DAMPING, stiffest, extent)
         damping = _DAMPING
         start = x
-        self._factor = None if free else self._factor
+        self._solve = None if free else self._solve
         for iteration in range(_MAX_STEPS):
             size = _largest(gradient)
             if size <= _CONVERGED * stiffest * extent or damping > _MAX_DAMPING:
                 break
-            stale = self._factor is not None
-            if self._factor is None:
-                self._factor = self._factored(z, damping, stiffest)
-            step = _limited(self._factor.solve(-gradient), extent)
+            stale = self._solve is not None
+            if self._solve is None:
+                self._solve = self._factored(z, damping, stiffest)
+            step = _limited(self._solve(-gradient), extent)
             if free and iteration < _MIDPOINTS and (arrays.code == 2).any() and _largest(step) > _STRAIGHT * extent:
                 step = self._midpoint_step(x, step, base, (damping, stiffest, extent))
             moved = self._moved @ (x + step) + base
@@ -750,7 +722,7 @@ class StationarySolver:
             worse = self._is_worse(z, moved, gradient, after, stiffest * extent)
             slow = worse or _largest(after) > _STALE_ABOVE * size
             if slow or free:
-                self._factor = None
+                self._solve = None
             if slow and not stale and iteration % _TRIED == 0 and size > _SLOW * stiffest * extent:
                 exact = self._newton(x, base, scales)
                 if exact is not None and arrays.residual(self._moved @ exact + base) > _EXACT * stiffest**0.5 * extent:
@@ -790,7 +762,7 @@ class StationarySolver:
                 return exact
             H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
             size = float(np.linalg.norm(gradient))
-            x = x + _limited(_factored(H, shift).solve(-gradient), _LONGEST * extent)
+            x = x + _limited(_factor(H, shift)(-gradient), _LONGEST * extent)
             z = self._moved @ x + base
             gradient = self._pulled @ self.arrays.pull(z)
             shift *= min(max(float(np.linalg.norm(gradient)) / size, 0.5), 2.0)
@@ -815,7 +787,7 @@ class StationarySolver:
         for k in range(_MAX_NEWTON):
             size = _largest(gradient)
             H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
-            step = _across(H, damping * float(np.abs(H.diagonal()).max(initial=0.0))).solve(-gradient)
+            step = _factor_across(H, damping * float(np.abs(H.diagonal()).max(initial=0.0)))(-gradient)
             if not _largest(step) <= _LONGEST * extent:
                 return None
             z = self._moved @ (x + step) + base
@@ -851,7 +823,7 @@ class StationarySolver:
             z = self._moved @ (x + 0.5 * step) + base
             aim = self._pulled @ (0.5 * (self.arrays.metric(z, self._K) @ (self._moved @ step)) - self.arrays.pull(z))
             last = step
-            step = _limited(self._factored(z, damping, stiffest).solve(aim), extent)
+            step = _limited(self._factored(z, damping, stiffest)(aim), extent)
             change = _largest(step - last)
             if change <= 0.1 * _STRAIGHT * extent:
                 return step
@@ -859,10 +831,10 @@ class StationarySolver:
                 break
         return np.full_like(step, np.nan)
 
-    def _factored(self, z: Array, damping: float, stiffest: float) -> "Factor":
+    def _factored(self, z: Array, damping: float, stiffest: float) -> Factored:
         H = self._pulled @ self.arrays.metric(z, self._K) @ self._moved
         shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
-        return _across(H, shift) if self.arrays.directed else _factored(H, shift)
+        return _factor_across(H, shift) if self.arrays.directed else _factor(H, shift)
 
     def _is_worse(self, z: Array, moved: Array, before: Array, after: Array, scale: float) -> bool:
         """Return True if a step raises the energy or, where there is none, more than doubles the gradient."""

@@ -31,13 +31,13 @@ import pyarrow as pa
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError, shortened
-from mjsheaf.files import dump_yaml, is_part_of, naming, parse_yaml, write_whole
+from mjsheaf.files import digest, dump_yaml, is_part_of, naming, parse_yaml, write_whole
 from mjsheaf.results.metrics import MEASURES
-from mjsheaf.results.store import digest, enclosing_run, read_mapping
+from mjsheaf.results.store import enclosing_run, read_mapping
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.show.style import AS_USUAL, FigureOptions, names_of
 from mjsheaf.studies.plan import Plan
-from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, JobResult, Point, Runner, SchedulerError
+from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, JobResult, Point, SchedulerError, Workers
 
 _LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
 _RUNS, _TRAJECTORIES = "runs", "trajectories"
@@ -331,7 +331,7 @@ class Study:
 def run_study(
     plan: Plan,
     directory: Path,
-    workers: Callable[[], AbstractContextManager[Runner]],
+    workers: Callable[[], AbstractContextManager[Workers]],
     *,
     retry_failed: bool = False,
     figures: FigureOptions = AS_USUAL,
@@ -342,7 +342,7 @@ def run_study(
     Args:
         plan: Plan from `load_plan`.
         directory: Directory of the study, new or from an earlier command.
-        workers: Function that starts a Runner; it is called only if runs are missing.
+        workers: Function that starts them; it is called only if runs are missing.
         retry_failed: True to repeat runs that did not finish.
         figures: Formats and style of the plots.
         progress: True shows a bar on a terminal or in a notebook, and False shows nothing. A function is called with
@@ -373,7 +373,7 @@ def _simulate(
     plan: Plan,
     missing: list[Point],
     place: StudyDirectory,
-    workers: Callable[[], AbstractContextManager[Runner]],
+    workers: Callable[[], AbstractContextManager[Workers]],
     report: Progress,
 ) -> dict[int, dict[str, Any]]:
     """Simulate the missing runs of a study and save each one in its place; return their records by number."""

@@ -22,7 +22,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from textwrap import shorten
 from threading import Thread
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -34,12 +34,13 @@ from mjsheaf.checking.finished import Ending, ending_of_run, judge
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.files import digest
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
-from mjsheaf.results.store import digest, thin
+from mjsheaf.results.store import thin
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import LawFile, map_vehicles
@@ -337,13 +338,6 @@ _LEAST_AHEAD = 64
 _CONNECT_S = 10
 
 Work = Callable[[Job], JobResult]
-
-
-class Runner(Protocol):
-    """Interface for running jobs."""
-
-    def run(self, jobs: Iterable[Job]) -> Generator[JobResult]:
-        """Run jobs and yield each result when it is available."""
 
 
 class SchedulerError(InputError):
