@@ -49,7 +49,7 @@ class Sink(Protocol):
         """Finish; also called if a run ends with an exception, or before it has started."""
 
 
-class Memory:
+class Memory(Sink):
     """Sink that keeps a run in memory.
 
     Attributes:
@@ -62,9 +62,6 @@ class Memory:
         self._left = limit
         self._chunks: list[xr.Dataset] = []
 
-    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Do nothing, because chunks contain everything."""
-
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk."""
         self._left -= chunk.nbytes
@@ -72,9 +69,6 @@ class Memory:
         if self._left < 0.0:
             self.overflowed = True
             self._chunks.clear()
-
-    def close(self) -> None:
-        """Keep the chunks that were received."""
 
     @property
     def dataset(self) -> xr.Dataset:
@@ -140,7 +134,7 @@ def dataset_bytes(dataset: xr.Dataset) -> bytes:
     return file.getvalue()
 
 
-class NetCDF:
+class NetCDF(Sink):
     """Sink that writes netCDF-4 in a separate thread, so that no signal interrupts HDF5."""
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -169,9 +163,6 @@ class NetCDF:
                 os.pwrite(self._file.fileno(), bytes(size), begin)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._file.name)) from None
-
-    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Do nothing, because the first chunk includes the variables without time."""
 
     def write(self, chunk: xr.Dataset) -> None:
         """Append a chunk to the file."""
@@ -378,12 +369,12 @@ def strange_in_bag(folder: Path) -> list[str]:
 
 def holds_run(directory: Path) -> bool:
     """Return True if a directory is that of a run or of a comparison."""
-    return _record(directory) is not None
+    return record_in(directory) is not None
 
 
-def _record(directory: Path) -> dict[str, Any] | None:
-    """Return the contents of a directory's summary.json or compare.json; None unless mjsheaf wrote one."""
-    records = (read_mapping(directory / name) or {} for name in _RECORDS)
+def record_in(directory: Path, names: Iterable[str] = _RECORDS) -> dict[str, Any] | None:
+    """Return the contents of the first of these JSON files in a directory that mjsheaf wrote; None without one."""
+    records = (read_mapping(directory / name) or {} for name in names)
     return next((record for record in records if "mjsheaf_version" in record), None)
 
 
@@ -402,7 +393,7 @@ def require_same_origin(directory: Path, origin: str) -> None:
     Raises:
         PlaceError: The message names both.
     """
-    before = (_record(directory) or {}).get("origin")
+    before = (record_in(directory) or {}).get("origin")
     if before is None or origin in (before, "scenario.yaml"):  # the latter repeats this run
         return
 
@@ -417,16 +408,16 @@ def require_same_origin(directory: Path, origin: str) -> None:
 
 def replaced_run(directory: Path) -> str | None:
     """Return a message about the run or comparison that a new one would replace; None if there is none."""
-    if _record(directory) is None:
+    if record_in(directory) is None:
         return None
     data = next((path for name in ("result.nc", *_RECORDS) if (path := directory / name).exists()), directory)
     return f"replaced the run of {datetime.fromtimestamp(data.stat().st_mtime):%Y-%m-%d %H:%M:%S} in {directory}"
 
 
-def enclosing_run(path: Path) -> Path | None:
-    """Return the directory of a run that contains a path; None if there is none."""
+def enclosing_run(path: Path, *others: str) -> Path | None:
+    """Return the directory of a run that contains a path, or one with a record of `others`; None if there is none."""
     folder = Path(os.path.realpath(Path(os.path.abspath(path)).parent))
-    return next((place for place in (folder, *folder.parents) if holds_run(place)), None)
+    return next((place for place in (folder, *folder.parents) if record_in(place, (*_RECORDS, *others))), None)
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
-from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
+from mjsheaf.files import SUFFIXES, digest, dump_yaml, naming, write_whole
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of
@@ -110,7 +110,7 @@ def _copy_files(sections: dict[str, Any], field: str, folder: str, directory: Pa
             copies[file] = f"{store.VEHICLES}/{folder}/{name}{Path(file).suffix}"
             (directory / copies[file]).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, directory / copies[file])
-            if section.get("sha256", "") not in ("", store.digest(directory / copies[file])):
+            if section.get("sha256", "") not in ("", digest(directory / copies[file])):
                 raise InputError(f"flow.{name}.path: {file} has changed since the run read it; run again")
         section[field] = copies[file]
     return copies
@@ -257,7 +257,7 @@ def publish(
         with timings.part("plots"):
             shown = shown_bound(phases, drawn["time"].values, *bounds[0])
             _plot(phases, drawn, shown, fresh, progress, figures, scenario.video.eye)
-        summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
+        summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: digest(fresh / "result.nc")}
         summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds if seconds else None
         progress("writing the page", 0, 1)
         with timings.part("page"):

@@ -218,11 +218,12 @@ def merge(bundles: list[EdgeBundle]) -> list[EdgeBundle]:
     alike: dict[tuple[int, ...], list[EdgeBundle]] = defaultdict(list)
     for bundle in bundles:
         alike[(*bundle.F_tail.shape[1:], bundle.F_head.shape[2], bundle.weight is None)].append(bundle)
-    joined = []
-    for group in alike.values():
-        parts = ([getattr(bundle, one.name) for bundle in group] for one in fields(EdgeBundle))
-        joined.append(EdgeBundle(*(None if part[0] is None else np.concatenate(part) for part in parts)))
-    return joined
+    return [group[0] if len(group) == 1 else _join(group) for group in alike.values()]
+
+
+def _join(group: list[EdgeBundle]) -> EdgeBundle:
+    columns: Any = ([getattr(bundle, one.name) for bundle in group] for one in fields(EdgeBundle))
+    return EdgeBundle(*(None if column[0] is None else np.concatenate(column) for column in columns))
 
 
 def ranges(begin: IntArray, length: IntArray) -> IntArray:

@@ -369,7 +369,9 @@ def _draw_runs(panel: Any, axis: SweptAxis, y: Array, ends: NDArray[np.str_], ov
     x, known = axis.places[axis.index], np.isfinite(y)
     many = bool(known.sum() > 1.5 * len(axis.places))
     if not axis.drawn:
-        style = {"linewidth": 1.8} if axis.numeric else {"linestyle": "", "marker": "_", "ms": 22, "mec": BLUE}
+        style: dict[str, Any] = (
+            {"linewidth": 1.8} if axis.numeric else {"linestyle": "", "marker": "_", "ms": 22, "mec": BLUE}
+        )
         name = "median" if many else None
         sns.lineplot(x=x, y=y, estimator="median", errorbar=None, color=BLUE, label=name, ax=panel, **style)
         if many and axis.numeric:

@@ -33,7 +33,7 @@ from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError, shortened
 from mjsheaf.files import digest, dump_yaml, is_part_of, naming, parse_yaml, write_whole
 from mjsheaf.results.metrics import MEASURES
-from mjsheaf.results.store import enclosing_run, read_mapping
+from mjsheaf.results.store import enclosing_run, read_mapping, record_in
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.show.style import AS_USUAL, FigureOptions, names_of
 from mjsheaf.studies.plan import Plan
@@ -184,18 +184,13 @@ def _check_place(path: Path) -> None:
     Raises:
         PlaceError: The message names the obstacle.
     """
-    obstacle = _obstacle_around(path) or _obstacle_inside(path)
+    obstacle = _obstacle_inside(path)
+    around = enclosing_run(Path(os.path.realpath(path)), _STUDY)
+    if around is not None:
+        kind = "study" if record_in(around, [_STUDY]) else "run"
+        obstacle = f"lies inside {around}, the directory of a {kind}"
     if obstacle:
         raise PlaceError(f"{path}: {obstacle}; choose another --out")
-
-
-def _obstacle_around(path: Path) -> str:
-    """Describe the directory of a run or study that a path lies inside of; empty if there is none."""
-    run = enclosing_run(path)
-    if run is not None:
-        return f"lies inside {run}, the directory of a run"
-    study = next((place for place in Path(os.path.realpath(path)).parents if _study_in(place) is not None), None)
-    return "" if study is None else f"lies inside {study}, the directory of a study"
 
 
 def _obstacle_inside(path: Path) -> str:
@@ -203,7 +198,7 @@ def _obstacle_inside(path: Path) -> str:
     if not path.is_dir():
         return "exists and is not a directory" if path.exists() or path.is_symlink() else ""
     if (path / _STUDY).exists():
-        return f"its {_STUDY} is not a study of mjsheaf" if _study_in(path) is None else ""
+        return f"its {_STUDY} is not a study of mjsheaf" if record_in(path, [_STUDY]) is None else ""
     # study.json is written first. Without it, no file can come from a study.
     strange = sorted(p.name for p in path.iterdir() if p.name != _LOCK and not is_part_of(p.name, [_STUDY]))
     return f"holds {strange[0]!r} and no study" if strange else ""
@@ -216,7 +211,7 @@ def _begin(path: Path, plan: Plan) -> None:
         PlaceError: The directory holds another study.
     """
     asked = json.loads(canonical(plan.record()))
-    before = _study_in(path)
+    before = record_in(path, [_STUDY])
     found = [] if before is None else _differences(before, asked)
     if found and _has_runs(path):
         raise PlaceError(f"{path}: holds another study: {_shown_differences(found)}; choose another --out")
@@ -249,12 +244,6 @@ def _make_folders(path: Path, plan: Plan) -> None:
 
 def _has_runs(path: Path) -> bool:
     return any((path / _RUNS).glob("[0-9]*.json"))
-
-
-def _study_in(path: Path) -> dict[str, Any] | None:
-    """Return the contents of the directory's study.json; None unless mjsheaf wrote one."""
-    study = read_mapping(path / _STUDY)
-    return study if study is not None and "mjsheaf_version" in study else None
 
 
 def _remove_parts(path: Path) -> None:
