@@ -47,7 +47,6 @@ Edges = set[tuple[int, int]]
 _POINT: TypeAdapter[list[float]] = TypeAdapter(Point, config=ConfigDict(strict=True, allow_inf_nan=False))
 _MOST_AGENTS = 100_000
 _MOST_DRAWS = 100  # of a graph that must be connected: with three links or more, nearly every one is
-_AT_A_TIME = 4096  # agents whose neighbours are sought together
 _SCATTER = 0x5A  # stream of random numbers
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -179,17 +178,15 @@ def _sunflower(size: int, spacing: float) -> Array:
 
 
 def _nearest(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
-    """Each agent and its nearest ones, half the degree of them among those further in, so that all are connected."""
-    starts = range(1, len(places), _AT_A_TIME)
-    chunks = (np.arange(begin, min(begin + _AT_A_TIME, len(places))) for begin in starts)
-    return set().union(*(_nearest_before(places, chunk, max(1, swarm.degree // 2)) for chunk in chunks))
+    """Each agent and its nearest ones, half the degree of them among those further in, so that all are connected.
 
-
-def _nearest_before(places: Array, agents: IntArray, wanted: int) -> Edges:
-    """Links from some agents to those nearest of the agents before them in number; of two as near, the first."""
+    Agents further in come before in number; of two as near, the first.
+    """
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(places[: agents[-1] + 1])
+    tree = cKDTree(places)
+    wanted = max(1, swarm.degree // 2)
+    agents = np.arange(1, len(places))
     edges: Edges = set()
     asked = 4 * wanted + 4  # along the spiral, about half of those that are near come before
     while agents.size:

@@ -24,7 +24,7 @@ fit, S is not symmetric.
 
 import itertools
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -643,7 +643,6 @@ class Settled(NamedTuple):
     residual: float
 
 
-@dataclass
 class StationarySolver:
     """Stationary points of the energy with some vertices held: D^T c = 0 on the others, by damped Gauss-Newton.
 
@@ -655,30 +654,15 @@ class StationarySolver:
         U, W: Coordinates of the boundary, in the order of boundary vectors, and the others.
     """
 
-    arrays: _Arrays
-    U: IntArray
-    W: IntArray
-    _solve: Factored | None = field(default=None, repr=False)
-
-    @cached_property
-    def _moved(self) -> sparse.csr_array | Array:
-        return self._stored(self.arrays.D[:, self.W])
-
-    @cached_property
-    def _held(self) -> sparse.csr_array:
-        return self.arrays.D[:, self.U]
-
-    @cached_property
-    def _pulled(self) -> sparse.csr_array | Array:
-        return self._stored(self.arrays.pulled[:, self.W].T)
-
-    @cached_property
-    def _K(self) -> sparse.csr_array | Array:  # noqa: N802 - the weight matrix
-        return self._stored(self.arrays.K)
-
-    def _stored(self, matrix: sparse.sparray) -> sparse.csr_array | Array:
-        """Return a matrix in the form in which a team of this size is computed fastest."""
-        return matrix.toarray() if len(self.W) <= _DENSE else sparse.csr_array(matrix)
+    def __init__(self, arrays: _Arrays, U: IntArray, W: IntArray) -> None:
+        self.arrays = arrays
+        self.U = U
+        self.W = W
+        small = len(W) <= _DENSE
+        parts = (arrays.D[:, W], arrays.pulled[:, W].T, arrays.K)
+        self._moved, self._pulled, self._K = (part.toarray() if small else sparse.csr_array(part) for part in parts)
+        self._held = arrays.D[:, U]
+        self._solve: Factored | None = None
 
     def relative(self, x: Array, boundary: Array) -> Array:
         """Return z of all edges, shape (m,)."""

@@ -176,16 +176,12 @@ class StudyFile(Section):
         return {"engine": "fused", **given} if isinstance(given, dict) and given.get("batch") is True else given
 
     @model_validator(mode="after")
-    def _engine_fits(self) -> "StudyFile":
+    def _fits(self) -> "StudyFile":
         require_engine(self.engine, self.backend)
         if self.batch and self.engine != "fused":
             raise ValueError("batch: requires the fused engine; expected engine fused")
         if self.batch and self.trajectories:
             raise ValueError("trajectories: a batch keeps errors alone; expected one of the two")
-        return self
-
-    @model_validator(mode="after")
-    def _lengths_fit(self) -> "StudyFile":
         lengths = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
         expected = f"expected {len(self.points)} different names, one per point"
         unfit = len(self.names) != len(self.points) or len(set(self.names)) < len(self.names)
@@ -193,10 +189,6 @@ class StudyFile(Section):
             raise ValueError(f"paired: lists must have one length, but {lengths}")
         if self.names and unfit:
             raise ValueError(f"names: {len(self.names)}; {expected}")
-        return self
-
-    @model_validator(mode="after")
-    def _no_field_is_given_twice(self) -> "StudyFile":
         swept = self.paths
         for k, path in enumerate(swept):
             if path in self.set:
@@ -210,10 +202,6 @@ class StudyFile(Section):
         _check_items(self.set, swept)
         if self.seeds is not None and "seed" in (*swept, *self.set):
             raise ValueError("seeds: the field seed is given too; give either")
-        return self
-
-    @model_validator(mode="after")
-    def _labels_and_size_fit(self) -> "StudyFile":
         for path in self.labels.keys() - set(self.paths):
             raise ValueError(f"labels: {path} is not swept; expected {', '.join(self.paths) or 'none'}")
         if self.size > MOST_RUNS:
