@@ -90,7 +90,9 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
         swarm = Swarm.model_validate(raw["swarm"])
     except ValidationError:
         return raw  # the whole scenario's validation names the field
-    _require_alone(raw)
+    made = [name for name in ("agents", "communication", "sensing", "formations") if raw.get(name)]
+    if made:
+        raise InputError(f"swarm: makes {', '.join(made)} itself; give either")
     centre = _centre_of(swarm.about, raw.get("targets"))
     seed = raw.get("seed", 0)
     if type(seed) is not int or not 0 <= seed < 2**63:
@@ -101,13 +103,6 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
             "of an agent's links lead each way"
         )
     return {name: value for name, value in raw.items() if name != "swarm"} | _written_out(swarm, centre, seed)
-
-
-def _require_alone(raw: dict[str, Any]) -> None:
-    """Refuse fields that a swarm makes."""
-    made = [name for name in ("agents", "communication", "sensing", "formations") if raw.get(name)]
-    if made:
-        raise InputError(f"swarm: makes {', '.join(made)} itself; give either")
 
 
 def _centre_of(about: str, targets: Any) -> list[float]:

@@ -17,7 +17,7 @@ from mjsheaf.errors import InputError, ScenarioError, in_field, joined
 from mjsheaf.files import SUFFIXES, confined, digest_of, list_studies, parse_yaml, read_yaml
 from mjsheaf.loop.session import BACKENDS, ENGINES, require_engine
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.load import LawFile, find_law, list_scenarios, map_vehicles, read_scenario
+from mjsheaf.scenario.load import LawFile, find_law, find_scenario, list_scenarios, map_vehicles, read_scenario
 from mjsheaf.section import Number, Positive, Section, split_path, validation_problems
 from mjsheaf.studies.workers import Job, Point, versions
 
@@ -458,14 +458,8 @@ def _typed(
 
 def _read(source: str) -> Plan:
     """Return the plan of a study file, or of a scenario as a study of one run, without files and points."""
-    studies, scenarios = list_studies(), list_scenarios()
-    path = scenarios.get(source) or studies.get(source, Path(source))
-    known = ", ".join([*studies, *scenarios])
-    missing = path.suffix not in SUFFIXES and not path.exists()
-    if missing:
-        raise ScenarioError(f"{source}: no such study or scenario; expected {known}, or the path of a YAML file")
-    if path.is_dir():
-        raise ScenarioError(f"{source}: is a directory; expected a name or a YAML file")
+    scenarios = list_scenarios()
+    path = find_scenario(source, list_studies())
     directory = path.parent.resolve()
     raw = {} if source in scenarios else read_yaml(path)
     if "scenario" not in raw:

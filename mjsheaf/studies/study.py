@@ -214,7 +214,9 @@ def _begin(path: Path, plan: Plan) -> None:
     before = record_in(path, [_STUDY])
     found = [] if before is None else _differences(before, asked)
     if found and _has_runs(path):
-        raise PlaceError(f"{path}: holds another study: {_shown_differences(found)}; choose another --out")
+        more = len(found) - _SHOWN_DIFFERENCES
+        shown = "; ".join(found[:_SHOWN_DIFFERENCES]) + (f" (and {more} more)" if more > 0 else "")
+        raise PlaceError(f"{path}: holds another study: {shown}; choose another --out")
     _remove_parts(path)
     if found:
         (path / _SCENARIO).unlink(missing_ok=True)
@@ -225,16 +227,7 @@ def _begin(path: Path, plan: Plan) -> None:
     # A scenario file in this directory could not refer to a vehicle's own files.
     if not plan.files and not (path / _SCENARIO).exists():
         write_whole(path / _SCENARIO, dump_yaml(plan.scenario).encode())
-    _make_folders(path, plan)  # after study.json, because a directory with runs but without it would be refused
-
-
-def _shown_differences(differences: list[str]) -> str:
-    more = len(differences) - _SHOWN_DIFFERENCES
-    return "; ".join(differences[:_SHOWN_DIFFERENCES]) + (f" (and {more} more)" if more > 0 else "")
-
-
-def _make_folders(path: Path, plan: Plan) -> None:
-    """Make the folders of a study and the file of its timings."""
+    # After study.json, because a directory with runs but without it would be refused.
     (path / _RUNS).mkdir(exist_ok=True)
     if plan.study.trajectories:
         (path / _TRAJECTORIES).mkdir(exist_ok=True)
@@ -464,13 +457,8 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
         measures=MEASURES,
         rows=[_cells(row) for row in table.head(_MOST_ROWS).to_dict("records")],
-        pages=_pages_of(plan),
+        pages={point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {},
     ).encode()
-
-
-def _pages_of(plan: Plan) -> dict[int, str]:
-    """Return the pages of the runs by number; none without trajectories."""
-    return {point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {}
 
 
 def _cells(row: dict[Any, Any]) -> dict[Any, str]:

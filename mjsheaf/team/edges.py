@@ -408,7 +408,8 @@ class LinearEdge(Link):
                 offset = desired_value(self.measures, self.offset, m)
         link = Link(**self.own) if self.own else None
         weight = _inner_product(self.weight, m)
-        lift = _lift(tail, head) if self.map == "space" else None
+        heights = [member.height if member.dimension == 2 else 0.0 for member in (tail, head)]
+        lift = np.array([0.0, 0.0, heights[1] - heights[0]]) if self.map == "space" else None
         if lift is not None and offset is not None and self.measures == "position":
             offset = offset + lift
         return Edge(tail.id, head.id, *maps, weight, offset, self.measures, self.directed, lift, link)
@@ -487,12 +488,6 @@ class Anchor(Section):
                 raise InputError(f"axes: [{', '.join(self.axes or [])}]: expected each axis once; {has}")
             F = np.eye(n)[rows]
         return anchor(agent.id, F, _vector(self.value, "value", len(F)), _inner_product(self.weight, len(F)))
-
-
-def _lift(tail: Member, head: Member) -> Array:
-    """Return the constant part of the relative position in space of members that may be planar, shape (3,), m."""
-    heights = [member.height if member.dimension == 2 else 0.0 for member in (tail, head)]
-    return np.array([0.0, 0.0, heights[1] - heights[0]])
 
 
 def _inner_product(weight: float | Sequence[Sequence[float]] | None, m: int) -> Array:
