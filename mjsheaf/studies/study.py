@@ -45,7 +45,7 @@ _NUMBERED = re.compile(r"[0-9]+\.(json|nc|html)")
 _SHOWN_DIFFERENCES = 3
 _SEALS = ("result_sha256", "record_sha256")
 
-_FIGURES = names_of(("error", "success", "messages", "over_time"))
+_FIGURES = names_of(("error", "messages", "bound", "over_time", "success"))
 RESULT_FILES = {"table.csv", "table.parquet", "index.html", *_FIGURES}
 """Names of the files that are written when all runs have ended."""
 
