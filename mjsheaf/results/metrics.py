@@ -106,9 +106,10 @@ def _image(team: Team, positions: Array, ids: Sequence[str], maps: Sequence[Arra
 
 def _curved_residual(edge: Edge, z: Array) -> Array:
     """Return the residual of a range or bearing edge at relative positions z (T, m), shape (T,), m."""
+    desired = np.zeros(1) if edge.offset is None else edge.offset
     length = np.linalg.norm(z, axis=1)
     of_range = edge.measures == "range"
-    return np.abs(length - edge.desired[0]) if of_range else np.linalg.norm(z - length[:, None] * edge.desired, axis=1)
+    return np.abs(length - desired[0]) if of_range else np.linalg.norm(z - length[:, None] * desired, axis=1)
 
 
 def _centering(team: Team, formation: Formation, positions: Array) -> Array:

@@ -111,8 +111,10 @@ class NonlinearEdge:
 
     @property
     def desired(self) -> Array:
-        """Desired value h*, zeros unless given."""
-        return np.zeros(1) if self.offset is None else self.offset
+        """Desired value h*, of a bearing a unit vector to rounding; zero unless given."""
+        if self.offset is None:
+            return np.zeros(1)
+        return self.offset / float(np.linalg.norm(self.offset)) if self.measures == "bearing" else self.offset
 
 
 class LinearMaps(NamedTuple):
@@ -608,7 +610,7 @@ Factored: TypeAlias = Callable[[Array], Array]
 def _factor(H: sparse.csr_array | Array, shift: float = 0.0) -> Factored:
     """Factor H + shift I."""
     if not isinstance(H, np.ndarray):
-        return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0]))).solve
+        return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0]) if shift else H)).solve
     factors = lu_factor(H + shift * np.eye(len(H)), check_finite=False)
     return lambda right: np.asarray(lu_solve(factors, right, check_finite=False))
 
