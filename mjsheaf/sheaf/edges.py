@@ -339,15 +339,6 @@ def finite(x: Any, name: str, ends: Ends | None = None) -> Array:
 Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
-def _require_dimensions(stalks: Mapping[Any, int]) -> None:
-    """Refuse a stalk whose dimension is not a whole number >= 0; types are compared once, as stalks may be many."""
-    kinds = set(map(type, stalks.values()))
-    odd = {kind for kind in kinds if kind is bool or not issubclass(kind, int | np.integer)}
-    if odd or min(stalks.values()) < 0:
-        vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
-        raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r}; expected a whole number >= 0")
-
-
 class Cochains:
     """The stalks R^{n_v} of the vertices of a sheaf, with inner products M_v; n = sum n_v."""
 
@@ -355,7 +346,11 @@ class Cochains:
         """Make the stalks; see `Sheaf`."""
         if not stalks:
             raise SheafError("a sheaf needs at least one vertex")
-        _require_dimensions(stalks)
+        kinds = set(map(type, stalks.values()))  # types are compared once, as stalks may be many
+        odd = {kind for kind in kinds if kind is bool or not issubclass(kind, int | np.integer)}
+        if odd or min(stalks.values()) < 0:
+            vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
+            raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r}; expected a whole number >= 0")
         self._dimension = np.fromiter(stalks.values(), np.int64, len(stalks))
         self._number = {vertex: i for i, vertex in enumerate(stalks)}
         self._column = np.concatenate([[0], np.cumsum(self._dimension)])

@@ -394,7 +394,10 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     measure is undefined, if the run ended before it, or if a listed point does not set the parameter. A parameter's
     column holds numbers if all its values are numbers, text if all are text, and JSON otherwise.
     """
-    rows = [_flat(record) for record in records]
+    rows = []
+    for record in records:
+        late = {f"late_{measure}": error for measure, error in (record["late"] or {}).items()}
+        rows.append({**record, **(record["final"] or {}), **late})
     parameters = {path: [row["parameters"].get(path) for row in rows] for path in plan.study.paths if path != "seed"}
     return pd.DataFrame(
         {
@@ -403,12 +406,6 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
             **{name: _array([row.get(name) for row in rows], kind) for name, kind in _COLUMNS.items()},
         }
     )
-
-
-def _flat(record: dict[str, Any]) -> dict[str, Any]:
-    """Return a record with its errors among its fields, those over the second half under `late_`."""
-    late = {f"late_{measure}": error for measure, error in (record["late"] or {}).items()}
-    return {**record, **(record["final"] or {}), **late}
 
 
 def _array(values: list[Any], kind: str) -> pd.api.extensions.ExtensionArray:
