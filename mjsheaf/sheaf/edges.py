@@ -223,7 +223,8 @@ def merge(bundles: list[EdgeBundle]) -> list[EdgeBundle]:
 
 def _join(group: list[EdgeBundle]) -> EdgeBundle:
     columns: Any = ([getattr(bundle, one.name) for bundle in group] for one in fields(EdgeBundle))
-    return EdgeBundle(*(None if column[0] is None else np.concatenate(column) for column in columns))
+    joined: list[Any] = [None if column[0] is None else np.concatenate(column) for column in columns]
+    return EdgeBundle(*joined)
 
 
 def ranges(begin: IntArray, length: IntArray) -> IntArray:
