@@ -348,9 +348,8 @@ def grow(edges: EdgeSet, free: BoolArray) -> Forest:
 
 
 def _graph(source: IntArray, target: IntArray, count: int) -> sparse.csr_array:
-    order = np.lexsort((target, source))
-    indptr = np.searchsorted(source[order], np.arange(count + 1)).astype(np.int32)
-    return sparse.csr_array((np.ones(len(order)), target[order].astype(np.int32), indptr), shape=(count, count))
+    # Parallel edges become one entry: SciPy's search for strong components does not end on repeated ones.
+    return sparse.coo_array((np.ones(len(source)), (source, target)), shape=(count, count)).tocsr()
 
 
 def _norms(edges: EdgeSet, free: BoolArray) -> tuple[float, float]:
