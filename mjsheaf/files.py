@@ -247,9 +247,10 @@ def open_regular(path: str | Path) -> Iterator[BufferedReader]:
         raise InputError(f"there is no file {path}") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise InputError(f"{path} is no regular file")
     with os.fdopen(descriptor, "rb") as file:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise InputError(f"{path} is no regular file")
         yield file
 
 
@@ -261,6 +262,14 @@ def digest_of(path: str | Path) -> str:
     """
     with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file as `digest_of`; empty if it cannot be read, such as a broken link."""
+    try:
+        return digest_of(path)
+    except InputError:
+        return ""
 
 
 def confined(name: str, directory: Path, root: Path | None = None) -> Path:

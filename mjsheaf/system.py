@@ -242,7 +242,7 @@ class System:
     @cached_property
     def free_directions(self) -> list[str]:
         """Directions in which q* of the present agents is free, in words; of a team without targets none."""
-        from mjsheaf.team.null_modes import describe_null_modes
+        from mjsheaf.team.team import describe_null_modes
 
         return [] if self.team.remaining.free else describe_null_modes(self.determined)
 

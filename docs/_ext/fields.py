@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from mjsheaf.files import list_studies, read_yaml
 from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.scenario.load import read_scenario
-from mjsheaf.scenario.swarm import Swarm
+from mjsheaf.scenario.scenario import Swarm
 from mjsheaf.studies.plan import StudyFile
 from mjsheaf.vehicles.loading import list_vehicles
 from mjsheaf.vehicles.vehicle import VehicleDescription

@@ -31,7 +31,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.authority import authority_of
 from mjsheaf.checking.loop.body_loop import loop_along
 from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.results.store import pieces_of
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.effects import capability_of, turning_of
 

@@ -31,7 +31,7 @@ from mjsheaf.sheaf.sections import (
     sparser_rows,
 )
 from mjsheaf.team import Team
-from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
+from mjsheaf.team.team import NullMode, describe, describe_nearly, null_mode_of, null_modes
 
 DENSE_STATES = 600
 """Largest component of H whose eigenvalues are found densely."""

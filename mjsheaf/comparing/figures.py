@@ -10,7 +10,7 @@ import numpy as np
 from mjsheaf.comparing.causes import CompareRecord
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
 from mjsheaf.comparing.variants import Run, RungRecord, display_name
-from mjsheaf.results.netcdf import thin
+from mjsheaf.results.store import thin
 from mjsheaf.show.panels import (
     NORMAL,
     SMALL,

@@ -20,8 +20,7 @@ import xarray as xr
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.files import naming, whole_directory, whole_file
-from mjsheaf.results.netcdf import Sink, length_of_piece, send, split
-from mjsheaf.results.store import BAG, reopen_run, strange_in_bag
+from mjsheaf.results.store import BAG, Sink, length_of_piece, reopen_run, send, split, strange_in_bag
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import edges_of, has_bodies, joined, residuals_in
 from mjsheaf.show.solids import parts_of

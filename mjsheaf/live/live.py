@@ -27,13 +27,12 @@ from mjsheaf.media.flow import FlowField
 from mjsheaf.page.page import Live, law_in_words, page_of
 from mjsheaf.page.replay import Packer, Scene, add_samples, origin_of
 from mjsheaf.results.dataset import join, make_datasets
-from mjsheaf.results.netcdf import Memory, Sink
+from mjsheaf.results.store import Memory, Sink
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
 from mjsheaf.show.played import edges_of
 from mjsheaf.system import System
-from mjsheaf.team.null_modes import free_axes
-from mjsheaf.team.team import Path
+from mjsheaf.team.team import Path, free_axes
 from mjsheaf.threads import one_thread
 
 MAX_FACTOR = 10.0

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
 from mjsheaf.law.obstacles import HALF_SPACE
-from mjsheaf.results.netcdf import at_rows, thin
+from mjsheaf.results.store import at_rows, thin
 from mjsheaf.show.played import (
     Played,
     RecordedRun,

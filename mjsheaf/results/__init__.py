@@ -2,8 +2,7 @@
 
 from mjsheaf.results.dataset import join, make_dataset, make_datasets
 from mjsheaf.results.metrics import check_expectation, summarize
-from mjsheaf.results.netcdf import dataset_bytes, open_dataset, thinned, write_dataset
-from mjsheaf.results.store import open_run, staging
+from mjsheaf.results.store import dataset_bytes, open_dataset, open_run, staging, thinned, write_dataset
 
 __all__ = [
     "check_expectation",

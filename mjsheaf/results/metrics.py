@@ -1,7 +1,7 @@
 """Error norms of a run: distances from the desired positions at every sample, final errors, and expectations."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any
@@ -396,31 +396,21 @@ def check_expectation(
     """
     bounds = getattr(expect, backend)
     checks: list[dict[str, Any]] = []
+
+    def compare(measure: str, bound: float | None, found: float | None, *, at_least: bool = False) -> None:
+        if bound is not None:
+            fits = found is not None and (found >= bound - ROUNDING_ERROR if at_least else found <= bound)
+            met = status == "finished" and fits
+            checks.append({"measure": measure, "bound": bound, "found": found, "met": met})
+
     if expect.refused is not None:
         checks.append({"measure": "refused", "bound": expect.refused, "found": None, "met": False})
     if bounds is not None:
-        checks += _separation_check(bounds.smallest_separation, safety, status)
-        checks += _error_checks("", bounds, final, status)
-        reached = chain(phases, repeat({"final": None}))
-        for k, (part, phase) in enumerate(zip(bounds.phases or [], reached, strict=False)):
-            checks += _error_checks(f"phases.{k}.", part, phase["final"] or {}, status)
+        smallest = (safety or {}).get("smallest_separation")
+        compare("smallest_separation", bounds.smallest_separation, smallest, at_least=True)
+        pairs = zip(bounds.phases or [], chain(phases, repeat({"final": None})), strict=False)
+        ends = [(f"phases.{k}.", part, phase) for k, (part, phase) in enumerate(pairs)]
+        for place, part, phase in [("", bounds, {"final": final}), *ends]:
+            for name in MEASURES:
+                compare(place + name, getattr(part, name), (phase["final"] or {}).get(name))
     return {"met": all(c["met"] for c in checks) if checks else None, "checks": checks}
-
-
-def _error_checks(place: str, bounds: Any, errors: dict[str, Any], status: str) -> Iterator[dict[str, Any]]:
-    """Yield the records of the upper bounds on the errors at one place."""
-    for name in MEASURES:
-        bound = getattr(bounds, name)
-        if bound is not None:
-            found = errors.get(name)
-            met = status == "finished" and found is not None and found <= bound
-            yield {"measure": place + name, "bound": bound, "found": found, "met": met}
-
-
-def _separation_check(bound: float | None, safety: dict[str, Any] | None, status: str) -> list[dict[str, Any]]:
-    """Return the record of the one lower bound, if there is one; less than ROUNDING_ERROR below it is rounding."""
-    if bound is None:
-        return []
-    found = (safety or {}).get("smallest_separation")
-    met = status == "finished" and found is not None and found >= bound - ROUNDING_ERROR
-    return [{"measure": "smallest_separation", "bound": bound, "found": found, "met": met}]

@@ -33,7 +33,7 @@ from mjsheaf.checking.finished import Stuck, find_stuck
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.errors import joined
 from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.results.store import pieces_of
 from mjsheaf.system import Phase, System
 from mjsheaf.team import Team
 from mjsheaf.vehicles.effects import capability_of, of_each

@@ -21,8 +21,7 @@ from mjsheaf.errors import InputError, PlaceError, listed
 from mjsheaf.page import Ghost, page_of, require_shown
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import engine_of, phases_in
-from mjsheaf.results.netcdf import thin
-from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging
+from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging, thin
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm

@@ -30,7 +30,7 @@ from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phase
 from mjsheaf.compile.jit import compilation_time, working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
-from mjsheaf.files import SUFFIXES, dump_yaml, naming, write_whole
+from mjsheaf.files import SUFFIXES, digest, dump_yaml, naming, write_whole
 from mjsheaf.law.in_python import Controller
 from mjsheaf.loop.log import samples_in_piece
 from mjsheaf.loop.session import prepare_run
@@ -40,7 +40,7 @@ from mjsheaf.progress import shown
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
-from mjsheaf.results.netcdf import split, write_and_open
+from mjsheaf.results.store import split, write_and_open
 from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.scenario import Scenario
@@ -94,7 +94,7 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
             copies[file] = f"{store.VEHICLES}/{place}{Path(file).suffix}"
             (directory / copies[file]).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, directory / copies[file])
-            if section.get("sha256", "") not in ("", store.digest(directory / copies[file])):
+            if section.get("sha256", "") not in ("", digest(directory / copies[file])):
                 raise InputError(f"flow.{Path(place).name}.path: {file} has changed since the run read it; run again")
         section[key] = copies[file]
     if copies:
@@ -260,7 +260,7 @@ def publish(
         summary, bounds, drawn = account_of(scenario, phases, dataset, timings)
         with timings.part("plots"):
             _plot(scenario, phases, drawn, bounds, fresh, figures, progress)
-        summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
+        summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: digest(fresh / "result.nc")}
         summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds if seconds else None
         progress("writing the page", 0, 1)
         with timings.part("page"):

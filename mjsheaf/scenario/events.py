@@ -198,10 +198,12 @@ class Change(Event):
         before = dict(state.sections)
         for name, section in before.items():
             state.sections[name] = _changed(section, name, self.values())
-        for field_, name, files_in, place in _FILES:
-            new = sorted(set(files_in(state.sections[name])) - set(files_in(before[name])))
+        places = {"controller": "it in controller.custom", "flow": "one that `flow` has at the start"}
+        for name, place in places.items():
+            new = sorted(set(_files_in(state.sections[name])) - set(_files_in(before[name])))
             if new:
-                raise InputError(f"set.{field_}: an event cannot name a file, {new[0]}; expected {place}")
+                own = "controller.custom" if name == "controller" else name
+                raise InputError(f"set.{own}: an event cannot name a file, {new[0]}; expected {place}")
 
     def touches(self, part: str) -> bool:
         """Return True if the event changes that part of the controller, or fields in it."""
@@ -233,22 +235,11 @@ def _require_changing(path: str, sections: Mapping[str, Section]) -> None:
         raise InputError("the scenario has no section safety; expected one from the start of the run")
 
 
-def _files_in(controller: Any) -> Iterator[str]:
-    """Yield the files of the registered terms in a section `controller`."""
-    return (term.file for term in controller.custom.values() if term.file is not None)
-
-
-def _data_in(flow: Any) -> Iterator[str]:
-    """Yield the files of gridded flow in a section `flow`."""
-    parts = (getattr(flow, name) for name in type(flow).model_fields)
-    return (part.path for part in parts if hasattr(part, "path"))
-
-
-_FILES: tuple[tuple[str, str, Callable[[Any], Iterator[str]], str], ...] = (
-    ("controller.custom", "controller", _files_in, "it in controller.custom"),
-    ("flow", "flow", _data_in, "one that `flow` has at the start"),
-)
-"""Fields that no event can give a new file: field, section, its files, and where files stand instead."""
+def _files_in(section: Any) -> Iterator[str]:
+    """Yield the files of registered terms in a section `controller`, and those of gridded flow in a section `flow`."""
+    yield from (term.file for term in getattr(section, "custom", {}).values() if term.file is not None)
+    parts = (getattr(section, name) for name in type(section).model_fields)
+    yield from (part.path for part in parts if hasattr(part, "path"))
 
 
 def _in_words(value: Any) -> str:
@@ -337,25 +328,26 @@ def phases_of_events(
     begins = sorted(numbers.items())
     state = State(whole.team, dict(sections))
     state.waiting = find_waiting([events[k] for _, own in begins for k in own], whole.team)
-    state.drifting = _require_waiting(drifting, state.waiting)
+    state.drifting = frozenset(drifting)
+    for id in drifting:
+        if id not in state.waiting:
+            raise InputError(
+                f"agents.{id}.drift: is true, but {id} is present from the start; expected false, or an event "
+                f"{{time: ..., join: {id}}} as its first"
+            )
     phases = []
     for start, own in begins:
         for k in own:
             with in_field(f"events.{k}"):
-                _happen(events[k], state, start)
+                if start == 0 and isinstance(events[k], Join):
+                    raise InputError("join: at the start of the run; expected a later time, or no event")
+                events[k].apply(state)
         with in_field(f"events.{own[-1] if own else 0}"):
             team = state.present_team()
             unchanged = team is whole.team and state.sections == sections
             system = whole if unchanged else adapt(team, state.sections)
         phases.append(Phase(start, _stopped(system, state), tuple(events[k].words for k in own)))
     return tuple(phases)
-
-
-def _happen(event: Event, state: State, start: int) -> None:
-    """Change the state by an event at the sample `start`."""
-    if start == 0 and isinstance(event, Join):
-        raise InputError("join: at the start of the run; expected a later time, or no event")
-    event.apply(state)
 
 
 def find_waiting(events: Sequence[Event], team: Team) -> set[str]:
@@ -367,21 +359,6 @@ def find_waiting(events: Sequence[Event], team: Team) -> set[str]:
         elif isinstance(event, Lose):
             first.setdefault(event.lose, False)
     return {id for id, joins in first.items() if joins}
-
-
-def _require_waiting(drifting: Iterable[str], waiting: Collection[str]) -> frozenset[str]:
-    """Return the ids of agents that drift until they join.
-
-    Raises:
-        InputError: one of them does not join later.
-    """
-    for id in drifting:
-        if id not in waiting:
-            raise InputError(
-                f"agents.{id}.drift: is true, but {id} is present from the start; expected false, or an event "
-                f"{{time: ..., join: {id}}} as its first"
-            )
-    return frozenset(drifting)
 
 
 def _stopped(system: System, state: State) -> System:

@@ -1,7 +1,7 @@
 """Load scenarios by name or path, and laws in Python by their files; apply overrides, and check the whole."""
 
-import hashlib
 import inspect
+import math
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -13,7 +13,17 @@ from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion, visible
-from mjsheaf.files import confined, describe, execute_file, in_this_directory, parse_yaml, read_yaml, resource_directory
+from mjsheaf.files import (
+    SUFFIXES,
+    confined,
+    describe,
+    digest,
+    execute_file,
+    in_this_directory,
+    parse_yaml,
+    read_yaml,
+    resource_directory,
+)
 from mjsheaf.law.in_python import Controller
 from mjsheaf.paths import Recorded
 from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
@@ -58,7 +68,7 @@ class LawFile:
     @property
     def changed(self) -> bool:
         """True if the file is no longer the one that was found."""
-        return _digest(Path(self.path)) != self.digest
+        return digest(Path(self.path)) != self.digest
 
     @property
     def here(self) -> str:
@@ -92,7 +102,7 @@ def find_law(source: str, field: str = "--controller", directory: Path | None = 
         raise InputError(f"{field} {source}: {error}") from None
     if not path.is_file():
         raise InputError(f"{field} {source}: there is no file {file}")
-    return LawFile(str(path.resolve()), name, source, _digest(path), field)
+    return LawFile(str(path.resolve()), name, source, digest(path), field)
 
 
 def load_controller(source: str, seed: int = 0) -> Controller:
@@ -143,15 +153,6 @@ def same_law(one: str, other: str | None) -> bool:
     return name == own_name and Path(file).name == Path(own_file).name
 
 
-def _digest(path: Path) -> str:
-    """Compute the SHA-256 of a file; empty if it cannot be read."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return ""
-
-
-_SUFFIXES = (".yaml", ".yml")
 _VEHICLE_PLACES = (
     ("vehicles", "agents"),
     ("vehicles", "targets"),
@@ -263,24 +264,22 @@ def _shortened(node: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, 
     own = any(path.split(".")[0] == "events" for path in overrides)
     if own or not isinstance(events, list) or not isinstance(end, int | float):
         return node
-    remaining = [event for event in events if not _is_after(event, end)]
-    if isinstance(node.get("agents"), list):
-        node = {**node, "agents": [_without_drift(agent, remaining) for agent in node["agents"]]}
+
+    def time_of(event: Any) -> float:
+        time = event.get("time") if isinstance(event, dict) else None
+        return time if isinstance(time, int | float) else -math.inf
+
+    remaining = [event for event in events if not time_of(event) > end]
+    joining = [event.get("join") for event in remaining if isinstance(event, dict)]
+    if isinstance(node.get("agents"), list):  # an agent drifts only if it joins in one of the events
+        agents = [
+            {name: value for name, value in agent.items() if name != "drift"}
+            if isinstance(agent, dict) and agent.get("drift") is True and agent.get("id") not in joining
+            else agent
+            for agent in node["agents"]
+        ]
+        node = {**node, "agents": agents}
     return {**node, "events": remaining}
-
-
-def _is_after(event: Any, end: float) -> bool:
-    """Return True if an event, as a file has it, comes after a time in s."""
-    time = event.get("time") if isinstance(event, dict) else None
-    return isinstance(time, int | float) and time > end
-
-
-def _without_drift(agent: Any, events: list[Any]) -> Any:
-    """An agent of a scenario as a mapping, which drifts only if it joins in one of the events."""
-    if not (isinstance(agent, dict) and agent.get("drift") is True):
-        return agent
-    joins = any(isinstance(event, dict) and event.get("join") == agent.get("id") for event in events)
-    return agent if joins else {name: value for name, value in agent.items() if name != "drift"}
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -306,41 +305,38 @@ def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] 
     Raises:
         InputError: `change` did; the message begins with the field.
     """
-    places = _places_below(path)
+    # Fields that name a file and are this one, above it or below it.
+    places = [place for place in _VEHICLE_PLACES if all(a in ("*", b) for a, b in zip(place, path, strict=False))]
     if not places or not isinstance(node, str | dict | list):
         return node
     if isinstance(node, dict):
         return {key: map_vehicles(item, change, (*path, key)) for key, item in node.items()}
     if isinstance(node, list):
         return [map_vehicles(item, change, (*path, str(k))) for k, item in enumerate(node)]
-    if len(path) not in map(len, places) or not (path[0] == "flow" or node.endswith((*_SUFFIXES, ".py"))):
+    if len(path) not in map(len, places) or not (path[0] == "flow" or node.endswith((*SUFFIXES, ".py"))):
         return node
     with in_field(".".join(path)):
         return change(node)
 
 
-def _places_below(path: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """List the fields that name a file and are the field of a path, above it or below it."""
-    return [place for place in _VEHICLE_PLACES if all(a in ("*", b) for a, b in zip(place, path, strict=False))]
-
-
-def find_scenario(source: str | Path) -> Path:
-    """The file of a scenario that is given by name or path; it need not exist.
+def find_scenario(source: str | Path, studies: Mapping[str, Path] | None = None) -> Path:
+    """The file of a scenario, or of one of some studies, that is given by name or path; it need not exist.
 
     Raises:
         ScenarioError: it is neither a known name nor the path of a YAML file.
     """
     path = Path(source)
-    known = list_scenarios()
+    known = {**(studies or {}), **list_scenarios()}
     if str(source) in known:
         return known[str(source)]
     if path.is_dir():
-        raise ScenarioError(f"{source or repr(source)}: is a directory; expected a scenario's name or a YAML file")
-    if path.suffix in _SUFFIXES or path.exists():
+        raise ScenarioError(f"{source or repr(source)}: is a directory; expected a name or a YAML file")
+    if path.suffix in SUFFIXES or path.exists():
         return path
-    beside = [f"{source}{suffix}" for suffix in _SUFFIXES if Path(f"{source}{suffix}").is_file()]
+    beside = [f"{source}{suffix}" for suffix in SUFFIXES if Path(f"{source}{suffix}").is_file()]
     close = f"; did you mean {beside[0]}?" if beside else suggestion(str(source), known)
-    raise ScenarioError(f"{source}: no such scenario; expected {', '.join(known)}, or the path of a YAML file{close}")
+    what = "study or scenario" if studies else "scenario"
+    raise ScenarioError(f"{source}: no such {what}; expected {', '.join(known)}, or the path of a YAML file{close}")
 
 
 def origin(source: str | Path, directory: Path) -> str:

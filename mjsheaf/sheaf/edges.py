@@ -3,7 +3,7 @@
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -19,9 +19,10 @@ from mjsheaf.errors import SheafError
 def assembled(blocks: Iterable[tuple[Any, Any, Any]], shape: tuple[int, int]) -> sparse.coo_array:
     """A matrix of blocks (rows, columns, values), three arrays each that are broadcast; zero elsewhere."""
     entries = [np.broadcast_arrays(*block) for block in blocks]
+    index = np.int32 if max(shape) < 2**31 else np.int64  # as SciPy would choose after a look at all of them
     rows, columns, values = (
-        np.concatenate([np.zeros(0, kind), *(entry[k].ravel() for entry in entries)])
-        for k, kind in enumerate((np.int64, np.int64, np.float64))
+        np.concatenate([np.zeros(0, kind), *(entry[k].ravel() for entry in entries)], dtype=kind, casting="same_kind")
+        for k, kind in enumerate((index, index, np.float64))
     )
     return sparse.coo_array((values, (rows, columns)), shape=shape)
 
@@ -120,11 +121,6 @@ class EdgeBundle:
     weight: Array | None
     number: IntArray
 
-    @property
-    def size(self) -> int:
-        """Dimension m of the edge stalks."""
-        return self.F_tail.shape[1]
-
     def selected(self, chosen: BoolArray, vertex: IntArray, number: IntArray) -> "EdgeBundle":
         """Select edges by a mask (k,), with new numbers of all vertices (V,) and edges (E,)."""
         return EdgeBundle(
@@ -174,9 +170,9 @@ class EdgeSet:
         """Rows of each edge in delta, shape (k, m), for each bundle."""
         size = np.zeros(sum(len(b.number) for b in self.bundles), dtype=np.int64)
         for b in self.bundles:
-            size[b.number] = b.size
+            size[b.number] = b.F_tail.shape[1]
         first = np.cumsum(size) - size
-        return [first[b.number][:, None] + np.arange(b.size) for b in self.bundles]
+        return [first[b.number][:, None] + np.arange(b.F_tail.shape[1]) for b in self.bundles]
 
     @cached_property
     def delta(self) -> sparse.csr_array:
@@ -226,16 +222,9 @@ def merge(bundles: list[EdgeBundle]) -> list[EdgeBundle]:
 
 
 def _join(group: list[EdgeBundle]) -> EdgeBundle:
-    weights = [b.weight for b in group if b.weight is not None]
-    return EdgeBundle(
-        np.concatenate([b.tail for b in group]),
-        np.concatenate([b.head for b in group]),
-        np.concatenate([b.F_tail for b in group]),
-        np.concatenate([b.F_head for b in group]),
-        np.concatenate([b.offset for b in group]),
-        np.concatenate(weights) if weights else None,
-        np.concatenate([b.number for b in group]),
-    )
+    columns: Any = ([getattr(bundle, one.name) for bundle in group] for one in fields(EdgeBundle))
+    joined: list[Any] = [None if column[0] is None else np.concatenate(column) for column in columns]
+    return EdgeBundle(*joined)
 
 
 def ranges(begin: IntArray, length: IntArray) -> IntArray:
@@ -351,15 +340,6 @@ def finite(x: Any, name: str, ends: Ends | None = None) -> Array:
 Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
-def _require_dimensions(stalks: Mapping[Any, int]) -> None:
-    """Refuse a stalk whose dimension is not a whole number >= 0; types are compared once, as stalks may be many."""
-    kinds = set(map(type, stalks.values()))
-    odd = {kind for kind in kinds if kind is bool or not issubclass(kind, int | np.integer)}
-    if odd or min(stalks.values()) < 0:
-        vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
-        raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r}; expected a whole number >= 0")
-
-
 class Cochains:
     """The stalks R^{n_v} of the vertices of a sheaf, with inner products M_v; n = sum n_v."""
 
@@ -367,7 +347,11 @@ class Cochains:
         """Make the stalks; see `Sheaf`."""
         if not stalks:
             raise SheafError("a sheaf needs at least one vertex")
-        _require_dimensions(stalks)
+        kinds = set(map(type, stalks.values()))  # types are compared once, as stalks may be many
+        odd = {kind for kind in kinds if kind is bool or not issubclass(kind, int | np.integer)}
+        if odd or min(stalks.values()) < 0:
+            vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
+            raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r}; expected a whole number >= 0")
         self._dimension = np.fromiter(stalks.values(), np.int64, len(stalks))
         self._number = {vertex: i for i, vertex in enumerate(stalks)}
         self._column = np.concatenate([[0], np.cumsum(self._dimension)])

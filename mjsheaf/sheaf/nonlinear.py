@@ -23,8 +23,8 @@ fit, S is not symmetric.
 """
 
 import itertools
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.linalg import lu_factor, lu_solve
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import splu
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
@@ -78,28 +78,43 @@ _EXACT = 1e-7  # of the team's extent: residual of edges that fit
 _DENSE = 200  # largest number of free coordinates whose matrices are dense: sparse ones take 50 us an operation
 
 
-class NonlinearEdge(NamedTuple):
+@dataclass(frozen=True)
+class NonlinearEdge:
     """An edge of a nonlinear sheaf; see the module for the symbols.
 
     Attributes:
         tail, head: Vertices.
         F_tail, F_head: Restriction maps, shapes (m, n_tail) and (m, n_head).
-        measures: What is compared.
-        desired: Desired value h*: shape (m,) of positions and bearings, (1,) of ranges.
         weight: K, shape (m, m); a multiple of the identity unless positions are compared.
-        lift: Constant part of z, shape (m,).
+        offset: Desired value h*: of F_tail x_tail - F_head x_head for positions, shape (m,); a distance, shape (1,); or
+            a unit vector, (m,). None for zero.
+        measures: What is compared: position, range or bearing.
         directed: True if only the tail is pulled.
+        lift: Constant part of z, shape (m,); None for zero. The offset of positions contains it.
     """
 
-    tail: Hashable
-    head: Hashable
+    tail: Any
+    head: Any
     F_tail: Array
     F_head: Array
-    measures: Measure
-    desired: Array
     weight: Array
-    lift: Array
-    directed: bool
+    offset: Array | None = None
+    measures: Measure = "position"
+    directed: bool = False
+    lift: Array | None = None
+
+    @property
+    def b(self) -> Array:
+        """Term added to F_head x_head - F_tail x_tail: the desired value of positions, else the lift, shape (m,)."""
+        added = self.offset if self.measures == "position" else self.lift
+        return np.zeros(len(self.F_tail)) if added is None else added
+
+    @property
+    def desired(self) -> Array:
+        """Desired value h*, of a bearing a unit vector to rounding; zero unless given."""
+        if self.offset is None:
+            return np.zeros(1)
+        return self.offset / float(np.linalg.norm(self.offset)) if self.measures == "bearing" else self.offset
 
 
 class LinearMaps(NamedTuple):
@@ -142,14 +157,14 @@ def measure(measures: Measure, z: Array) -> Measured:
 def linear_maps(edge: NonlinearEdge, z: Array) -> LinearMaps:
     """Linearise an edge at the relative position z, shape (m,)."""
     if edge.measures == "position":
-        return LinearMaps(edge.F_tail, edge.F_head, edge.weight, edge.desired + edge.lift)
+        return LinearMaps(edge.F_tail, edge.F_head, edge.weight, edge.b)
     h, J = measure(edge.measures, z)
     if edge.measures == "range":
         weight = edge.weight[:1, :1]
-        offset = J @ edge.lift - edge.desired
+        offset = J @ edge.b - edge.desired
     else:
         weight = edge.weight * (float(np.linalg.norm(z)) or 1.0)
-        offset = J @ edge.lift + h - edge.desired
+        offset = J @ edge.b + h - edge.desired
     return LinearMaps(J @ edge.F_tail, J @ edge.F_head, weight, offset)
 
 
@@ -254,8 +269,8 @@ class StationaryProblem:
         """Compute the shortest x with H x = r for vectors r of shape (..., n_W), in the sense of least squares."""
         r = np.asarray(right_hand_side, dtype=np.float64)
         if r.shape[-1] > _MAX_DENSE:
-            factor = _across(self.H, _DAMPING * float(np.abs(self.H.diagonal()).max()))
-            return np.array([factor.solve(each) for each in r.reshape(-1, r.shape[-1])]).reshape(r.shape)
+            solve = _factor_across(self.H, _DAMPING * float(np.abs(self.H.diagonal()).max()))
+            return np.array([solve(each) for each in r.reshape(-1, r.shape[-1])]).reshape(r.shape)
         u, sizes, rows = self._singular
         kept = sizes > FREE_MOTION * sizes.max(initial=0.0)
         return np.asarray(((r @ u[:, kept]) / sizes[kept]) @ rows[kept])
@@ -294,11 +309,11 @@ def _weight_matrix(weight: ArrayLike, measures: Measure, m: int, where: str) -> 
 class NonlinearSheaf:
     """A sheaf whose edges compare positions, ranges or bearings of vectors in the stalks of their ends."""
 
-    def __init__(self, stalks: Mapping[Any, int]) -> None:
-        """Make a sheaf without edges; `stalks` maps each vertex to its dimension, in order."""
+    def __init__(self, stalks: Mapping[Any, int], edges: Iterable[NonlinearEdge] = ()) -> None:
+        """Make a sheaf; `stalks` maps each vertex to its dimension, in order, and `edges` fit these."""
         self._stalks = Cochains(stalks)
         self._dimension = dict(stalks)
-        self.edges: list[NonlinearEdge] = []
+        self.edges = list(edges)
 
     def add_edge(
         self,
@@ -335,17 +350,19 @@ class NonlinearSheaf:
             raise SheafError(f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}")
         if desired is None and measures != "position":
             raise SheafError(f"{where}: no desired {measures}; expected one")
+        constant = np.zeros(m) if lift is None else np.asarray(lift, dtype=np.float64).reshape(m)
+        offset = desired_value(measures, np.zeros(m) if desired is None else desired, m)
         self.edges.append(
             NonlinearEdge(
                 tail,
                 head,
                 maps[0],
                 maps[1],
-                measures,
-                desired_value(measures, np.zeros(m) if desired is None else desired, m),
                 _weight_matrix(weight, measures, m, where),
-                np.zeros(m) if lift is None else np.asarray(lift, dtype=np.float64).reshape(m),
+                offset + constant if measures == "position" else offset,
+                measures,
                 directed,
+                constant,
             )
         )
         self.__dict__.pop("_arrays", None)
@@ -466,7 +483,7 @@ class _Arrays:
         desired: h*, of a range in each of its rows, shape (m,).
         weight: w of each row, shape (m,); 0 where K is in `K`.
         K: Weights of edges that compare positions, shape (m, m).
-        pairs: Rows and columns of the blocks of range and bearing edges.
+        pairs: Rows and columns of the blocks of range and bearing edges, shape (2, P).
         directed: True if an edge is directed, so that neither H nor the matrix of Gauss-Newton is symmetric.
         conservative: True if c is the derivative of an energy at all ends: no edge is directed, none a bearing.
     """
@@ -479,7 +496,7 @@ class _Arrays:
     desired: Array
     weight: Array
     K: sparse.csr_array
-    pairs: tuple[IntArray, IntArray]
+    pairs: IntArray
     directed: bool
     conservative: bool
 
@@ -551,101 +568,54 @@ class _Arrays:
 
 def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
     """Pack the edges of a sheaf whose stalks have n coordinates in all."""
-    sizes = np.array([len(e.lift) for e in edges], dtype=np.int64)
+    none = np.zeros(0)
+    sizes = np.array([len(e.F_tail) for e in edges], dtype=np.int64)
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     m = int(first[-1])
-    rows = [np.arange(begin, end) for begin, end in itertools.pairwise(first)]
     code = np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64)
-    D, pulled = _coboundaries(stalks, edges, rows, (m, n))
+    ends = dict.fromkeys(end for e in edges for end in (e.tail, e.head))
+    columns = {end: stalks.columns_of(stalks.numbers([end])) for end in ends}
+    tails, heads, pulled, linear = (list[tuple[Any, Any, Any]]() for _ in range(4))
+    curved: list[IntArray] = []
+    for e, begin, end in zip(edges, first, first[1:], strict=False):
+        rows = np.arange(begin, end)
+        tails.append((rows[:, None], columns[e.tail][None], -e.F_tail))
+        heads.append((rows[:, None], columns[e.head][None], e.F_head))
+        if not e.directed:
+            pulled.append(heads[-1])
+        if e.measures == "position":
+            linear.append((rows[:, None], rows[None], e.weight))
+        else:
+            curved.append(rows)
+    pairs = [np.stack([np.repeat(r, len(r)), np.tile(r, len(r))]) for r in curved]
     return _Arrays(
-        D=D,
-        pulled=pulled,
-        lift=_joined([e.lift for e in edges]),
+        D=assembled(tails + heads, (m, n)).tocsr(),
+        pulled=assembled(tails + pulled, (m, n)).tocsr(),
+        lift=np.concatenate([none, *(np.zeros(len(e.b)) if e.measures == "position" else e.b for e in edges)]),
         first=first,
         code=code,
-        desired=_joined([np.broadcast_to(e.desired, e.lift.shape) for e in edges]),
-        weight=np.where(code > 0, _joined([np.diag(e.weight) for e in edges]), 0.0),
-        K=_position_weights(edges, rows, m),
-        pairs=_pairs(edges, rows),
+        desired=np.concatenate([none, *(np.broadcast_to(e.desired, len(e.F_tail)) for e in edges)]),
+        weight=np.where(code > 0, np.concatenate([none, *(np.diag(e.weight) for e in edges)]), 0.0),
+        K=assembled(linear, (m, m)).tocsr(),
+        pairs=np.concatenate([np.zeros((2, 0), dtype=np.int64), *pairs], axis=1),
         directed=any(e.directed for e in edges),
         conservative=not any(e.directed or e.measures == "bearing" for e in edges),
     )
 
 
-def _joined(parts: Sequence[Array]) -> Array:
-    return np.concatenate([np.zeros(0), *parts])
+Factored: TypeAlias = Callable[[Array], Array]
+"""Solution of a linear problem for a right-hand side (n,), by factors of its matrix."""
 
 
-def _coboundaries(
-    stalks: Cochains, edges: Sequence[NonlinearEdge], rows: Sequence[IntArray], shape: tuple[int, int]
-) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Return the coboundary of z, and the same without heads that are not pulled."""
-    ends = dict.fromkeys(end for e in edges for end in (e.tail, e.head))
-    columns = {end: stalks.columns_of(stalks.numbers([end])) for end in ends}
-    tails = [(r[:, None], columns[e.tail][None], -e.F_tail) for r, e in zip(rows, edges, strict=True)]
-    heads = [(r[:, None], columns[e.head][None], e.F_head) for r, e in zip(rows, edges, strict=True)]
-    pulled = [block for block, e in zip(heads, edges, strict=True) if not e.directed]
-    return assembled(tails + heads, shape).tocsr(), assembled(tails + pulled, shape).tocsr()
-
-
-def _position_weights(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray], m: int) -> sparse.csr_array:
-    """Return K of the edges that compare positions, shape (m, m)."""
-    linear = [(r[:, None], r[None], e.weight) for r, e in zip(rows, edges, strict=True) if e.measures == "position"]
-    return assembled(linear, (m, m)).tocsr()
-
-
-def _pairs(edges: Sequence[NonlinearEdge], rows: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
-    """Return rows and columns of the blocks of range and bearing edges."""
-    none = np.zeros(0, dtype=np.int64)
-    curved = [r for r, e in zip(rows, edges, strict=True) if e.measures != "position"]
-    return (
-        np.concatenate([none, *(np.repeat(r, len(r)) for r in curved)]),
-        np.concatenate([none, *(np.tile(r, len(r)) for r in curved)]),
-    )
-
-
-class _DenseLU(NamedTuple):
-    """Factors of a dense matrix, used as those of a sparse one.
-
-    Attributes:
-        factors: What scipy's `lu_factor` returns.
-    """
-
-    factors: tuple[Array, Array]
-
-    def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side (n,)."""
-        return np.asarray(lu_solve(self.factors, right, check_finite=False))
-
-
-class _Across(NamedTuple):
-    """Factors of a damped least-squares problem, whose solutions are orthogonal to the null space of its matrix.
-
-    Attributes:
-        factors: Those of the augmented matrix.
-        states: Number n of unknowns.
-    """
-
-    factors: SuperLU | _DenseLU
-    states: int
-
-    def solve(self, right: Array) -> Array:
-        """Return the least-squares solution for a right-hand side (n,)."""
-        return np.asarray(self.factors.solve(np.concatenate([right, np.zeros(self.states)]))[self.states :])
-
-
-Factor: TypeAlias = SuperLU | _DenseLU | _Across
-"""Factors of a matrix."""
-
-
-def _factored(H: sparse.csr_array | Array, shift: float) -> SuperLU | _DenseLU:
+def _factor(H: sparse.csr_array | Array, shift: float = 0.0) -> Factored:
     """Factor H + shift I."""
-    if isinstance(H, np.ndarray):
-        return _DenseLU(lu_factor(H + shift * np.eye(len(H)), check_finite=False))
-    return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
+    if not isinstance(H, np.ndarray):
+        return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0]) if shift else H)).solve
+    factors = lu_factor(H + shift * np.eye(len(H)), check_finite=False)
+    return lambda right: np.asarray(lu_solve(factors, right, check_finite=False))
 
 
-def _across(H: sparse.csr_array | Array, shift: float) -> _Across:
+def _factor_across(H: sparse.csr_array | Array, shift: float) -> Factored:
     """Factor H, which need not be symmetric, for steps s that minimise |H s - r|^2 + shift^2 |s|^2.
 
     A solution of (H + shift) s = r has the part of r outside the range of H, over the shift, along what is free. This
@@ -654,10 +624,11 @@ def _across(H: sparse.csr_array | Array, shift: float) -> _Across:
     n = H.shape[0]
     shift = shift or 1.0
     if isinstance(H, np.ndarray):
-        whole = np.block([[shift * np.eye(n), H], [H.T, -shift * np.eye(n)]])
-        return _Across(_DenseLU(lu_factor(whole, check_finite=False)), n)
-    damped = shift * sparse.eye_array(n)
-    return _Across(splu(sparse.csc_array(sparse.block_array([[damped, H], [H.T, -damped]]))), n)
+        solve = _factor(np.block([[shift * np.eye(n), H], [H.T, -shift * np.eye(n)]]))
+    else:
+        damped = shift * sparse.eye_array(n)
+        solve = _factor(sparse.block_array([[damped, H], [H.T, -damped]]))
+    return lambda right: solve(np.concatenate([right, np.zeros(n)]))[n:]
 
 
 class Settled(NamedTuple):
@@ -674,7 +645,6 @@ class Settled(NamedTuple):
     residual: float
 
 
-@dataclass
 class StationarySolver:
     """Stationary points of the energy with some vertices held: D^T c = 0 on the others, by damped Gauss-Newton.
 
@@ -686,30 +656,15 @@ class StationarySolver:
         U, W: Coordinates of the boundary, in the order of boundary vectors, and the others.
     """
 
-    arrays: _Arrays
-    U: IntArray
-    W: IntArray
-    _factor: "Factor | None" = field(default=None, repr=False)
-
-    @cached_property
-    def _moved(self) -> sparse.csr_array | Array:
-        return self._stored(self.arrays.D[:, self.W])
-
-    @cached_property
-    def _held(self) -> sparse.csr_array:
-        return self.arrays.D[:, self.U]
-
-    @cached_property
-    def _pulled(self) -> sparse.csr_array | Array:
-        return self._stored(self.arrays.pulled[:, self.W].T)
-
-    @cached_property
-    def _K(self) -> sparse.csr_array | Array:  # noqa: N802 - the weight matrix
-        return self._stored(self.arrays.K)
-
-    def _stored(self, matrix: sparse.sparray) -> sparse.csr_array | Array:
-        """Return a matrix in the form in which a team of this size is computed fastest."""
-        return matrix.toarray() if len(self.W) <= _DENSE else sparse.csr_array(matrix)
+    def __init__(self, arrays: _Arrays, U: IntArray, W: IntArray) -> None:
+        self.arrays = arrays
+        self.U = U
+        self.W = W
+        small = len(W) <= _DENSE
+        parts = (arrays.D[:, W], arrays.pulled[:, W].T, arrays.K)
+        self._moved, self._pulled, self._K = (part.toarray() if small else sparse.csr_array(part) for part in parts)
+        self._held = arrays.D[:, U]
+        self._solve: Factored | None = None
 
     def relative(self, x: Array, boundary: Array) -> Array:
         """Return z of all edges, shape (m,)."""
@@ -737,15 +692,15 @@ class StationarySolver:
         scales = (_DAMPING, stiffest, extent)
         damping = _DAMPING
         start = x
-        self._factor = None if free else self._factor
+        self._solve = None if free else self._solve
         for iteration in range(_MAX_STEPS):
             size = _largest(gradient)
             if size <= _CONVERGED * stiffest * extent or damping > _MAX_DAMPING:
                 break
-            stale = self._factor is not None
-            if self._factor is None:
-                self._factor = self._factored(z, damping, stiffest)
-            step = _limited(self._factor.solve(-gradient), extent)
+            stale = self._solve is not None
+            if self._solve is None:
+                self._solve = self._factored(z, damping, stiffest)
+            step = _limited(self._solve(-gradient), extent)
             if free and iteration < _MIDPOINTS and (arrays.code == 2).any() and _largest(step) > _STRAIGHT * extent:
                 step = self._midpoint_step(x, step, base, (damping, stiffest, extent))
             moved = self._moved @ (x + step) + base
@@ -753,7 +708,7 @@ class StationarySolver:
             worse = self._is_worse(z, moved, gradient, after, stiffest * extent)
             slow = worse or _largest(after) > _STALE_ABOVE * size
             if slow or free:
-                self._factor = None
+                self._solve = None
             if slow and not stale and iteration % _TRIED == 0 and size > _SLOW * stiffest * extent:
                 exact = self._newton(x, base, scales)
                 if exact is not None and arrays.residual(self._moved @ exact + base) > _EXACT * stiffest**0.5 * extent:
@@ -793,7 +748,7 @@ class StationarySolver:
                 return exact
             H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
             size = float(np.linalg.norm(gradient))
-            x = x + _limited(_factored(H, shift).solve(-gradient), _LONGEST * extent)
+            x = x + _limited(_factor(H, shift)(-gradient), _LONGEST * extent)
             z = self._moved @ x + base
             gradient = self._pulled @ self.arrays.pull(z)
             shift *= min(max(float(np.linalg.norm(gradient)) / size, 0.5), 2.0)
@@ -818,7 +773,7 @@ class StationarySolver:
         for k in range(_MAX_NEWTON):
             size = _largest(gradient)
             H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
-            step = _across(H, damping * float(np.abs(H.diagonal()).max(initial=0.0))).solve(-gradient)
+            step = _factor_across(H, damping * float(np.abs(H.diagonal()).max(initial=0.0)))(-gradient)
             if not _largest(step) <= _LONGEST * extent:
                 return None
             z = self._moved @ (x + step) + base
@@ -854,7 +809,7 @@ class StationarySolver:
             z = self._moved @ (x + 0.5 * step) + base
             aim = self._pulled @ (0.5 * (self.arrays.metric(z, self._K) @ (self._moved @ step)) - self.arrays.pull(z))
             last = step
-            step = _limited(self._factored(z, damping, stiffest).solve(aim), extent)
+            step = _limited(self._factored(z, damping, stiffest)(aim), extent)
             change = _largest(step - last)
             if change <= 0.1 * _STRAIGHT * extent:
                 return step
@@ -862,10 +817,10 @@ class StationarySolver:
                 break
         return np.full_like(step, np.nan)
 
-    def _factored(self, z: Array, damping: float, stiffest: float) -> "Factor":
+    def _factored(self, z: Array, damping: float, stiffest: float) -> Factored:
         H = self._pulled @ self.arrays.metric(z, self._K) @ self._moved
         shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
-        return _across(H, shift) if self.arrays.directed else _factored(H, shift)
+        return _factor_across(H, shift) if self.arrays.directed else _factor(H, shift)
 
     def _is_worse(self, z: Array, moved: Array, before: Array, after: Array, scale: float) -> bool:
         """Return True if a step raises the energy or, where there is none, more than doubles the gradient."""

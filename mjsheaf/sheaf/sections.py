@@ -220,6 +220,7 @@ class Ways(NamedTuple):
         edge: Numbers of the edges in the bundle, shape (k,).
         inverse: Bound b of |F_w^+|, shape (k,).
         F_source, F_target: Maps F_u and F_w of all edges of the bundle.
+        gram: F_w^T F_w of all of them.
     """
 
     source: IntArray
@@ -228,6 +229,7 @@ class Ways(NamedTuple):
     inverse: Array
     F_source: Array
     F_target: Array
+    gram: Array
 
 
 class Forest(NamedTuple):
@@ -268,10 +270,11 @@ def _find_ways(edges: EdgeSet, free: BoolArray) -> list[Ways]:
     ways = []
     for e in edges.bundles:
         for u, F_u, w, F_w in ((e.tail, e.F_tail, e.head, e.F_head), (e.head, e.F_head, e.tail, e.F_tail)):
-            smallest, largest = _eigenvalue_bounds(F_w.transpose(0, 2, 1) @ F_w)
+            gram = np.einsum("kma,kmb->kab", F_w, F_w)
+            smallest, largest = _eigenvalue_bounds(gram)
             good = free[w] & (smallest >= np.maximum(_LEAST_CONDITION**2 * largest, np.finfo(float).tiny))
             edge = np.flatnonzero(good)
-            ways.append(Ways(u[edge], w[edge], edge, smallest[edge] ** -0.5, F_u, F_w))
+            ways.append(Ways(u[edge], w[edge], edge, smallest[edge] ** -0.5, F_u, F_w, gram))
     return ways
 
 
@@ -287,7 +290,12 @@ def grow(edges: EdgeSet, free: BoolArray) -> Forest:
     source = np.concatenate([none, *(way.source for way in ways)])
     target = np.concatenate([none, *(way.target for way in ways)])
     graph = _graph(source, target, count)
-    group = csgraph.connected_components(graph, connection="strong")[1]
+    tail, head = edges.ends
+    inside = free[tail] & free[head]
+    component = csgraph.connected_components(_graph(tail[inside], head[inside], count), directed=False)[1]
+    group = component  # where all ways lead in both directions, all free vertices of a component reach one another
+    if len(target) < np.count_nonzero(free[tail]) + np.count_nonzero(free[head]):
+        group = csgraph.connected_components(graph, connection="strong")[1]
     reached = np.zeros(count, dtype=bool)
     reached[group[target[group[source] != group[target]]]] = True
     roots = np.flatnonzero(free & ~reached[group])
@@ -316,37 +324,31 @@ def grow(edges: EdgeSet, free: BoolArray) -> Forest:
         b[w] = way.inverse[way_of[w] - begin]
         w = w[free[parent[w]]]  # a held vertex carries nothing of x
         k = way.edge[way_of[w] - begin]
-        F = way.F_target[k]
-        adjoint = F.transpose(0, 2, 1)
-        M = np.linalg.solve(adjoint @ F, adjoint @ way.F_source[k])
-        square = M.transpose(0, 2, 1) @ M
+        M = np.linalg.solve(way.gram[k], np.einsum("kma,kmb->kab", way.F_target[k], way.F_source[k]))
+        square = np.einsum("kma,kmb->kab", M, M)
         frobenius = np.einsum("kaa->k", square)
         a[w] = np.sqrt(np.minimum(frobenius, np.abs(square).sum(axis=2).max(axis=1, initial=0.0)))
         carries.append((w, M))
         begin += len(way.target)
 
-    upper = parent.tolist()
-    bound = a.tolist()
-    reach = b.tolist()  # row of |G| that belongs to a vertex
-    below = [1.0] * count  # what a unit at a vertex adds to its tree, itself included
-    grown = order[len(held) :].tolist()
-    for v in grown:
-        if upper[v] >= 0:
-            reach[v] += bound[v] * reach[upper[v]]
-    for v in reversed(grown):
-        if upper[v] >= 0:
-            below[upper[v]] += bound[v] * below[v]
-    tail, head = edges.ends
-    inside = free[tail] & free[head]
-    component = csgraph.connected_components(_graph(tail[inside], head[inside], count), directed=False)[1]
+    reach = b.copy()  # row of |G| that belongs to a vertex
+    below = np.ones(count)  # what a unit at a vertex adds to its tree, itself included
+    ancestor = parent.copy()  # the next one, then the one two steps up, then four
+    while (v := np.flatnonzero(ancestor >= 0)).size:
+        up = ancestor[v]
+        below += np.bincount(up, a[v] * below[v], count)
+        reach[v] += a[v] * reach[up]
+        a[v] *= a[up]
+        ancestor[v] = ancestor[up]
     rows = np.zeros(count)
     columns = np.zeros(count)
-    np.maximum.at(rows, component[free], np.array(reach)[free])
+    np.maximum.at(rows, component[free], reach[free])
     np.maximum.at(columns, component[free], (b * below)[free])
     return Forest(order, parent, carries, component.astype(np.int64), rows, columns, *_norms(edges, free))
 
 
 def _graph(source: IntArray, target: IntArray, count: int) -> sparse.csr_array:
+    # Parallel edges become one entry: SciPy's search for strong components does not end on repeated ones.
     return sparse.coo_array((np.ones(len(source)), (source, target)), shape=(count, count)).tocsr()
 
 
@@ -357,7 +359,7 @@ def _norms(edges: EdgeSet, free: BoolArray) -> tuple[float, float]:
     size[~np.repeat(free, np.diff(edges.column))[delta.indices]] = 0.0
     low = np.bincount(delta.indices, size * size, delta.shape[1]).max(initial=0.0)
     one = np.bincount(delta.indices, size, delta.shape[1]).max(initial=0.0)
-    infinity = (sparse.csr_array((size, delta.indices, delta.indptr), shape=delta.shape)).sum(axis=1).max(initial=0.0)
+    infinity = np.bincount(np.repeat(np.arange(delta.shape[0]), np.diff(delta.indptr)), size).max(initial=0.0)
     return float(np.sqrt(low)), float(np.sqrt(one * infinity))
 
 

@@ -19,7 +19,7 @@ from mjsheaf.media.medium import WITHOUT_MEAN, mean_flow
 from mjsheaf.media.waves import Components
 from mjsheaf.results.dataset import labelled_edges
 from mjsheaf.results.metrics import edge_residuals, mean_known
-from mjsheaf.results.netcdf import length_of_piece, pieces_of
+from mjsheaf.results.store import length_of_piece, pieces_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import automatic_scales, groups_of, round_number
 from mjsheaf.system import Phase

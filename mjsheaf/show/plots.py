@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.law.obstacles import HALF_SPACE, ObstacleArrays, centres
 from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
-from mjsheaf.results.netcdf import thin
+from mjsheaf.results.store import thin
 from mjsheaf.show.panels import (
     HEADING,
     MOST_NAMED,

@@ -17,7 +17,7 @@ from mjsheaf.errors import InputError, ScenarioError, in_field, joined
 from mjsheaf.files import SUFFIXES, confined, digest_of, list_studies, parse_yaml, read_yaml
 from mjsheaf.loop.session import BACKENDS, ENGINES, require_engine
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.load import LawFile, find_law, list_scenarios, map_vehicles, read_scenario
+from mjsheaf.scenario.load import LawFile, find_law, find_scenario, list_scenarios, map_vehicles, read_scenario
 from mjsheaf.section import Number, Positive, Section, split_path, validation_problems
 from mjsheaf.studies.workers import Job, Point, versions
 
@@ -176,16 +176,12 @@ class StudyFile(Section):
         return {"engine": "fused", **given} if isinstance(given, dict) and given.get("batch") is True else given
 
     @model_validator(mode="after")
-    def _engine_fits(self) -> "StudyFile":
+    def _fits(self) -> "StudyFile":
         require_engine(self.engine, self.backend)
         if self.batch and self.engine != "fused":
             raise ValueError("batch: requires the fused engine; expected engine fused")
         if self.batch and self.trajectories:
             raise ValueError("trajectories: a batch keeps errors alone; expected one of the two")
-        return self
-
-    @model_validator(mode="after")
-    def _lengths_fit(self) -> "StudyFile":
         lengths = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
         expected = f"expected {len(self.points)} different names, one per point"
         unfit = len(self.names) != len(self.points) or len(set(self.names)) < len(self.names)
@@ -193,10 +189,6 @@ class StudyFile(Section):
             raise ValueError(f"paired: lists must have one length, but {lengths}")
         if self.names and unfit:
             raise ValueError(f"names: {len(self.names)}; {expected}")
-        return self
-
-    @model_validator(mode="after")
-    def _no_field_is_given_twice(self) -> "StudyFile":
         swept = self.paths
         for k, path in enumerate(swept):
             if path in self.set:
@@ -210,10 +202,6 @@ class StudyFile(Section):
         _check_items(self.set, swept)
         if self.seeds is not None and "seed" in (*swept, *self.set):
             raise ValueError("seeds: the field seed is given too; give either")
-        return self
-
-    @model_validator(mode="after")
-    def _labels_and_size_fit(self) -> "StudyFile":
         for path in self.labels.keys() - set(self.paths):
             raise ValueError(f"labels: {path} is not swept; expected {', '.join(self.paths) or 'none'}")
         if self.size > MOST_RUNS:
@@ -470,14 +458,8 @@ def _typed(
 
 def _read(source: str) -> Plan:
     """Return the plan of a study file, or of a scenario as a study of one run, without files and points."""
-    studies, scenarios = list_studies(), list_scenarios()
-    path = scenarios.get(source) or studies.get(source, Path(source))
-    known = ", ".join([*studies, *scenarios])
-    missing = path.suffix not in SUFFIXES and not path.exists()
-    if missing:
-        raise ScenarioError(f"{source}: no such study or scenario; expected {known}, or the path of a YAML file")
-    if path.is_dir():
-        raise ScenarioError(f"{source}: is a directory; expected a name or a YAML file")
+    scenarios = list_scenarios()
+    path = find_scenario(source, list_studies())
     directory = path.parent.resolve()
     raw = {} if source in scenarios else read_yaml(path)
     if "scenario" not in raw:

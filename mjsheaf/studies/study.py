@@ -1,28 +1,278 @@
-"""A study from plan to results: missing runs are simulated, then all runs go into a table, plots and a page."""
+"""A study from plan to results: missing runs are simulated, then all runs go into a table, plots and a page.
+
+The directory of a study is used by one command at a time:
+
+- study.json: Contents of the study. The same command resumes it, and a different one is refused.
+- scenario.yaml: Scenario as read, to repeat single runs; missing if it has vehicle files of its own.
+- runs/000017.json: Record of a run, written whole when it ends.
+- trajectories/000017.nc, .html: result.nc and page of a run, if they are kept. They are written before its record,
+  which contains the checksum of result.nc.
+- timings.csv: Wall times of runs, the only file that differs between equal studies.
+- table.csv, table.parquet, plots, index.html: Results, written when all runs have ended.
+"""
 
 import base64
+import fcntl
+import hashlib
 import json
+import os
 import re
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, closing
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import jinja2
 import pandas as pd
 import pyarrow as pa
 
 from mjsheaf._version import __version__
-from mjsheaf.files import parse_yaml
+from mjsheaf.errors import InputError, PlaceError, shortened
+from mjsheaf.files import digest, dump_yaml, figure_files, is_part_of, naming, parse_yaml, write_whole
 from mjsheaf.results.metrics import MEASURES
+from mjsheaf.results.store import enclosing_run, read_mapping, record_in
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.show.style import AS_USUAL, FigureOptions
-from mjsheaf.studies.directory import StudyDirectory, open_directory, page_of_run
 from mjsheaf.studies.plan import Plan
-from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, Point, Runner, SchedulerError
+from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, JobResult, Point, SchedulerError, Workers
+
+_LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
+_RUNS, _TRAJECTORIES = "runs", "trajectories"
+_NUMBERED = re.compile(r"[0-9]+\.(json|nc|html)")
+_SHOWN_DIFFERENCES = 3
+_SEALS = ("result_sha256", "record_sha256")
+
+_FIGURES = figure_files(("error", "messages", "bound", "over_time", "success"))
+RESULT_FILES = {"table.csv", "table.parquet", "index.html", *_FIGURES}
+"""Names of the files that are written when all runs have ended."""
+
+
+class BusyError(InputError):
+    """Another command uses the study's directory."""
+
+
+class StudyDirectory:
+    """Directory of a study, locked by this process; created by `open_directory`."""
+
+    def __init__(self, path: Path, plan: Plan, made: list[Path]) -> None:
+        self.path = path
+        self._plan, self._made = plan, made
+
+    def ended(self) -> dict[int, dict[str, Any]]:
+        """Return the records of runs that have ended, by number, ignoring files that do not match their point."""
+        records = {point.number: self._record(point) for point in self._plan.points}
+        return {number: record for number, record in records.items() if record is not None}
+
+    def save(self, result: JobResult) -> None:
+        """Save a run, completely or not at all.
+
+        Raises:
+            PlaceError: A file cannot be written.
+        """
+        number = result.record["run"]
+        with self.writing():
+            if result.dataset is not None:
+                write_whole(self._file(_TRAJECTORIES, number), result.dataset, tidy=False)
+            if result.page is not None:
+                write_whole(self.path / page_of_run(number), result.page, tidy=False)
+            write_whole(self._file(_RUNS, number), canonical(sealed(result)), tidy=False)
+            with (self.path / _TIMINGS).open("a") as file:
+                file.write(f"{number},{result.seconds:.6f}\n")
+
+    def publish(self, files: dict[str, bytes]) -> None:
+        """Write the result files, each completely or not at all, and remove those of an earlier command.
+
+        Raises:
+            PlaceError: A file cannot be written.
+        """
+        with self.writing():
+            for name in RESULT_FILES - set(files):
+                (self.path / name).unlink(missing_ok=True)
+            for name, content in files.items():
+                write_whole(self.path / name, content)
+
+    def leave(self) -> None:
+        """Remove the directory if this command created it and no run has ended."""
+        if self.path in self._made and not _has_runs(self.path):
+            for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
+                with suppress(OSError):
+                    (self.path / name).unlink(missing_ok=True)
+            _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
+
+    def writing(self) -> AbstractContextManager[None]:
+        """Turn an error of the file system into one that names the directory."""
+        return naming(self.path, "runs that have ended are kept; the same command resumes", PlaceError)
+
+    def _file(self, folder: str, number: int) -> Path:
+        return self.path / folder / f"{number:06d}.{'json' if folder == _RUNS else 'nc'}"
+
+    def _record(self, point: Point) -> dict[str, Any] | None:
+        """Return the record of a run; None if there is none, or if it or its result.nc was changed."""
+        record = read_mapping(self._file(_RUNS, point.number))
+        if record is None or record.get("status") not in STATUSES:
+            return None
+        if (record.get("run"), record.get("parameters")) != (point.number, point.parameters):
+            return None
+        found = {key: record.pop(key, None) for key in _SEALS}
+        kept = digest(self._file(_TRAJECTORIES, point.number)) or None if found["result_sha256"] else None
+        shown = kept is None or (self.path / page_of_run(point.number)).is_file()
+        return record if shown and found == {"result_sha256": kept, "record_sha256": _digest(record)} else None
+
+
+def page_of_run(number: int) -> str:
+    """Return the path of a run's page, relative to the directory of its study."""
+    return f"{_TRAJECTORIES}/{number:06d}.html"
+
+
+def sealed(result: JobResult) -> dict[str, Any]:
+    """Add checksums of a record and of its result.nc, so that damaged or edited files are detected."""
+    kept = None if result.dataset is None else hashlib.sha256(result.dataset).hexdigest()
+    return {**result.record, "result_sha256": kept, "record_sha256": _digest(result.record)}
+
+
+def canonical(value: Any) -> bytes:
+    """Return JSON bytes that are equal for equal values."""
+    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def _digest(record: dict[str, Any]) -> str:
+    return hashlib.sha256(canonical(record)).hexdigest()
+
+
+@contextmanager
+def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
+    """Lock a study's directory, which is new or holds the same study, for the duration of the block.
+
+    The kernel releases the lock when the process ends, for whatever reason.
+
+    Raises:
+        PlaceError: The directory holds something else or another study, or cannot be written.
+        BusyError: Another command uses it.
+    """
+    _check_place(path)
+    missing = [place for place in (path, *path.absolute().parents) if not place.exists()]
+    try:
+        with naming(path, "choose another --out", PlaceError):
+            path.mkdir(parents=True, exist_ok=True)
+            lock = (path / _LOCK).open("a")
+    except PlaceError:
+        _remove_empty(missing)
+        raise
+    with lock:
+        _take(lock, path)
+        _check_place(path)  # again, because only the lock excludes other writers
+        directory = StudyDirectory(path, plan, missing)
+        with directory.writing():
+            _begin(path, plan)
+        yield directory
+
+
+def _take(lock: IO[str], path: Path) -> None:
+    with naming(path, "choose another --out", PlaceError, "locked"):  # for example on a file system without locks
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BusyError(f"{path}: another command uses this study; wait for it, or choose another --out") from None
+
+
+def _check_place(path: Path) -> None:
+    """Refuse a path that holds anything but a study, or lies inside the directory of a run or of a study.
+
+    Raises:
+        PlaceError: The message names the obstacle.
+    """
+    obstacle = _obstacle_inside(path)
+    around = enclosing_run(Path(os.path.realpath(path)), _STUDY)
+    if around is not None:
+        kind = "study" if record_in(around, [_STUDY]) else "run"
+        obstacle = f"lies inside {around}, the directory of a {kind}"
+    if obstacle:
+        raise PlaceError(f"{path}: {obstacle}; choose another --out")
+
+
+def _obstacle_inside(path: Path) -> str:
+    """Describe what is at a path instead of a study; empty if nothing is in the way."""
+    if not path.is_dir():
+        return "exists and is not a directory" if path.exists() or path.is_symlink() else ""
+    if (path / _STUDY).exists():
+        return f"its {_STUDY} is not a study of mjsheaf" if record_in(path, [_STUDY]) is None else ""
+    # study.json is written first. Without it, no file can come from a study.
+    strange = sorted(p.name for p in path.iterdir() if p.name != _LOCK and not is_part_of(p.name, [_STUDY]))
+    return f"holds {strange[0]!r} and no study" if strange else ""
+
+
+def _begin(path: Path, plan: Plan) -> None:
+    """Start the study, or require that the directory holds the same one; it may differ if no run has ended.
+
+    Raises:
+        PlaceError: The directory holds another study.
+    """
+    asked = json.loads(canonical(plan.record()))
+    before = record_in(path, [_STUDY])
+    found = [] if before is None else _differences(before, asked)
+    if found and _has_runs(path):
+        more = len(found) - _SHOWN_DIFFERENCES
+        shown = "; ".join(found[:_SHOWN_DIFFERENCES]) + (f" (and {more} more)" if more > 0 else "")
+        raise PlaceError(f"{path}: holds another study: {shown}; choose another --out")
+    _remove_parts(path)
+    if found:
+        (path / _SCENARIO).unlink(missing_ok=True)
+        for stale in (path / _TRAJECTORIES).glob("[0-9]*.*"):
+            stale.unlink()
+    if found or before is None:
+        write_whole(path / _STUDY, canonical(asked))
+    # A scenario file in this directory could not refer to a vehicle's own files.
+    if not plan.files and not (path / _SCENARIO).exists():
+        write_whole(path / _SCENARIO, dump_yaml(plan.scenario).encode())
+    # After study.json, because a directory with runs but without it would be refused.
+    (path / _RUNS).mkdir(exist_ok=True)
+    if plan.study.trajectories:
+        (path / _TRAJECTORIES).mkdir(exist_ok=True)
+    if not (path / _TIMINGS).exists():
+        (path / _TIMINGS).write_text("run,seconds\n")
+
+
+def _has_runs(path: Path) -> bool:
+    return any((path / _RUNS).glob("[0-9]*.json"))
+
+
+def _remove_parts(path: Path) -> None:
+    """Remove incomplete files of a command that was killed; other files may be the user's."""
+    for folder in (path, path / _RUNS, path / _TRAJECTORIES):
+        for part in folder.glob(".*.part"):
+            name = part.name[1:].rsplit(".", 2)[0]
+            ours = name in {_STUDY, _SCENARIO, *RESULT_FILES} or _NUMBERED.fullmatch(name)
+            if ours and is_part_of(part.name, [name]):
+                part.unlink(missing_ok=True)
+
+
+def _remove_empty(places: list[Path]) -> None:
+    for place in places:
+        with suppress(OSError):
+            os.rmdir(place)
+
+
+def _leaves(value: Any, path: str = "") -> dict[str, str]:
+    """Return the text of all plain values, empty lists and empty mappings in a value, by field path."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    found: dict[str, str] = {}
+    for key, item in items:
+        found |= _leaves(item, f"{path}.{key}" if path else str(key))
+    return found or {path: repr(value)}
+
+
+def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """Describe each field with a different value as 'field was A, is now B', in the order of `now`."""
+    was, new = _leaves(before), _leaves(now)
+    return [
+        f"{path} was {shortened(was.get(path, 'absent'))}, is now {shortened(new.get(path, 'absent'))}"
+        for path in {**new, **was}
+        if was.get(path) != new.get(path)
+    ]
+
 
 _COLUMNS = {
     "seed": "int64",
@@ -63,7 +313,7 @@ class Study:
 def run_study(
     plan: Plan,
     directory: Path,
-    workers: Callable[[], AbstractContextManager[Runner]],
+    workers: Callable[[], AbstractContextManager[Workers]],
     *,
     retry_failed: bool = False,
     figures: FigureOptions = AS_USUAL,
@@ -74,7 +324,7 @@ def run_study(
     Args:
         plan: Plan from `load_plan`.
         directory: Directory of the study, new or from an earlier command.
-        workers: Function that starts a Runner; it is called only if runs are missing.
+        workers: Function that starts them; it is called only if runs are missing.
         retry_failed: True to repeat runs that did not finish.
         figures: Formats and style of the plots.
         progress: True shows a bar on a terminal or in a notebook, and False shows nothing. A function is called with
@@ -105,7 +355,7 @@ def _simulate(
     plan: Plan,
     missing: list[Point],
     place: StudyDirectory,
-    workers: Callable[[], AbstractContextManager[Runner]],
+    workers: Callable[[], AbstractContextManager[Workers]],
     report: Progress,
 ) -> dict[int, dict[str, Any]]:
     """Simulate the missing runs of a study and save each one in its place; return their records by number."""
@@ -144,7 +394,10 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     measure is undefined, if the run ended before it, or if a listed point does not set the parameter. A parameter's
     column holds numbers if all its values are numbers, text if all are text, and JSON otherwise.
     """
-    rows = [_flat(record) for record in records]
+    rows = []
+    for record in records:
+        late = {f"late_{measure}": error for measure, error in (record["late"] or {}).items()}
+        rows.append({**record, **(record["final"] or {}), **late})
     parameters = {path: [row["parameters"].get(path) for row in rows] for path in plan.study.paths if path != "seed"}
     return pd.DataFrame(
         {
@@ -153,12 +406,6 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
             **{name: _array([row.get(name) for row in rows], kind) for name, kind in _COLUMNS.items()},
         }
     )
-
-
-def _flat(record: dict[str, Any]) -> dict[str, Any]:
-    """Return a record with its errors among its fields, those over the second half under `late_`."""
-    late = {f"late_{measure}": error for measure, error in (record["late"] or {}).items()}
-    return {**record, **(record["final"] or {}), **late}
 
 
 def _array(values: list[Any], kind: str) -> pd.api.extensions.ExtensionArray:
@@ -207,13 +454,8 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
         measures=MEASURES,
         rows=[_cells(row) for row in table.head(_MOST_ROWS).to_dict("records")],
-        pages=_pages_of(plan),
+        pages={point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {},
     ).encode()
-
-
-def _pages_of(plan: Plan) -> dict[int, str]:
-    """Return the pages of the runs by number; none without trajectories."""
-    return {point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {}
 
 
 def _cells(row: dict[Any, Any]) -> dict[Any, str]:

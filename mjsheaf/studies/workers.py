@@ -22,7 +22,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from textwrap import shorten
 from threading import Thread
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -30,17 +30,17 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, ending_of_run, judge
+from mjsheaf.checking.finished import ending_of_run, judge
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.files import digest
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
-from mjsheaf.results.netcdf import thin
-from mjsheaf.results.store import digest
+from mjsheaf.results.store import thin
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import LawFile, map_vehicles
@@ -255,7 +255,12 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
         if job.light:
             found["settled"], ratios = None, _ratios(job, scenario, dataset)
         else:
-            ending, bound = _ending_of(job, scenario, dataset), bound_of_run(scenario.phases, dataset)
+            if job.law is None:
+                ending = ending_of_run(scenario.phases, dataset)
+            else:  # of a law in Python, whose loop is unknown, only the error counts
+                _, last = of_phase(scenario.phases, dataset, -1)
+                ending = judge(np.sqrt(mean_known(last["tracking_error"].values ** 2)))
+            bound = bound_of_run(scenario.phases, dataset)
             found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
             ratios = bound.ratio, bound.settled_ratio
         found["bound_ratio"], found["late_bound_ratio"] = map(finite, ratios)
@@ -302,14 +307,6 @@ def _bound_of(job: Job, system: System) -> Array | None:
     return bound_ahead(system)
 
 
-def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | None:
-    """Classify the end of a run. Under a law in Python, whose loop is unknown, only its error counts."""
-    if job.law is None:
-        return ending_of_run(scenario.phases, dataset)
-    _, own = of_phase(scenario.phases, dataset, -1)
-    return judge(np.sqrt(mean_known(own["tracking_error"].values ** 2)))
-
-
 def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:
     from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.page import page_of
@@ -337,13 +334,6 @@ _LEAST_AHEAD = 64
 _CONNECT_S = 10
 
 Work = Callable[[Job], JobResult]
-
-
-class Runner(Protocol):
-    """Interface for running jobs."""
-
-    def run(self, jobs: Iterable[Job]) -> Generator[JobResult]:
-        """Run jobs and yield each result when it is available."""
 
 
 class SchedulerError(InputError):

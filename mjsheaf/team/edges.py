@@ -23,7 +23,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.section import Id, Matrix, Number, Point, Positive, Section, Tagged
-from mjsheaf.sheaf.nonlinear import Measure, desired_value
+from mjsheaf.sheaf.nonlinear import Measure, NonlinearEdge, desired_value
 from mjsheaf.team.links import Link, RangeBearing
 
 NAMES = ("identity", "shared", "local_frame", "space")
@@ -65,33 +65,19 @@ class Slope(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Edge:
-    """An edge of the team's graph with its restriction maps.
+class Edge(NonlinearEdge):
+    """An edge of the team's graph with its restriction maps; lengths in m.
+
+    On a sensing edge the tail is the agent, and the head of an anchor is GROUND. An offset of None comes from
+    formations.
 
     Attributes:
-        tail, head: ids; on a sensing edge the tail is the agent, and the head of an anchor is GROUND.
-        F_tail, F_head: restriction maps, shapes (m, n_tail) and (m, n_head).
-        weight: inner product K of the edge stalk, shape (m, m).
-        offset: desired value b of F_tail x_tail - F_head x_head, shape (m,), in m; None takes it from formations. Of a
-            range the desired distance, shape (1,), m; of a bearing the desired unit vector from tail to head, (m,).
         link: what it has of a link's fields by itself; None where nothing.
-        measures: What is compared: position, range or bearing.
-        directed: True if only the tail measures and moves.
-        lift: Constant part of z = F_head x_head - F_tail x_tail + lift, shape (m,), m; None for zero.
         slope: Derivative of the pull of a range or bearing edge that this edge linearises and that does not fit; None
             where F^T K F is it.
     """
 
-    tail: str
-    head: str
-    F_tail: Array
-    F_head: Array
-    weight: Array
-    offset: Array | None = None
     link: Link | None = None
-    measures: Measure = "position"
-    directed: bool = False
-    lift: Array | None = None
     slope: Slope | None = None
 
     def __str__(self) -> str:
@@ -101,12 +87,6 @@ class Edge:
     def between(self) -> tuple[str, str]:
         """The ids of tail and head."""
         return self.tail, self.head
-
-    @property
-    def b(self) -> Array:
-        """Term added to F_head x_head - F_tail x_tail: the desired value of positions, else the lift, shape (m,), m."""
-        added = self.offset if self.measures == "position" else self.lift
-        return np.zeros(len(self.F_tail)) if added is None else added
 
     @property
     def linear(self) -> bool:
@@ -198,10 +178,11 @@ class LinearEdge(Link):
                 offset = desired_value(self.measures, self.offset, m)
         link = Link(**self.own) if self.own else None
         weight = _inner_product(self.weight, m)
-        lift = _lift(tail, head) if self.map == "space" else None
+        heights = [member.height if member.dimension == 2 else 0.0 for member in (tail, head)]
+        lift = np.array([0.0, 0.0, heights[1] - heights[0]]) if self.map == "space" else None
         if lift is not None and offset is not None and self.measures == "position":
             offset = offset + lift
-        return Edge(tail.id, head.id, *maps, weight, offset, link, self.measures, self.directed, lift)
+        return Edge(tail.id, head.id, *maps, weight, offset, self.measures, self.directed, lift, link)
 
     def _require_measurable(self, m: int) -> None:
         """Refuse what a range or a bearing of m coordinates cannot have.
@@ -277,12 +258,6 @@ class Anchor(Section):
                 raise InputError(f"axes: [{', '.join(self.axes or [])}]: expected each axis once; {has}")
             F = np.eye(n)[rows]
         return anchor(agent.id, F, _vector(self.value, "value", len(F)), _inner_product(self.weight, len(F)))
-
-
-def _lift(tail: Member, head: Member) -> Array:
-    """Return the constant part of the relative position in space of members that may be planar, shape (3,), m."""
-    heights = [member.height if member.dimension == 2 else 0.0 for member in (tail, head)]
-    return np.array([0.0, 0.0, heights[1] - heights[0]])
 
 
 def _inner_product(weight: float | Sequence[Sequence[float]] | None, m: int) -> Array:

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from mjsheaf.checking.spectrum import explain
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
-from mjsheaf.team.null_modes import sparsified
+from mjsheaf.team.team import sparsified
 from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
 from tests.strategies import exact_rank, shared_teams, whole_number_teams
 

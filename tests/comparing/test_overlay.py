@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 import mjsheaf
 from mjsheaf.errors import InputError, PlaceError
+from mjsheaf.files import digest
 from mjsheaf.page.replay import Ghost, Packer, Scene, add_ghosts
 from mjsheaf.results import store, write_dataset
 from mjsheaf.results.store import RUNS_FILES
@@ -64,9 +65,7 @@ def leave_run(scenario: Scenario, backend: str, directory: Path) -> None:
     write_dataset([dataset], directory / "result.nc")
     write_scenario(scenario, directory)
     summary = account_of(scenario, scenario.phases, dataset).summary
-    store.save_summary(
-        summary | {store.RESULT_DIGEST: store.digest(directory / "result.nc")}, directory / "summary.json"
-    )
+    store.save_summary(summary | {store.RESULT_DIGEST: digest(directory / "result.nc")}, directory / "summary.json")
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ import mjsheaf
 from mjsheaf.errors import MjsheafError
 from mjsheaf.export.log import make_sink
 from mjsheaf.recordings import read_positions
-from mjsheaf.results.netcdf import send, write_dataset
+from mjsheaf.results.store import send, write_dataset
 
 SCENARIO: dict[str, Any] = {
     "time": {"end": 1},

@@ -30,7 +30,7 @@ from mjsheaf.export import export_run
 from mjsheaf.export.log import FORMATS, PALETTE, TOPICS, make_sink
 from mjsheaf.export.mcap import MAX_FIELDS, make_messages, turn_along
 from mjsheaf.results.dataset import VARIABLES
-from mjsheaf.results.netcdf import send, split
+from mjsheaf.results.store import send, split
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import Scenario
 

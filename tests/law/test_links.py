@@ -28,12 +28,13 @@ from mjsheaf.law.law import carry, evaluate_law, look, new_memory
 from mjsheaf.law.links import linked_edges, pack_links
 from mjsheaf.noise import LARGEST_NORMAL, normal_of, stream_of, uniforms
 from mjsheaf.results.dataset import join
-from mjsheaf.results.netcdf import dataset_bytes, write_dataset
+from mjsheaf.results.store import dataset_bytes, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import Phase
 from mjsheaf.team import Edge
-from mjsheaf.team.links import Exact, Link, LinkModel, Links
+from mjsheaf.team.edges import Link
+from mjsheaf.team.links import Exact, LinkModel, Links
 from tests.builders import mixed_scenario, two_boats
 from tests.loop.test_phases import without_an_edge
 from tests.running import run_ideal, run_physics, stream_ideal, stream_physics

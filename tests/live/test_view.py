@@ -11,7 +11,7 @@ import xarray as xr
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.live.live import outlook, view
-from mjsheaf.results.netcdf import Memory
+from mjsheaf.results.store import Memory
 from mjsheaf.runs.publish import write_scenario
 from mjsheaf.scenario import Scenario
 from tests.live.client import do, get, joined, next_state

@@ -298,5 +298,5 @@ def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the same page."""
     whole = make_page("midpoint", "ideal", {"time.end": 1.0}).page
     monkeypatch.setattr("mjsheaf.show.played.length_of_piece", lambda _: 7)
-    monkeypatch.setattr("mjsheaf.results.netcdf.length_of_piece", lambda _: 7)
+    monkeypatch.setattr("mjsheaf.results.store.length_of_piece", lambda _: 7)
     assert make_page("midpoint", "ideal", {"time.end": 1.0}).page == whole

@@ -14,8 +14,8 @@ import xarray as xr
 
 from mjsheaf import simulate
 from mjsheaf.loop import log as trajectory
-from mjsheaf.results import join, make_dataset, netcdf, open_dataset, thinned, write_dataset
-from mjsheaf.results.netcdf import length_of_piece, pieces_of
+from mjsheaf.results import join, make_dataset, open_dataset, store, thinned, write_dataset
+from mjsheaf.results.store import length_of_piece, pieces_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from tests.running import run_physics
@@ -97,7 +97,7 @@ def test_a_run_that_blows_up_at_any_place_of_a_piece(
 def test_thinned_keeps_the_ends_and_reads_what_it_says(
     positions: int, piece: Callable[[int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(netcdf, "_POSITIONS_READ", positions)
+    monkeypatch.setattr(store, "_POSITIONS_READ", positions)
     piece(1000)
     run = scenario(end=90.0)
     whole = simulate(run, "ideal")

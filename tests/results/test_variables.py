@@ -19,7 +19,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.loop.log import READERS
 from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
 from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, reference
-from mjsheaf.results.netcdf import Memory, send
+from mjsheaf.results.store import Memory, send
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario
 

@@ -14,7 +14,7 @@ import pytest
 from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.swarm import Swarm, _k_regular, _nearest, _sunflower
+from mjsheaf.scenario.scenario import Swarm, _k_regular, _nearest, _sunflower
 from tests.builders import dump_scenario
 
 GRAPHS = ("nearest", "ring", "random_geometric", "small_world", "k_regular")

@@ -13,7 +13,7 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf import harmonic, sections, sheaf
+from mjsheaf.sheaf import sections, sheaf
 
 Array = np.ndarray
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 @pytest.fixture
 def sparse_path(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """From 13 columns on, no dense decomposition."""
-    for module in (harmonic, sections, sheaf):
+    for module in (sections, sheaf):
         monkeypatch.setattr(module, "DENSE_COLUMNS", 12)
     return monkeypatch
 
@@ -126,11 +126,11 @@ def test_sparse_solvers_extend_as_the_dense_one_does(
 ) -> None:
     """A factor or conjugate gradients, of minimum norm where the extension is not unique; oracle: pseudo-inverse."""
     if way != "band":
-        sparse_path.setattr(harmonic, "DIRECT_WORK", 0.0)
+        sparse_path.setattr(sheaf, "DIRECT_WORK", 0.0)
     large = bundle(11, 3, flat=True, copies=2)
     rng = np.random.default_rng(2)
     problem = large.dirichlet_problem(pinned)
-    assert type(problem.solver) is (harmonic.BandCholesky if way == "band" else harmonic.ConjugateGradients)
+    assert type(problem.solver) is (sheaf.BandCholesky if way == "band" else sheaf.ConjugateGradients)
     values = {v: rng.standard_normal(3) for v in pinned}
     extension = problem.harmonic_extension(values)
     assert extension.unique is (len(pinned) > 1)

@@ -15,8 +15,8 @@ from scipy import linalg
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf import harmonic as solvers
-from mjsheaf.sheaf.harmonic import conjugate_gradients
+from mjsheaf.sheaf import sheaf as solvers
+from mjsheaf.sheaf.sheaf import conjugate_gradients
 from tests.builders import bundle_on_a_grid
 from tests.strategies import SheafSpec, sheaves, vectors
 

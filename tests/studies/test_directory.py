@@ -14,7 +14,7 @@ import pytest
 
 from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.studies import Plan, run_study
-from mjsheaf.studies.directory import BusyError, open_directory
+from mjsheaf.studies.study import BusyError, open_directory
 from mjsheaf.studies.workers import SchedulerError, versions
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import command_line, contents

@@ -20,10 +20,9 @@ from PIL import Image
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.style import FigureOptions
 from mjsheaf.studies import load_plan, run_study
-from mjsheaf.studies.directory import sealed
 from mjsheaf.studies.figures import plot_study, swept_axes
 from mjsheaf.studies.plan import StudyFile, points_of
-from mjsheaf.studies.study import csv_of, make_table, results_of
+from mjsheaf.studies.study import RESULT_FILES, csv_of, make_table, results_of, sealed
 from mjsheaf.studies.workers import JobResult, new_record, run_job
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import contents
@@ -220,7 +219,7 @@ def test_runs_are_counted_against_the_bound(ratios: list[float], drawn: list[Fig
     without = len(drawn)
     for record, ratio in zip(records, ratios, strict=False):  # of the last it is not known
         record["bound_ratio"] = record["late_bound_ratio"] = ratio
-    plot_study(study, "name", records)
+    assert set(plot_study(study, "name", records)) <= RESULT_FILES
     (figure,) = [f for f in drawn[without:] if len(f.axes) == 2 and "bound" in f.axes[0].get_xlabel()]
     beyond = sum(ratio > 1.0 for ratio in ratios)
     for panel in figure.axes:

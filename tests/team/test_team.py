@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from mjsheaf.errors import InputError, SheafError
 from mjsheaf.team import Edge, Formation, LinearEdge, Member, Team, restriction_maps
 from mjsheaf.team.edges import Explicit
-from mjsheaf.team.null_modes import describe_null_modes, sparsified
+from mjsheaf.team.team import describe_null_modes, sparsified
 
 DIMENSION = {"A1": 2, "A2": 3, "A3": 2, "A4": 3, "T1": 3, "T2": 2}
 LINKS = [("A1", "A2"), ("A3", "A2"), ("A3", "A4")]

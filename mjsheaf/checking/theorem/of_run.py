@@ -12,7 +12,7 @@ from mjsheaf.checking.loop.linear_law import because_of, unmodelled_parts
 from mjsheaf.checking.theorem.certificate import Certificate, certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.results.store import pieces_of
 from mjsheaf.system import Phase, System, during
 
 if TYPE_CHECKING:
