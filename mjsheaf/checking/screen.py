@@ -102,7 +102,7 @@ def _trial(trial: TrialRecord) -> str:
     error = "" if trial.tracking_error is None else f": tracking error {trial.tracking_error:.3g} m"
     part = "" if trial.complete else ", the part that fits into 1e8 vehicle-steps"
     failed = "; ".join(problem.text for problem in trial.problems)
-    ending = failed or {"moving": "still changing", None: "too short to judge"}.get(trial.ending, trial.ending)
+    ending = failed or trial.ending or "too short to judge"
     return f"{trial.seconds:g} s{part}{error} (RMS over agents, second half); {ending}"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.finished import MIN_DURATION, MIN_SPEED, ROUNDING, ending_of_run, find_stuck
+from mjsheaf.checking.finished import MIN_DURATION, MIN_SPEED, ROUNDING, ending_of_run, find_stuck_at_end
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.loop.log import samples_in_piece
@@ -79,7 +79,7 @@ class TrialRecord(Record):
     )
     norm: Norm = Field(PER_AGENT_RMS, description="which norm `tracking_error` is")
     ending: str | None = Field(
-        description="settled, moving, growing, circling or stuck, as in summary.json; null: see `problems`"
+        description="settled, not settled or diverging, as in summary.json; null: see `problems`"
     )
     problems: list[TrialProblem] = Field(description="why the mission failed, the most important first")
 
@@ -209,7 +209,7 @@ def _problems(
     deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else [])
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
-    stuck = [one for one in find_stuck(phases, data) if one.end >= end and one.error > ROUNDING]
+    stuck = find_stuck_at_end(phases, data)
     if stuck:
         first = team.agent_ids[stuck[0].agent]
         text = (

@@ -29,11 +29,7 @@ _CHANGE = {
 }
 """Fix for each effect."""
 
-_UNSETTLED = {
-    "growing": "its error DIVERGES",
-    "circling": "it ends in a limit cycle",
-    "stuck": "an agent does not move although it is commanded to (see the notes of mjsheaf run)",
-}
+_UNSETTLED = {"diverging": "its error DIVERGES", "not settled": "its error has not settled at the end of the run"}
 LIMITED_BY = {
     "inertia": "inertia",
     "lag": "the lag of thrusters",

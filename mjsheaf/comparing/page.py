@@ -193,8 +193,7 @@ def _notes_on_ladder(record: CompareRecord) -> list[str]:
     return [
         "tracking: RMS over agents; formation: RMS over edges; over the second half: RMS over time too",
         f"settles: time from which the team's {telling} error stays below 1.25 times its maximum over the second half;",
-        "moving: not converged yet; growing: diverging; circling: the team is in a limit cycle",
-        "stuck: converged, but an agent does not move although it is commanded to",
+        "not settled: the error still changes, the team is in a limit cycle, or an agent does not move",
         "limited: fraction of the time that agents' thrusters are at a limit",
         *select_true(special),
         *(f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"),

@@ -36,7 +36,7 @@ import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, ending_of_run, judge, settling_time
+from mjsheaf.checking.finished import Ending, ending_of_run, settling_time
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,
@@ -86,9 +86,8 @@ class RungRecord(FiniteRecord):
     errors: dict[str, ScopeRecord] = Field(description="by scope: 'team', then the groups by name")
     ending: Ending | None = Field(
         None,
-        description="state of the team's tracking error at the end: converged (settled), transient (moving), diverging "
-        "(growing), in a limit cycle (circling), or, for the scenario as given, converged with an agent that does not "
-        "move (stuck); null if it blew up or has fewer than 8 samples",
+        description="state of the team's tracking error at the end: settled, diverging, or not settled: it still "
+        "changes, is in a limit cycle, or an agent does not move; null if it blew up or has fewer than 8 samples",
     )
     settling_time_s: float | None = Field(
         description="time after which the team's formation error (or, in a team without formations, its tracking "
@@ -245,11 +244,7 @@ class Run:
 
     def ending(self) -> Ending | None:
         """Classify the end of the run, or of its last phase if it has events; None if it blew up."""
-        if not self.finished:
-            return None
-        if self.dataset.attrs.get("controller"):  # the loop of a law in Python is unknown
-            return judge(self.series[TEAM][TRACKING][self._last_phase])
-        return ending_of_run(self.phases, self.dataset)
+        return ending_of_run(self.phases, self.dataset) if self.finished else None
 
     @property
     def _last_phase(self) -> slice:

@@ -465,7 +465,7 @@ def _summary_of(
         "engine": engine_of(drawn),
         "status": status,
         "message": drawn.attrs["message"],
-        "ending": ending_of_run(phases, drawn) if status == "finished" and not controller else None,
+        "ending": ending_of_run(phases, drawn) if status == "finished" else None,
         "controller": controller,
         "law": drawn.attrs.get("law"),
         "seed": scenario.seed,

@@ -30,15 +30,14 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, ending_of_run, judge
+from mjsheaf.checking.finished import ending_of_run
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
-from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
+from mjsheaf.results.metrics import communication, error_series_of, late_errors
 from mjsheaf.results.netcdf import thin
 from mjsheaf.results.store import digest
 from mjsheaf.runs.simulate import simulate, stream
@@ -256,7 +255,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
         if job.light:
             found["settled"], ratios = None, _ratios(job, scenario, dataset)
         else:
-            ending, bound = _ending_of(job, scenario, dataset), bound_of_run(scenario.phases, dataset)
+            ending, bound = ending_of_run(scenario.phases, dataset), bound_of_run(scenario.phases, dataset)
             found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
             ratios = bound.ratio, bound.settled_ratio
         found["bound_ratio"], found["late_bound_ratio"] = map(finite, ratios)
@@ -301,14 +300,6 @@ def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | 
 def _bound_of(job: Job, system: System) -> Array | None:
     """Theorem 1's bound on |e| at the samples of a job on bodies, shape (T,), m; None without one."""
     return bound_ahead(system)
-
-
-def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | None:
-    """Classify the end of a run. Under a law in Python, whose loop is unknown, only its error counts."""
-    if job.law is None:
-        return ending_of_run(scenario.phases, dataset)
-    _, own = of_phase(scenario.phases, dataset, -1)
-    return judge(np.sqrt(mean_known(own["tracking_error"].values ** 2)))
 
 
 def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:

@@ -315,7 +315,7 @@ def test_a_boat_that_drifts_beside_its_target_is_stuck() -> None:
     assert stuck.error == pytest.approx(1.2, rel=0.05)
     assert stuck.asked == pytest.approx(0.24, rel=0.05)
     assert stuck.duration > 20.0
-    assert ending_of_run(scenario.phases, data) == "stuck"
+    assert ending_of_run(scenario.phases, data) == "not settled"
     said = notes(scenario, data)
     assert said["stuck"].agent == "A"
     assert "cannot push astern" in said["stuck"].text
@@ -327,7 +327,7 @@ def test_a_comparison_does_not_call_a_stuck_boat_settled() -> None:
     scenario = make_run(SKIFF, [0.0, 1.2], end=30.0)
     (given,) = [variant for variant in ladder_of(scenario.phases) if variant.kind == "all"]
     run = run_ablation(scenario.phases, [given])["all"]
-    assert run.ending() == "stuck"
+    assert run.ending() == "not settled"
     assert run.record(run).settling_time_s is None
 
 
