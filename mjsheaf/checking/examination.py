@@ -34,10 +34,15 @@ from mjsheaf.checking.repairs import Rigidity, describe_edges, plan_augmentation
 from mjsheaf.checking.separation import safety_record
 from mjsheaf.checking.slips import drifts_of, slips_of
 from mjsheaf.checking.spectrum import held_eigenvalues, spectrum_of, zero_of
-from mjsheaf.checking.theorem.certificate import Certificate, Search, certificate_of, obstacle_of_team
+from mjsheaf.checking.theorem.certificate import (
+    Certificate,
+    Search,
+    certificate_of,
+    gain_for_wanted_radius,
+    obstacle_of_team,
+)
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.theorem import Rho
-from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.errors import UndecidedError
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import per_agent
@@ -271,7 +276,7 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
     constants = certificate.constants
     agents = len(search.system.team.agents)
     holds = theorem.applies and certificate.region.verified
-    wanted = gain_for_wanted_radius(search, certificate, radius)
+    wanted_gain, no_gain = gain_for_wanted_radius(search, certificate, radius)
     sets: dict[str, Any] = {
         "chi": theorem.chi,
         "chi_infinite": math.isinf(theorem.chi),
@@ -302,8 +307,8 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         initial_error=constants.initial_error,
         initial_error_per_agent=per_agent(constants.initial_error, agents),
         wanted_radius=radius,
-        gain_for_wanted_radius=wanted.gain,
-        gain_for_wanted_radius_reason=wanted.reason,
+        gain_for_wanted_radius=wanted_gain,
+        gain_for_wanted_radius_reason=no_gain,
         weaker=_weaker(certificate, agents),
     )
 

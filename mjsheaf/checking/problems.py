@@ -122,8 +122,7 @@ def _fix_of_assumption(part: PartRecord, number: int) -> tuple[str, dict[str, li
         additions: dict[str, list[Any]] = {}
         for repair in plan.repairs:
             additions.setdefault("anchors" if repair.kind == "anchor" else repair.kind, []).append(repair.entry)
-        sets = ["; ".join(repair.description for repair in plan.repairs), *map("; ".join, plan.alternatives[:1])]
-        return "; or ".join(sets), additions
+        return "; ".join(repair.description for repair in plan.repairs), additions
     return _FIXES.get(number, ""), {}
 
 

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from mjsheaf.checking.finished import ROUNDING
 from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
 from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, RingingRecord
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
 from mjsheaf.comparing.variants import RungRecord, display_name
 from mjsheaf.errors import joined, listed
+from mjsheaf.results.ending import ROUNDING
 from mjsheaf.section import Finite, FiniteRecord
 
 _LOWER_GAIN = ", or a lower controller.gain"  # advice for laws that have one

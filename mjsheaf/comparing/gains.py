@@ -14,11 +14,11 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_along
 from mjsheaf.comparing.measures import TEAM, ErrorsRecord, saturation_of
 from mjsheaf.comparing.variants import Run, Variant, changed_systems, effects_of, run_ablation, without_links
 from mjsheaf.results.dataset import of_phase
+from mjsheaf.results.ending import Ending
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.section import Finite, FiniteRecord
 from mjsheaf.system import Phase, System

@@ -36,7 +36,6 @@ import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, ending_of_run, settling_time
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,
@@ -56,6 +55,7 @@ from mjsheaf.comparing.measures import (
 )
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.session import engine_of
+from mjsheaf.results.ending import Ending, ending_of_run, settling_time
 from mjsheaf.runs.simulate import Progress, dataset_of, no_progress
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import FiniteRecord

@@ -7,7 +7,7 @@
     medium        flow and disturbance are faster than a vehicle can move
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time
-    stuck         an agent does not move for 5 s although it is commanded to (see `finished`)
+    stuck         an agent does not move for 5 s although it is commanded to (see `results.ending`)
     terms         with terms of the law, commands jump, or are at velocity limits, or thrusters saturate
     changing      the team's error has not converged at the end; approaching: it still falls
     close         vehicles closer than their size while contacts are off
@@ -28,10 +28,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.finished import Stuck, find_stuck
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.errors import joined
 from mjsheaf.results.dataset import of_phase
+from mjsheaf.results.ending import Stuck, find_stuck
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.reflections import describe_reflections
 from mjsheaf.system import Phase, System
@@ -143,7 +143,7 @@ def notes_of_run(
     Args:
         phases: Phases of the run.
         dataset: Result of `simulate`.
-        ending: Ending of the run; see `finished`.
+        ending: Ending of the run; see `results.ending`.
         bounds: Bounds of its phases.
         terms: Behaviour of its terms, or None.
         slips: Sentences of `slips_of` about its files.

@@ -452,7 +452,7 @@ def _summary_of(
     of_law: "HeldBound",
 ) -> dict[str, Any]:
     """Return the fields of summary.json in order for a run of `periods` sample periods; None where data are missing."""
-    from mjsheaf.checking.finished import ending_of_run
+    from mjsheaf.results.ending import ending_of_run
 
     backend, status, controller = drawn.attrs["backend"], drawn.attrs["status"], drawn.attrs.get("controller")
     system = phases[0].system

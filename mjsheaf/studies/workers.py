@@ -30,13 +30,13 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import ending_of_run
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.loop.session import moved_by, require_simulable
 from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
+from mjsheaf.results.ending import ending_of_run
 from mjsheaf.results.metrics import communication, error_series_of, late_errors
 from mjsheaf.results.netcdf import thin
 from mjsheaf.results.store import digest

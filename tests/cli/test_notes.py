@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mjsheaf import World, load_scenario, simulate
-from mjsheaf.checking.finished import ending_of_run
 from mjsheaf.checking.theorem.of_run import bound_of_run, held_bound_of_run
 from mjsheaf.mujoco_import import mujoco
+from mjsheaf.results.ending import ending_of_run
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle

@@ -303,7 +303,7 @@ def test_models_of_terms_with_a_start_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose([slope.A[0, 0, 0], slope.B[0, 0, 0], slope.C[0, 0], slope.D[0, 0]], [0, 1, 0.1, -5.1])
     cancelled = model_with(tmp_path, "cancelled", 3.0)
     assert cancelled.at(5.0, one).A.shape == (1, 1, 1)
-    assert cancelled.feedback(5.0, one).c[0, 0] * cancelled.feedback(5.0, one).b[0, 0] != 0.0
+    assert cancelled.feedback(5.0, one).C[0, 0] * cancelled.feedback(5.0, one).B[0, 0, 0] != 0.0
 
 
 def test_other_constants_are_another_term() -> None:

@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
 from mjsheaf import check, load_scenario, simulate
-from mjsheaf.checking.authority import authority_of, may_lack
-from mjsheaf.checking.finished import ending_of_run, find_stuck
 from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.loop.bodies import pack_fleet
+from mjsheaf.results.ending import ending_of_run, find_stuck
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.actuators import Thruster
 from mjsheaf.vehicles.allocation import allocate_nearest
+from mjsheaf.vehicles.authority import authority_of, may_lack
 from mjsheaf.vehicles.effects import Effects, embody, is_one_sided, turning_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.steering import Full

@@ -40,13 +40,13 @@ from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
 
-StationKey = tuple[int, bytes]
-"""Number of a vehicle; medium and heading in which it holds station."""
+PointKey = tuple[int, bytes]
+"""Number of a vehicle; medium and heading in which it holds its place: equal for those that share a linear vehicle."""
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
 
-_MOST_STATIONS = 200  # vehicles that are linearised one by one; larger teams are represented by some of theirs
+_MOST_POINTS = 200  # vehicles that are linearised one by one; larger teams are represented by some of theirs
 _MOST_SAMPLES = 200  # of the path, for the mean flow
 _STILL = 1e-3  # m/s: a slower medium is at rest
 NEUTRAL_RATE = 1e-5
@@ -283,7 +283,7 @@ def body_loop(
             raise UndecidedError("nothing is held")
         if lost and not gain:
             raise UndecidedError(lost)
-        models = _models(system, medium, timestep, steps)
+        models = _models(system, range(len(medium)), medium, timestep, steps)
         loop = exact = _close(system, spectrum, models, period)
         age = 0 if lost else (common_delay(system) or 0) * whole_ratio(system.grid.period, period)
         if age:
@@ -361,7 +361,8 @@ def linear_vehicles(system: System, certificate: Certificate) -> list[LinearVehi
     """
     try:
         steps = whole_ratio(system.grid.period, system.bodies.timestep)
-        return _models(system, medium_on_path(system, certificate.constants.path), system.grid.period / steps, steps)
+        medium = medium_on_path(system, certificate.constants.path)
+        return _models(system, range(len(medium)), medium, system.grid.period / steps, steps)
     except (InputError, np.linalg.LinAlgError) as error:
         raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
 
@@ -396,7 +397,7 @@ def linear_team(system: System, medium: Array) -> tuple[list[LinearVehicle], flo
         InputError: The timestep does not divide the period.
     """
     _, timestep, steps = sampling_of(system)
-    return _models(system, medium, timestep, steps), timestep * steps
+    return _models(system, range(len(medium)), medium, timestep, steps), timestep * steps
 
 
 def ideal_team(system: System) -> list[LinearVehicle]:
@@ -414,31 +415,40 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
     return closed(block.plant, block.law(system.gain)), block.places
 
 
-def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
-    """The linear vehicle of every agent; agents that are alike share one.
+def _models(system: System, numbers: Sequence[int], medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
+    """Return the linear vehicle of each of some vehicles of a system; those that are alike share one.
 
-    Of a large team those that meet the extremes of the flow are linearised, and stand for all where they behave alike.
+    Of many vehicles those that meet the extremes of the flow are linearised, and stand for all if they behave alike.
+
+    Args:
+        system: The system.
+        numbers: Numbers of the vehicles, length n.
+        medium: Velocity of the medium relative to the place that each holds, shape (n, 3), m/s.
+        timestep: Timestep of the physics, s.
+        steps: Timesteps between evaluations of the law.
 
     Raises:
-        UndecidedError: one has none, or they do not.
+        UndecidedError: One has none, or they do not behave alike.
     """
-    keys, stations = _stations(system, medium)
-    many = len(stations) > _MOST_STATIONS
-    chosen = _extreme_stations(stations) if many else list(stations)
-    found = linearise([stations[key] for key in chosen], system.control, timestep, steps)
-    models = {}
-    for key, model in zip(chosen, found, strict=True):
-        if isinstance(model, str):
-            kind = NoModelError if np.linalg.norm(stations[key].medium) < _STILL else OverpoweredError
-            raise kind(_why_no_model(system.team.agents[keys.index(key)].id, stations[key], model))
-        turning, speed = turning_of(stations[key].vehicle), float(np.linalg.norm(stations[key].medium))
-        if turning is not None and speed < _WAY * turning.speed:
-            name = system.team.agents[keys.index(key)].id
-            raise NoModelError(
-                f"{name} has no linear model at {speed:.3g} m/s through the medium: its vehicle cannot go astern, and "
-                f"turns round for a target behind it unless it makes {_WAY * turning.speed:.3g} m/s"
+    if not np.isfinite(medium).all():
+        raise UndecidedError("the mean flow along q* is not known")
+    names = [system.team.members[v].id for v in numbers]
+    points = dict[PointKey, HeldPoint]()
+    keys = []
+    for v, name, met in zip(numbers, names, medium, strict=True):
+        speed = float(np.linalg.norm(met))
+        if speed > system.law.limit[v]:
+            raise OverpoweredError(
+                f"{name}: the mean flow, {speed:.3g} m/s relative to its place, is beyond its velocity limit"
             )
-        models[key] = model
+        point = _held_point(system, v, met)
+        keys.append((id(point.vehicle), np.round([*point.medium, point.heading], 4).tobytes()))
+        points.setdefault(keys[-1], point)
+    many = len(points) > _MOST_POINTS
+    chosen = _extreme_points(points) if many else list(points)
+    models = {}
+    for key, model in zip(chosen, linearise([points[k] for k in chosen], system.control, timestep, steps), strict=True):
+        models[key] = _require_linear(names[keys.index(key)], points[key], model)
     if not many:
         return [models[key] for key in keys]
     if not _alike(list(models.values()), timestep * steps):
@@ -446,58 +456,45 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     return [models[chosen[0]]] * len(keys)
 
 
-def _stations(system: System, medium: Array) -> tuple[list[StationKey], dict[StationKey, HeldPoint]]:
-    """Return the key of every agent's station, and the stations.
+def _require_linear(name: str, point: HeldPoint, model: LinearVehicle | str) -> LinearVehicle:
+    """Return the linear vehicle of a member about a point.
 
     Raises:
-        UndecidedError: The medium is not known, or faster than an agent may be.
+        UndecidedError: It has none; the model then says why.
     """
-    if not np.isfinite(medium).all():
-        raise UndecidedError("the mean flow along q* is not known")
-    keys = []
-    stations = dict[StationKey, HeldPoint]()
-    for i, agent in enumerate(system.team.agents):
-        speed = float(np.linalg.norm(medium[i]))
-        if speed > system.law.limit[i]:
-            raise OverpoweredError(
-                f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
-            )
-        station = station_in(system, i, medium[i])
-        keys.append(key_of(station))
-        stations.setdefault(keys[-1], station)
-    return keys, stations
+    speed = float(np.linalg.norm(point.medium))
+    if isinstance(model, str):
+        why = f"{model} (some push one way only)" if is_one_sided(point.vehicle) else model
+        if speed < _STILL:
+            raise NoModelError(f"{name} has no linear model at rest: {why}")
+        raise OverpoweredError(
+            f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place: {why}"
+        )
+    turning = turning_of(point.vehicle)
+    if turning is not None and speed < _WAY * turning.speed:
+        raise NoModelError(
+            f"{name} has no linear model at {speed:.3g} m/s through the medium: its vehicle cannot go astern, and "
+            f"turns round for a target behind it unless it makes {_WAY * turning.speed:.3g} m/s"
+        )
+    return model
 
 
-def key_of(station: HeldPoint) -> StationKey:
-    """Return what is equal for stations that share a linear vehicle."""
-    return id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()
-
-
-def _extreme_stations(stations: Mapping[StationKey, HeldPoint]) -> list[StationKey]:
-    """Choose stations at the extremes of the flow, and some between.
+def _extreme_points(points: Mapping[PointKey, HeldPoint]) -> list[PointKey]:
+    """Choose points at the extremes of the flow, and some between.
 
     Raises:
         UndecidedError: They are not all of one vehicle.
     """
-    if len({vehicle for vehicle, _ in stations}) > 1:
+    if len({vehicle for vehicle, _ in points}) > 1:
         raise UndecidedError("too many unlike vehicles")
-    flows = np.array([station.medium for station in stations.values()])
+    flows = np.array([point.medium for point in points.values()])
     extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
-    keys = list(stations)
+    keys = list(points)
     return [keys[k] for k in sorted(int(k) for k in extreme)]
 
 
-def _why_no_model(id_: str, station: HeldPoint, failure: str) -> str:
-    """Return why an agent has no linear vehicle."""
-    speed = float(np.linalg.norm(station.medium))
-    why = f"{failure} (some push one way only)" if is_one_sided(station.vehicle) else failure
-    if speed < _STILL:
-        return f"{id_} has no linear model at rest: {why}"
-    return f"{id_} cannot hold station in a mean flow of {speed:.3g} m/s relative to its q*: {why}"
-
-
-def station_in(system: System, number: int, medium: Array) -> HeldPoint:
-    """Return where a vehicle holds station; one that holds no heading turns into the current if the run lasts."""
+def _held_point(system: System, number: int, medium: Array) -> HeldPoint:
+    """Return where a vehicle holds its place; one that holds no heading turns into the current if the run lasts."""
     vehicle, heading = system.vehicles[number], float(system.bodies.heading[number])
     if vehicle.steering.attitude:
         return HeldPoint(vehicle, medium, heading)
@@ -708,7 +705,8 @@ def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
     owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
     try:
         period, timestep, steps = sampling_of(system)
-        models = _target_models(system, path, timestep, steps)
+        numbers = range(len(system.team.agents), len(system.team.members))
+        models = _models(system, numbers, _medium_on_path_of_targets(system, path), timestep, steps)
         block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
         loop = TeamLoop([block], period)
         modes = loop.modes(1.0)
@@ -717,13 +715,10 @@ def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
     return TargetsOnBodies(stable=loop.is_stable(1.0, modes), spectral_radius=modes.radius, reason="")
 
 
-def _target_models(system: System, path: TargetPath, timestep: float, steps: int) -> list[LinearVehicle]:
-    """Return the linear vehicle of each target, in the mean velocity of the medium relative to its path.
+def _medium_on_path_of_targets(system: System, path: TargetPath) -> Array:
+    """Return the mean velocity of the medium relative to each target's path, shape (M, 3), m/s.
 
-    If the path is unknown or diverges, the vehicle is linearised in the medium where the target begins.
-
-    Raises:
-        UndecidedError: one has none.
+    If the path is unknown or diverges, it is that where the target begins.
     """
     N = len(system.team.agents)
     span = float(path.time[-1] - path.time[0])
@@ -732,16 +727,4 @@ def _target_models(system: System, path: TargetPath, timestep: float, steps: int
     medium = -(positions[-1] - positions[0]) / span
     for k in range(len(medium)):
         medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
-    stations = [station_in(system, N + k, medium[k]) for k in range(len(medium))]
-    keys = list(map(key_of, stations))
-    unlike = dict(zip(keys, stations, strict=True))
-    if len(unlike) > LARGEST_WHOLE:
-        raise UndecidedError("too many unlike targets")
-    found = dict(zip(unlike, linearise(list(unlike.values()), system.control, timestep, steps), strict=True))
-    models = []
-    for id_, key in zip(system.team.target_ids, keys, strict=True):
-        model = found[key]
-        if isinstance(model, str):
-            raise UndecidedError(f"the vehicle of {id_} cannot hold station on its path: {model}")
-        models.append(model)
-    return models
+    return medium

@@ -1,8 +1,7 @@
 """Stability and delay margin of the law with delayed measurements, on ideal kinematics.
 
-In each mode the loop is 1 + L(z) z^-d = 0. L is the loop without delay; its poles lie on z = 1 or inside the unit
-circle. If |L| = 1 at a single frequency theta, the loop is stable up to d theta = pi + arg L there, and unstable beyond
-(Nyquist). For the paper's law the condition is k1 h lambda < 2 sin(pi / (2 (2 d + 1))).
+For the paper's law with one delay of d periods the condition is k1 h lambda < 2 sin(pi / (2 (2 d + 1))). With other
+laws each number of periods is tried.
 
 If the edges of the paper's law have different delays up to d, the condition at lambda_max suffices. A root
 z = exp(i theta) of the team's loop, with vector x and w_e = k1 h x* H_e x >= 0, satisfies
@@ -11,10 +10,10 @@ theta >= pi / (2 d + 1), so the second gives sum w_e >= 2 sin(pi / (2 (2 d + 1))
 root crosses the circle as the gain rises from a small value, for which the loop is stable.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebroots
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -60,7 +59,7 @@ def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple
     """
     vectors, h = law.vectors, law.loop.period
     feedback, values = law.loop.feedback, law.loop.values
-    n, r, d = vectors.shape[1], feedback.b.shape[1], int(delay.max(initial=0))
+    n, r, d = vectors.shape[1], feedback.C.shape[1], int(delay.max(initial=0))
     if (size := n * (d + 1 + r)) > most:
         raise UndecidedError(f"with unlike delays, or losses, the loop has {size} states; up to {most} are looked at")
     m, begin = sum(len(edge.D) for edge in law.edges), 0
@@ -80,21 +79,21 @@ def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple
     if free:
         pulled = eta
         vectors = np.eye(n)
-    L[:n] = -h * law.loop.gain * pulled if law.paper else h * (vectors * (feedback.d / values)) @ eta
+    L[:n] = -h * law.loop.gain * pulled if law.loop.is_papers else h * (vectors * (feedback.D[:, 0] / values)) @ eta
     kept = [slice(n * (d + 1 + i), n * (d + 2 + i)) for i in range(r)]
     for i, row in enumerate(kept):
-        M[:n, row] = h * vectors * feedback.c[:, i]
-        L[row] = (feedback.b[:, i] / values)[:, None] * eta
+        M[:n, row] = h * vectors * feedback.C[:, i]
+        L[row] = (feedback.B[:, i, 0] / values)[:, None] * eta
         for k, column in enumerate(kept):
             M[row, column] = np.diag(feedback.A[:, i, k])
     return M, L, C
 
 
 def spectral_radius(law: LinkedLaw, delay: IntArray) -> float:
-    """Of the loop with a delay for each edge, in periods.
+    """Compute the spectral radius of the loop with a delay for each edge, in periods.
 
     Raises:
-        UndecidedError: it has too many states.
+        UndecidedError: It has too many states.
     """
     d = int(delay.max(initial=0))
     if (delay == d).all():
@@ -134,140 +133,68 @@ def continuous_delay_margin(values: NDArray[Any], gain: float) -> float | None:
     return float(((0.5 * np.pi - np.abs(np.angle(values))) / (gain * np.abs(values))).min()) if stable else None
 
 
-def papers_limit(product: float) -> int | None:
-    """The largest delay in periods with which the paper's law is stable, from k1 h lambda_max; None without any."""
-    if not 0.0 < product < 2.0 - _ROUNDING:
-        return None
-    return limit_from_eigenvalues(np.ones(1, dtype=np.complex128), product)
+def largest_delay(loop: Loop, linked: BoolArray, radius_of: Callable[[IntArray], float]) -> int | None:
+    """Return the largest delay of all links, in periods, up to which a loop is stable; None if it is unstable without.
 
-
-def alike_limit(law: LinkedLaw) -> int | None:
-    """The largest delay of all edges alike, in periods, up to which the loop is stable, and from which on it is not.
-
-    None where it is unstable without delay, and where a mode has several frequencies at which |L| = 1.
-    """
-    if law.paper:
-        return papers_limit(law.loop.gain * law.loop.period * float(law.loop.values[-1]))
-    limits = [_limit(law.loop, one) for one in range(len(law.loop.values))] if is_stable(law.loop.radius) else [None]
-    known = [limit for limit in limits if limit is not None]
-    return int(np.ceil(min(known) - _ROUNDING)) - 1 if len(known) == len(limits) else None
-
-
-def largest_delay(law: LinkedLaw) -> int | None:
-    """The largest delay of all links in periods up to which the loop is stable; None where it is unstable without.
+    Args:
+        loop: Loop of the law.
+        linked: True for each edge that has a link, shape (E,); the others measure at once.
+        radius_of: Spectral radius with a delay for each edge, in periods.
 
     Raises:
-        UndecidedError: it is not known.
+        UndecidedError: It is not known.
     """
-    if not is_stable(law.loop.radius):
+    if not is_stable(loop.radius):
         return None
-    everywhere = law.linked.all()
-    alike = alike_limit(law)
-    if alike is not None and everywhere:
-        return alike
-    n = len(law.vectors)
-    known = alike if alike is not None and law.paper else 0
+    known = limit_from_eigenvalues(loop.values, loop.gain * loop.period) if loop.is_papers else 0
+    if loop.is_papers and linked.all():
+        return known
     work = 0.0
+    n = len(loop.values)
     for d in range(known + 1, _MOST_SCANNED):
-        work += n * (d + 3.0) ** 3 if everywhere else (n * (d + 3.0)) ** 3
+        work += n * (d + 3.0) ** 3 if linked.all() else (n * (d + 3.0)) ** 3
         if work > MOST_WORK:
             break
-        if not is_stable(spectral_radius(law, d * law.linked)):
+        if not is_stable(radius_of(d * linked)):
             return d - 1
         known = d
     raise UndecidedError(f"the loop is stable with any delay up to {known} periods; more are not looked at")
 
 
-def largest_delay_of_all(loop: Loop) -> int | None:
-    """Return the largest delay of all measurements, in periods, up to which a loop with complex eigenvalues is stable.
-
-    None if it is unstable without delay.
-
-    Raises:
-        UndecidedError: It is longer than is looked at.
-    """
-    if not is_stable(loop.radius):
-        return None
-    if loop.model.plain:
-        return limit_from_eigenvalues(loop.values, loop.gain * loop.period)
-    for delay in range(1, _MOST_SCANNED + 1):
-        if not is_stable(loop.radius_at(delay)):
-            return delay - 1
-    raise UndecidedError(
-        f"the loop is stable with a delay of {_MOST_SCANNED} periods or more; longer ones are not looked at"
+def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Callable[[IntArray], float]) -> DelayAnswer:
+    """Decide a loop with a delay of each edge's measurements, in periods, shape (E,); see `largest_delay`."""
+    limit = radius = None
+    reason = ""
+    d = int(delay.max(initial=0))
+    try:
+        limit = largest_delay(loop, linked, radius_of)
+        reason = "the loop is unstable without delay" if limit is None else ""
+    except UndecidedError as error:
+        reason = str(error)
+    try:
+        radius = radius_of(delay)
+        stable = is_stable(radius)
+    except UndecidedError as error:
+        # Of unlike delays, the limit decides only for the paper's law, and only that it is stable.
+        decides = limit is not None and ((delay == d).all() or (loop.is_papers and d <= limit))
+        stable = limit is not None and d <= limit if decides else None
+        reason = reason or (str(error) if stable is None else "")
+    return DelayAnswer(
+        delay=d * loop.period,
+        stable=stable,
+        spectral_radius=radius,
+        margin=None if limit is None else limit * loop.period,
+        reason=reason,
     )
 
 
-def _limit(loop: Loop, one: int) -> float | None:
-    """Find the delay, in periods, above which a mode is unstable; None where there is not exactly one such limit."""
-    A, b, c, d = (part[one] for part in (loop.feedback.A, loop.feedback.b, loop.feedback.c, loop.feedback.d))
-    if len(A) and np.abs(np.linalg.eigvals(A)).max() > 1.0 + _ROUNDING:
-        return None  # Nyquist's count would need the poles outside the circle
-    below = _characteristic(A)  # of L, powers of z descending
-    # c adj(z - A) b = det(z - A + b c) - det(z - A)
-    above = -loop.period * (_characteristic(A - np.outer(b, c)) + (d - 1.0) * below)
-    below = np.convolve(below, [1.0, -1.0])
-    above = np.concatenate([[0.0], above])
-    square = [np.correlate(p, p, "full")[len(p) - 1 :] for p in (below, above)]
-    series = (square[0] - square[1]) * np.concatenate([[1.0], np.full(len(below) - 1, 2.0)])
-    roots = chebroots(np.trim_zeros(series, "b"))
-    cosines = roots[(np.abs(roots.imag) < _ROUNDING) & (np.abs(roots.real) < 1.0)].real
-    if len(cosines) != 1:
-        return None
-    theta = float(np.arccos(cosines[0]))
-    z = np.exp(1j * theta)
-    L = np.polyval(above, z) / np.polyval(below, z)
-    return float(((np.angle(L) + np.pi) % (2.0 * np.pi)) / theta)
-
-
-def _characteristic(A: Array) -> Array:
-    """Return the coefficients of det(z - A), of z descending; of a matrix without rows, 1."""
-    return np.atleast_1d(np.poly(np.linalg.eigvals(A)))
-
-
-def papers_answer(gain: float, period: float, largest: float, delay: IntArray, linked: BoolArray) -> DelayAnswer:
+def answer_of_large_team(gain: float, period: float, largest: float, delay: IntArray, linked: BoolArray) -> DelayAnswer:
     """Answer for the paper's law from lambda_max alone, 1/s and s, with a delay in periods for each edge."""
-    d, limit = int(delay.max(initial=0)), papers_limit(gain * period * largest)
+    d = int(delay.max(initial=0))
+    holds = 0.0 < gain * period * largest < 2.0 - _ROUNDING
+    limit = limit_from_eigenvalues(np.array([largest]), gain * period) if holds else None
     enough = limit is not None and d <= limit
     decided = enough or bool((delay == d).all())
     reason = "" if decided and linked.all() else "edges have unlike delays, anchors none, and H is large"
     margin = None if limit is None or not linked.all() else limit * period
     return DelayAnswer(delay=d * period, stable=enough if decided else None, margin=margin, reason=reason)
-
-
-def delay_answer(law: LinkedLaw) -> DelayAnswer:
-    """The loop with the delays of its links."""
-    delay = law.links.delay
-    limit = radius = None
-    reason = ""
-    try:
-        limit = largest_delay(law)
-        reason = "the loop is unstable without delay" if limit is None else ""
-    except UndecidedError as error:
-        reason = str(error)
-    try:
-        radius = spectral_radius(law, delay)
-        stable = is_stable(radius)
-    except UndecidedError as error:
-        stable = _is_within_limits(law, limit)
-        reason = reason or (str(error) if stable is None else "")
-    return DelayAnswer(
-        delay=int(delay.max(initial=0)) * law.loop.period,
-        stable=stable,
-        spectral_radius=radius,
-        margin=None if limit is None else limit * law.loop.period,
-        reason=reason,
-    )
-
-
-def _is_within_limits(law: LinkedLaw, limit: int | None) -> bool | None:
-    """Return True if the loop is stable by the largest delay of all links in periods, None where that decides nothing.
-
-    Of unlike delays, the limit decides only for the paper's law.
-    """
-    d = int(law.links.delay.max(initial=0))
-    alike = bool((law.links.delay == d).all())
-    if limit is not None and d <= limit and (law.paper or alike):
-        return True
-    most = alike_limit(law) if alike else None
-    return None if most is None else d <= most

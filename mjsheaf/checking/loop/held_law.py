@@ -33,7 +33,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linear_law import model_of, require_model, terms_without_bound, unmodelled_parts
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
 from mjsheaf.checking.loop.targets_loop import targets_loop
-from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
+from mjsheaf.checking.spectrum import DENSE_STATES, agent_coboundary, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
 from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier
@@ -300,17 +300,12 @@ def _odometry(system: System, *, sensed: bool) -> float:
 
 def _carried_odometry(system: System) -> float:
     """The 2-norm of H^-1 S, S = sum of F_i^T K F_i over sensing edges."""
-    edges, team, N = system.law.edges, system.team, len(system.team.agents)
-    if team.free:
-        return 0.0  # no sensing edges
-    first, last = edges.first[list(system.law.terms.sensing)]
-    S, owner = np.zeros((N, 3, 3)), np.repeat(edges.tail, np.diff(edges.first))[first:last]
-    np.add.at(S, owner, edges.F_tail[first:last, :, None] * edges.P_tail[first:last, None, :])
-    whole = np.zeros((3 * N, 3 * N))
-    for i in range(N):
-        whole[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = S[i]
-    own = team.slots[: team.dirichlet.H.shape[0]]
-    return float(np.linalg.norm(np.linalg.solve(team.dirichlet.H.toarray(), whole[np.ix_(own, own)]), ord=2))
+    team = system.team
+    first = sum(len(edge.b) for edge in team.communication)
+    rows = agent_coboundary(team)[1][first : first + sum(len(edge.b) for edge in team.sensing)]
+    if not rows.shape[0]:
+        return 0.0
+    return float(np.linalg.norm(np.linalg.solve(team.dirichlet.H.toarray(), (rows.T @ rows).toarray()), ord=2))
 
 
 @dataclass(frozen=True)
@@ -459,8 +454,6 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     computed for the paper's law only.
     """
     terms, h = system.law.terms, system.grid.period
-    if not system.team.symmetric:
-        return directed_law_loop(system)
     sent = traffic_of(terms, system.team)
     found: dict[str, Any] = {
         "terms": list(system.law.term_names),
@@ -474,7 +467,15 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     }
     try:
         loop = loop_of(system)
-        found |= _stability(loop)
+        found |= {
+            "stable": loop.radius < 1.0,
+            "spectral_radius": loop.radius,
+            "rate": -np.log(max(loop.radius, _NOTHING)) / h,
+            "stable_gains": loop.stable_gains,
+            "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
+        }
+        if not system.team.symmetric:
+            raise UndecidedError("H is not symmetric: no bound along the targets' path is known")
         found["error_per_disturbance"] = loop.error_per_disturbance
         found["noise"] = _noise(system, loop) if loop.radius < 1.0 else None
         if carried and system.law.extended:
@@ -493,36 +494,6 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     for name in ("radius", "between", "largest", "unlimited"):
         found[f"{name}_per_agent"] = per_agent(found[name], agents)
     return LawLoop(**found)
-
-
-def directed_law_loop(system: System) -> LawLoop:
-    """Return the loop of a team with an asymmetric H, without a bound along the targets' path."""
-    found: dict[str, Any] = dict.fromkeys(LawLoop.model_fields)
-    found |= {
-        "terms": list(system.law.term_names),
-        "unmodelled": unmodelled_parts(system),
-        "norm": TEAM_NORM,
-        "exchanges": 0.0,
-        "numbers": 0.0,
-        "left": [],
-        "reason": "H is not symmetric: no bound along the targets' path is known",
-    }
-    try:
-        found |= _stability(loop_of(system))
-    except UndecidedError as error:
-        found["reason"] = str(error)
-    return LawLoop(**found)
-
-
-def _stability(loop: Loop) -> dict[str, Any]:
-    """Return the fields of `LawLoop` that say whether the loop is stable, and how far."""
-    return {
-        "stable": loop.radius < 1.0,
-        "spectral_radius": loop.radius,
-        "rate": -np.log(max(loop.radius, _NOTHING)) / loop.period,
-        "stable_gains": loop.stable_gains,
-        "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
-    }
 
 
 def _noise(system: System, loop: Loop) -> float:

@@ -159,11 +159,6 @@ class LinkedLaw:
     terms: TermArrays
 
     @property
-    def paper(self) -> bool:
-        """Return True if the loop itself, apart from additive terms, is that of the paper's law."""
-        return not (self.terms.newton or self.terms.integral)
-
-    @property
     def linked(self) -> BoolArray:
         """True for each edge that has a link, shape (E,)."""
         return np.array([edge.linked for edge in self.edges])

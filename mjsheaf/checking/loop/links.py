@@ -5,16 +5,18 @@ the flow. See `linked_law` for what each edge measures, and `delay`, `link_noise
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from pydantic import Field
 
+from mjsheaf.arrays import IntArray
 from mjsheaf.checking.loop.delay import (
     DelayAnswer,
+    answer_of_large_team,
     continuous_delay_margin,
     delay_answer,
-    largest_delay_of_all,
-    papers_answer,
+    spectral_radius,
 )
 from mjsheaf.checking.loop.held_law import common_delay, loop_of
 from mjsheaf.checking.loop.linear_law import require_model
@@ -99,7 +101,7 @@ def _answers(system: System, path: TargetPath) -> LinkRecord | None:
         edges, links = measured_edges(team), links_of(system, path)
         if not team.symmetric:
             why = "H is not symmetric: only a delay of all measurements alike is decided"
-            return _record(_delay_of_directed_team(system, why), edges, links, system.law.terms, why=why)
+            return _record(_delay_of_directed_team(system, links, why), edges, links, system.law.terms, why=why)
         size = team.dirichlet.H.shape[0]
         if size > DENSE_STATES and not (system.grid.continuous or system.law.terms.newton):
             why = f"H has {size} rows; all its eigenvalues are found up to {DENSE_STATES}"
@@ -114,28 +116,23 @@ def _answers(system: System, path: TargetPath) -> LinkRecord | None:
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
     """Compute the effects of a law's links, for a team."""
-    return _record(delay_answer(law), law.edges, law.links, law.terms, law=law, team=team)
+    delay = delay_answer(law.loop, law.links.delay, law.linked, partial(spectral_radius, law))
+    return _record(delay, law.edges, law.links, law.terms, law=law, team=team)
 
 
-def _delay_of_directed_team(system: System, why: str) -> DelayAnswer:
+def _delay_of_directed_team(system: System, links: LinkParameters, why: str) -> DelayAnswer:
     """Answer for the delay that all measurements share; `why` is the reason where they do not."""
     if system.grid.continuous:
         margin = continuous_delay_margin(held_eigenvalues(system.team), system.gain)
         return DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
-    period = system.grid.period
     loop = loop_of(system)
-    limit = largest_delay_of_all(loop)
-    margin = None if limit is None else limit * period
-    age = common_delay(system)
-    if age is None:
-        return DelayAnswer(delay=int(system.law.links.table["delay"].max()) * period, margin=margin, reason=why)
-    return DelayAnswer(
-        delay=age * period,
-        stable=limit is not None and age <= limit,
-        spectral_radius=loop.radius_at(age),
-        margin=margin,
-        reason="",
-    )
+
+    def radius_of(delay: IntArray) -> float:
+        if np.ptp(delay) > 0:
+            raise UndecidedError(why)
+        return loop.radius_at(int(delay.max()))
+
+    return delay_answer(loop, links.delay, np.ones(len(links.delay), dtype=np.bool_), radius_of)
 
 
 def _delay_of_large_team(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
@@ -146,10 +143,10 @@ def _delay_of_large_team(system: System, edges: Sequence[MeasuredEdge], links: L
     """
     if not system.team.dirichlet.unique:
         raise UndecidedError("the harmonic extension is not unique")
-    if system.law.terms.integral:
+    if system.law.terms.integral or system.law.custom:
         raise UndecidedError(why)
     linked = np.array([edge.linked for edge in edges])
-    return papers_answer(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
+    return answer_of_large_team(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
 
 
 def _record(

@@ -35,7 +35,6 @@ from mjsheaf.section import Finite, Record
 _MOST_MOMENTS = 60_000  # numbers in the second moments with delay, newton or integral
 _FEW = 40  # second moments whose eigenvalue is found of a dense matrix
 _TOLERANCE = 1e-10  # of eigenvalues and of covariances, relative
-_INVERSE_STEPS = 3  # of inverse iteration
 _ROUNDING = 1e-9  # of a factor: closer to 1 nothing is decided
 
 
@@ -105,7 +104,7 @@ class SecondMoments:
         if (links.held & links.lossy).any():
             raise UndecidedError("lost samples are held")
         p = _chances(links.loss)
-        self._symmetric = law.paper and not links.delay.any()
+        self._symmetric = law.loop.is_papers and not links.delay.any()
         M, L, C = team_loop(law, links.delay, MOST_STATES if self._symmetric else int(_MOST_MOMENTS**0.5))
         sizes = np.array([len(edge.D) for edge in law.edges])
         self._arrives = np.repeat(1.0 - p, sizes)
@@ -171,7 +170,10 @@ class SecondMoments:
         operator = self._operator()
         start = np.eye(len(self._mean)).ravel()
         if len(start) <= _FEW:
-            return _dominant(operator @ np.eye(len(start)), start)
+            # A Schur form scales nothing: the scaling of the usual routine spoils multiple eigenvalues.
+            matrix = operator @ np.eye(len(start))
+            value = float(np.abs(np.diagonal(schur(matrix, output="complex")[0])).max())
+            return value, float(np.linalg.svd(matrix - value * np.eye(len(start)), compute_uv=False)[-1])
         try:
             lanczos = {"A": operator, "k": 1, "v0": start, "tol": _TOLERANCE}
             values, vectors = eigsh(**lanczos, which="LA") if self._symmetric else eigs(**lanczos, which="LM")
@@ -203,22 +205,3 @@ class SecondMoments:
             raise UndecidedError("the covariance under loss did not converge")
         X = found.reshape(self._mean.shape)
         return np.asarray(0.5 * (X + X.T))
-
-
-def _dominant(matrix: Array, start: Array) -> tuple[float, float]:
-    """Return the spectral radius of T as a matrix, and the norm of the residual of an eigenvector.
-
-    The eigenvalues are those of a Schur form, which scales nothing: the scaling ("balancing") of the usual routine
-    spoils eigenvectors of multiple eigenvalues. The vector comes from inverse iteration a little above the spectral
-    radius, from a start inside the cone.
-    """
-    triangle, _ = schur(matrix, output="complex")
-    value = float(np.abs(np.diagonal(triangle)).max())
-    if value == 0.0:
-        return 0.0, 0.0
-    shifted = value * (1.0 + _ROUNDING) * np.eye(len(matrix)) - matrix
-    vector = start / np.linalg.norm(start)
-    for _ in range(_INVERSE_STEPS):
-        vector = np.linalg.solve(shifted, vector)
-        vector = vector / np.linalg.norm(vector)
-    return value, float(np.linalg.norm(matrix @ vector - value * vector))

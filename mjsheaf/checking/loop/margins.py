@@ -7,7 +7,6 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.certificate import Certificate
@@ -17,6 +16,7 @@ from mjsheaf.law import disagreement
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
+from mjsheaf.vehicles.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 

@@ -24,7 +24,7 @@ from numpy.polynomial.chebyshev import chebroots
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearController, LinearLaw
+from mjsheaf.checking.loop.linear_law import LawModel, LinearController, LinearLaw
 from mjsheaf.loop.linear import LinearVehicle
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
@@ -115,9 +115,18 @@ class Loop:
         return self.model.at(self.gain, self.values)
 
     @cached_property
-    def feedback(self) -> Feedback:
+    def feedback(self) -> LinearLaw:
         """Return the law's response to the error."""
         return self.model.feedback(self.gain, self.values)
+
+    @cached_property
+    def is_papers(self) -> bool:
+        """Return True if errors meet the paper's law, whatever terms add to it."""
+        papers = -self.gain * self.values
+        alike = np.allclose(
+            self.feedback.D[:, 0], papers, rtol=_ROUNDING, atol=_ROUNDING * np.abs(papers).max(initial=0.0)
+        )
+        return alike and not self.feedback.C.shape[1]
 
     def matrices(self, gain: float | None = None, delay: int = 0) -> NDArray[Any]:
         """Return M at a gain, shape (L, 1 + delay + r, 1 + delay + r), with measurements some periods old.
@@ -194,7 +203,7 @@ class Loop:
         """h sum_j max |(M^j g)_e|, s; infinite where it does not converge, or too slowly."""
         if not self.radius < 1.0:
             return np.inf
-        start = np.zeros((len(self.values), len(self.feedback.c[0]) + 1, 1))
+        start = np.zeros((len(self.values), self.feedback.C.shape[1] + 1, 1))
         start[:, 0] = self.period
         total = 0.0
         for states in itertools.islice(self._powers(start), _MOST_BLOCKS):
@@ -221,11 +230,11 @@ class Loop:
         After e_0: e; the feedback's command, 1/s; z, s. After h d: e, s; the feedback's command; z, s^2.
         """
         feedback = self.feedback
-        L, r = feedback.c.shape
+        L, r = feedback.C.shape
         shown = np.zeros((L, 3, 1 + r))
         shown[:, 0, 0] = 1.0
-        shown[:, 1, 0] = feedback.d
-        shown[:, 1, 1:] = feedback.c
+        shown[:, 1, 0] = feedback.D[:, 0]
+        shown[:, 1, 1:] = feedback.C
         shown[:, 2, 1:] = feedback.integral
         start = np.zeros((L, 1 + r, 2))
         start[:, 0] = [1.0, self.period]

@@ -20,7 +20,7 @@ from scipy import linalg
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes, ideal_team, linear_vehicles
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
-from mjsheaf.checking.loop.linear_law import LinearController, LinearLaw, model_of, require_model
+from mjsheaf.checking.loop.linear_law import model_of, require_model, without_memory
 from mjsheaf.checking.loop.sampled_loop import closed
 from mjsheaf.checking.spectrum import matrix_of
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
@@ -210,48 +210,6 @@ def _law_on_bodies(system: System) -> LawArrays:
     return law
 
 
-class _Physical(NamedTuple):
-    """The law in coordinates of the agents, with what it remembers in eigenvectors of H, number by number.
-
-    Attributes:
-        position, targets, flow: Commands by q, s, and the displacement by the medium, shape (n, n).
-        memory: Commands by what is remembered, shape (n, m L).
-        learnt: What is remembered of q, s and that displacement, shapes (m L, n).
-        kept: What is remembered of what was, shape (m L, m L).
-    """
-
-    position: Array
-    targets: Array
-    flow: Array
-    memory: Array
-    learnt: tuple[Array, Array, Array]
-    kept: Array
-
-
-def _in_coordinates(law: LinearLaw, vectors: Array) -> _Physical:
-    """Transform a law in L eigenvectors of H, shape (n, L), to coordinates of the agents."""
-    n, L = vectors.shape
-    m = law.C.shape[1]
-    rates = law.B[:, :, 0], law.B[:, :, 2] - law.B[:, :, 1], law.B[:, :, 4]
-    commands = [(vectors * gain) @ vectors.T for gain in _gains(law)]
-    learnt = [(rate.T[:, :, None] * vectors.T).reshape(m * L, n) for rate in rates]
-    kept = np.einsum("lij,lk->iljk", law.A, np.eye(L)).reshape(m * L, m * L)
-    memory = (vectors[:, None, :] * law.C.T).reshape(n, m * L)
-    return _Physical(commands[0], commands[1], commands[2], memory, (learnt[0], learnt[1], learnt[2]), kept)
-
-
-def _gains(law: LinearLaw) -> tuple[Array, Array, Array]:
-    """Return the commands by q, by s and by the displacement of the medium in each eigenvector, shapes (L,)."""
-    return law.D[:, 0], law.D[:, 2] - law.D[:, 1], law.D[:, 4]
-
-
-def _of_asymmetric(law: LinearLaw, H: Array) -> _Physical:
-    """Transform a law without terms, which is affine in the eigenvalues of H, from its gains at 0 and 1."""
-    commands = [gain[0] * np.eye(len(H)) + (gain[1] - gain[0]) * H for gain in _gains(law)]
-    empty = np.zeros((0, len(H)))
-    return _Physical(commands[0], commands[1], commands[2], empty.T, (empty, empty, empty), np.zeros((0, 0)))
-
-
 def _follow(
     system: System,
     certificate: Certificate,
@@ -279,33 +237,37 @@ def _follow(
     """
     symmetric = system.team.symmetric
     H = system.team.dirichlet.H.toarray() if symmetric else matrix_of(system.team)
-    values, vectors = held_modes(system, certificate.spectrum) if symmetric else (np.array([0.0, 1.0]), H)
-    law = model_of(law_arrays, system.grid.period).at(system.gain, values)
     A, B, C, D = (linalg.block_diag(*blocks) for blocks in zip(*vehicles, strict=True))
-    L, memory = law.C.shape
-    n, states = len(H), len(A)
-    size = n + states + memory * L
+    n = len(H)
+    if symmetric:
+        values, vectors = held_modes(system, certificate.spectrum)
+        law = model_of(law_arrays, system.grid.period).at(system.gain, values).of_team(vectors)
+    else:  # u = -k1 eta
+        zero = np.zeros((n, 3 * n))
+        law = without_memory(np.hstack([-system.gain * H, -system.gain * np.eye(n), zero]))
+    states, memory = len(A), len(law.A)
+    size = n + states + memory
     if size > MAX_STATES:
         raise UndecidedError(f"the loop has {size} states, more than {MAX_STATES}")
-    physical = _in_coordinates(law, vectors) if symmetric else _of_asymmetric(law, H)
-    controller = LinearController(physical.kept, physical.learnt[0], physical.memory, physical.position)
-    M = closed(LinearVehicle(A, B, C, D), controller)
+    # By the displacement of an agent, by s, which is an error of eta and what sensing edges report, and by the medium.
+    learns, by_eta, by_sensed, _, learns_flow = np.split(law.B, 5, axis=1)
+    acts, acts_by_eta, acts_by_sensed, _, acts_by_flow = np.split(law.D, 5, axis=1)
+    learns_s = by_sensed - by_eta
+    M = closed(LinearVehicle(A, B, C, D), law._replace(B=learns, D=acts))
     if not np.abs(np.linalg.eigvals(M)).max() <= 1.0 + NEUTRAL_RATE * system.grid.period:
         raise UndecidedError("the loop is unstable")
     q_star = path.q_star - path.q_star[0]
     s = q_star @ H.T
     carried = system.grid.period * path.flow
     seen = np.vstack([0.0 * carried[:1], carried])  # over the period before, as an agent knows it
-    by_inputs = s @ physical.targets.T + seen @ physical.flow.T
-    inputs = np.hstack(
-        [by_inputs @ D.T, by_inputs @ B.T, s @ physical.learnt[1].T + seen @ physical.learnt[2].T],
-    )[:-1]
+    by_inputs = s @ (acts_by_sensed - acts_by_eta).T + seen @ acts_by_flow.T
+    inputs = np.hstack([by_inputs @ D.T, by_inputs @ B.T, s @ learns_s.T + seen @ learns_flow.T])[:-1]
     inputs[:, :n] += carried
     followed = np.zeros((len(inputs) + 1, size))
     followed[0, :n] = path.initial - path.q_star[0]
-    copied = ~physical.kept.any(axis=1)  # what the next sample compares with; before the first, nothing has moved
-    followed[0, n + states :][copied] = physical.learnt[0][copied] @ followed[0, :n]
-    commands = np.hstack([physical.position, np.zeros((n, states)), physical.memory])
+    copied = ~law.A.any(axis=1)  # what the next sample compares with; before the first, nothing has moved
+    followed[0, n + states :][copied] = learns[copied] @ followed[0, :n]
+    commands = np.hstack([acts, np.zeros((n, states)), law.C])
     moved = np.vstack([D, B])
     agent = np.repeat(np.arange(len(limit)), [member.dimension for member in system.team.agents])
     speed = np.empty((len(inputs), len(limit)))

@@ -48,7 +48,7 @@ from mjsheaf.checking.theorem.constants import (
 )
 from mjsheaf.checking.theorem.flow_bounds import singular_points
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.checking.theorem.theorem import Rho, Theorem, theorem_1
+from mjsheaf.checking.theorem.theorem import Rho, Theorem, least_gain, theorem_1
 from mjsheaf.errors import first_true, select_true
 from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
@@ -391,6 +391,66 @@ def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, b
     asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
     beyond = f"the law may command {asked:.3g} m/s, above a speed limit of {limit:.3g} m/s"
     return beyond if np.isfinite(limit) and asked > limit else ""
+
+
+def gain_for_wanted_radius(
+    search: Search, certificate: Certificate, radius: float, *, accuracy: float = 1.01, doublings: int = 30
+) -> tuple[float | None, str]:
+    """Find the smallest gain at which Theorem 1 applies with an ultimate radius of at most `radius`, m.
+
+    The steepest slope of the flow is taken over a region that depends on the gain: a larger gain keeps the agents
+    nearer to q*, so that its region, its slope and its radius are smaller. For
+
+        y' = -2 lambda_V y + 2 mu,    y = |e|^2,    lambda_V = k lambda_min / 2 - rho,    mu = d^2 / (2 k lambda_min)
+
+    is below the same with a smaller gain k and the same rho. So doubling finds a gain that gives the radius, and halves
+    the smallest one. That only guides the search: computed slopes are upper bounds that need not be monotone, and the
+    gain that is returned was certified with its own region, as `check` would at that gain.
+
+    Args:
+        search: Search of the system; the best rate at each gain takes the place of its own.
+        certificate: Certificate at the system's gain.
+        radius: Desired radius, m.
+        accuracy: Ratio of the result to the largest gain known to be too small.
+        doublings: Largest number of doublings.
+
+    Returns:
+        The smallest k1 that was found, 1/s, None without any; and the reason for None, or empty.
+    """
+    c, spectrum = certificate.constants, certificate.spectrum
+    obstacles = [obstacle_of_law(search.system), *(a.failure for a in certificate.assumptions[1:])]
+    reason = next(filter(None, obstacles), "")
+    if not reason and not (spectrum.lambda_min > 0.0 and np.isfinite([c.difference.bound, c.initial_error]).all()):
+        reason = certificate.reason
+    if reason:
+        return None, reason
+
+    def gives(gain: float) -> bool:
+        at = search.at_gain(gain)
+        region = at.own_tube(None)
+        if region is None:
+            return False
+        theorem = at.theorem(at.rho or region.rho.upper, None)
+        return theorem.contains(c.initial_error) and theorem.radius <= radius
+
+    rho = search.rho or c.moving.slope  # at least that of any region
+    low = least_gain(radius, spectrum.lambda_min, c.f_bar, c.moving.omega_bar, rho, c.initial_error)
+    low = low or search.system.gain  # any gain does where nothing moves
+    high = low * (1.0 + 1e-9)  # it may miss its radius by rounding
+    for _ in range(doublings):
+        if not np.isfinite(high) or gives(high):
+            break
+        low, high = high, 2.0 * high
+    else:
+        high = np.inf
+    if not np.isfinite(high):
+        steep = "the flow is too steep, or singular, where the agents may be"
+        return None, f"{steep}: no gain was found that confines them"
+    while high > accuracy * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if gives(middle) else (middle, high)
+    there = certificate_of(search.at_gain(high))
+    return (high, "") if there.applies else (None, f"it requires {high:.4g} 1/s, where {there.reason}")
 
 
 # -- the paper's assumptions -----------------------------------------------------------------------------------

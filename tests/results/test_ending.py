@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.finished import ending_of_run, is_level, judge, settling_time
+from mjsheaf.results.ending import ending_of_run, is_level, judge, settling_time
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.studies.plan import load_plan
 from mjsheaf.studies.workers import run_job
@@ -115,7 +115,7 @@ def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.
     "driven",
     [
         {"links": {"all": {"noise": 0.05}}},
-        {"disturbance": {"amplitude": [0.1, 0.2]}},
+        {"disturbance": {"agents": {"bound": 0.2, "frequencies": [1.0, 4.0]}}},
         {"controller": {"gain": 1.0, "control_period": 0.02, "odometry": {"noise": 0.01}, "drift": {"filter": 0.5}}},
     ],
     ids=["noise", "disturbance", "odometry"],

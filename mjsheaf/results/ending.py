@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.authority import authority_of
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import Phase, System
+from mjsheaf.vehicles.authority import authority_of
 from mjsheaf.vehicles.effects import capability_of, turning_of
 
 if TYPE_CHECKING:
