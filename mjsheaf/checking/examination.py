@@ -18,7 +18,6 @@ from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import link_answers
 from mjsheaf.checking.loop.margins import margins
 from mjsheaf.checking.loop.steady import steady_error
-from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.problems import problems_of
 from mjsheaf.checking.proposals import propose
 from mjsheaf.checking.record import (
@@ -41,7 +40,7 @@ from mjsheaf.checking.theorem.certificate import (
     gain_for_wanted_radius,
     obstacle_of_team,
 )
-from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.checking.theorem.theorem import Rho
 from mjsheaf.errors import UndecidedError
 from mjsheaf.scenario import Scenario

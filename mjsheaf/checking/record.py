@@ -10,12 +10,12 @@ from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.loop.links import LinkRecord
 from mjsheaf.checking.loop.margins import Margins
 from mjsheaf.checking.loop.steady import SteadyError
-from mjsheaf.checking.loop.targets_loop import TargetsLoop
 from mjsheaf.checking.proposals import Proposal
 from mjsheaf.checking.repairs import Augmentation, Rigidity
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.spectrum import RelativeCohomology
 from mjsheaf.checking.theorem.certificate import Assumption
+from mjsheaf.checking.theorem.targets import TargetsLoop
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 

@@ -10,8 +10,14 @@ from typing import NamedTuple
 from pydantic import Field
 
 from mjsheaf.comparing.convergence import ConvergenceRecord
-from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
-from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, RingingRecord
+from mjsheaf.comparing.margins import (
+    DemandRecord,
+    FastestRecord,
+    GainLimitRecord,
+    GainRecord,
+    RingingRecord,
+    VelocityLimitRecord,
+)
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
 from mjsheaf.comparing.variants import RungRecord, display_name
 from mjsheaf.errors import joined, listed

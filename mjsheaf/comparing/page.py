@@ -11,7 +11,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from mjsheaf.comparing.causes import LIMITED_BY, CompareRecord, PhaseRecord
-from mjsheaf.comparing.gains import MIN_DAMPING
+from mjsheaf.comparing.margins import MIN_DAMPING
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.variants import RungRecord, display_name
 from mjsheaf.errors import joined, select_true, shortened

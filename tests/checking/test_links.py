@@ -18,16 +18,18 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf import check, simulate
-from mjsheaf.checking.loop.delay import largest_delay, spectral_radius, team_loop
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
+    largest_delay,
     measured_edges,
     perfect_links,
     range_bearing_covariance,
+    spectral_radius,
+    team_loop,
 )
 from mjsheaf.checking.loop.links import LinkRecord, answers_for, link_answers
-from mjsheaf.checking.loop.loss import SecondMoments
+from mjsheaf.checking.loop.moments import SecondMoments
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.cli.check import check as check_command
 from mjsheaf.cli.options import NotHeldError

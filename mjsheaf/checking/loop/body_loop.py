@@ -27,11 +27,10 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay
 from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
 from mjsheaf.checking.loop.sampled_loop import closed, delayed, ideal_vehicle
-from mjsheaf.checking.loop.targets_loop import TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
-from mjsheaf.checking.theorem.targets import TargetPath
+from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.media.medium import WITHOUT_MEAN

@@ -32,11 +32,10 @@ from scipy.fft import irfft, next_fast_len, rfft
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linear_law import model_of, require_model, terms_without_bound, unmodelled_parts
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
-from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.spectrum import DENSE_STATES, agent_coboundary, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
 from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
-from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.errors import UndecidedError, listed, raise_first
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.media.varying import evaluate

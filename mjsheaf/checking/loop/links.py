@@ -11,26 +11,23 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import IntArray
-from mjsheaf.checking.loop.delay import (
-    DelayAnswer,
-    answer_of_large_team,
-    continuous_delay_margin,
-    delay_answer,
-    spectral_radius,
-)
 from mjsheaf.checking.loop.held_law import common_delay, loop_of
 from mjsheaf.checking.loop.linear_law import require_model
-from mjsheaf.checking.loop.link_noise import NoiseAnswer, noise_answer
 from mjsheaf.checking.loop.linked_law import (
+    DelayAnswer,
     LinkedLaw,
     LinkParameters,
     MeasuredEdge,
+    answer_of_large_team,
+    continuous_delay_margin,
+    delay_answer,
     linked_law,
     links_of,
     measured_edges,
     perfect_links,
+    spectral_radius,
 )
-from mjsheaf.checking.loop.loss import LossAnswer, loss_answer
+from mjsheaf.checking.loop.moments import LossAnswer, NoiseAnswer, loss_answer, noise_answer
 from mjsheaf.checking.loop.sampled_loop import largest_gain
 from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
 from mjsheaf.checking.theorem.targets import TargetPath

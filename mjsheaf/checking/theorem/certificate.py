@@ -32,7 +32,6 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.repairs import label_parts, unsensed_targets
 from mjsheaf.checking.spectrum import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.theorem.constants import (
@@ -47,7 +46,7 @@ from mjsheaf.checking.theorem.constants import (
     tube_guessed,
 )
 from mjsheaf.checking.theorem.flow_bounds import singular_points
-from mjsheaf.checking.theorem.targets import Carrier, follow_targets
+from mjsheaf.checking.theorem.targets import Carrier, follow_targets, targets_loop
 from mjsheaf.checking.theorem.theorem import Rho, Theorem, least_gain, theorem_1
 from mjsheaf.errors import first_true, select_true
 from mjsheaf.section import Finite, Record
