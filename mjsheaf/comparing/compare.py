@@ -1,4 +1,4 @@
-"""The whole comparison as one record, with ladder, budgets, ringing, convergence, demands and verdict; its directory."""
+"""The whole comparison as one record: ladder, budgets, ringing, convergence, demands, verdict; and its directory."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

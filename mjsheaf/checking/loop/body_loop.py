@@ -688,7 +688,7 @@ def joined(
 # -- the targets' own law ----------------------------------------------------------------------------------------------
 #
 # Each target's vehicle is linearised about the equilibrium in which it holds station in the mean flow along its path,
-# and all are closed through u = -S p: see `targets_loop` for S.
+# and all are closed through u = -S p: see `stiffness` for S.
 
 
 def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:

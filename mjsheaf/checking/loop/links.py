@@ -1,7 +1,7 @@
 """Effects of links on the held law on ideal kinematics: delay, noise and loss, exact where an exact answer is known.
 
 All of it is linear about q*: within limits of speed, while bodies are within range of one another, without the slope of
-the flow. See `linked_law` for what each edge measures, and `delay`, `link_noise` and `loss` for the answers.
+the flow. See `linked_law` for what each edge measures and for delay, and `moments` for noise and loss.
 """
 
 from collections.abc import Sequence
