@@ -77,7 +77,7 @@ def _list_scenarios() -> None:
 
 
 def _list_vehicles(files: list[str]) -> None:
-    from mjsheaf.checking.slips import slips_of_vehicle
+    from mjsheaf.scenario.slips import slips_of_vehicle
     from mjsheaf.vehicles.authority import authority_of
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle

@@ -354,9 +354,9 @@ def account_of(
 ) -> Account:
     """Compute the errors, bounds and notes of a run from its data, in memory or in an open file."""
     from mjsheaf.checking.separation import too_close_in
-    from mjsheaf.checking.slips import slips_of
     from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
+    from mjsheaf.scenario.slips import slips_of
 
     timings = timings or Timings()
     own, drawn = summarize_phases(phases[0].system.team, dataset), thinned(dataset)

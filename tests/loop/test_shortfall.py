@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.checking.slips import slips_of_vehicle
+from mjsheaf.scenario.slips import slips_of_vehicle
 from mjsheaf.vehicles.authority import shortfalls_of
 from mjsheaf.vehicles.body import AttitudeHold
 from mjsheaf.vehicles.effects import Effects, embody

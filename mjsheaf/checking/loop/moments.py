@@ -1,11 +1,11 @@
 """Second moments of a law over its links: the decay rate while measurements are lost, and the errors that noise makes.
 
 A lost measurement is skipped. E[x x^T] goes to E[A x x^T A^T], a linear operator on matrices that keeps the positive
-semidefinite ones, so that its spectral radius is an eigenvalue. For the paper's law without delay, where x is e, it is self-adjoint: its largest
-eigenvalue, by Lanczos, is within the norm of the residual of the one that is stated. With delay, newton or integral x
-is more than e, and the operator T is not self-adjoint; the eigenvalue may be multiple, and its eigenvector badly
-conditioned. The verdict then rests on X - T(X) = I. T maps the cone of positive semidefinite matrices into itself,
-hence:
+semidefinite ones, so that its spectral radius is an eigenvalue. For the paper's law without delay, where x is e, it is
+self-adjoint: its largest eigenvalue, by Lanczos, is within the norm of the residual of the one that is stated. With
+delay, newton or integral x is more than e, and the operator T is not self-adjoint; the eigenvalue may be multiple, and
+its eigenvector badly conditioned. The verdict then rests on X - T(X) = I. T maps the cone of positive semidefinite
+matrices into itself, hence:
 
 - If a solution has X > 0, then T(X) = X - I <= (1 - 1 / lambda_max(X)) X, so that the spectral radius is below 1.
 - If the spectral radius is below 1, then X = I + T(I) + T(T(I)) + ... > 0. So a solution with a negative eigenvalue
