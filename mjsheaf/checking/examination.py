@@ -14,11 +14,10 @@ from mjsheaf.arguments import require_number
 from mjsheaf.arrays import Array
 from mjsheaf.checking.fragility import fragility
 from mjsheaf.checking.loop.body_loop import loop_on_path, medium_on_path, with_bodies
-from mjsheaf.checking.loop.disturbance import predict_rms
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop, loop_of
 from mjsheaf.checking.loop.links import link_answers
 from mjsheaf.checking.loop.margins import margins
-from mjsheaf.checking.loop.steady import steady_error
+from mjsheaf.checking.loop.prediction import predict_rms, steady_error
 from mjsheaf.checking.problems import problems_of
 from mjsheaf.checking.record import (
     CheckRecord,

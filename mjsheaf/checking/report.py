@@ -18,8 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking.fragility import Fragility
-from mjsheaf.checking.loop.disturbance import DisturbanceRecord
-from mjsheaf.checking.loop.steady import SteadyError
+from mjsheaf.checking.loop.prediction import DisturbanceRecord, SteadyError
 from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary
 from mjsheaf.checking.separation import SafetyRecord

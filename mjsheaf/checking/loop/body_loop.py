@@ -352,20 +352,6 @@ def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     return body_loop(system, certificate.spectrum, medium_on_path(system, certificate.constants.path))
 
 
-def linear_vehicles(system: System, certificate: Certificate) -> list[LinearVehicle]:
-    """Return the linear vehicle of every agent in the mean flow along the targets' path, over a control period.
-
-    Raises:
-        UndecidedError: A vehicle has none.
-    """
-    try:
-        steps = whole_ratio(system.grid.period, system.bodies.timestep)
-        medium = medium_on_path(system, certificate.constants.path)
-        return _models(system, range(len(medium)), medium, system.grid.period / steps, steps)
-    except (InputError, np.linalg.LinAlgError) as error:
-        raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
-
-
 def medium_on_path(system: System, path: TargetPath) -> Array:
     """Return the mean velocity of the medium along the targets' path, see `mean_medium`; NaN where none is known.
 
@@ -393,10 +379,12 @@ def linear_team(system: System, medium: Array) -> tuple[list[LinearVehicle], flo
 
     Raises:
         UndecidedError: One has none.
-        InputError: The timestep does not divide the period.
     """
-    _, timestep, steps = sampling_of(system)
-    return _models(system, range(len(medium)), medium, timestep, steps), timestep * steps
+    try:
+        period, timestep, steps = sampling_of(system)
+        return _models(system, range(len(medium)), medium, timestep, steps), period
+    except (InputError, np.linalg.LinAlgError) as error:
+        raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
 
 
 def ideal_team(system: System) -> list[LinearVehicle]:
@@ -534,7 +522,7 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
     Raises:
         UndecidedError: it is too large.
     """
-    kinds = _distinct(models)
+    kinds = list({id(model): model for model in models}.values())
     if len(kinds) > 1:
         try:
             return TeamLoop([_whole(system, spectrum, models)], period)
@@ -557,11 +545,6 @@ def _with_delay(system: System, spectrum: Spectrum, models: list[LinearVehicle],
     if sum(len(b.agent) * len(b.plant.A) ** 3 for b in loop.blocks) > LARGEST_WHOLE**3:
         raise UndecidedError("measurements are delayed by too many periods")
     return loop
-
-
-def _distinct(models: list[LinearVehicle]) -> list[LinearVehicle]:
-    """Return the models of which none is another one."""
-    return list({id(model): model for model in models}.values())
 
 
 def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: float) -> list[Block]:
@@ -599,13 +582,13 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
         values, agent = _eigenvalues(part, agents, float(spectrum.smallest[0]))
         if len(values):
             plant = LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
-            parts.append(_alike_block(plant, law, values, agent))
+            parts.append(Block(plant, _closer(law, values, len(axes)), agent, np.zeros((0, 0)), agent[:0]))
     return parts
 
 
-def _alike_block(plant: LinearVehicle, law: LawModel, values: Array, agent: IntArray) -> Block:
-    """Return the loop of alike vehicles at eigenvalues of H; see `Block`."""
-    return Block(plant, lambda gain: law.feedback(gain, values).alike(len(plant.C)), agent, np.zeros((0, 0)), agent[:0])
+def _closer(law: LawModel, values: Array, axes: int) -> Callable[[float], LinearController]:
+    """Return the law of alike vehicles at eigenvalues of H, by gain; see `Block`."""
+    return lambda gain: law.feedback(gain, values).alike(axes)
 
 
 def _couples(coupling: BoolArray, axes: IntArray) -> bool:
