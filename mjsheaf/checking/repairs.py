@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse import csgraph
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
@@ -396,7 +396,8 @@ def plan_bracing(team: Team, original: Team, positions: Array, motions: Array, D
     """
     if len(positions) > _MAX_BRACED_STATES:
         return None
-    flexes = _flexes(D, motions)
+    # What D does not measure, across the given motions.
+    flexes = linalg.null_space(np.vstack([D, motions.T]), rcond=SOLVED_RANK_TOLERANCE)
     if not flexes.shape[1]:
         return None
     edges, rows = _list_candidates(original, positions)
@@ -414,14 +415,6 @@ def plan_bracing(team: Team, original: Team, positions: Array, motions: Array, D
         exact=exact,
         rate=rate if team.symmetric else None,
     )
-
-
-def _flexes(D: Array, motions: Array) -> Array:
-    """Return an orthonormal basis of the motions that D does not measure, across the given ones, shape (n, r)."""
-    _, singular, directions = np.linalg.svd(D)
-    rank = int(np.count_nonzero(singular > SOLVED_RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)))
-    free = directions[rank:].T
-    return np.asarray(free @ np.linalg.svd(free.T @ motions)[0][:, motions.shape[1] :])
 
 
 def _describe_flexes(team: Team, positions: Array, flexes: Array, motions: Array) -> list[str]:
@@ -548,7 +541,8 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
     D = team.law_problem.H.toarray() if held_by_stress else _coboundary(team, n)
     tolerance = SOLVED_RANK_TOLERANCE if team.linearised_at is not None else RANK_TOLERANCE
     rank = int(np.linalg.matrix_rank(D, rtol=tolerance)) if len(D) else 0
-    unseen = _basis(_unseen(D, _motions(team, positions), tolerance))  # one agent has no turn and no scale
+    # One agent has no turn and no scale.
+    unseen = linalg.orth(_unseen(D, _motions(team, positions), tolerance), rcond=_UNSEEN)
     needed = n - unseen.shape[1]
     rigid = rank >= needed
     bracing = (
@@ -586,12 +580,6 @@ def _unseen(D: Array, motions: Array, tolerance: float) -> Array:
     _, singular, combinations = np.linalg.svd(D @ motions)
     seen = int(np.count_nonzero(singular > max(_UNSEEN, tolerance) * np.sqrt(len(D))))
     return np.asarray(motions @ combinations[seen:].T)
-
-
-def _basis(motions: Array) -> Array:
-    """Return an orthonormal basis of motions (n, count), some of which may be zero, shape (n, rank)."""
-    directions, singular, _ = np.linalg.svd(motions, full_matrices=False)
-    return np.asarray(directions[:, singular > _UNSEEN * max(singular.max(initial=0.0), 1e-300)])
 
 
 # -- connection --------------------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.errors import joined
+from mjsheaf.errors import joined, listed
 
 Row = tuple[str, str, str]
 """Name, value, description."""
@@ -307,7 +307,7 @@ def _error(steady: SteadyError, as_if: str) -> str:
     if steady.bodies is None:
         parts.append(f"vehicles: {steady.reason_on_bodies}")
     if steady.limited:
-        parts.append(f"{_listed(steady.limited)} {'is' if len(steady.limited) == 1 else 'are'} at the speed limit")
+        parts.append(f"{listed(steady.limited)} {'is' if len(steady.limited) == 1 else 'are'} at the speed limit")
     if steady.leaves_out:
         parts.append(f"leaves out {joined(steady.leaves_out)}")
     return "; ".join(parts)
@@ -322,7 +322,7 @@ def _moved(found: DisturbanceRecord) -> str:
         text = f"{found.rms:.3g} m on ideal kinematics, {bodies} on the vehicles (RMS over agents and time)"
     if found.carried_off:
         excess = max(found.carried_off.values())
-        who = _listed(list(found.carried_off))
+        who = listed(list(found.carried_off))
         text += f"; {who} cannot hold station at times: the medium is up to {excess:.3g} m/s too fast"
     if found.leaves_out and found.rms is not None:
         text += f"; leaves out {joined(found.leaves_out)}"
@@ -377,12 +377,6 @@ def in_yaml(value: object) -> str:
     if isinstance(value, bool | None):
         return {True: "true", False: "false", None: "null"}[value]
     return f"{value:.5g}" if isinstance(value, float) else str(value)
-
-
-def _listed(ids: list[str]) -> str:
-    shown = ", ".join(ids[:3])
-    more = "1 other" if len(ids) == 4 else f"{len(ids) - 3} others"
-    return shown if len(ids) <= 3 else f"{shown} and {more}"
 
 
 def _cut(lines: list[str], most: int, whole: bool) -> list[str]:

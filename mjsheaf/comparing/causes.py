@@ -13,7 +13,6 @@ from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.margins import (
     DemandRecord,
     FastestRecord,
-    GainLimitRecord,
     GainRecord,
     RingingRecord,
     VelocityLimitRecord,
@@ -355,9 +354,9 @@ def _raise_limit(limit: VelocityLimitRecord) -> str:
 
 def _gain(record: CompareRecord) -> list[str]:
     """Report what limits the gain; and how the team rings, if it does."""
-    limit = _lowest_limit(record)
-    if record.gain is None or limit is None:
+    if record.gain is None or record.gains is None or not record.gains.limits:
         return []
+    limit = record.gains.limits[0]
     mode = record.ringing.least_damped if record.ringing else None
     rings = mode is not None and mode.damping < _MIN_DAMPING
     now = f"gain {record.gain:g} 1/s: "
@@ -372,10 +371,6 @@ def _gain(record: CompareRecord) -> list[str]:
         f"{now}above {limit.gain:.2g} 1/s the damping ratio is below 0.3, limited by {LIMITED_BY[limit.effect]}{about}"
         + (cure or "; lower controller.gain" if rings else "")
     ]
-
-
-def _lowest_limit(record: CompareRecord) -> GainLimitRecord | None:
-    return record.gains.limits[0] if record.gains and record.gains.limits else None
 
 
 def _speeds(record: CompareRecord) -> list[str]:

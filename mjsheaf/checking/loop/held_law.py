@@ -31,7 +31,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linear_law import model_of, require_model, terms_without_bound, unmodelled_parts
-from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
+from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.checking.spectrum import DENSE_STATES, agent_coboundary, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
 from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
@@ -499,6 +499,6 @@ def _noise(system: System, loop: Loop) -> float:
     """See LawLoop: what odometry adds by way of sensed targets and of the agent itself, at most."""
     if not system.law.extended:
         return 0.0
-    command = np.sqrt(DelayedLoop(loop, 0).command_variances())  # per m of each input, shape (L, 4)
+    command = np.sqrt(loop.command_variances())  # per m of each input, shape (L, 4)
     carried = float((loop.values * command[:, 2]).max()) * _carried_odometry(system)
     return carried + float(command[:, 3].max())

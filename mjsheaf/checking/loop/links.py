@@ -159,7 +159,8 @@ def _record(
 ) -> LinkRecord:
     """Return the record of links; without a law, `why` is the reason for what is not known of noise and loss."""
     noise = loss = None
-    if unknown or links.noisy or _strays(terms):
+    strays = (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)  # odometry
+    if unknown or links.noisy or strays:
         noise = (
             NoiseAnswer(agents=[], linearised=links.linearised, reason=why)
             if law is None or team is None
@@ -167,39 +168,21 @@ def _record(
         )
     if unknown or links.lossy.any():
         loss = LossAnswer(reason=why) if law is None else loss_answer(law)
+    rate = None if delay.spectral_radius is None else delay.spectral_radius**2
+    delivered = {
+        kind: [x for x, e in zip(links.delivered.tolist(), edges, strict=True) if e.kind == kind] for kind in KINDS
+    }
+    ranged = "; bodies within range of one another, as at the start and at q*" if links.ranged else ""
     return LinkRecord(
         exact=links.exact and not unknown,
         stable=delay.stable if loss is None else loss.stable,
         delay_margin=delay.margin,
         noise_rms=0.0 if noise is None else noise.error,
         noise_rms_per_agent=0.0 if noise is None else noise.error_per_agent,
-        mean_square_rate=_square(delay.spectral_radius) if loss is None else loss.factor,
-        delivery={} if unknown else _delivery(edges, links),
-        assumed="" if unknown else _assumed(links),
+        mean_square_rate=rate if loss is None else loss.factor,
+        delivery={} if unknown else {kind: sum(own) / len(own) if own else None for kind, own in delivered.items()},
+        assumed="" if unknown else f"no command at a limit of speed; the slope of the flow is left out{ranged}",
         delay=delay,
         noise=noise,
         loss=loss,
     )
-
-
-def _square(radius: float | None) -> float | None:
-    return None if radius is None else radius**2
-
-
-def _strays(terms: TermArrays) -> bool:
-    """Return True if errors of odometry enter the law."""
-    return (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)
-
-
-def _delivery(edges: Sequence[MeasuredEdge], links: LinkParameters) -> dict[str, float | None]:
-    """See LinkRecord."""
-    share = {
-        kind: [x for x, e in zip(links.delivered.tolist(), edges, strict=True) if e.kind == kind] for kind in KINDS
-    }
-    return {kind: sum(own) / len(own) if own else None for kind, own in share.items()}
-
-
-def _assumed(links: LinkParameters) -> str:
-    """See LinkRecord."""
-    ranged = "; bodies within range of one another, as at the start and at q*" * links.ranged
-    return f"no command at a limit of speed; the slope of the flow is left out{ranged}"

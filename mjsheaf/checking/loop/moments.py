@@ -28,7 +28,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gm
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linked_law import MOST_STATES, MOST_WORK, LinkedLaw, team_loop
-from mjsheaf.checking.loop.sampled_loop import DelayedLoop, stationary
+from mjsheaf.checking.loop.sampled_loop import stationary
 from mjsheaf.errors import UndecidedError
 from mjsheaf.section import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Finite, Norm, Record, per_agent
 from mjsheaf.team import Team
@@ -211,7 +211,7 @@ class SecondMoments:
 # -- noise of links and of odometry ------------------------------------------------------------------------------------
 #
 # Noise is white in time, so that the covariance of the states P = M P M^T + G U G^T, between each pair of modes of
-# `DelayedLoop`: summed up by doubling. Where delays are unlike or measurements are lost, that of the whole team.
+# `Loop.with_noise`: summed up by doubling. Where delays are unlike or measurements are lost, that of the whole team.
 
 _CHUNK = 4_000_000  # numbers of covariances at once
 
@@ -285,7 +285,7 @@ def mean_error(law: LinkedLaw) -> Array:
     for edge, bias in zip(law.edges, links.bias, strict=True):
         eta[edge.slots] += edge.pull @ bias
         sensed_motion[edge.slots] += edge.sensing * edge.H @ own_motion[edge.slots]
-    M, G, _ = DelayedLoop(law.loop, 0).matrices
+    M, G, _ = law.loop.with_noise(0)
     inputs = np.stack([eta, 0.0 * eta, sensed_motion, own_motion], axis=1)
     q = np.linalg.solve(np.eye(M.shape[1]) - M, G @ (vectors.T @ inputs)[:, :, None])[:, 0, 0]
     return np.asarray(-vectors @ q)
@@ -304,13 +304,13 @@ def noise_covariances(law: LinkedLaw) -> Array:
             what = "measurements are lost" if lossy else "delays are unlike"
             raise UndecidedError(f"{what}, and the law has feedforward or drift")
         return SecondMoments(law).covariances()
-    delayed = DelayedLoop(law.loop, int(links.delay.max(initial=0)))
-    M, G, command = delayed.matrices
+    delay = int(links.delay.max(initial=0))
+    M, G, command = law.loop.with_noise(delay)
     n = len(M)
     states, inputs = G.shape[1:]
     if n * n * states**3 > MOST_WORK:
         raise UndecidedError(f"{n} modes of {states} states each have too many covariances")
-    if not delayed.radius < 1.0:
+    if not law.loop.radius_at(delay) < 1.0:
         raise UndecidedError("the loop is unstable")
     U = _input_covariances(law, inputs)
     of_state = command[:, :states]

@@ -246,28 +246,18 @@ class Loop:
                 break
         return found.reshape(6, count) * (1.0 + _ROUNDING)
 
+    def with_noise(self, delay: int) -> tuple[Array, Array, Array]:
+        """Return how noise enters the loop with measurements d periods old.
 
-@dataclass(frozen=True)
-class DelayedLoop:
-    """The loop per eigenvalue of H with measurements d periods old, and how noise enters it.
+        The state holds e_k, ..., e_{k-d}, then what the law remembers, then the last d errors of odometry, which meet
+        measurements of their age. The inputs are those of `linear_law.INPUTS` but the position: errors of eta, of what
+        feedforward senses, and of odometry in that and by itself.
 
-    The state holds e_k, ..., e_{k-d}, then what the law remembers, then the last d errors of odometry, which meet
-    measurements of their age. The inputs are those of `linear_law.INPUTS` but the position: errors of eta, of what
-    feedforward senses, and of odometry in that and by itself.
-
-    Attributes:
-        loop: The loop without delay.
-        delay: d, periods.
-    """
-
-    loop: Loop
-    delay: int
-
-    @cached_property
-    def matrices(self) -> tuple[Array, Array, Array]:
-        """M and G of x+ = M x + G w, and rows that give the command of x and w: (L, n, n), (L, n, 4), (L, n + 4)."""
-        law = self.loop.law
-        d = self.delay
+        Returns:
+            M and G of x+ = M x + G w, and rows that give the command of x and w: (L, n, n), (L, n, 4), (L, n + 4).
+        """
+        law = self.law
+        d = delay
         L, n = law.C.shape
         waiting = d if law.B[:, :, 3].any() or law.D[:, 3].any() else 0
         size = d + 1 + n + waiting
@@ -280,7 +270,7 @@ class DelayedLoop:
         rows = np.zeros((L, size, size + 4))
         rows[:, remembered, remembered] = law.A
         rows[:, remembered, inputs] = law.B
-        rows[:, 0] = self.loop.period * command
+        rows[:, 0] = self.period * command
         rows[:, 0, 0] += 1.0
         rows[:, range(1, d + 1), range(d)] = 1.0
         if waiting:
@@ -289,14 +279,12 @@ class DelayedLoop:
             rows[:, range(first + 1, size), range(first, size - 1)] = 1.0
         return rows[..., :size], rows[..., size:], command
 
-    @property
-    def radius(self) -> float:
-        """Largest spectral radius of what errors excite."""
-        return self.loop.radius_at(self.delay)
-
     def command_variances(self) -> Array:
-        """Return the variance of the command by white noise of unit variance in each input, shape (L, 4), 1/s^2."""
-        M, G, command = self.matrices
+        """Return the variance of the command by white noise of unit variance in each input, shape (L, 4), 1/s^2.
+
+        See `with_noise`.
+        """
+        M, G, command = self.with_noise(0)
         size = M.shape[1]
         noise = G.swapaxes(1, 2)[..., None] * G.swapaxes(1, 2)[..., None, :]  # (L, 4, n, n)
         P = stationary(M[:, None], M[:, None], noise)

@@ -471,21 +471,19 @@ def _decide(
             system, constants, smooth[0], cohomology.dimension > 0
         ),
     }
-    return [_assumption(k, name, *finding) for k, (name, finding) in enumerate(found.items(), 1)]
-
-
-def _assumption(number: int, name: str, verdict: Verdict, value: float | None, unit: str, witness: str) -> Assumption:
-    """Return the record of a finding."""
-    return Assumption(
-        number=number,
-        name=name,
-        verdict=verdict,
-        holds={"holds": True, "fails": False}.get(verdict),
-        applies=verdict != "does not apply",
-        value=value,
-        unit=unit,
-        witness=witness,
-    )
+    return [
+        Assumption(
+            number=number,
+            name=name,
+            verdict=verdict,
+            holds={"holds": True, "fails": False}.get(verdict),
+            applies=verdict != "does not apply",
+            value=value,
+            unit=unit,
+            witness=witness,
+        )
+        for number, (name, (verdict, value, unit, witness)) in enumerate(found.items(), 1)
+    ]
 
 
 def _bounded(system: System, largest: float) -> Finding:

@@ -245,7 +245,9 @@ def theorem_1(
 
     chosen = rate or 0.0
     if rate is None and mu < math.inf:
-        chosen = _best_rate(allowed, k_min, initial_error)
+        # The largest rate that satisfies the gain condition and, where one does, has e_0 in S.
+        chosen = _largest_fixed_point(lambda rate: allowed(rate, initial_error or 0.0), k_min)
+        chosen = chosen or _largest_fixed_point(lambda rate: allowed(rate, 0.0), k_min)
     if not (chosen > 0.0 and mu < math.inf and chosen <= allowed(chosen, 0.0)):
         return Theorem(
             gain, lambda_min, f_bar, omega_bar, rho, k_min, rate or 0.0, False, mu, math.inf, chi=0.0, radius_S=0.0
@@ -254,13 +256,6 @@ def theorem_1(
     chi = rho.reach(k_min - chosen) or 0.0
     radius_S = chi if math.isinf(chi) else chi - radius * _OUTWARD  # a tiny rate makes the radius infinite, too
     return Theorem(gain, lambda_min, f_bar, omega_bar, rho, k_min, chosen, True, mu, radius, chi, radius_S)
-
-
-def _best_rate(allowed: Callable[[float, float], float], k_min: float, initial_error: float | None) -> float:
-    """The largest rate that satisfies the gain condition and, where one does, has e_0 in S; 0 where none does."""
-    return _largest_fixed_point(lambda rate: allowed(rate, initial_error or 0.0), k_min) or _largest_fixed_point(
-        lambda rate: allowed(rate, 0.0), k_min
-    )
 
 
 def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> float:
