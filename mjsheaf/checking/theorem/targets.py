@@ -383,7 +383,7 @@ def _integrate(system: System, share: float, tolerance: float) -> tuple[Array, _
     run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, new_memory(control.law, M))
     decay = float(system.moving_bounds.slope[len(system.team.agents) :].max(initial=0.0))
     if grid.continuous:
-        decay += _largest(stiffness(system))[0]
+        decay += targets_loop(system).rate
     setting = _Setting(control, _turn(system, control.motion), decay, share, times, stride)
     follow = control if grid.continuous else None
     n = max(1, int(MOST_STEPS / (share * M)))  # memory is taken as it is written to
@@ -603,7 +603,8 @@ class TargetsLoop(Record):
 def targets_loop(system: System) -> TargetsLoop:
     """Decide whether the targets' own law decays on ideal kinematics."""
     S = stiffness(system)
-    rate, vector = _largest(S)
+    values, vector = _modes(S)
+    rate = float(values[-1]) if len(values) else 0.0
     h = system.grid.period
     held = rate > 0.0 and not system.grid.continuous
     stable = not held or h * rate < _LIMIT
@@ -611,7 +612,7 @@ def targets_loop(system: System) -> TargetsLoop:
         stable=stable,
         rate=rate,
         product=None if system.grid.continuous else h * rate,
-        spectral_radius=_radius(S, h, rate) if held else None,
+        spectral_radius=float(np.abs(1.0 - h * values).max()) if held else None,
         parts=_parts(system),
         targets=[] if stable else _involved(system, vector),
         largest_period=2.0 / rate if rate > 0.0 else None,
@@ -632,23 +633,15 @@ def stiffness(system: System) -> sparse.csr_array:
     return sparse.csr_array(gain * (acts @ team.target_sheaf.laplacian() @ acts) + sparse.diags_array(pull))
 
 
-def _largest(S: sparse.csr_array) -> tuple[float, Array]:
-    """The largest eigenvalue of S, 1/s, and its eigenvector."""
-    if not S.nnz or not abs(S).max() > 0.0:
-        return 0.0, np.zeros(S.shape[0])
+def _modes(S: sparse.csr_array) -> tuple[Array, Array]:
+    """Return the eigenvalues of S above zero, 1/s, of many targets the largest alone; and the eigenvector of that."""
+    if not S.nnz:
+        return np.zeros(0), np.zeros(S.shape[0])
     if S.shape[0] <= _DENSE_ROWS:
         values, vectors = np.linalg.eigh(S.toarray())
-        return max(float(values[-1]), 0.0), vectors[:, -1]
+        return values[values > max(1e-12 * values[-1], 0.0)], vectors[:, -1]
     top, vector = eigsh(S, k=1, which="LA", v0=np.ones(S.shape[0]))
-    return float(top[0]), vector[:, 0]
-
-
-def _radius(S: sparse.csr_array, h: float, rate: float) -> float:
-    """The largest |1 - h mu| over the eigenvalues mu > 0 of S; of many targets that of the largest alone."""
-    if S.shape[0] > _DENSE_ROWS:
-        return abs(1.0 - h * rate)
-    values = np.linalg.eigvalsh(S.toarray())
-    return float(np.abs(1.0 - h * values[values > 1e-12 * rate]).max())
+    return top, vector[:, 0]
 
 
 def _parts(system: System) -> list[str]:
