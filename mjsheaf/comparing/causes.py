@@ -182,9 +182,7 @@ class _Cause(NamedTuple):
 def verdict_of(record: CompareRecord) -> list[str]:
     """Compose the sentences of the verdict, the most important first."""
     harmful = _harmful_terms(record)  # they come first, as they explain why a team does not converge
-    parts = (_errors,) if harmful else (_errors, _alternatives)
-    sentences = [sentence for part in (_unsettled, *parts, _gain, _speeds) for sentence in part(record)]
-    return [*harmful, *sentences]
+    return [*harmful, *(sentence for part in (_unsettled, _errors, _gain, _speeds) for sentence in part(record))]
 
 
 def _unsettled(record: CompareRecord) -> list[str]:
@@ -329,22 +327,6 @@ def _harmful_terms(record: CompareRecord) -> list[str]:
         return record.harm
     gist = f"tracking error {now:.3g} m as given, {without:.3g} m under the paper's law alone"
     return [f"WARNING: the error is larger with {joined(record.terms)}: {gist}", *record.harm]
-
-
-def _alternatives(record: CompareRecord) -> list[str]:
-    """Report the tracking error under the paper's law alone, over perfect links, and without a velocity limit."""
-    law = "under the paper's law at the scenario's gain"
-    if record.terms:
-        law = f"without {joined(record.terms)}"
-    names = {"terms": law, "links": "over perfect links", "limit": "without the velocity limit"}
-    told = []
-    for suffix, name in names.items():
-        ideal, bodies = (record.error(f"{key}-{suffix}", TEAM, TRACKING) for key in ("ideal", "all"))
-        saved = abs(record.saved_by(f"all-{suffix}", TEAM, TRACKING))
-        if bodies is not None and saved > max(_MIN_BODY_FRACTION * bodies, ROUNDING):
-            told.append(f"{bodies:.3g} m {name}" + ("" if ideal is None else f" (ideal {ideal:.3g} m)"))
-    now = record.error("all", TEAM, TRACKING)
-    return [f"tracking error {now:.3g} m as given: {', '.join(told)}"] if told else []
 
 
 def _raise_limit(limit: VelocityLimitRecord) -> str:
