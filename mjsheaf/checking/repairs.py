@@ -336,8 +336,6 @@ def _parts(free: sparse.csc_array, owner: IntArray) -> list[sparse.csc_array]:
 
 # -- flexes of a formation ---------------------------------------------------------------------------------------------
 
-_MAX_BRACED_STATES = 200  # of the agents: beyond, no edges are searched
-_PIVOT = 1e-6  # length of a row of orthonormal motions below which its coordinate fixes none of them
 _SHOWN = 3  # flexes in a sentence
 
 
@@ -379,7 +377,16 @@ class Bracing(Record):
         )
 
 
-def plan_bracing(team: Team, original: Team, positions: Array, motions: Array, D: Array, gain: float) -> Bracing | None:
+def plan_bracing(
+    team: Team,
+    original: Team,
+    positions: Array,
+    motions: Array,
+    D: Array,
+    gain: float,
+    *,
+    most: int = 200,
+) -> Bracing | None:
     """Find flexes and the edges that hold them; None of a rigid team, and of one that is too large.
 
     A flex is a motion of the agents that changes the shape and that no communication edge measures to first order.
@@ -393,8 +400,9 @@ def plan_bracing(team: Team, original: Team, positions: Array, motions: Array, D
         motions: Motions that edges of the team's kinds never measure, orthonormal, shape (n, t).
         D: Coboundary of the communication edges, rows of length 1, shape (m, n).
         gain: k1, 1/s.
+        most: Largest number of the agents' states for which edges are searched.
     """
-    if len(positions) > _MAX_BRACED_STATES:
+    if len(positions) > most:
         return None
     # What D does not measure, across the given motions.
     flexes = linalg.null_space(np.vstack([D, motions.T]), rcond=SOLVED_RANK_TOLERANCE)
@@ -435,7 +443,13 @@ def _describe_flexes(team: Team, positions: Array, flexes: Array, motions: Array
     return [f"{describe(team, mode)}, relative to {team.agents[centre].id}" for mode in modes]
 
 
-def _frame(motions: Array, owner: IntArray, order: Sequence[int]) -> list[int]:
+def _frame(
+    motions: Array,
+    owner: IntArray,
+    order: Sequence[int],
+    *,
+    pivot: float = 1e-6,  # length of a row of orthonormal motions below which its coordinate fixes none of them
+) -> list[int]:
     """Choose coordinates whose rest leaves none of the motions, shape (n, t), agents in the given order."""
     left = motions.copy()
     fixed = list[int]()
@@ -443,7 +457,7 @@ def _frame(motions: Array, owner: IntArray, order: Sequence[int]) -> list[int]:
         rows = np.flatnonzero(owner == agent)
         for _ in rows:
             length = np.linalg.norm(left[rows], axis=1)
-            if length.max() <= _PIVOT:
+            if length.max() <= pivot:
                 break
             row = int(rows[length.argmax()])
             along = left[row] / length.max()
@@ -584,18 +598,22 @@ def _unseen(D: Array, motions: Array, tolerance: float) -> Array:
 
 # -- connection --------------------------------------------------------------------------------------------------------
 
-_MAX_AGENTS = 1500  # largest team whose pairwise distances are computed
 
-
-def suggest_edges(team: Team, positions: Array) -> dict[str, list[list[str]]]:
+def suggest_edges(
+    team: Team,
+    positions: Array,
+    *,
+    most: int = 1500,
+) -> dict[str, list[list[str]]]:
     """Return the shortest edges that connect the agents and let every target be sensed (Assumption 5), by kind.
 
     Args:
         team: The team.
         positions: Positions of all vehicles, padded, shape (V, 3), m.
+        most: Largest number of agents whose pairwise distances are computed.
     """
     agents = np.flatnonzero(team.present)
-    if len(agents) > _MAX_AGENTS:
+    if len(agents) > most:
         return {}
     places = np.nan_to_num(positions)
     part = label_parts(team, team.communication)[agents]

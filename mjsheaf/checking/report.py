@@ -46,8 +46,6 @@ _IN_HEADINGS = (
 )
 _SAID_ELSEWHERE = ("norm", "unit", "holds", "applies")  # by descriptions, `value`, `verdict`, `reason` and the screen
 _RMS = "_per_agent"  # ends the names of fields that have an error as RMS over agents, not as norm of the whole team
-_MOST_ROWS = 4  # of a list in a part of the record
-_MOST_NAMES = 12  # in a row
 _WIDEST_VALUE = 26  # characters; what is longer takes the place of its description
 
 
@@ -62,13 +60,20 @@ def report(record: CheckRecord) -> Group:
     return Group(*page)
 
 
-def _part(record: BaseModel, path: str, before: BaseModel | None) -> Iterator[Any]:
+def _part(
+    record: BaseModel,
+    path: str,
+    before: BaseModel | None,
+    *,
+    most: int = 4,
+) -> Iterator[Any]:
     """Yield the fields of a record and of the records in it as lines, then the lists of records in it as tables.
 
     Args:
         record: The record.
         path: Its name; empty for the whole record, whose records are parts of their own.
         before: Record of the same kind, from which differences alone are shown; None shows all.
+        most: Largest number of rows of a list in a part of the record.
     """
     rows: list[Row] = []
     parts: list[Any] = []
@@ -79,7 +84,7 @@ def _part(record: BaseModel, path: str, before: BaseModel | None) -> Iterator[An
         if not path and name in _IN_HEADINGS:
             continue
         if _is_list(value):
-            parts += _list(value, inside, old, most=_MOST_ROWS) if path else [Text(), *_list(value, inside, old)]
+            parts += _list(value, inside, old, most=most) if path else [Text(), *_list(value, inside, old)]
         elif isinstance(value, BaseModel) and not path:
             parts += _part(value, name, old)
         elif isinstance(value, BaseModel):
@@ -186,7 +191,11 @@ def _list(records: list[BaseModel], path: str, before: list[BaseModel] | None, m
         yield Padding(Text("; ".join(remarks), "dim"), (0, 0, 0, 1))
 
 
-def _text(value: Any) -> str:
+def _text(
+    value: Any,
+    *,
+    most: int = 12,  # in a row
+) -> str:
     """Return a value in words."""
     if isinstance(value, BaseModel):
         value = value.model_dump(exclude_none=True)
@@ -196,8 +205,8 @@ def _text(value: Any) -> str:
             return f"{next(iter(said))} for {'both' if len(value) == 2 else f'all {len(value)}'}"
         value = [f"{key}: {in_yaml(inner)}" for key, inner in value.items()]
     if isinstance(value, list | tuple):
-        more = f", and {len(value) - _MOST_NAMES} more" if len(value) > _MOST_NAMES else ""
-        return ", ".join(map(_text, value[:_MOST_NAMES])) + more
+        more = f", and {len(value) - most} more" if len(value) > most else ""
+        return ", ".join(map(_text, value[:most])) + more
     return in_yaml(value)
 
 
@@ -209,13 +218,18 @@ MAX_LINES = 45
 WIDTH = 100
 """Largest width of a line."""
 
-_MAX_LINES_OF_THE_HEADLINE = 6
-_MAX_NOTES = 4
-_MAX_DRIFTS = 8
 _LABEL = 22
 
 
-def screen(record: CheckRecord, name: str | None = None, *, pending: bool = False, whole: bool = False) -> list[str]:
+def screen(
+    record: CheckRecord,
+    name: str | None = None,
+    *,
+    pending: bool = False,
+    whole: bool = False,
+    most_of_headline: int = 6,
+    most_notes: int = 4,
+) -> list[str]:
     """Return the answer as lines of text.
 
     Args:
@@ -223,17 +237,19 @@ def screen(record: CheckRecord, name: str | None = None, *, pending: bool = Fals
         name: Scenario as the user named it, for a last line on the whole report; None where that is not at hand.
         pending: True while the mission is being tried: a verdict of OK is still open.
         whole: True for all of each text, False for what fits on a screen.
+        most_of_headline: Largest number of lines of the verdict.
+        most_notes: Largest number of notes.
     """
     verdict = "no problem found by analysis" if pending and record.ok else headline(record)
     rest = [""]
     for label, text in _numbers(record):
         rest += _cut(_wrapped(text, " " * _LABEL, f"{label:<{_LABEL}}"), 3, whole)
-    notes = record.notes if whole else record.notes[:_MAX_NOTES]
+    notes = record.notes if whole else record.notes[:most_notes]
     rest += [""] if notes else []
     for note in notes:
         rest += _cut(_wrapped(f"note: {note}", "  "), 2, whole)
     rest += [] if name is None else ["", f"mjsheaf check {name} --full prints the whole report."]
-    lines = _cut(_wrapped(f"{record.scenario}: {verdict}", ""), _MAX_LINES_OF_THE_HEADLINE, whole)
+    lines = _cut(_wrapped(f"{record.scenario}: {verdict}", ""), most_of_headline, whole)
     for k, problem in enumerate(record.problems):
         tried = "" if pending else describe_tried(problem)
         block = ["", *_wrapped(problem.what[0].upper() + problem.what[1:] + ".", "  ", "  ")]
@@ -247,7 +263,11 @@ def screen(record: CheckRecord, name: str | None = None, *, pending: bool = Fals
     return lines + rest
 
 
-def _numbers(record: CheckRecord) -> Iterator[tuple[str, str]]:
+def _numbers(
+    record: CheckRecord,
+    *,
+    most_drifts: int = 8,
+) -> Iterator[tuple[str, str]]:
     """Yield label and text of the rows with the numbers that matter."""
     as_if = "" if record.steady.exact_links else ", as if links were exact"
     yield "tracking error", _error(record.steady, as_if)
@@ -265,7 +285,7 @@ def _numbers(record: CheckRecord) -> Iterator[tuple[str, str]]:
     if record.safety is not None:
         yield "separation", _separation(record.safety)
     if record.drifts:
-        far = ", ".join(f"{name} {distance:.3g} m" for name, distance in list(record.drifts.items())[:_MAX_DRIFTS])
+        far = ", ".join(f"{name} {distance:.3g} m" for name, distance in list(record.drifts.items())[:most_drifts])
         yield "targets adrift", f"the flow carries them: {far}"
     yield "fragility", _fragile(record.fragility)
     if record.trial is not None:

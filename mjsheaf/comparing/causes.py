@@ -47,11 +47,8 @@ LIMITED_BY = {
 
 _RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
 _MIN_BODY_FRACTION = 0.05  # of the error; bodies that add less are not reported as its cause
-_MIN_CAUSE_FRACTION = 0.25  # of the error, or of the part that bodies add; a smaller part is not a cause
 _MIN_NAMED_FRACTION = 0.01  # of the error; smaller parts are named together
 _MIN_Q_STAR_FRACTION = 0.5  # of the error; if q* itself has more, the sheaf is the cause
-_MIN_DAMPING = 0.2  # damping ratio below which the team rings
-_MIN_GAIN_ROOM = 1.05  # ratio of the usable to the present gain above which raising the gain is advised
 
 
 class LoopRecord(FiniteRecord):
@@ -241,7 +238,12 @@ def _blown_up(record: CompareRecord) -> list[str]:
     return [f"the scenario as given blows up ({record.rung('all').message})", cause]
 
 
-def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
+def _cause(
+    record: CompareRecord,
+    measure: Measure,
+    *,
+    cause_fraction: float = 0.25,  # of the error, or of the part that bodies add; a smaller part is not a cause
+) -> _Cause | None:
     """Return the dominant cause of an error of the team; None if the error is unknown or zero.
 
     It is the sheaf if q* itself has half of the error; else what removes the most of it: perfect links, the paper's law
@@ -254,7 +256,7 @@ def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
     if (budget.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * budget.all_m:
         return _cause_in_sheaf(record, budget)
     added = budget.all_m - budget.ideal_m
-    least = _MIN_CAUSE_FRACTION * budget.all_m
+    least = cause_fraction * budget.all_m
     changes = _changes(record)
     better = "better links (links.noise, loss, delay)"
     causes = [(record.saved_by("all-links", TEAM, measure), least, "imperfect links", better)]
@@ -266,7 +268,7 @@ def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
         causes.append((saved, least, "the velocity limit", _raise_limit(record.velocity_limit)))
     if added > _MIN_BODY_FRACTION * budget.all_m:
         for item in budget.effects:
-            least_of_bodies = _MIN_CAUSE_FRACTION * added
+            least_of_bodies = cause_fraction * added
             causes.append((item.give_back_m or 0.0, least_of_bodies, display_name(item.effect), changes[item.effect]))
     ranked = sorted((cause for cause in causes if cause[0] >= max(cause[1], ROUNDING)), reverse=True)
     if ranked:
@@ -277,7 +279,7 @@ def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
     if added <= _MIN_BODY_FRACTION * budget.all_m:
         return _Cause("the law, not the vehicles", _change_of_law(record))
     part, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
-    if part >= _MIN_CAUSE_FRACTION * added:
+    if part >= cause_fraction * added:
         return _Cause(f"the time constant tau of the {who}, which add {part:.2g} m with ideal thrusters", "")
     return _Cause(f"no single effect, as bodies add {added:.2g} m together", "see the interaction in the budget")
 
@@ -307,14 +309,18 @@ def _changes(record: CompareRecord) -> dict[str, str]:
     return {effect: change.removesuffix(ignored) for effect, change in _CHANGE.items()}
 
 
-def _change_of_law(record: CompareRecord) -> str:
+def _change_of_law(
+    record: CompareRecord,
+    *,
+    room_factor: float = 1.05,  # ratio of the usable to the present gain above which raising the gain is advised
+) -> str:
     """Advise how to lower the ideal run's error: a higher gain up to the usable one, or slower targets."""
     if record.gain is None:
         return f"another law than {record.law}, or slower targets"
     room = record.usable_gain
     if room is None:
         return "a higher controller.gain, more sensing agents, or slower targets"
-    if room > _MIN_GAIN_ROOM * record.gain:
+    if room > room_factor * record.gain:
         return f"a higher controller.gain (up to {room:.2g} 1/s), more sensing agents, or slower targets"
     return f"more sensing agents, or slower targets (a higher gain rings, above {room:.2g} 1/s)"
 
@@ -334,13 +340,17 @@ def _raise_limit(limit: VelocityLimitRecord) -> str:
     return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
 
 
-def _gain(record: CompareRecord) -> list[str]:
+def _gain(
+    record: CompareRecord,
+    *,
+    least_damping: float = 0.2,  # damping ratio below which the team rings
+) -> list[str]:
     """Report what limits the gain; and how the team rings, if it does."""
     if record.gain is None or record.gains is None or not record.gains.limits:
         return []
     limit = record.gains.limits[0]
     mode = record.ringing.least_damped if record.ringing else None
-    rings = mode is not None and mode.damping < _MIN_DAMPING
+    rings = mode is not None and mode.damping < least_damping
     now = f"gain {record.gain:g} 1/s: "
     if mode is not None and rings:
         who = f" of the mode about {mode.agent}" if mode.agent else ""

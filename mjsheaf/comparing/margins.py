@@ -46,10 +46,7 @@ from mjsheaf.vehicles.loading import list_vehicles
 MIN_DAMPING = 0.3
 """Smallest damping ratio at a usable gain."""
 
-_NOTABLE = 1.2  # factor on the usable gain, without an effect, below which it is no cause
 _FACTORS = (2.0, 4.0)  # multiples of the present gain that are tried
-_BELOW_UNSTABLE = 0.9  # largest gain that is tried, as a fraction of the gain that makes the loop unstable
-_WORTH_TRYING = 1.05  # smallest multiple of the present gain that is tried
 
 Effect = Literal["inertia", "lag", "underactuation", "hold", "links"]
 
@@ -125,7 +122,11 @@ def ways_of(phases: Sequence[Phase], ideal: Run) -> list[Way]:
     return [way for way in found if len(way.time) > 1]
 
 
-def find_ringing(ways: Sequence[Way]) -> tuple[int, RingingRecord | None]:
+def find_ringing(
+    ways: Sequence[Way],
+    *,
+    notable: float = 1.2,  # factor on the usable gain, without an effect, below which it is no cause
+) -> tuple[int, RingingRecord | None]:
     """Return the number of the phase whose loop is least damped, and that loop; None if it is undecided in all."""
     least = np.inf
     found: tuple[Way, BodyLoop] | None = None
@@ -142,7 +143,7 @@ def find_ringing(ways: Sequence[Way]) -> tuple[int, RingingRecord | None]:
     effect: Effect = "inertia"
     if without and usable is not None:
         largest = max(without, key=lambda name: without[name] or np.inf)
-        effect = largest if (without[largest] or np.inf) > _NOTABLE * usable else effect
+        effect = largest if (without[largest] or np.inf) > notable * usable else effect
     return way.number, RingingRecord(**loop.model_dump(), usable_gain=usable, effect=effect, without=without)
 
 
@@ -207,13 +208,19 @@ def examine_gain(
     return GainRecord(limits=sorted(limits, key=lambda limit: limit.gain), trials=trials)
 
 
-def _factors(gain: float, largest_stable: float | None) -> list[float]:
+def _factors(
+    gain: float,
+    largest_stable: float | None,
+    *,
+    below_unstable: float = 0.9,  # largest gain that is tried, as a fraction of the gain that makes the loop unstable
+    worth_trying: float = 1.05,  # smallest multiple of the present gain that is tried
+) -> list[float]:
     """Choose the factors to raise the gain by; none if the gain is 0, or the loop is unstable just above it."""
     if gain <= 0.0:
         return []
-    most = np.inf if largest_stable is None else _BELOW_UNSTABLE * largest_stable / gain
+    most = np.inf if largest_stable is None else below_unstable * largest_stable / gain
     chosen = dict.fromkeys(min(factor, most) for factor in _FACTORS)
-    return [float(f"{factor:.3g}") for factor in chosen if factor > _WORTH_TRYING]
+    return [float(f"{factor:.3g}") for factor in chosen if factor > worth_trying]
 
 
 def _with_gain(phases: Sequence[Phase], factor: float) -> tuple[Phase, ...]:
@@ -249,7 +256,6 @@ JUDGED: tuple[Literal["ideal"], Literal["all"]] = ("ideal", "all")
 """Keys of the runs whose demands and limits are examined."""
 
 _DOMAIN: dict[int, Domain] = {2: "the plane", 3: "space"}
-_AT_LIMIT = 1.0 - 1e-9  # of the limit
 
 
 class UnlimitedRecord(FiniteRecord):
@@ -370,10 +376,17 @@ def velocity_limit_of(runs: dict[str, Run], number: int | None = None) -> Veloci
     )
 
 
-def _compared(key: Literal["ideal", "all"], runs: dict[str, Run], number: int | None, span: Span) -> UnlimitedRecord:
+def _compared(
+    key: Literal["ideal", "all"],
+    runs: dict[str, Run],
+    number: int | None,
+    span: Span,
+    *,
+    at_limit: float = 1.0 - 1e-9,  # of the limit
+) -> UnlimitedRecord:
     speed, chosen = _late_speeds(runs[key], span)
     limits = runs[key].limits[chosen]
-    held = (speed[:, : limits.shape[1]] >= _AT_LIMIT * limits)[limits > 0.0]
+    held = (speed[:, : limits.shape[1]] >= at_limit * limits)[limits > 0.0]
     without = runs[f"{key}-limit"]
     return UnlimitedRecord(
         run=key,

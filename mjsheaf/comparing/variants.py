@@ -70,8 +70,6 @@ _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
 EFFECTS = (*_OF_VEHICLES, CONTACTS)
 """Effects of real bodies, named as in the scenario's physics section."""
 
-_TIMESTEP_DIVISOR = 10  # of the second attempt with bodies that blow up
-
 
 class RungRecord(FiniteRecord):
     """One variant of the ladder."""
@@ -420,8 +418,12 @@ def run_ablation(
     return runs
 
 
-def _with_finer_timestep(system: System) -> System:
-    return replace(system, bodies=replace(system.bodies, timestep=system.bodies.timestep / _TIMESTEP_DIVISOR))
+def _with_finer_timestep(
+    system: System,
+    *,
+    divisor: int = 10,  # of the second attempt with bodies that blow up
+) -> System:
+    return replace(system, bodies=replace(system.bodies, timestep=system.bodies.timestep / divisor))
 
 
 def _simulate(

@@ -45,23 +45,12 @@ PointKey = tuple[int, bytes]
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
 
-_MOST_POINTS = 200  # vehicles that are linearised one by one; larger teams are represented by some of theirs
-_MOST_SAMPLES = 200  # of the path, for the mean flow
-_STILL = 1e-3  # m/s: a slower medium is at rest
 NEUTRAL_RATE = 1e-5
 """1/s: rates below it are the rounding of neutral directions."""
 
 _SHOWN = 0.2  # part of a displacement that a mode must carry for its damping to count
 MODE_AT_REST = 1e-6
 """m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it."""
-
-_CROSS_RESPONSE = 1e-3  # of a vehicle's response, across axes or in difference between axes, that is neglected
-_RESPONSE_DIFFERENCE = 0.02  # largest difference between representatives of a large team, of a vehicle's response
-_WAY = 1.5  # times the speed from which a boat that cannot go astern turns round: what it makes if it has a model
-_TURNS = 3.0  # time constants l / |w| of turning into the current that a run must last for a boat to be turned by it
-_RESPONSE_TIME = 10.0  # s, over which responses are compared
-_GAIN_ACCURACY = 1e-3  # relative, of the largest gain
-_MOST_DOUBLINGS = 40
 
 
 Obstacle = Literal["", "overpowered", "no model"]
@@ -234,7 +223,14 @@ class TeamLoop(NamedTuple):
             return True
         return None if max(block.growth(gain, known=True) for block in self.blocks) < self.neutral else False
 
-    def largest_gain(self, gain: float, least_damping: float | None = None) -> float | None:
+    def largest_gain(
+        self,
+        gain: float,
+        least_damping: float | None = None,
+        *,
+        accuracy: float = 1e-3,  # relative, of the largest gain
+        doublings: int = 40,
+    ) -> float | None:
         """Find the gain from which on a mode grows: the next above a stable gain, or below an unstable one, 1/s.
 
         With `least_damping`, it is the gain from which on the damping ratio of a mode is smaller.
@@ -246,13 +242,13 @@ class TeamLoop(NamedTuple):
 
         low = high = gain
         up = not rings(gain)
-        for _ in range(_MOST_DOUBLINGS):
+        for _ in range(doublings):
             low, high = (high, 2.0 * high) if up else (0.5 * low, low)
             if rings(high if up else low) == up:
                 break
         else:
             return None
-        while high > (1.0 + _GAIN_ACCURACY) * low:
+        while high > (1.0 + accuracy) * low:
             middle = float(np.sqrt(low * high))
             low, high = (low, middle) if rings(middle) else (middle, high)
         return float(np.sqrt(low * high))
@@ -362,12 +358,18 @@ def medium_on_path(system: System, path: TargetPath) -> Array:
     return mean_medium(system, path.time, path.q_star) if known else np.full((len(system.team.agents), 3), np.nan)
 
 
-def mean_medium(system: System, time: Array, q_star: Array) -> Array:
+def mean_medium(
+    system: System,
+    time: Array,
+    q_star: Array,
+    *,
+    most_samples: int = 200,  # of the path, for the mean flow
+) -> Array:
     """Mean velocity of the medium relative to each agent's q*, along its path, shape (N, 3), m/s; no disturbance.
 
     The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
     """
-    stride = max(1, len(q_star) // _MOST_SAMPLES)
+    stride = max(1, len(q_star) // most_samples)
     w = agent_flow(system, q_star[::stride])
     w += agent_motion(system, time[::stride], q_star[::stride], WITHOUT_MEAN)
     mean = np.trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
@@ -402,7 +404,15 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
     return closed(block.plant, block.law(system.gain)), block.places
 
 
-def _models(system: System, numbers: Sequence[int], medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
+def _models(
+    system: System,
+    numbers: Sequence[int],
+    medium: Array,
+    timestep: float,
+    steps: int,
+    *,
+    most_points: int = 200,
+) -> list[LinearVehicle]:
     """Return the linear vehicle of each of some vehicles of a system; those that are alike share one.
 
     Of many vehicles those that meet the extremes of the flow are linearised, and stand for all if they behave alike.
@@ -413,6 +423,7 @@ def _models(system: System, numbers: Sequence[int], medium: Array, timestep: flo
         medium: Velocity of the medium relative to the place that each holds, shape (n, 3), m/s.
         timestep: Timestep of the physics, s.
         steps: Timesteps between evaluations of the law.
+        most_points: Largest number of vehicles that are linearised one by one.
 
     Raises:
         UndecidedError: One has none, or they do not behave alike.
@@ -431,7 +442,7 @@ def _models(system: System, numbers: Sequence[int], medium: Array, timestep: flo
         point = _held_point(system, v, met)
         keys.append((id(point.vehicle), np.round([*point.medium, point.heading], 4).tobytes()))
         points.setdefault(keys[-1], point)
-    many = len(points) > _MOST_POINTS
+    many = len(points) > most_points
     chosen = _extreme_points(points) if many else list(points)
     models = {}
     for key, model in zip(chosen, linearise([points[k] for k in chosen], system.control, timestep, steps), strict=True):
@@ -443,7 +454,14 @@ def _models(system: System, numbers: Sequence[int], medium: Array, timestep: flo
     return [models[chosen[0]]] * len(keys)
 
 
-def _require_linear(name: str, point: HeldPoint, model: LinearVehicle | str) -> LinearVehicle:
+def _require_linear(
+    name: str,
+    point: HeldPoint,
+    model: LinearVehicle | str,
+    *,
+    still: float = 1e-3,  # m/s: a slower medium is at rest
+    way: float = 1.5,  # over the speed from which a boat that cannot go astern turns round: it then has a model
+) -> LinearVehicle:
     """Return the linear vehicle of a member about a point.
 
     Raises:
@@ -452,16 +470,16 @@ def _require_linear(name: str, point: HeldPoint, model: LinearVehicle | str) -> 
     speed = float(np.linalg.norm(point.medium))
     if isinstance(model, str):
         why = f"{model} (some push one way only)" if is_one_sided(point.vehicle) else model
-        if speed < _STILL:
+        if speed < still:
             raise NoModelError(f"{name} has no linear model at rest: {why}")
         raise OverpoweredError(
             f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place: {why}"
         )
     turning = turning_of(point.vehicle)
-    if turning is not None and speed < _WAY * turning.speed:
+    if turning is not None and speed < way * turning.speed:
         raise NoModelError(
             f"{name} has no linear model at {speed:.3g} m/s through the medium: its vehicle cannot go astern, and "
-            f"turns round for a target behind it unless it makes {_WAY * turning.speed:.3g} m/s"
+            f"turns round for a target behind it unless it makes {way * turning.speed:.3g} m/s"
         )
     return model
 
@@ -480,22 +498,33 @@ def _extreme_points(points: Mapping[PointKey, HeldPoint]) -> list[PointKey]:
     return [keys[k] for k in sorted(int(k) for k in extreme)]
 
 
-def _held_point(system: System, number: int, medium: Array) -> HeldPoint:
+def _held_point(
+    system: System,
+    number: int,
+    medium: Array,
+    *,
+    time_constants: float = 3.0,  # l / |w| of turning into the current, that a run must last to turn a boat
+) -> HeldPoint:
     """Return where a vehicle holds its place; one that holds no heading turns into the current if the run lasts."""
     vehicle, heading = system.vehicles[number], float(system.bodies.heading[number])
     if vehicle.steering.attitude:
         return HeldPoint(vehicle, medium, heading)
     span = system.grid.period * system.grid.steps
-    if float(np.hypot(medium[0], medium[1])) * span < _TURNS * vehicle.steering.hand:
+    if float(np.hypot(medium[0], medium[1])) * span < time_constants * vehicle.steering.hand:
         return HeldPoint(vehicle, np.zeros(3), heading)
     return HeldPoint(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 
 
-def _response(model: LinearVehicle, period: float) -> Array:
+def _response(
+    model: LinearVehicle,
+    period: float,
+    *,
+    span: float = 10.0,  # s, over which responses are compared
+) -> Array:
     """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
     s, n = model.B.shape
-    count = int(np.clip(_RESPONSE_TIME / period, 20, 400))
-    stride = max(1, round(_RESPONSE_TIME / period / count))
+    count = int(np.clip(span / period, 20, 400))
+    stride = max(1, round(span / period / count))
     step = power(model, stride)
     state, found = np.vstack([np.zeros((s + n, n)), np.eye(n)]), []
     for k in range(count):
@@ -509,11 +538,16 @@ def _difference(one: Array, other: Array) -> float:
     return float(np.abs(one - other).max() / max(np.abs(one).max(), np.abs(other).max()))
 
 
-def _alike(models: list[LinearVehicle], period: float) -> bool:
+def _alike(
+    models: list[LinearVehicle],
+    period: float,
+    *,
+    difference: float = 0.02,  # largest difference between representatives of a large team, of a vehicle's response
+) -> bool:
     """Return True if vehicles respond to a command in nearly the same way."""
     first = _response(models[0], period)
     responses = (_response(model, period) for model in models[1:])
-    return all(r.shape == first.shape and _difference(r, first) <= _RESPONSE_DIFFERENCE for r in responses)
+    return all(r.shape == first.shape and _difference(r, first) <= difference for r in responses)
 
 
 def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> TeamLoop:
@@ -547,7 +581,14 @@ def _with_delay(system: System, spectrum: Spectrum, models: list[LinearVehicle],
     return loop
 
 
-def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: float) -> list[Block]:
+def _parts(
+    system: System,
+    spectrum: Spectrum,
+    model: LinearVehicle,
+    period: float,
+    *,
+    negligible: float = 1e-3,  # of a vehicle's response, across axes or in difference between axes, that is neglected
+) -> list[Block]:
     """The blocks of a team of alike vehicles; none where they do not fall apart.
 
     Axes that neither the vehicle nor H couples are apart. Within one part, H is the same along all axes and does not
@@ -557,7 +598,7 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
     law = model_of(system.law, system.grid.period)
     n = model.D.shape[0]
     response = _response(model, period)
-    by_vehicle = np.abs(response).max(axis=0) > _CROSS_RESPONSE * np.abs(response).max()
+    by_vehicle = np.abs(response).max(axis=0) > negligible * np.abs(response).max()
     by_sheaf = np.zeros((n, n), dtype=bool)
     rows, columns = H.nonzero()
     by_sheaf[rows % n, columns % n] = True
@@ -571,7 +612,7 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
             part = blocks[first]
             agents = np.arange(H.shape[0] // n)
         elif not _couples(by_vehicle, axes) and all(
-            _difference(response[:, a, a], response[:, first, first]) <= _CROSS_RESPONSE for a in axes
+            _difference(response[:, a, a], response[:, first, first]) <= negligible for a in axes
         ):
             held = np.flatnonzero(np.isin(np.arange(H.shape[0]) % n, axes))
             part = H[held][:, held]

@@ -43,12 +43,8 @@ from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record, per_agent
 from mjsheaf.system import System
 
-_MOST_NUMBERS = 20_000_000  # samples times states that are looked at
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_BETTER = 0.99  # of the bound of the round before: more is not worth a round
-_MOST_ROUNDS = 12
 _NOTHING = 1e-40  # of a response: all that follows is lost in rounding
-_IMPULSE = 4000  # samples of a filter's response
 _BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are found at a time, and how often
 _TRIALS = 2.0 ** np.arange(1, 24)  # radii, over |e_0| and 1 mm, that are tried where a field is unbounded
 
@@ -220,13 +216,20 @@ def _filtered(values: Array, share: float) -> Array:
     return found
 
 
-def _drive(system: System, certificate: Certificate, values: Array, vectors: Array) -> _Drive:
+def _drive(
+    system: System,
+    certificate: Certificate,
+    values: Array,
+    vectors: Array,
+    *,
+    most: int = 20_000_000,  # samples times states that are looked at
+) -> _Drive:
     """Follow feedforward and observer along the targets' path."""
     team, terms, h, path = system.team, system.law.terms, system.grid.period, certificate.constants.path
     n_q, N = len(values), len(team.agents)
     if path.cells is None:
         raise UndecidedError(f"the targets' path is not known: {path.warning}")
-    if path.stride > 1 or len(path.samples) * n_q > _MOST_NUMBERS:
+    if path.stride > 1 or len(path.samples) * n_q > most:
         raise UndecidedError("the run has too many samples")
     carrier = Carrier(system, certificate.spectrum)
     q_star, K = carrier.extend(path.samples), len(path.samples) - 1
@@ -273,13 +276,17 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
     return _Drive(W - v, F - observed, v - observed, total, middle, moves, ripple, terms.drift)
 
 
-def _amplified(c: Array) -> float:
+def _amplified(
+    c: Array,
+    *,
+    samples: int = 4000,  # samples of a filter's response
+) -> float:
     """By how much errors of any sizes up to 1, in the 2-norm over the team, grow in v: sum_j max |(1 - c) c^j|.
 
     The largest of each power, as errors may come in another eigenvector at each sample.
     """
     share, slowest, found = np.abs(1.0 - c), float(np.abs(c).max()), 0.0
-    for _ in range(_IMPULSE):
+    for _ in range(samples):
         largest = float(share.max())
         found += largest
         share = share * np.abs(c)
@@ -374,7 +381,15 @@ def _why_clipped(system: System, found: Envelope) -> str:
     return integral if found.integral > system.law.terms.largest else ""
 
 
-def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive) -> Envelope:
+def _bounded(
+    system: System,
+    certificate: Certificate,
+    loop: Loop,
+    drive: _Drive,
+    *,
+    worth: float = 0.99,  # of the bound of the round before: more is not worth a round
+    rounds: int = 12,
+) -> Envelope:
     K, N, h, start = len(drive.left), len(system.team.agents), loop.period, certificate.constants.initial_error
     decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)
     known = np.linalg.norm(drive.left - drive.met, axis=1) + drive.unsure
@@ -411,10 +426,10 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
                 break
     if not np.isfinite(within).all():
         raise UndecidedError("the flow is too steep or singular where the agents may be: no bound confines them")
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(rounds):
         apart = flow(within)
         samples, narrower, d = answer(apart)
-        better = narrower.sum() < _BETTER * within.sum()
+        better = narrower.sum() < worth * within.sum()
         within = np.minimum(within, narrower)
         if not better:
             break

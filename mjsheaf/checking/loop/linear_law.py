@@ -45,15 +45,10 @@ _MOTION = 2.0**-20  # m, from rest: a power of two, so that a linear law scales 
 _OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**-12, -(2.0**-6), 1.0, -(2.0**5), 2.0**10)  # m: answered in proportion
 _LINEAR = 1e-9  # relative difference of two answers of a linear law
 _NEGLIGIBLE = 1e-11  # relative size of a new direction that is rounding
-_SETTLING = 4  # samples after which counters of samples no longer matter
-_MOST_SETTLING = 1000  # samples, for what registered terms remember
-_TESTED = 40  # samples over which the model of registered terms is held against the law
-_TESTED_SHIPPED = 8  # and that of the shipped terms alone, which have no counters that end later
 _GENERIC_GAIN = 0.7390851332  # 1/s; terms do not cancel -k1 eta by chance at this gain
 _PROBED = np.array([1.0, 2.0, 3.0])  # eigenvalues from which the law at complex ones is extrapolated
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
-_MOST_MODELS = 200
 _models: "dict[bytes, LawModel]" = {}
 _MOVED_POINTS = _MOTION * np.eye(9).reshape(3, 3, 3, 3).swapaxes(0, 1)  # along an axis: agent, first point, second
 
@@ -166,7 +161,12 @@ def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
     return basis
 
 
-def model_of(law: LawArrays, period: float) -> "LawModel":
+def model_of(
+    law: LawArrays,
+    period: float,
+    *,
+    most: int = 200,
+) -> "LawModel":
     """Return the linear model of a team's law with a control period, s, which teams with the same terms share.
 
     Raises:
@@ -177,7 +177,7 @@ def model_of(law: LawArrays, period: float) -> "LawModel":
     model = _models.get(key)
     if model is None:
         model = LawModel(alone, period)
-        if len(_models) >= _MOST_MODELS:
+        if len(_models) >= most:
             _models.clear()
         _models[key] = model
     return model
@@ -273,7 +273,12 @@ class LawModel:
             parts[name] = probe[0] + np.multiply.outer(values - _PROBED[0], slopes[0])
         return LinearLaw(**parts, integral=probes.integral)
 
-    def _settle(self) -> None:
+    def _settle(
+        self,
+        *,
+        settling: int = 4,  # samples after which counters of samples no longer matter
+        most: int = 1000,  # samples, for what registered terms remember
+    ) -> None:
         """Find what the law remembers at rest, and then a sample later.
 
         Raises:
@@ -281,11 +286,11 @@ class LawModel:
         """
         self._end = np.zeros_like(self._memory.flat)
         none = np.zeros(0, dtype=np.int64)
-        for self._sample in range(_MOST_SETTLING):
+        for self._sample in range(most):
             self._rest = self._end
             self._end = self._answers(self._control, none, _STILL, _GENERIC)[0][0, 0]
             same = np.array_equal(self._rest[self._registered], self._end[self._registered])
-            if self._sample >= _SETTLING and same:
+            if self._sample >= settling and same:
                 return
         raise UndecidedError(f"the law changes with time ({self._terms})")
 
@@ -369,12 +374,17 @@ class LawModel:
         self._rest = rest
         return found
 
-    def _require_linear(self) -> None:
+    def _require_linear(
+        self,
+        *,
+        tested_custom: int = 40,  # samples over which the model of registered terms is held against the law
+        tested_shipped: int = 8,  # and that of the shipped terms alone, which have no counters that end later
+    ) -> None:
         """Raise an UndecidedError unless the law does what its model says, in motions of several sizes."""
         model = self.at(_GENERIC_GAIN, _GENERIC.sum(axis=1))
         weight = _GENERIC[0, 0]
         measured = self._control.law.edges.F_tail.diagonal()[:, None]
-        tested = _TESTED if len(self._registered) else _TESTED_SHIPPED
+        tested = tested_custom if len(self._registered) else tested_shipped
         agent, first, second = points = np.random.default_rng(0).uniform(-1.0, 1.0, (3, tested, 3))
         memories = []
         for size in (_MOTION, *_OTHER_MOTIONS):

@@ -25,8 +25,6 @@ from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 
-_MOST_INSTANTS = 200  # along q* at which noise of range and bearing is linearised
-
 
 class MeasuredEdge(NamedTuple):
     """An edge that agents listen to: D q + (what targets add) is measured.
@@ -182,7 +180,12 @@ def linked_law(system: System, path: TargetPath) -> LinkedLaw:
     return LinkedLaw(loop, vectors, measured_edges(system.team), links_of(system, path), system.law.terms)
 
 
-def links_of(system: System, path: TargetPath) -> LinkParameters:
+def links_of(
+    system: System,
+    path: TargetPath,
+    *,
+    instants: int = 200,  # along q* at which noise of range and bearing is linearised
+) -> LinkParameters:
     """The links of a system; noise of range and bearing is the mean of its linearisations along q*.
 
     Raises:
@@ -200,7 +203,7 @@ def links_of(system: System, path: TargetPath) -> LinkParameters:
     x = path.positions.copy()
     x[:, : len(team.agents)] = team.unpack(path.q_star)
     everywhere = np.concatenate([system.initial[None], x]) + system.law.links.lift[None, :, None] * [0.0, 0.0, 1.0]
-    few = slice(None, None, max(1, len(x) // _MOST_INSTANTS))
+    few = slice(None, None, max(1, len(x) // instants))
     for e in [e for e, edge in enumerate(edges) if edge.linked and of[e] >= 0]:
         link = table[of[e]]
         _require_in_range(system, e, everywhere, link["range"])
@@ -278,7 +281,6 @@ def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float)
 
 MOST_STATES = 900  # of a matrix whose eigenvalues are found
 MOST_WORK = 3e10  # modes times states cubed, of eigenvalues or of covariances
-_MOST_SCANNED = 200  # periods of delay that are tried one by one
 _ROUNDING = 1e-9  # of a spectral radius: closer to 1 nothing is decided
 
 
@@ -386,13 +388,20 @@ def continuous_delay_margin(values: NDArray[Any], gain: float) -> float | None:
     return float(((0.5 * np.pi - np.abs(np.angle(values))) / (gain * np.abs(values))).min()) if stable else None
 
 
-def largest_delay(loop: Loop, linked: BoolArray, radius_of: Callable[[IntArray], float]) -> int | None:
+def largest_delay(
+    loop: Loop,
+    linked: BoolArray,
+    radius_of: Callable[[IntArray], float],
+    *,
+    most: int = 200,
+) -> int | None:
     """Return the largest delay of all links, in periods, up to which a loop is stable; None if it is unstable without.
 
     Args:
         loop: Loop of the law.
         linked: True for each edge that has a link, shape (E,); the others measure at once.
         radius_of: Spectral radius with a delay for each edge, in periods.
+        most: Periods of delay that are tried one by one.
 
     Raises:
         UndecidedError: It is not known.
@@ -404,7 +413,7 @@ def largest_delay(loop: Loop, linked: BoolArray, radius_of: Callable[[IntArray],
         return known
     work = 0.0
     n = len(loop.values)
-    for d in range(known + 1, _MOST_SCANNED):
+    for d in range(known + 1, most):
         work += n * (d + 3.0) ** 3 if linked.all() else (n * (d + 3.0)) ** 3
         if work > MOST_WORK:
             break

@@ -51,11 +51,9 @@ from mjsheaf.vehicles.effects import capability_of
 MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
 
-_MAX_NUMBERS = 4_000_000  # samples times states
 _GAUSS = 0.5 / np.sqrt(3.0)  # of a period, from its middle
 _SETTLING = 12.0  # times 1 / rate before the second half from which the loop is followed, if no speed is limited
 _LEAST_SPEED = 1e-300  # m/s
-_LEFT_OUT = 0.05  # of the error: effects that may be larger are named
 
 
 class SteadyError(Record):
@@ -91,13 +89,20 @@ class _Path(NamedTuple):
 
 
 @one_thread
-def steady_error(system: System, certificate: Certificate, rate: float | None) -> SteadyError:
+def steady_error(
+    system: System,
+    certificate: Certificate,
+    rate: float | None,
+    *,
+    notable: float = 0.05,
+) -> SteadyError:
     """Predict the tracking error of a run in steady state.
 
     Args:
         system: System of the run.
         certificate: Certificate of the system, which knows the targets' path.
         rate: Slowest decay of the loop, 1/s; None if it is not known.
+        notable: Fraction of the error; effects that may be larger are named.
     """
     ideal = bodies = None
     reason = reason_on_bodies = ""
@@ -111,8 +116,8 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
         require_model(system)
         path = _path_of(system, certificate, rate)
         ideal, speed, places = _follow(system, certificate, system.law, ideal_team(system), limit, path)
-        sheared = _shear(system, places, path) > _LEFT_OUT * ideal * (rate or 0.0)
-        unsettled = _initial_part(system, path, rate) > _LEFT_OUT * ideal
+        sheared = _shear(system, places, path) > notable * ideal * (rate or 0.0)
+        unsettled = _initial_part(system, path, rate) > notable * ideal
         limited = np.any((speed > limit)[-path.counted :], axis=0)
         saturates = np.any(speed > limit, axis=0)
     except UndecidedError as error:
@@ -148,7 +153,13 @@ def steady_error(system: System, certificate: Certificate, rate: float | None) -
     )
 
 
-def _path_of(system: System, certificate: Certificate, rate: float | None) -> _Path:
+def _path_of(
+    system: System,
+    certificate: Certificate,
+    rate: float | None,
+    *,
+    most: int = 4_000_000,  # samples times states
+) -> _Path:
     """Return the inputs of the loop along the targets' path.
 
     Raises:
@@ -175,7 +186,7 @@ def _path_of(system: System, certificate: Certificate, rate: float | None) -> _P
     settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and decays else last
     first = max(0, last - counted - settling)
     q_star = Carrier(system, certificate.spectrum).extend(path.samples[first:])
-    if q_star.size > _MAX_NUMBERS:
+    if q_star.size > most:
         raise UndecidedError("the run is too long")
     flow = _mean_flow(system, q_star, first, last)
     if not np.isfinite(flow).all():
@@ -324,11 +335,6 @@ Complex = NDArray[np.complex128]
 _MOST_STATES = 300
 """Largest loop that is solved at every frequency."""
 
-_FREQUENCIES = 240  # of the spectra of gusts, evenly in the logarithm
-_NEUTRAL = 1.0 + 1e-6  # of a heading that nothing holds, rounded
-_STEEP = 1.0 / 60.0  # significant height over the peak's wave length, beyond which drift in groups adds some percent
-_LOWEST = 1e-3  # of the slowest rate of gusts and loop
-
 
 class DisturbanceRecord(Record):
     """RMS errors |q - q*| that gusts and waves leave once the loop has settled; what is steady is not in them."""
@@ -395,13 +401,20 @@ class _Loop(NamedTuple):
         return np.sinc(angle / (2.0 * np.pi)) * self.response(angle)
 
 
-def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> DisturbanceRecord:
+def predict_rms(
+    system: System,
+    spectrum: Spectrum,
+    medium: Array,
+    *,
+    steep: float = 1.0 / 60.0,
+) -> DisturbanceRecord:
     """Predict the errors that gusts and waves leave.
 
     Args:
         system: The system.
         spectrum: Spectrum of H.
         medium: Mean velocity of the medium that the agents' vehicles meet, shape (N, 3), m/s.
+        steep: Significant height over the peak's wave length, beyond which drift in groups adds some percent.
     """
     ids = system.team.agent_ids
     if not _moves(system):
@@ -426,7 +439,7 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
     agents = dict(zip(ids, ideal.tolist(), strict=True))
     left_out = {
         "slow drift in groups of steep waves": any(
-            flow.waves is not None and flow.waves.steepness > _STEEP for flow in system.flows
+            flow.waves is not None and flow.waves.steepness > steep for flow in system.flows
         ),
         "the safety filter": system.safety is not None,
     }
@@ -590,9 +603,15 @@ class _Source(NamedTuple):
     targets: Complex
 
 
-def _rms(system: System, loop: _Loop, tau: Array) -> Array:
+def _rms(
+    system: System,
+    loop: _Loop,
+    tau: Array,
+    *,
+    neutral: float = 1.0 + 1e-6,  # of a heading that nothing holds, rounded
+) -> Array:
     """Return the RMS of each agent, shape (N,), m; `tau` is how slowly each target follows the medium, (M,), s."""
-    if np.abs(np.linalg.eigvals(loop.M)).max() >= _NEUTRAL:
+    if np.abs(np.linalg.eigvals(loop.M)).max() >= neutral:
         raise UndecidedError("the loop is not stable")
     carrier = Carrier(system)
     variance = np.zeros(int(system.team.first_state[-1]))
@@ -675,10 +694,16 @@ def _speeds(system: System, waves: Components, number: int, height: Array) -> tu
     return along * (below | (system.planar & (system.field == number))), up * below
 
 
-def _angles(loop: _Loop, slowest: float) -> Iterator[tuple[float, float]]:
+def _angles(
+    loop: _Loop,
+    slowest: float,
+    *,
+    count: int = 240,  # of the spectra of gusts, evenly in the logarithm
+    lowest: float = 1e-3,  # of the slowest rate of gusts and loop
+) -> Iterator[tuple[float, float]]:
     """Yield angles from 0 to pi and the weight of each: the integral of |E|^2 S over both signs, over 2 pi."""
-    logarithm = np.linspace(np.log(_LOWEST * min(slowest, 1.0)), np.log(np.pi), _FREQUENCIES)
-    weight = np.full(_FREQUENCIES, logarithm[1] - logarithm[0])
+    logarithm = np.linspace(np.log(lowest * min(slowest, 1.0)), np.log(np.pi), count)
+    weight = np.full(count, logarithm[1] - logarithm[0])
     weight[[0, -1]] *= 0.5
     angles = np.exp(logarithm)
     yield from zip(angles.tolist(), (weight * angles / np.pi).tolist(), strict=True)

@@ -28,12 +28,9 @@ from mjsheaf.checking.loop.linear_law import LawModel, LinearController, LinearL
 from mjsheaf.loop.linear import LinearVehicle
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_NO_GAIN = 1e-12  # times the period: a gain below it is rounding, and one over its inverse
-_NOTHING = 1e-40  # of a response: all that follows is lost in rounding
 _SUMMED = 1e-7  # of a sum of responses: what the rest may be
 _DOUBLINGS, _MOST_BLOCKS = 8, 8000  # of powers of the loop that are found at a time, and how often
 _BLOCK = 2**_DOUBLINGS
-_SMALLEST = 1e-12  # of a power of a matrix, beyond which nothing is added
 
 
 def closed(plant: LinearVehicle, law: LinearController) -> NDArray[Any]:
@@ -171,7 +168,13 @@ class Loop:
         low, high = stretches[int(away.argmin())]
         return float(low), float(high)
 
-    def _stable(self, M: Array, change: Array) -> tuple[Array, Array]:
+    def _stable(
+        self,
+        M: Array,
+        change: Array,
+        *,
+        no_gain: float = 1e-12,  # times the period: a gain below it is rounding, and one over its inverse
+    ) -> tuple[Array, Array]:
         """Find the gains k between which M + k change is stable: where they begin and end, ascending.
 
         Only the first row of `change` is not zero, so that the characteristic polynomial is a(z) + k b(z). A root
@@ -190,7 +193,7 @@ class Loop:
         z = np.concatenate([[1.0, -1.0], np.exp(1j * np.arccos(np.clip(roots.real, -1.0, 1.0)))])
         with np.errstate(divide="ignore", invalid="ignore"):
             gains = (-np.polyval(a[::-1], z) / np.polyval(b[::-1], z)).real
-        gains = np.sort(gains[(gains > _NO_GAIN / self.period) & (gains < 1.0 / (_NO_GAIN * self.period))])
+        gains = np.sort(gains[(gains > no_gain / self.period) & (gains < 1.0 / (no_gain * self.period))])
         gains = np.concatenate([[0.0], gains, [2.0 * gains[-1] + 1.0 if len(gains) else 1.0]])
         middle = 0.5 * (gains[1:] + gains[:-1])
         stable = np.abs(np.linalg.eigvals(M + middle[:, None, None] * change)).max(axis=1) < 1.0
@@ -224,7 +227,12 @@ class Loop:
             yield states
             states = power @ states
 
-    def responses(self, count: int) -> Array:
+    def responses(
+        self,
+        count: int,
+        *,
+        nothing: float = 1e-40,  # of a response: all that follows is lost in rounding
+    ) -> Array:
         """Return the largest sizes over the eigenvalues, shape (6, count), of powers j = 0, 1, ...
 
         After e_0: e; the feedback's command, 1/s; z, s. After h d: e, s; the feedback's command; z, s^2.
@@ -242,7 +250,7 @@ class Loop:
         for begin, states in zip(range(0, count, _BLOCK), self._powers(start), strict=False):
             size = np.abs(shown @ states).max(axis=0).reshape(3, _BLOCK, 2)
             found[:, :, begin : begin + _BLOCK] = size.transpose(2, 0, 1)[:, :, : count - begin]
-            if np.abs(states).max() < _NOTHING:
+            if np.abs(states).max() < nothing:
                 break
         return found.reshape(6, count) * (1.0 + _ROUNDING)
 
@@ -292,10 +300,16 @@ class Loop:
         return np.asarray(np.einsum("li,lkij,lj->lk", of_state, P, of_state) + command[:, size:] ** 2)
 
 
-def stationary(A: Array, B: Array, W: Array) -> Array:
+def stationary(
+    A: Array,
+    B: Array,
+    W: Array,
+    *,
+    smallest: float = 1e-12,  # of a power of a matrix, beyond which nothing is added
+) -> Array:
     """Solve P = A P B^T + W for stable matrices A and B, shape (..., n, n), by doubling."""
     P = W
-    while np.abs(A).max() * np.abs(B).max() > _SMALLEST:
+    while np.abs(A).max() * np.abs(B).max() > smallest:
         P = P + A @ P @ B.swapaxes(-1, -2)
         A, B = A @ A, B @ B
     return P

@@ -62,11 +62,6 @@ Verdict = Literal["holds", "fails", "undecided", "does not apply"]
 Finding = tuple[Verdict, float | None, str, str]
 """Verdict, value, unit and witness of an assumption."""
 
-_MOST_ROUNDS = 30  # of the search for a rho that holds over its own tube
-_RHO_STEP = 1.02  # the next rho that is tried, over the slope in the last tube
-_TUBE_OVER_BOUND = 1.0 + 1e-6
-_WORTH_NARROWING = 0.98  # of the weaker bound's radius: a smaller region is taken below it
-
 
 class Assumption(Record):
     """A numbered assumption of the paper."""
@@ -240,7 +235,11 @@ class Search:
         other.rate = None
         return other
 
-    def region(self) -> Region:
+    def region(
+        self,
+        *,
+        worth: float = 0.98,  # of the weaker bound's radius: a smaller region is taken below it
+    ) -> Region:
         """The region, narrow where a bound confines the agents to it, a guess where none does."""
         if self.constants.path.cells is None:
             return self._guess(f"the targets' path is not known: {self.constants.path.warning}")
@@ -256,7 +255,7 @@ class Search:
             return self._guess("no bound confines the agents")
         tube = self.tube(weaker).joined()
         narrower = self.weaker(tube.speed.upper)
-        if narrower.radius < _WORTH_NARROWING * weaker.radius:
+        if narrower.radius < worth * weaker.radius:
             tube = self.tube(narrower).joined()
         return Region(tube, "a tube about q* as wide as the weaker bound", True, tube.slope)
 
@@ -272,10 +271,16 @@ class Search:
         whole = rho if isinstance(rho, Rho) else rho + c.moving.slope
         return theorem_1(gain, self.spectrum.lambda_min, c.f_bar, c.moving.omega_bar, whole, rate, c.initial_error)
 
-    def own_tube(self, rate: float | None) -> Region | None:
+    def own_tube(
+        self,
+        rate: float | None,
+        *,
+        rounds: int = 30,  # of the search for a rho that holds over its own tube
+        step: float = 1.02,  # the next rho that is tried, over the slope in the last tube
+    ) -> Region | None:
         """The tube of Theorem 1's own bound, with a rho that holds over it; None where none is found."""
         slope = 0.0
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(rounds):
             theorem = self.theorem(self.rho or slope, rate)
             if not self._confines(theorem):
                 return None
@@ -284,7 +289,7 @@ class Search:
                 # The assumed slope may be a little more than the tube's.
                 rho = tube.slope if self.rho is not None else replace(tube.slope, upper=slope)
                 return Region(tube, "a tube about q* as wide as the bound", True, rho)
-            slope = _RHO_STEP * tube.slope.upper
+            slope = step * tube.slope.upper
         return None
 
     def _confines(self, bound: Theorem) -> bool:
@@ -292,14 +297,19 @@ class Search:
         start = self.constants.initial_error
         return bound.contains(start) and max(bound.radius, start) < FARTHEST
 
-    def tube(self, bound: Theorem) -> Tube:
+    def tube(
+        self,
+        bound: Theorem,
+        *,
+        wider: float = 1.0 + 1e-6,
+    ) -> Tube:
         """The tube of a bound; under a hold as wide everywhere as it is at most."""
         path, start = self.constants.path, self.constants.initial_error
 
         def radius(time: Array) -> Array:
             held = np.full(time.shape, max(start, bound.radius))  # R is at most the radius
             within = bound.bound(start, time - path.time[0]) if self.system.grid.continuous else held
-            return _TUBE_OVER_BOUND * within
+            return wider * within
 
         return tube_about(self.system, path, self._carrier, radius)
 

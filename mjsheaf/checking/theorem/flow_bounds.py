@@ -57,9 +57,7 @@ from mjsheaf.media.flow import (
 )
 from mjsheaf.vehicles.vectors import triple
 
-_BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
 _NO_CORE = 1e-30  # m; a core smaller than this is none
-_PAIRS = 500_000  # of a cell and a kernel, at once: some 150 MB
 _ROUNDING = 1e-12  # of the sum of all kernels' bounds
 _TWO_OVER_E = 2.0 / math.e
 
@@ -154,7 +152,15 @@ def _supremum(
 
 
 def _search(
-    kernels: "_Kernels", low: Array, high: Array, slope: bool, tolerance: float, most_cells: int
+    kernels: "_Kernels",
+    low: Array,
+    high: Array,
+    slope: bool,
+    tolerance: float,
+    most_cells: int,
+    *,
+    size: int = 1024,  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
+    pairs: int = 500_000,  # of a cell and a kernel, at once: some 150 MB
 ) -> tuple[float, float, Array]:
     """Cut boxes into cells until the bound is tight: a bound, the largest value seen, and where, shape (n,)."""
     n = low.shape[1]
@@ -165,7 +171,7 @@ def _search(
     points = np.clip(points, low, high) if len(low) == 1 else np.concatenate([_inside(points, low, high), centres])
     values = kernels.values(points, slope)
     seen, at = float(values.max()), points[np.argmax(values)]
-    closed, bounded, batch = 0.0, 0, int(np.clip(_PAIRS / (kernels.count * 2**n), 1, _BATCH))
+    closed, bounded, batch = 0.0, 0, int(np.clip(pairs / (kernels.count * 2**n), 1, size))
 
     def bound(c: Array, h: Array) -> Array:
         nonlocal seen, at, bounded

@@ -47,24 +47,15 @@ from mjsheaf.paths import MotionArrays, add_reference, reference_bounds
 from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 
-_FIRST_CELLS = 50  # of a call that follows the targets; later calls fill more
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
 
 _DENSE = 200_000  # numbers of K = H^-1 B that are held as a matrix
-_SAMPLED = 2000  # instants at which the path is also kept as it is, for pictures and estimates
 _MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
-_TOLERANCE = 1e-10  # of the integrator for each step, relative and absolute
-_SHARE_OF_TURN = 0.125  # rad of the fastest motion or disturbance
 _SHARE_OF_DECAY = 0.25  # of the fastest time constant
 _SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
-_SLACK = 1.05  # of V over what it takes
-_MOST_GUESSES = 100  # of V
 _NEARLY = 1.0 - 1e-6  # fraction of the rest of a period that counts as all of it
 _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and relative to its farthest position
-_COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
-_DIFFERENCES = 20.0  # of two integrations, that are allowed
-_LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that may be farther off is not known
 
 
 class Carrier:
@@ -317,12 +308,24 @@ def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]
 
 
 @remember_last(_path_key)
-def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath:
+def follow_targets(
+    system: System,
+    carrier: Carrier | None = None,
+    *,
+    sampled: int = 2000,
+    tolerance: float = 1e-10,
+    differences: float = 20.0,
+    largest: float = 1e-4,
+) -> TargetPath:
     """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module.
 
     Args:
         system: System under the law.
         carrier: Carrier of the system if the caller has one.
+        sampled: Instants at which the path is also kept as it is, for pictures and estimates.
+        tolerance: Tolerance of the integrator for each step, relative and absolute.
+        differences: Allowed error over the difference of two integrations.
+        largest: Largest error of a path that is known, m, and relative to its farthest position.
     """
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = (carrier or Carrier(system)).extend
@@ -334,21 +337,21 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     try:
         if not np.isfinite(system.moving_bounds.speed[N:]).all():
             raise _UnknownPathError("they meet gusts, which are not bounded")
-        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE)
+        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * tolerance)
         farthest = float(np.abs(finer).max())
         error = _ERROR + _RELATIVE_ERROR * farthest
-        samples, steps = _integrate(system, share=1.0, tolerance=_TOLERANCE)
+        samples, steps = _integrate(system, share=1.0, tolerance=tolerance)
         apart = float(np.abs(samples - finer).max())
-        if _DIFFERENCES * apart > max(_LARGEST_ERROR * farthest, _LARGEST_ERROR):
+        if differences * apart > max(largest * farthest, largest):
             raise _UnknownPathError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
-        error = max(error, _DIFFERENCES * apart)
+        error = max(error, differences * apart)
         cells = _cells_of(system, steps, error)
     except _UnknownPathError as unknown:
         return TargetPath(
             span, still, np.full((2, M, 3), np.nan), extend(still[:, N:]), None, np.inf, still[:0, N:], 1, str(unknown)
         )
     most = max(50, _MOST_NUMBERS // max(n_q, 3 * len(system.team.members)))
-    kept = np.unique(np.linspace(0, len(cells.begin) - 1, min(_SAMPLED, most)).astype(np.int64))
+    kept = np.unique(np.linspace(0, len(cells.begin) - 1, min(sampled, most)).astype(np.int64))
     time, drift = np.append(cells.begin[kept], cells.end[-1]), np.append(cells.drift[kept], cells.drift[-1:], axis=0)
     positions = np.repeat(system.initial[None], len(time), axis=0)
     positions[:-1, N:], positions[-1, N:] = cells.centre[kept] - cells.half[kept], cells.centre[-1] + cells.half[-1]
@@ -366,13 +369,20 @@ def _require_one_side(system: System, cells: Cells) -> None:
             raise _UnknownPathError(f"{system.team.target_ids[k]} passes through the surface of the waves")
 
 
-def _integrate(system: System, share: float, tolerance: float) -> tuple[Array, _Steps]:
+def _integrate(
+    system: System,
+    share: float,
+    tolerance: float,
+    *,
+    first_cells: int = 50,
+) -> tuple[Array, _Steps]:
     """Integrate the targets; return their positions at every stride-th sample, shape (S, M, 3), and the steps.
 
     Args:
         system: System under the law.
         share: Step size as a fraction of the usual one.
         tolerance: Tolerance of the integrator for each step, relative and absolute.
+        first_cells: Steps of the first compiled call; later calls take more.
     """
     control, medium, x = _targets_alone(system)
     M, stride, between, grid = len(x), _stride(system), _between(system), system.grid
@@ -391,7 +401,7 @@ def _integrate(system: System, share: float, tolerance: float) -> tuple[Array, _
     count, k, since, step = place = (0, 0, 0.0, period)
     while count < n and k < len(times) - 1 and step > 0.0:
         count, k, since, step = place = _follow(
-            follow, setting, run, x, steps, samples, place, min(2 * count + _FIRST_CELLS, n)
+            follow, setting, run, x, steps, samples, place, min(2 * count + first_cells, n)
         )
     now = times[k] + since
     if k == len(times) - 1:
@@ -412,7 +422,14 @@ def _beyond(name: str, time: float) -> str:
     )
 
 
-def _cells_of(system: System, steps: _Steps, error: float) -> Cells:
+def _cells_of(
+    system: System,
+    steps: _Steps,
+    error: float,
+    *,
+    slack: float = 1.05,  # of V over what it takes
+    guesses: int = 100,  # of V
+) -> Cells:
     """Return cells that hold every path within `error`, m, of the steps taken; see the module.
 
     Raises:
@@ -438,7 +455,7 @@ def _cells_of(system: System, steps: _Steps, error: float) -> Cells:
     speed = np.linalg.norm(steps.velocity, axis=2)
     V, D, flow, slope, shake = speed.copy(), *np.zeros((4, *speed.shape))
     wrong = np.arange(len(speed))
-    for _ in range(_MOST_GUESSES):
+    for _ in range(guesses):
         v = V[wrong]
         for k in range(len(pull)):
             field = system.flows[int(system.field[N + k])]
@@ -449,7 +466,7 @@ def _cells_of(system: System, steps: _Steps, error: float) -> Cells:
         shake[wrong] = shaken + np.where(moving.slope[own] > 0.0, moving.slope[own] * v, 0.0)
         largest = speed[wrong] + h[wrong] * (D[wrong] + shake[wrong])
         right = (largest <= v).all(axis=1)
-        V[wrong] = np.where(right[:, None], v, _SLACK * largest)
+        V[wrong] = np.where(right[:, None], v, slack * largest)
         wrong = wrong[~right]
         if not len(wrong):
             break
@@ -481,9 +498,13 @@ def _cells_of(system: System, steps: _Steps, error: float) -> Cells:
     return cells._replace(bend=cells.bend + error)
 
 
-def _between(system: System) -> int:
+def _between(
+    system: System,
+    *,
+    compared: int = 2000,  # instants of a continuous law at which two integrations are compared, at least about
+) -> int:
     """Into how many parts a sample period is cut, so that two integrations are compared at enough instants."""
-    return max(1, _COMPARED // system.grid.steps) if system.grid.continuous else 1
+    return max(1, compared // system.grid.steps) if system.grid.continuous else 1
 
 
 def _stride(system: System) -> int:
@@ -508,7 +529,12 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
-def _turn(system: System, motion: MotionArrays) -> float:
+def _turn(
+    system: System,
+    motion: MotionArrays,
+    *,
+    angle: float = 0.125,  # rad of the fastest motion or disturbance
+) -> float:
     """Return a step that is much shorter than the time scales of motions and disturbances of the targets, s."""
     harmonics = system.harmonics[len(system.team.agents) :]
     fastest = max(
@@ -519,7 +545,7 @@ def _turn(system: System, motion: MotionArrays) -> float:
     pieces = np.diff(motion.knots)
     if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
         fastest = max(fastest, 2.0 * np.pi / float(pieces[pieces > 0.0].min()))
-    return _SHARE_OF_TURN / fastest if fastest > 0.0 else np.inf
+    return angle / fastest if fastest > 0.0 else np.inf
 
 
 # -- the targets' own law ----------------------------------------------------------------------------------------------
@@ -535,10 +561,6 @@ def _turn(system: System, motion: MotionArrays) -> float:
 # the law is stable exactly if h lambda_max(S) < 2. The continuous law, p' = -S p + ..., always is.
 #
 # On bodies the same commands go to vehicles with inertia: see `body_loop`.
-
-_DENSE_ROWS = 600  # of S, whose eigenvalues are all computed
-_LIMIT = 2.0 - 1e-9  # of h lambda_max(S): what decays stays below it
-_INVOLVED = 0.5  # of the largest motion in the fastest mode: a target that moves as much is named
 
 
 class TargetsOnBodies(Record):
@@ -600,14 +622,18 @@ class TargetsLoop(Record):
         return not self.stable or (self.bodies is not None and self.bodies.stable is False)
 
 
-def targets_loop(system: System) -> TargetsLoop:
+def targets_loop(
+    system: System,
+    *,
+    limit: float = 2.0 - 1e-9,  # of h lambda_max(S): what decays stays below it
+) -> TargetsLoop:
     """Decide whether the targets' own law decays on ideal kinematics."""
     S = stiffness(system)
     values, vector = _modes(S)
     rate = float(values[-1]) if len(values) else 0.0
     h = system.grid.period
     held = rate > 0.0 and not system.grid.continuous
-    stable = not held or h * rate < _LIMIT
+    stable = not held or h * rate < limit
     return TargetsLoop(
         stable=stable,
         rate=rate,
@@ -633,11 +659,15 @@ def stiffness(system: System) -> sparse.csr_array:
     return sparse.csr_array(gain * (acts @ team.target_sheaf.laplacian() @ acts) + sparse.diags_array(pull))
 
 
-def _modes(S: sparse.csr_array) -> tuple[Array, Array]:
+def _modes(
+    S: sparse.csr_array,
+    *,
+    dense: int = 600,  # of S, whose eigenvalues are all computed
+) -> tuple[Array, Array]:
     """Return the eigenvalues of S above zero, 1/s, of many targets the largest alone; and the eigenvector of that."""
     if not S.nnz:
         return np.zeros(0), np.zeros(S.shape[0])
-    if S.shape[0] <= _DENSE_ROWS:
+    if S.shape[0] <= dense:
         values, vectors = np.linalg.eigh(S.toarray())
         return values[values > max(1e-12 * values[-1], 0.0)], vectors[:, -1]
     top, vector = eigsh(S, k=1, which="LA", v0=np.ones(S.shape[0]))
@@ -654,8 +684,13 @@ def _parts(system: System) -> list[str]:
     return [name for name, on in acts.items() if on]
 
 
-def _involved(system: System, vector: Array) -> list[str]:
+def _involved(
+    system: System,
+    vector: Array,
+    *,
+    involved: float = 0.5,  # of the largest motion in the fastest mode: a target that moves as much is named
+) -> list[str]:
     """The targets that move most in a mode."""
     ends = np.cumsum([target.dimension for target in system.team.targets])
     moved = np.array([np.linalg.norm(part) for part in np.split(vector, ends[:-1])])
-    return [system.team.target_ids[k] for k in np.flatnonzero(moved >= _INVOLVED * moved.max())]
+    return [system.team.target_ids[k] for k in np.flatnonzero(moved >= involved * moved.max())]

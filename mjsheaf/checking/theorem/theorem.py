@@ -35,8 +35,6 @@ from scipy.special import exprel
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 
-_BISECTIONS = 64
-_MOST_DESCENTS = 1000
 # The best rate is the supremum of those that satisfy a strict inequality; this share of it satisfies it.
 _BELOW_SUPREMUM = 1.0 - 1e-9
 # Radii at which rho is evaluated, and those taken off chi, are larger by this than computed.
@@ -92,13 +90,19 @@ class Rho:
         return _bisect_down(lambda radius: self(radius) <= level, low, 2.0 * low)
 
 
-def _bisect_down(holds: Callable[[float], bool], low: float, high: float) -> float:
+def _bisect_down(
+    holds: Callable[[float], bool],
+    low: float,
+    high: float,
+    *,
+    bisections: int = 64,
+) -> float:
     """Return the largest number between two finite ones at which a condition holds that does at the lower one.
 
     If the condition does not hold below all numbers at which it holds, the result is one of them, perhaps not the
     largest. An infinite upper one is left alone.
     """
-    for _ in range(_BISECTIONS):
+    for _ in range(bisections):
         middle = 0.5 * (low + high)
         if not low < middle < high < math.inf:
             break
@@ -258,7 +262,12 @@ def theorem_1(
     return Theorem(gain, lambda_min, f_bar, omega_bar, rho, k_min, chosen, True, mu, radius, chi, radius_S)
 
 
-def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> float:
+def _largest_fixed_point(
+    allowed: Callable[[float], float],
+    most: float,
+    *,
+    descents: int = 1000,
+) -> float:
     """The largest x in (0, most] with x <= allowed(x), for an `allowed` that does not decrease and is at most `most`.
 
     0 where there is none. x, allowed(x), ... descends from above to the largest fixed point and never passes a solution
@@ -266,7 +275,7 @@ def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> floa
     largest.
     """
     x = most
-    for _ in range(_MOST_DESCENTS):
+    for _ in range(descents):
         following = allowed(x)
         if following >= x:
             return x
