@@ -264,8 +264,11 @@ def _cause(
         saved = record.saved_by("all-terms", TEAM, measure)
         causes.append((saved, least, joined(record.terms), "the paper's law alone, or better odometry"))
     if record.velocity_limit is not None:
+        limit = record.velocity_limit
         saved = record.saved_by("all-limit", TEAM, measure)
-        causes.append((saved, least, "the velocity limit", _raise_limit(record.velocity_limit)))
+        # What suffices is the largest speed commanded in the second half of the ideal run without a limit.
+        fix = f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
+        causes.append((saved, least, "the velocity limit", fix))
     if added > _MIN_BODY_FRACTION * budget.all_m:
         for item in budget.effects:
             least_of_bodies = cause_fraction * added
@@ -333,11 +336,6 @@ def _harmful_terms(record: CompareRecord) -> list[str]:
         return record.harm
     gist = f"tracking error {now:.3g} m as given, {without:.3g} m under the paper's law alone"
     return [f"WARNING: the error is larger with {joined(record.terms)}: {gist}", *record.harm]
-
-
-def _raise_limit(limit: VelocityLimitRecord) -> str:
-    """Advise the limit that suffices: the largest speed commanded in the second half of the ideal run without one."""
-    return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
 
 
 def _gain(

@@ -85,6 +85,7 @@ def compare(
     runs = run_ablation(phases, ladder_of(phases, controlled=law is not None), progress, law=law, seed=scenario.seed)
     ideal = runs["ideal"]
     at_q_star = series_at_q_star(phases, ideal.dataset)
+    eventful = any(phase.events for phase in phases)
     draft = CompareRecord(
         mjsheaf_version=__version__,
         scenario=scenario.name,
@@ -101,7 +102,7 @@ def compare(
         velocity_limit=velocity_limit_of(runs),
         demands=[demand for key in JUDGED for demand in demands_of(system, key, runs[key])],
         fastest=fastest_vehicles(system),
-        phases=_phases(phases, runs, at_q_star),
+        phases=[_phase(phases, k, runs, at_q_star) for k in range(ideal.phases_reached if eventful else 0)],
         verdict=[],
         wall_time_s=working_time() - begun,
         video=None,
@@ -134,12 +135,6 @@ def _about_law(
         "ringing": ringing,
         "ringing_phase": number if ringing and len(phases) > 1 else None,
     }
-
-
-def _phases(phases: Sequence[Phase], runs: dict[str, Run], at_q_star: Series) -> list[PhaseRecord]:
-    """Return the errors of every phase that the ideal run reached; none without events."""
-    count = runs["ideal"].phases_reached if any(phase.events for phase in phases) else 0
-    return [_phase(phases, k, runs, at_q_star) for k in range(count)]
 
 
 def _phase(phases: Sequence[Phase], k: int, runs: dict[str, Run], at_q_star: Series) -> PhaseRecord:

@@ -417,7 +417,7 @@ def predict_rms(
         steep: Significant height over the peak's wave length, beyond which drift in groups adds some percent.
     """
     ids = system.team.agent_ids
-    if not _moves(system):
+    if not any(flow.gusts is not None or flow.waves is not None for flow in system.flows):
         return DisturbanceRecord(rms=0.0, agents=dict.fromkeys(ids, 0.0), bodies=dict.fromkeys(ids, 0.0))
     bodies, bodies_reason = dict[str, float](), ""
     known = {"carried_off": _carried_off(system, medium), "clipped": _clipped(system)}
@@ -477,10 +477,6 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
         if excess > 0.0:
             found[id] = excess
     return found
-
-
-def _moves(system: System) -> bool:
-    return any(flow.gusts is not None or flow.waves is not None for flow in system.flows)
 
 
 def _require_known(system: System) -> None:

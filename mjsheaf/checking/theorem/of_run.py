@@ -123,7 +123,12 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: in
         start=float(dataset["time"][0]),
         law=_other_law(system, dataset.attrs.get("controller", "")),
     )
-    return bound if bound.reason else _compared(bound, dataset)
+    if bound.reason:
+        return bound
+    error, time = _measured(dataset)
+    share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
+    ratio, settled, worst = _largest(share, time)
+    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
 
 
 def _accuracy(
@@ -241,13 +246,6 @@ def _other_law(system: System, controller: str) -> str:
     if parts := unmodelled_parts(system):
         return f"a law that is not certified, {because_of(parts)}"
     return "terms beyond -k1 eta" if system.law.extended else ""
-
-
-def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
-    error, time = _measured(dataset)
-    share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
-    ratio, settled, worst = _largest(share, time)
-    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
 
 
 def _largest(share: Array, time: Array) -> tuple[float, float, float]:
