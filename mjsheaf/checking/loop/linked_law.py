@@ -78,14 +78,6 @@ def measured_edges(team: Team) -> list[MeasuredEdge]:
     return [measured(edge, kind) for kind, edges in kinds for edge in edges]
 
 
-def spread(edges: Sequence[MeasuredEdge], parts: Sequence[Array], n: int) -> Array:
-    """The sum of matrices on each edge's slots, shape (n, n)."""
-    total = np.zeros((n, n))
-    for edge, part in zip(edges, parts, strict=True):
-        total[np.ix_(edge.slots, edge.slots)] += part
-    return total
-
-
 @dataclass(frozen=True)
 class LinkParameters:
     """The links of E edges, in the order of `measured_edges`.
@@ -113,6 +105,13 @@ class LinkParameters:
     def lossy(self) -> BoolArray:
         """True for each edge that loses measurements, shape (E,)."""
         return np.asarray((self.loss[:, 2:] > 0.0).any(axis=1))
+
+    @property
+    def bursty(self) -> bool:
+        """Return True if losses of an edge depend on earlier ones."""
+        to_bad, to_good, good, bad = self.loss.T
+        memoryless = (good == bad) | (to_bad == 0.0) | (to_good == 0.0) | (to_bad + to_good == 1.0)
+        return not memoryless.all()
 
     @property
     def noisy(self) -> bool:
@@ -167,7 +166,10 @@ class LinkedLaw:
 
     def spread(self, parts: Sequence[Array]) -> Array:
         """The sum of matrices on each edge's slots, shape (n, n)."""
-        return spread(self.edges, parts, len(self.vectors))
+        total = np.zeros((len(self.vectors), len(self.vectors)))
+        for edge, part in zip(self.edges, parts, strict=True):
+            total[np.ix_(edge.slots, edge.slots)] += part
+        return total
 
 
 def linked_law(system: System, path: TargetPath) -> LinkedLaw:

@@ -74,19 +74,6 @@ def loss_answer(law: LinkedLaw) -> LossAnswer:
     return LossAnswer(reason="the factor is too close to 1" if found["stable"] is None else "", **found)
 
 
-def _chances(loss: Array) -> Array:
-    """Return the probability of loss of each edge, shape (E,).
-
-    Raises:
-        UndecidedError: Losses come in bursts.
-    """
-    to_bad, to_good, good, bad = loss.T
-    alike = (good == bad) | (to_bad == 0.0)
-    if not (alike | (to_good == 0.0) | (to_bad + to_good == 1.0)).all():
-        raise UndecidedError("undecided with bursts")
-    return np.where(alike, good, np.where(to_good == 0.0, bad, to_good * good + to_bad * bad))
-
-
 class SecondMoments:
     """Map of the second moments of the states x of `team_loop`, x+ = (M + L C) x, over a period, under losses.
 
@@ -104,7 +91,9 @@ class SecondMoments:
         links = law.links
         if (links.held & links.lossy).any():
             raise UndecidedError("lost samples are held")
-        p = _chances(links.loss)
+        if links.bursty:
+            raise UndecidedError("undecided with bursts")
+        p = 1.0 - links.delivered
         self._symmetric = law.loop.is_papers and not links.delay.any()
         M, L, C = team_loop(law, links.delay, MOST_STATES if self._symmetric else int(_MOST_MOMENTS**0.5))
         sizes = np.array([len(edge.D) for edge in law.edges])

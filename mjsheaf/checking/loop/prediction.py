@@ -587,18 +587,6 @@ def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: 
     return _Loop(M, met, carried, shown, tilted, h)
 
 
-class _Source(NamedTuple):
-    """Velocities of all vehicles with one random amplitude.
-
-    Attributes:
-        agents: Velocity of each agent by it, stacked, shape (n_q,), complex.
-        targets: Velocity of q* by it, stacked, shape (n_q,), complex.
-    """
-
-    agents: Complex
-    targets: Complex
-
-
 def _rms(
     system: System,
     loop: _Loop,
@@ -640,13 +628,16 @@ def _places(system: System) -> Array:
     return np.concatenate([np.nan_to_num(agents), system.initial[len(agents) :]])
 
 
-def _source(system: System, carrier: Carrier, velocity: Complex, follow: Complex) -> _Source:
-    """Return a source that moves all vehicles by velocities (V, 3), m/s, as far as targets follow it."""
+def _source(system: System, carrier: Carrier, velocity: Complex, follow: Complex) -> tuple[Complex, Complex]:
+    """Return velocities of agents and of q*, stacked, shape (n_q,), by one random amplitude.
+
+    It moves all vehicles by velocities (V, 3), m/s, as far as targets follow it.
+    """
     N, team = len(system.team.agents), system.team
     moved = velocity[N:] * follow[:, None]
     rest = carrier.carry(np.zeros_like(velocity[N:].real))
     targets = carrier.carry(moved.real) - rest + 1j * (carrier.carry(moved.imag) - rest)
-    return _Source(velocity[:N].reshape(-1)[team.slots[: int(team.first_state[-1])]], targets)
+    return (velocity[:N].reshape(-1)[team.slots[: int(team.first_state[-1])]], targets)
 
 
 def _of_waves(system: System, loop: _Loop, carrier: Carrier, tau: Array, waves: Components, number: int) -> Array:
@@ -656,18 +647,15 @@ def _of_waves(system: System, loop: _Loop, carrier: Carrier, tau: Array, waves: 
     steep = (waves.number * waves.amplitude)[:, None] * (system.planar & (system.field == number))
     variance = np.zeros(loop.shown.shape[0])
     slots = system.team.slots[: len(variance)]
-    answers: dict[float, Complex] = {}
     for j, (rate, unit) in enumerate(zip(waves.rate, waves.unit, strict=True)):
         phase = np.exp(-1j * waves.number[j] * (places[:, :2] @ unit))
         velocity = phase[:, None] * np.column_stack([along[j, :, None] * unit, 1j * up[j]])
-        if rate not in answers:
-            answers[rate] = loop.response_to_waves(rate)
-        source = _source(system, carrier, velocity, _answer_of_targets(system, loop, tau, rate))
-        moved, carried, tilted = answers[rate]
+        agents, targets = _source(system, carrier, velocity, _answer_of_targets(system, loop, tau, rate))
+        moved, carried, tilted = loop.response_to_waves(rate)
         slope = np.zeros_like(velocity)
         slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
         slope = slope[: len(system.team.agents)].reshape(-1)[slots]
-        variance += 0.5 * np.abs(moved @ source.agents + carried @ source.targets + tilted @ slope) ** 2
+        variance += 0.5 * np.abs(moved @ agents + carried @ targets + tilted @ slope) ** 2
     return variance
 
 
@@ -767,6 +755,6 @@ def _integrated(
         met, carried, _ = loop.response(angle)
         follow = _answer_of_targets(system, loop, tau, rate)
         for velocity, size in sources(np.exp(1j * angle), rate):
-            source = _source(system, carrier, velocity, follow)
-            variance += weight * size * np.abs(met @ source.agents + carried @ source.targets) ** 2
+            agents, targets = _source(system, carrier, velocity, follow)
+            variance += weight * size * np.abs(met @ agents + carried @ targets) ** 2
     return variance
