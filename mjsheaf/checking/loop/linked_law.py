@@ -439,8 +439,9 @@ def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Call
         radius = radius_of(delay)
         stable = is_stable(radius)
     except UndecidedError as error:
-        # Of unlike delays, the limit decides only for the paper's law, and only that it is stable.
-        decides = limit is not None and ((delay == d).all() or (loop.is_papers and d <= limit))
+        # Of unlike delays, the limit decides only for the paper's law and a symmetric H, and only that it is stable.
+        sufficient = loop.is_papers and not np.iscomplexobj(loop.values)
+        decides = limit is not None and ((delay == d).all() or (sufficient and d <= limit))
         stable = limit is not None and d <= limit if decides else None
         reason = reason or (str(error) if stable is None else "")
     return DelayAnswer(
