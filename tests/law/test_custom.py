@@ -65,8 +65,9 @@ def test_a_term_along_eta_is_a_larger_gain(file: Path) -> None:
     found = mjsheaf.simulate(scenario, backend="ideal")
     expected = mjsheaf.simulate(other, backend="ideal")
     np.testing.assert_allclose(found.agent_position, expected.agent_position, rtol=0.0, atol=1e-12)
-    record = mjsheaf.check(scenario, trial=False)["law"]
-    plain = mjsheaf.check(other, trial=False)["law"]
+    answers = [mjsheaf.check(one, trial=False) for one in (scenario, other)]
+    record, plain = (answer["law"] for answer in answers)
+    assert answers[0]["links"]["delay_margin"] == pytest.approx(answers[1]["links"]["delay_margin"], rel=1e-12)
     assert record["terms"] == ["steeper"]
     assert record["spectral_radius"] == pytest.approx(plain["spectral_radius"], rel=1e-12)
     assert record["largest_gain"] == pytest.approx(plain["largest_gain"] - 0.7, rel=1e-9)
