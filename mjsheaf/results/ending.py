@@ -86,10 +86,10 @@ def judge(error: Array, offsets: Array | None = None) -> Ending | None:
     if not _is_judgeable(error):
         return None
     if offsets is not None:
-        before, last = _quarters(offsets)[-2:]
-        size = _swing(last)
-        ratio = size / max(_swing(before), 1e-300)
-        oscillates = size > max(_FAINT_SWING * float(np.ptp(error)), ROUNDING) and _reversals(last) >= _MIN_REVERSALS
+        third, fourth = _quarters(offsets)[-2:]
+        size = _swing(fourth)
+        ratio = size / max(_swing(third), 1e-300)
+        oscillates = size > max(_FAINT_SWING * float(np.ptp(error)), ROUNDING) and _reversals(fourth) >= _MIN_REVERSALS
         if oscillates and ratio >= 1.0 - _STEADY_SWING:
             return "not settled" if ratio <= 1.0 + _STEADY_SWING else "diverging"
     if is_level(error):
