@@ -34,7 +34,6 @@ _CHANGE = {
 }
 """Fix for each effect."""
 
-_UNSETTLED = {"diverging": "its error DIVERGES", "not settled": "its error has not settled at the end of the run"}
 LIMITED_BY = {
     "inertia": "inertia",
     "lag": "the lag of thrusters",
@@ -183,9 +182,9 @@ def verdict_of(record: CompareRecord) -> list[str]:
 
 
 def _unsettled(record: CompareRecord) -> list[str]:
-    """Report a team that does not converge in the scenario as given, or whose loop is unstable."""
+    """Report a team whose error grows in the scenario as given, or whose loop is unstable."""
     loop = record.loop
-    causes = [_UNSETTLED.get(record.rung("all").ending or "", "")]
+    causes = ["its error DIVERGES" if record.rung("all").ending == "diverging" else ""]
     if loop is not None and loop.stable is False:
         largest = loop.largest_gain
         limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
