@@ -29,6 +29,7 @@ try:
     from numba.extending import intrinsic, lower_builtin, type_callable
     from numba.extending import overload as overload
 
+    from mjsheaf.compile.linking import EntryCompiler, linked
     from mjsheaf.compile.machine_code import StoredCode, keep_code
     from mjsheaf.compile.machine_code import is_waiting as is_waiting
 except ValueError:  # numba reads its environment variables as it is imported
@@ -264,7 +265,7 @@ def _compile(function: Callable[..., Any], apart: bool = False, **options: Any) 
         return function
     options |= {"nogil": True, "error_model": "numpy"}
     own: dict[str, Any] = {**options, "no_cfunc_wrapper": True}
-    compiled: Any = njit(**own)(function)
+    compiled: Any = njit(pipeline_class=EntryCompiler, **own)(function)
     with contextlib.suppress(RuntimeError):  # no directory can be written: compile anew in each process
         keep_code(compiled, StoredCode(function))
     _link_into_callers(compiled, apart, options)
@@ -276,8 +277,6 @@ def _link_into_callers(compiled: Any, apart: bool, options: dict[str, Any]) -> N
 
     @cache
     def for_callers() -> Any:
-        from mjsheaf.compile.linking import linked
-
         return linked(compiled.py_func, apart, **options)
 
     def get_call_template(args: Any, kws: Any) -> Any:

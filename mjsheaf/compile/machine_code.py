@@ -11,19 +11,17 @@ rest.
 
 A function is compiled for given types in one process at a time: the others wait, and load the code that it has saved.
 Workers of a study, or two commands in two terminals, would otherwise compile the same functions side by side. For other
-types they do: each has code of its own. A lock is a byte of a file in the cache's directory, which the operating system
-releases when its process ends.
+types they do: each has code of its own. The operating system releases a lock when its process ends.
 """
 
 import ast
 import hashlib
 import logging
-import os
 import pickle
 import re
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -197,12 +195,6 @@ def source_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-try:
-    import fcntl
-except ImportError:  # Windows: every process compiles
-    fcntl = None  # type: ignore[assignment]
-
-_LOCKS = "mjsheaf.locks"  # file in a directory of the cache
 _waits: list[str] = []  # functions and types that this process waits for
 
 
@@ -214,8 +206,6 @@ def is_waiting() -> bool:
 def keep_code(dispatcher: Any, cache: Any, kind: str = "") -> None:
     """Keep a function's machine code on disk, and let other processes wait while one compiles it for the same types."""
     dispatcher._cache = cache
-    if fcntl is None:
-        return
     compile_here, function = dispatcher.compile, dispatcher.py_func
     name = f"{function.__module__}.{function.__qualname__}{kind and f', {kind}'}"
 
@@ -232,33 +222,20 @@ def keep_code(dispatcher: Any, cache: Any, kind: str = "") -> None:
 @contextmanager
 def _locked(directory: str, name: str) -> Iterator[None]:
     """Hold the lock of a name; where there are no locks, as on some network drives, hold none."""
-    place = crc32(name.encode())
-    try:
-        file = _open_locks(directory)
-        _wait_for(file, place, name)
-    except OSError:
+    from filelock import FileLock, Timeout
+
+    file = Path(directory) / "locks" / f"{crc32(name.encode()):08x}"
+    # One object a file: a function that is compiled within itself has its lock already.
+    lock = FileLock(file, is_singleton=True)
+    with ExitStack() as held:
+        with suppress(OSError, NotImplementedError):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                held.enter_context(lock.acquire(blocking=False))
+            except Timeout:
+                _waits.append(name)
+                try:
+                    held.enter_context(lock.acquire())
+                finally:
+                    _waits.remove(name)
         yield
-        return
-    try:
-        yield
-    finally:
-        fcntl.lockf(file, fcntl.LOCK_UN, 1, place)
-
-
-def _wait_for(file: int, place: int, name: str) -> None:
-    """Take the lock at a place of a file; a function that is compiled within itself has it already."""
-    try:
-        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
-    except BlockingIOError:
-        _waits.append(name)
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX, 1, place)
-        finally:
-            _waits.remove(name)
-
-
-@cache
-def _open_locks(directory: str) -> int:
-    """Open the file of locks, for as long as the process lives: closing it would release all of them."""
-    Path(directory).mkdir(parents=True, exist_ok=True)
-    return os.open(Path(directory) / _LOCKS, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)

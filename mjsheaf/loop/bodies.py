@@ -182,7 +182,9 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:
     return list(kinds.values()), np.array([number[id(vehicle)] for vehicle in vehicles], dtype=np.int64)
 
 
-def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, surface: str = "none") -> Fleet:
+def pack_fleet(
+    vehicles: Sequence[Vehicle], heading: Array, timestep: float, surface: str = "none", *, in_lanes: bool = False
+) -> Fleet:
     """Pack vehicles in order, each on its own free joint.
 
     Args:
@@ -190,6 +192,7 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
         heading: Heading that each keeps, shape (V,), rad.
         timestep: Physics step, s.
         surface: Surface of the scene, on which lost aircraft come to rest.
+        in_lanes: True if enough neighbours of one kind may move in lanes.
     """
     types, number = kinds_of(vehicles)
     kinds = np.zeros(len(types), KIND)
@@ -219,7 +222,7 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
     blocks = split_into_blocks(number)
     sizes = np.diff(blocks)
     alike = sizes[(number[blocks[:-1]] == number[blocks[1:] - 1]) & (sizes >= MIN_ALIKE)].sum()
-    lanes = (BLOCK,) if alike >= _WORTH_LANES else ()
+    lanes = (BLOCK,) if in_lanes and alike >= _WORTH_LANES else ()
     return Fleet(as_records(kinds), as_records(bodies), as_records(thrusters), blocks, lanes)
 
 

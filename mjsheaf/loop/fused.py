@@ -132,6 +132,7 @@ class Fused(ClosedLoop):
     """
 
     _at_once = 2_000_000
+    _in_lanes = True
     _pool: ThreadPoolExecutor | None = None
 
     def _prepare(self) -> None:

@@ -324,6 +324,7 @@ class ClosedLoop(Engine):
     _values: Array  # all numbers of the state
     _gain: Array  # of all actuators
     _heading: Array | None = None  # of the vehicles of `_fleet`
+    _in_lanes: ClassVar = False  # True if compiled code moves vehicles itself, and may do so in lanes
     _at_once: ClassVar = 200_000  # physics steps times vehicles in a compiled call; Ctrl-C takes effect between calls
 
     def _take(self, run: System | Sequence[Phase]) -> None:
@@ -334,7 +335,9 @@ class ClosedLoop(Engine):
             self._vehicles = system.vehicles
             self._heading = plan.heading
             self._hand = np.array([[vehicle.steering.hand] for vehicle in self._vehicles])
-            self._fleet = pack_fleet(self._vehicles, plan.heading, system.timestep, plan.surface)
+            self._fleet = pack_fleet(
+                self._vehicles, plan.heading, system.timestep, plan.surface, in_lanes=self._in_lanes
+            )
             trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
             self._act = trim[self._fleet.channels["late"] > 0]
             self._attitudes = quaternions_of(plan.heading)

@@ -110,6 +110,7 @@ def test_a_fast_hold_is_nearly_the_continuous_law_and_a_slow_one_is_not() -> Non
     assert abs(found[2] - found[0]) > 0.01 * found[0]
 
 
+@pytest.mark.slow
 def test_a_sea_of_few_waves_is_predicted_by_them() -> None:
     waves = {**PM, "components": 3}
     scenario = lone(0.5, 0.1, waves)
@@ -246,6 +247,7 @@ def test_what_is_under_water_or_above_it_moves_as_predicted(depth: float | None)
     assert measured(scenario, "physics", 600.0, 3, "fused") == pytest.approx(record["bodies"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_what_passes_through_the_surface_has_no_prediction() -> None:
     motion = {"kind": "lissajous", "amplitude": [0, 0, 2], "rate": [0, 0, 0.5]}
     diving = under_water(None, targets=[{"id": "T", "position": [0, 0, -1], "motion": motion}], time={"end": 20.0})

@@ -106,6 +106,7 @@ def test_no_rate_suffices_beyond_one_over_the_control_period() -> None:
     assert found.rate is None
 
 
+@pytest.mark.slow
 def test_bodies_keep_more_and_what_is_unsafe_is_not_listed_again() -> None:
     raw = in_flow((3.0, 0.0))
     raw["agents"][0] |= {"vehicle": "otter", "velocity_limit": 3.0}

@@ -124,6 +124,7 @@ def test_a_boat_that_cannot_go_astern_is_stuck() -> None:
     assert kinds(scenario) == {"stuck"}
 
 
+@pytest.mark.slow
 def test_a_boat_runs_aground(tmp_path: Path) -> None:
     path = tmp_path / "land.nc"
     double_gyre.write(path, 40, 41, 400.0, land=True)

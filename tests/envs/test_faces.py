@@ -205,6 +205,7 @@ def test_seeds_and_parts() -> None:
             env(scenario, **wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["range_formation", "bearing_formation"])
 def test_observations_keep_their_size_where_nothing_is_received(name: str) -> None:
     """A distance is one number, also while its link has delivered none."""

@@ -132,6 +132,7 @@ LINKS: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("link", LINKS, ids=str)
 def test_rounds_are_what_each_agent_makes_of_what_it_was_sent(link: dict[str, Any]) -> None:
     edges = [{"between": ["boat", "front"], "range": 7.0}, ["front", "back"]]
@@ -269,6 +270,7 @@ def test_the_same_bits_in_pieces_threads_and_phases(backend: str) -> None:
         np.testing.assert_array_equal(again.get_state(), world.get_state())
 
 
+@pytest.mark.slow
 def test_nothing_from_before_arrives_over_a_restored_link() -> None:
     """Messages in transit when a link is cut are lost, and neighbours' last numbers are those of the present phase."""
     cut = [{"time": 0.1, "cut": ["boat", "front"]}, {"time": 0.13, "restore": ["boat", "front"]}]
@@ -306,6 +308,7 @@ def test_bad_fields_are_one_line(fields: dict[str, Any], said: list[str]) -> Non
         assert words in str(error.value)
 
 
+@pytest.mark.slow
 def test_traffic_is_one_round_a_term_and_period_under_a_delay() -> None:
     scenario = load_scenario(
         "paper", {"time.end": 0.2, "controller.feedforward.rounds": 3, "controller.newton.rounds": 2}

@@ -243,7 +243,8 @@ def test_lanes_are_of_fleets_with_enough_neighbours_of_one_kind() -> None:
         ([hull, hull, aerial, aerial] * 4, ()),
         ([hull, aerial, aerial, aerial] * 3, (16,)),
     ):
-        assert pack_fleet(team, np.zeros(len(team)), 0.002).lanes == lanes
+        assert pack_fleet(team, np.zeros(len(team)), 0.002, in_lanes=True).lanes == lanes
+        assert pack_fleet(team, np.zeros(len(team)), 0.002).lanes == ()
 
 
 @pytest.mark.long

@@ -64,7 +64,9 @@ def known(sample: Sample) -> list[bytes]:
 
 @engines
 @pytest.mark.parametrize(
-    "fields", [{"time": {"end": 0.2}}, TANGLED, CONTINUOUS], ids=["plain", "tangled", "continuous"]
+    "fields",
+    [{"time": {"end": 0.2}}, pytest.param(TANGLED, marks=pytest.mark.slow(each=True)), CONTINUOUS],
+    ids=["plain", "tangled", "continuous"],
 )
 def test_periods_are_the_samples_of_simulate(fields: dict[str, Any], engine: str) -> None:
     scenario = mixed_scenario(**fields)
@@ -204,6 +206,7 @@ def wavering(t: float, sample: Sample) -> Array:
     return np.asarray(pull + 0.01 * sum(float(y[0]) for y in sample.measurements) * np.cos(t))
 
 
+@pytest.mark.slow(each=True)
 @engines
 def test_a_law_in_python_is_a_loop_of_the_users_own(engine: str) -> None:
     """Called inside, as `simulate` does, or outside: observe, decide, step."""
@@ -298,6 +301,7 @@ def test_a_period_that_has_begun_is_taken_to_its_end() -> None:
     np.testing.assert_array_equal(session.observe().truth.positions, whole.observe().truth.positions)
 
 
+@pytest.mark.slow
 def test_threads_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 1)
     scenario = mjsheaf.load_scenario("paper", {"time.end": 0.1})

@@ -197,6 +197,7 @@ def test_a_run_meets_the_gusts_that_medium_returns(frozen: bool) -> None:
         assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_held_gust_moves_a_lone_vehicle_by_its_velocity_times_the_period() -> None:
     scenario = gusty({}, controller={"gain": 1e-9, "control_period": 0.02}, disturbance={}, physics={"timestep": 0.02})
     log = pieces_of(scenario.phases, "ideal", "mujoco")
