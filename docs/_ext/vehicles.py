@@ -12,7 +12,7 @@ import numpy as np
 import replays
 
 import mjsheaf
-from mjsheaf.checking.authority import authority_of
+from mjsheaf.vehicles.authority import authority_of
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -3,8 +3,7 @@
 `spectrum`, `fragility` and `repairs` look at the team's sheaf alone; `theorem` follows the targets' path, takes the
 theorem's constants along it, finds the region that proves itself and decides the assumptions; `loop` has the sampled
 law with its terms, links and vehicles. `examination` gathers all in a record, `problems` says why it is not ok, and
-`check` tries the mission and the fixes. `screen` and `report` print the record, `figures` draws it. `finished` says how
-a run ended.
+`check` tries the mission and the fixes. `report` prints the record, `figures` draws it.
 """
 
 from mjsheaf.checking.check import check

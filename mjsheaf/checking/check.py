@@ -10,7 +10,7 @@ from mjsheaf.arguments import require_scenario
 from mjsheaf.checking.examination import examine_scenario
 from mjsheaf.checking.problems import describe_changes, untried_of
 from mjsheaf.checking.record import CheckRecord, Problem, TriedFix
-from mjsheaf.checking.screen import screen
+from mjsheaf.checking.report import screen
 from mjsheaf.checking.theorem.theorem import RhoLike, as_rho
 from mjsheaf.checking.trial import MAX_VEHICLE_STEPS, TrialRecord, try_mission
 from mjsheaf.errors import InputError

@@ -1,6 +1,7 @@
 """Analysis of a scenario: its phases, one by one, without running it."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,34 +13,38 @@ import numpy as np
 from mjsheaf.arguments import require_number
 from mjsheaf.arrays import Array
 from mjsheaf.checking.fragility import fragility
-from mjsheaf.checking.loop.body_loop import medium_on_path, with_bodies
-from mjsheaf.checking.loop.disturbance import predict_rms
-from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
+from mjsheaf.checking.loop.body_loop import loop_on_path, medium_on_path, with_bodies
+from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop, loop_of
 from mjsheaf.checking.loop.links import link_answers
 from mjsheaf.checking.loop.margins import margins
-from mjsheaf.checking.loop.steady import steady_error
-from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.loop.prediction import predict_rms, steady_error
 from mjsheaf.checking.problems import problems_of
-from mjsheaf.checking.proposals import propose
 from mjsheaf.checking.record import (
     CheckRecord,
     ExplainedCohomology,
     PartRecord,
     PhaseRecord,
+    Proposal,
     RegionSummary,
     TheoremSummary,
     WeakerBound,
 )
 from mjsheaf.checking.repairs import Rigidity, describe_edges, plan_augmentation, rigidity_of, suggest_edges
 from mjsheaf.checking.separation import safety_record
-from mjsheaf.checking.slips import drifts_of, slips_of
 from mjsheaf.checking.spectrum import held_eigenvalues, spectrum_of, zero_of
-from mjsheaf.checking.theorem.certificate import Certificate, Search, certificate_of, obstacle_of_team
-from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.theorem.certificate import (
+    Certificate,
+    Search,
+    certificate_of,
+    gain_for_wanted_radius,
+    obstacle_of_team,
+)
+from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.checking.theorem.theorem import Rho
-from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.errors import UndecidedError
+from mjsheaf.law.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.slips import drifts_of, slips_of
 from mjsheaf.section import per_agent
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team
@@ -271,7 +276,7 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
     constants = certificate.constants
     agents = len(search.system.team.agents)
     holds = theorem.applies and certificate.region.verified
-    wanted = gain_for_wanted_radius(search, certificate, radius)
+    wanted_gain, no_gain = gain_for_wanted_radius(search, certificate, radius)
     sets: dict[str, Any] = {
         "chi": theorem.chi,
         "chi_infinite": math.isinf(theorem.chi),
@@ -302,8 +307,8 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         initial_error=constants.initial_error,
         initial_error_per_agent=per_agent(constants.initial_error, agents),
         wanted_radius=radius,
-        gain_for_wanted_radius=wanted.gain,
-        gain_for_wanted_radius_reason=wanted.reason,
+        gain_for_wanted_radius=wanted_gain,
+        gain_for_wanted_radius_reason=no_gain,
         weaker=_weaker(certificate, agents),
     )
 
@@ -329,4 +334,104 @@ def _weaker(certificate: Certificate, agents: int) -> WeakerBound:
         f_bar=certificate.weaker.f_bar if proven else None,
         radius=radius,
         radius_per_agent=per_agent(radius, agents),
+    )
+
+
+# -- a better law ------------------------------------------------------------------------------------------------------
+
+
+def propose(
+    system: System,
+    certificate: Certificate,
+    radius: float,
+    *,
+    gains: Sequence[float] = (1.0, 2.0, 5.0, 10.0),
+    rounds: Sequence[int] = (1, 2, 3, 5, 8, 13),
+    filtering: float = 0.1,
+    most: int = 3_000_000,
+) -> list[Proposal]:
+    """Find the cheapest of each kind of law whose bound is at most the radius: the smallest gain, then fewest rounds.
+
+    The kinds are the paper's law; feedforward; Newton's direction too; drift and extrapolation too. None is proposed
+    where nothing can be decided, where links are not exact, or where the run is long.
+
+    Args:
+        system: System under its law.
+        certificate: Its certificate.
+        radius: Desired bound on |e|, m.
+        gains: Gains that are tried, times the scenario's.
+        rounds: Rounds of exchange that are tried.
+        filtering: Filter of the drift's observer, s.
+        most: Largest number of samples times states.
+    """
+    try:
+        loop_of(system)  # where it is undecided, as with rounds that can be delayed or lost, so are its variants
+    except UndecidedError:
+        return []
+    if (
+        system.team.linearised_at is not None
+        or len(system.law.links.table)
+        or system.grid.steps * system.team.dirichlet.H.shape[0] > most
+    ):
+        return []
+    odometry = Odometry(noise=system.law.terms.noise, bias=system.law.terms.bias)
+    proposals = []
+    for kind in range(4):
+        terms = [
+            Terms(
+                feedforward=Feedforward(rounds=r, extrapolate=kind == 3) if kind else None,
+                newton=Newton(rounds=r) if kind > 1 else None,
+                drift=Drift(filter=filtering) if kind == 3 else None,
+                odometry=odometry,
+            )
+            for r in (rounds if kind else [1])
+        ]
+        for gain in (factor * system.gain for factor in gains):
+            laws = [_law(system, gain, each) for each in terms]
+            # More rounds leave less, or nearly so: the first number that does it is found by halves.
+            first = bisect_left(laws, True, key=lambda law: _keeps(law, certificate, radius))
+            if first < len(laws):
+                on_bodies = loop_on_path(laws[first], certificate).stable
+                found = law_loop(laws[first], certificate)
+                proposals.append(_proposal(gain, terms[first], system.law.term_names, found, on_bodies))
+                break
+    return proposals
+
+
+def _law(system: System, gain: float, terms: Terms) -> System:
+    """The system under another law."""
+    gains = system.law.gain.copy()
+    gains[: len(system.team.agents)] = gain
+    packed = pack_terms(terms, system.team, system.grid.period)
+    return replace(system, gain=gain, law=system.law._replace(gain=gains, terms=packed))
+
+
+def _keeps(system: System, certificate: Certificate, radius: float, *, reserve: float = 2.0) -> bool:
+    """Return True if the law's bound is at most the radius, m, and `reserve` times its gain is stable."""
+    try:
+        loop = loop_of(system)
+        stable = max(loop.radius, replace(loop, gain=reserve * loop.gain).radius) < 1.0
+        return stable and envelope(system, certificate).late() <= radius
+    except UndecidedError:
+        return False
+
+
+def _proposal(gain: float, terms: Terms, present: Sequence[str], found: LawLoop, on_bodies: bool | None) -> Proposal:
+    """The law of these terms in place of one that has those that are present."""
+    fields = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
+    sections = {
+        name: section and section.model_dump() for name, section in fields.items() if section or name in present
+    }
+    assert found.unlimited is not None  # of a loop that is within a radius
+    assert found.unlimited_per_agent is not None
+    return Proposal(
+        controller={"gain": gain, **sections},
+        bound=found.unlimited,
+        bound_per_agent=found.unlimited_per_agent,
+        certified=found.radius is not None,
+        command=found.command,
+        stable_on_bodies=on_bodies,
+        exchanges=found.exchanges,
+        numbers=found.numbers,
+        noise=found.noise,
     )

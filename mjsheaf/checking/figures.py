@@ -32,7 +32,6 @@ from mjsheaf.show.panels import (
 from mjsheaf.show.style import AS_USUAL, BLUE, RED, TARGET, FigureOptions
 from mjsheaf.system import System
 
-_LARGEST_SPECTRUM = 2000  # eigenvalues; beyond, only the extremes are drawn
 _FREE, _CARRIED, _OWN, _GAP = RED, BLUE, "#E69F00", "#4B5563"
 _TARGET_KEY = key("target", color=TARGET, marker="*")
 
@@ -66,9 +65,15 @@ def draw_check(examination: Examination, options: FigureOptions = AS_USUAL) -> F
     return figure
 
 
-def _spectrum(axis: Any, system: System, record: CheckRecord) -> list[Line2D]:
+def _spectrum(
+    axis: Any,
+    system: System,
+    record: CheckRecord,
+    *,
+    largest: int = 2000,  # eigenvalues; beyond, only the extremes are drawn
+) -> list[Line2D]:
     H = system.team.dirichlet.H
-    t, few = record.theorem, H.shape[0] <= _LARGEST_SPECTRUM
+    t, few = record.theorem, H.shape[0] <= largest
     values = np.linalg.eigvalsh(H.toarray()) if few else np.array([t.lambda_min, t.lambda_max])
     floor = max(t.lambda_max * 1e-12, 1e-300)
     null = values <= record.relative_cohomology.tolerance**2 * t.lambda_max + floor

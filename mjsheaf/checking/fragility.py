@@ -1,7 +1,7 @@
 """Assumptions that break when a single sensing edge, link, anchor, agent or target is lost, and lambda_min after it."""
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Literal
 
 import numpy as np
@@ -44,7 +44,6 @@ Single = tuple[Loss, list[int], int | None]
 are lost, by their places in the sheaf's order; and the number of the agent that is."""
 
 KindOfEdge = tuple[Kind | None, Edge]
-Ends = Collection[tuple[str, ...]]
 
 
 class Fragility(Record):
@@ -125,7 +124,7 @@ def _edges(team: Team) -> list[KindOfEdge]:
 
 
 def _singles(team: Team) -> Iterator[Single]:
-    """Everything that can be lost alone, edges first in the order of the sheaf."""
+    """Yield everything that can be lost alone: edges, one of parallel ones at a time, links, targets, and agents."""
     import networkx as nx
 
     edges = _edges(team)
@@ -133,56 +132,41 @@ def _singles(team: Team) -> Iterator[Single]:
     graph.add_nodes_from(team.agent_ids)
     bridges = {(min(pair), max(pair)) for pair in nx.bridges(graph)}
     cuts = set(nx.articulation_points(graph))
-    sensors = defaultdict[str, list[str]](list)
-    for edge in team.sensing:
-        sensors[edge.head].append(edge.tail)
-    only = {target: by[0] for target, by in sensors.items() if len(set(by)) == 1}
-    alone = set(only.values())
+    links = Counter(map(_ends, team.communication))
+    sensors = Counter(edge.head for edge in team.sensing)
+
+    def single(kind: Kind, name: str, numbers: list[int], agent: int | None = None) -> Single:
+        lost = [edges[e] for e in numbers]
+        apart = Counter(_ends(edge) for own, edge in lost if own == "communication")
+        unseen = Counter(edge.head for own, edge in lost if own == "sensing")
+        disconnects = any(pair in bridges and count == links[pair] for pair, count in apart.items())
+        if agent is not None:
+            disconnects = name in cuts
+        blinds = any(count == sensors[target] for target, count in unseen.items())
+        breaks = select_true({CONNECTED: disconnects, SENSED: blinds})
+        return Loss(kind=kind, name=name, breaks=tuple(breaks), lambda_min=None), numbers, agent
+
     incident = defaultdict[str, list[int]](list)
+    parallel = defaultdict[tuple[str, ...], list[int]](list)
     for e, (kind, edge) in enumerate(edges):
+        parallel[_ends(edge)].append(e)
         if kind is not None:
             incident[edge.tail].append(e)
             incident[edge.head].append(e)
-    yield from _single_edges(edges, bridges)
-    yield from _parallel_edges(edges, bridges, only)
-    for target in sensors:
-        yield _loss("target", target, disconnects=False, blinds=True), incident[target], None
-    if len(team.agents) > 1:
-        for i, agent in enumerate(team.agent_ids):
-            yield _loss("agent", agent, disconnects=agent in cuts, blinds=agent in alone), incident[agent], i
-
-
-def _loss(kind: Kind, name: str, *, disconnects: bool, blinds: bool) -> Loss:
-    breaks = select_true({CONNECTED: disconnects, SENSED: blinds})
-    return Loss(kind=kind, name=name, breaks=tuple(breaks), lambda_min=None)
-
-
-def _single_edges(edges: Sequence[KindOfEdge], bridges: Ends) -> Iterator[Single]:
-    """Yield the loss of each edge, one of parallel ones at a time."""
-    links = Counter(_ends(edge) for kind, edge in edges if kind == "communication")
-    sensors = Counter(edge.head for kind, edge in edges if kind == "sensing")
-    alike = Counter(_ends(edge) for _, edge in edges)
-    seen = Counter[tuple[str, ...]]()
     for e, (kind, edge) in enumerate(edges):
         if kind is not None:
-            ends = _ends(edge)
-            seen[ends] += 1
-            which = f" ({seen[ends]} of {alike[ends]})" if alike[ends] > 1 else ""
-            bridge = links[ends] == 1 and ends in bridges
-            yield _loss(kind, _name(edge) + which, disconnects=bridge, blinds=sensors[edge.head] == 1), [e], None
-
-
-def _parallel_edges(edges: Sequence[KindOfEdge], bridges: Ends, only: Mapping[str, str]) -> Iterator[Single]:
-    """Yield the loss of all edges between two ends; `only` is the agent that alone senses a target."""
-    together = defaultdict[tuple[str, ...], list[int]](list)
-    for e, (kind, edge) in enumerate(edges):
-        if kind not in (None, "anchor"):
-            together[_ends(edge)].append(e)
-    for ends, several in together.items():
-        if len(several) > 1:
-            tail, head = edges[several[0]][1].between
-            name = f"{tail} - {head} (all {len(several)})"
-            yield _loss("link", name, disconnects=ends in bridges, blinds=only.get(head) == tail), several, None
+            alike = parallel[_ends(edge)]
+            which = f" ({alike.index(e) + 1} of {len(alike)})" if len(alike) > 1 else ""
+            yield single(kind, _name(edge) + which, [e])
+    for several in parallel.values():
+        kind, edge = edges[several[0]]
+        if kind not in (None, "anchor") and len(several) > 1:
+            yield single("link", f"{edge.tail} - {edge.head} (all {len(several)})", several)
+    for target in sensors:
+        yield single("target", target, incident[target])
+    if len(team.agents) > 1:
+        for i, agent in enumerate(team.agent_ids):
+            yield single("agent", agent, incident[agent], i)
 
 
 def _ends(edge: Edge) -> tuple[str, ...]:

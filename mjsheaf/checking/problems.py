@@ -20,7 +20,6 @@ _FIXES = {
     4: "as for assumption 2",
 }
 _UNITS = {"gain": " 1/s", "rate": " 1/s", "velocity_limit": " m/s"}  # of fields that a fix sets
-_RESERVE = 0.5  # fraction of the largest gain that is proposed
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
 
 
@@ -122,8 +121,7 @@ def _fix_of_assumption(part: PartRecord, number: int) -> tuple[str, dict[str, li
         additions: dict[str, list[Any]] = {}
         for repair in plan.repairs:
             additions.setdefault("anchors" if repair.kind == "anchor" else repair.kind, []).append(repair.entry)
-        sets = ["; ".join(repair.description for repair in plan.repairs), *map("; ".join, plan.alternatives[:1])]
-        return "; or ".join(sets), additions
+        return "; ".join(repair.description for repair in plan.repairs), additions
     return _FIXES.get(number, ""), {}
 
 
@@ -146,7 +144,11 @@ def _of_shape(part: PartRecord, *, stable: bool) -> Iterator[Problem]:
         yield Problem(kind="undecided", what="the law is undecided", why=part.law.reason)
 
 
-def _of_loops(part: PartRecord) -> Iterator[Problem]:
+def _of_loops(
+    part: PartRecord,
+    *,
+    reserve: float = 0.5,  # fraction of the largest gain that is proposed
+) -> Iterator[Problem]:
     """Yield the loops that are undecided or unstable."""
     law = part.law
     links = part.links
@@ -160,15 +162,15 @@ def _of_loops(part: PartRecord) -> Iterator[Problem]:
     elif law.stable is False and law.stable_gains is not None:
         low, high = law.stable_gains
         why = f"controller.gain is stable between {low:.3g} and {high:.3g} 1/s"
-        yield _of_gain("held_law", "the held law is unstable", why, low + _RESERVE * (min(high, late) - low))
+        yield _of_gain("held_law", "the held law is unstable", why, low + reserve * (min(high, late) - low))
     if links is not None and links.stable is False and not (links.exact and law.stable is False):
         known = links.delay_margin is not None and not links.delay.stable
         why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
         mends = links.loss is None and links.delay.largest_gain is not None  # a lower gain alone
         another = ", or use links with less delay and loss"
-        yield _of_gain("links", UNSTABLE_LINKS, why, _RESERVE * late if mends else None, another)
+        yield _of_gain("links", UNSTABLE_LINKS, why, reserve * late if mends else None, another)
     if bodies.stable is False:
-        yield _of_gain("bodies", bodies.verdict(), gain=_RESERVE * late if bodies.largest_gain is not None else None)
+        yield _of_gain("bodies", bodies.verdict(), gain=reserve * late if bodies.largest_gain is not None else None)
     elif bodies.stable is None and bodies.stable_over_exact_links is False:
         yield _of_gain("bodies", "the vehicles' loop is unstable, even if links were exact")
     elif bodies.stable is None and not law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:

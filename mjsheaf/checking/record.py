@@ -5,17 +5,15 @@ from typing import Any
 from pydantic import Field
 
 from mjsheaf.checking.fragility import Fragility
-from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.loop.links import LinkRecord
 from mjsheaf.checking.loop.margins import Margins
-from mjsheaf.checking.loop.steady import SteadyError
-from mjsheaf.checking.loop.targets_loop import TargetsLoop
-from mjsheaf.checking.proposals import Proposal
+from mjsheaf.checking.loop.prediction import DisturbanceRecord, SteadyError
 from mjsheaf.checking.repairs import Augmentation, Rigidity
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.spectrum import RelativeCohomology
 from mjsheaf.checking.theorem.certificate import Assumption
+from mjsheaf.checking.theorem.targets import TargetsLoop
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 
@@ -96,6 +94,23 @@ class TheoremSummary(Record):
     )
     gain_for_wanted_radius_reason: str = Field(description="why there is no such gain, or empty")
     weaker: WeakerBound
+
+
+class Proposal(Record):
+    """A law whose bound on ideal kinematics is at most the desired radius, and its cost."""
+
+    controller: dict[str, object] = Field(
+        description="fields of the scenario's controller to set; null takes a term away, others stay as they are"
+    )
+    bound: float = Field(description="on |e| at samples of the second half, without speed limits, m")
+    bound_per_agent: float = Field(description="`bound` as RMS over agents, bound / sqrt(N), m")
+    norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
+    certified: bool = Field(description="no speed limit can be met, so that the bound is the run's")
+    command: Finite = Field(description="bound on each agent's command over the second half, m/s")
+    stable_on_bodies: bool | None = Field(description="the loop of the real vehicles is stable too; null: undecided")
+    exchanges: float = Field(description="rounds of exchange a second")
+    numbers: float = Field(description="numbers that an agent sends a second, on average")
+    noise: Finite = Field(description="bound on the RMS noise of commands per noise of odometry, 1/s")
 
 
 class TriedFix(Record):

@@ -9,12 +9,12 @@ whose sum is R^r. With m the largest rank of a candidate, no set of fewer than r
 import itertools
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse import csgraph
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
@@ -100,8 +100,6 @@ def smallest_sets(rows: Array, most: int) -> tuple[list[list[int]], bool]:
 Kind = Literal["communication", "sensing", "anchor"]
 
 _AXES = "xyz"
-_MAX_ALTERNATIVES = 5
-_MAX_COMPARED_STATES = 200  # of the agents, up to which equally near sets are compared by lambda_min
 
 
 @dataclass(frozen=True)
@@ -148,47 +146,19 @@ class Candidate:
         return {"between": [edge.tail, edge.head]}
 
 
-Ranked = tuple[float, tuple[Candidate, ...]]
-"""A set of candidates after the sum of its distances, m."""
-
-
-@dataclass
-class Group:
+class Group(NamedTuple):
     """Candidates that hold the same free directions.
 
     Attributes:
         rows: Orthonormal basis of the row space of C T, filled up with zero rows, shape (3, r).
-        blocks: Kind, agents and ends; each pair of an agent and an end is a candidate.
+        distance: Distance between the ends of the nearest of them, m. An altimeter counts as near, and a sensor of a
+            position in the plane as far as vehicles are apart at most.
         nearest: The nearest of them.
     """
 
     rows: Array
-    blocks: list[tuple[Kind, Sequence[int], Sequence[int]]] = field(default_factory=list)
-    nearest: list[Ranked] = field(default_factory=list)
-
-    @property
-    def count(self) -> int:
-        """Number of candidates."""
-        return sum(len(agents) * len(ends) for _, agents, ends in self.blocks)
-
-    def find_nearest(self, places: Array, limit: int) -> None:
-        """Find the nearest candidates, `limit` at most, by the positions of all vehicles, shape (V, 3), m.
-
-        An altimeter counts as near, and a sensor of a position in the plane as far as vehicles are apart at most.
-        """
-        far = float(np.linalg.norm(np.ptp(places, axis=0)))
-        for kind, agents, ends in self.blocks:
-            if kind == "anchor":
-                cost = 0.0 if ends[0] == 2 else far
-                self.nearest += [(cost, (Candidate(kind, i, ends[0]),)) for i in agents[:limit]]
-                continue
-            distance, which = KDTree(places[list(ends)]).query(places[list(agents)], min(limit, len(ends)))
-            distance, which = distance.reshape(len(agents), -1), which.reshape(len(agents), -1)
-            for k in np.argsort(distance, axis=None, kind="stable")[:limit].tolist():
-                i, j = agents[k // which.shape[1]], ends[which.flat[k]]
-                pair = (min(i, j), max(i, j)) if kind == "communication" else (i, j)
-                self.nearest.append((float(distance.flat[k]), (Candidate(kind, *pair),)))
-        self.nearest = sorted(self.nearest, key=lambda ranked: ranked[0])[:limit]
+    distance: float
+    nearest: Candidate
 
 
 class Repair(Record):
@@ -200,8 +170,6 @@ class Repair(Record):
     )
     entry: Any = Field(description="the edge or anchor as the scenario's list has it")
     nullity_reduction: int = Field(alias="removes", description="number of free directions that it holds by itself")
-    lambda_min_alone: float = Field(description="of H with this repair alone")
-    lambda_min_without: float = Field(description="of H with all repairs but this one; 0, as none can be spared")
 
 
 class Augmentation(Record):
@@ -211,10 +179,8 @@ class Augmentation(Record):
     exact: bool = Field(
         description="true if no smaller set exists among the candidates; else greedy, and no repair is redundant"
     )
-    candidates: int = Field(description="number of edges and anchors that would hold a free direction")
     repairs: list[Repair]
     lambda_min: float = Field(description="of H with all repairs")
-    alternatives: list[list[str]] = Field(description="other sets of the same size, described, the nearest first")
 
 
 def plan_augmentation(
@@ -241,26 +207,19 @@ def plan_augmentation(
     still = _by_dimension(team.agents, np.setdiff1d(np.arange(len(team.agents)), owner[free.indices]).tolist())
     parts = [free] if r <= directions and len(_alike(team, free)) <= classes else _parts(free, owner)
     exact = len(parts) == 1
-    count = 0
-    options = list[list[Ranked]]()
+    chosen = list[Candidate]()
     for part in parts:
         alike = _alike(team, part)
-        groups = _group_candidates(team, alike, still, links=len(alike) <= classes)
-        for group in groups:
-            group.find_nearest(np.nan_to_num(places), _MAX_ALTERNATIVES + 1)
-        groups.sort(key=lambda group: (-np.count_nonzero(group.rows.any(axis=1)), group.nearest[0][0]))
-        count += sum(group.count for group in groups)
+        groups = _group_candidates(team, alike, still, np.nan_to_num(places), links=len(alike) <= classes)
+        groups.sort(key=lambda group: (-np.count_nonzero(group.rows.any(axis=1)), group.distance))
         found, smallest = smallest_sets(np.array([group.rows for group in groups]), sets)
         exact &= smallest and len(alike) <= classes
-        options.append(_nearest_sets(groups, found))
+        nearest = min(found, key=lambda numbers: sum(groups[k].distance for k in numbers))
+        chosen += [groups[k].nearest for k in nearest]
     # A candidate has one row for each axis, and holds nothing along an axis in which no agent moves.
     axes = len(np.unique(moving_axis[free.indices]))
-    exact |= sum(len(ranked[0][1]) for ranked in options) == math.ceil(r / axes)
-    plans = _combined(options)
-    if n <= _MAX_COMPARED_STATES:
-        plans.sort(key=lambda plan: (round(plan[0], 6), -round(_stiffness(team, plan[1]), 9)))
-    chosen = plans[0][1]
-    lambda_min = _stiffness(team, chosen)
+    exact |= len(chosen) == math.ceil(r / axes)
+    added = _rows_of(team, chosen)
     linked = {pair for e in team.communication + team.sensing for pair in ((e.tail, e.head), (e.head, e.tail))}
     repairs = [
         Repair(
@@ -268,45 +227,15 @@ def plan_augmentation(
             description=x.describe(team, linked),
             entry=x.entry(team),
             nullity_reduction=int(np.linalg.matrix_rank((_rows_of(team, [x]) @ free).toarray(), tol=_RANK)),
-            lambda_min_alone=lambda_min if len(chosen) == 1 else 0.0,
-            lambda_min_without=0.0,
         )
         for x in chosen
     ]
     return Augmentation(
         needed=len(chosen),
         exact=exact,
-        candidates=count,
         repairs=repairs,
-        lambda_min=lambda_min,
-        alternatives=[[x.describe(team, linked) for x in other] for _, other in plans[1:]],
+        lambda_min=smallest_eigenvalue(*(sparse.vstack([y, added]).tocsr() for y in agent_coboundary(team))),
     )
-
-
-def _nearest_sets(groups: Sequence[Group], found: Iterable[Sequence[int]]) -> list[Ranked]:
-    """Return the nearest sets of candidates, each one of the groups of a set, or with one candidate exchanged."""
-    ranked = list[Ranked]()
-    for chosen in sorted(found, key=lambda chosen: sum(groups[k].nearest[0][0] for k in chosen))[
-        : _MAX_ALTERNATIVES + 1
-    ]:
-        members = [groups[k].nearest for k in chosen]
-        ranked += _combined(members)
-    return sorted(ranked, key=lambda plan: plan[0])[: _MAX_ALTERNATIVES + 1]
-
-
-def _combined(options: Sequence[Sequence[Ranked]]) -> list[Ranked]:
-    """Return the first of all options together, and those with one of them exchanged, the nearest first."""
-    plans = [[ranked[0] for ranked in options]]
-    for k, ranked in enumerate(options):
-        plans += [[*plans[0][:k], other, *plans[0][k + 1 :]] for other in ranked[1:]]
-    joined = [(sum(cost for cost, _ in plan), tuple(x for _, part in plan for x in part)) for plan in plans]
-    return sorted(joined, key=lambda plan: plan[0])[: _MAX_ALTERNATIVES + 1]
-
-
-def _stiffness(team: Team, repairs: Sequence[Candidate]) -> float:
-    """Return lambda_min of H with repairs."""
-    C = _rows_of(team, repairs)
-    return smallest_eigenvalue(*(sparse.vstack([y, C]).tocsr() for y in agent_coboundary(team)))
 
 
 def _rows_of(team: Team, candidates: Sequence[Candidate]) -> sparse.csr_array:
@@ -350,7 +279,7 @@ def _by_dimension(members: Sequence[Member], numbers: Iterable[int]) -> dict[int
 
 
 def _group_candidates(
-    team: Team, classes: Sequence[Alike], still: Mapping[int, Sequence[int]], *, links: bool
+    team: Team, classes: Sequence[Alike], still: Mapping[int, Sequence[int]], places: Array, *, links: bool
 ) -> list[Group]:
     """Group all useful candidates by the subspace that they hold.
 
@@ -358,28 +287,42 @@ def _group_candidates(
         team: The team.
         classes: Moving agents, grouped by their motion.
         still: Numbers of the agents that move in no free direction, by dimension.
+        places: Positions of all vehicles, shape (V, 3), m.
         links: True if links between agents that both move are candidates.
     """
     targets = _by_dimension(team.members, range(len(team.agents), len(team.members)))
-    groups: dict[bytes, Group] = {}
     blocks: list[tuple[Array, Kind, Sequence[int], Sequence[int]]] = []
     for own, motion in classes:
         blocks += [
-            *((motion[axis : axis + 1], "anchor", own, [axis]) for axis in range(len(motion))),
             *((motion[:n], "communication", own, numbers) for n, numbers in still.items()),
             *((motion[:n], "sensing", own, numbers) for n, numbers in targets.items()),
+            *((motion[axis : axis + 1], "anchor", own, [axis]) for axis in range(len(motion))),
         ]
     for (some, one), (others, other) in itertools.combinations(classes, 2) if links else ():
         m = min(len(one), len(other))
         blocks.append((one[:m] - other[:m], "communication", some, others))
+    groups: dict[bytes, Group] = {}
     for rows, kind, agents, ends in blocks:
         _, singular, directions = np.linalg.svd(rows, full_matrices=False)
         held = np.zeros((3, rows.shape[1]))
         held[: np.count_nonzero(singular > _RANK)] = directions[singular > _RANK]
         if held.any():
             key = (np.round(held.T @ held, 6) + 0.0).tobytes()
-            groups.setdefault(key, Group(held)).blocks.append((kind, agents, ends))
+            group = Group(held, *_nearest(kind, agents, ends, places))
+            if key not in groups or group.distance < groups[key].distance:
+                groups[key] = group
     return list(groups.values())
+
+
+def _nearest(kind: Kind, agents: Sequence[int], ends: Sequence[int], places: Array) -> tuple[float, Candidate]:
+    """Return the nearest candidate of a kind between some agents and some ends, after its distance; see `Group`."""
+    if kind == "anchor":
+        far = float(np.linalg.norm(np.ptp(places, axis=0)))
+        return 0.0 if ends[0] == 2 else far, Candidate(kind, agents[0], ends[0])
+    distance, which = KDTree(places[list(ends)]).query(places[list(agents)])
+    k = int(np.argmin(distance))
+    pair = agents[k], ends[which[k]]
+    return float(distance[k]), Candidate(kind, *(sorted(pair) if kind == "communication" else pair))
 
 
 def _parts(free: sparse.csc_array, owner: IntArray) -> list[sparse.csc_array]:
@@ -393,8 +336,6 @@ def _parts(free: sparse.csc_array, owner: IntArray) -> list[sparse.csc_array]:
 
 # -- flexes of a formation ---------------------------------------------------------------------------------------------
 
-_MAX_BRACED_STATES = 200  # of the agents: beyond, no edges are searched
-_PIVOT = 1e-6  # length of a row of orthonormal motions below which its coordinate fixes none of them
 _SHOWN = 3  # flexes in a sentence
 
 
@@ -436,7 +377,16 @@ class Bracing(Record):
         )
 
 
-def plan_bracing(team: Team, original: Team, positions: Array, motions: Array, D: Array, gain: float) -> Bracing | None:
+def plan_bracing(
+    team: Team,
+    original: Team,
+    positions: Array,
+    motions: Array,
+    D: Array,
+    gain: float,
+    *,
+    most: int = 200,
+) -> Bracing | None:
     """Find flexes and the edges that hold them; None of a rigid team, and of one that is too large.
 
     A flex is a motion of the agents that changes the shape and that no communication edge measures to first order.
@@ -450,10 +400,12 @@ def plan_bracing(team: Team, original: Team, positions: Array, motions: Array, D
         motions: Motions that edges of the team's kinds never measure, orthonormal, shape (n, t).
         D: Coboundary of the communication edges, rows of length 1, shape (m, n).
         gain: k1, 1/s.
+        most: Largest number of the agents' states for which edges are searched.
     """
-    if len(positions) > _MAX_BRACED_STATES:
+    if len(positions) > most:
         return None
-    flexes = _flexes(D, motions)
+    # What D does not measure, across the given motions.
+    flexes = linalg.null_space(np.vstack([D, motions.T]), rcond=SOLVED_RANK_TOLERANCE)
     if not flexes.shape[1]:
         return None
     edges, rows = _list_candidates(original, positions)
@@ -471,14 +423,6 @@ def plan_bracing(team: Team, original: Team, positions: Array, motions: Array, D
         exact=exact,
         rate=rate if team.symmetric else None,
     )
-
-
-def _flexes(D: Array, motions: Array) -> Array:
-    """Return an orthonormal basis of the motions that D does not measure, across the given ones, shape (n, r)."""
-    _, singular, directions = np.linalg.svd(D)
-    rank = int(np.count_nonzero(singular > SOLVED_RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)))
-    free = directions[rank:].T
-    return np.asarray(free @ np.linalg.svd(free.T @ motions)[0][:, motions.shape[1] :])
 
 
 def _describe_flexes(team: Team, positions: Array, flexes: Array, motions: Array) -> list[str]:
@@ -499,7 +443,13 @@ def _describe_flexes(team: Team, positions: Array, flexes: Array, motions: Array
     return [f"{describe(team, mode)}, relative to {team.agents[centre].id}" for mode in modes]
 
 
-def _frame(motions: Array, owner: IntArray, order: Sequence[int]) -> list[int]:
+def _frame(
+    motions: Array,
+    owner: IntArray,
+    order: Sequence[int],
+    *,
+    pivot: float = 1e-6,  # length of a row of orthonormal motions below which its coordinate fixes none of them
+) -> list[int]:
     """Choose coordinates whose rest leaves none of the motions, shape (n, t), agents in the given order."""
     left = motions.copy()
     fixed = list[int]()
@@ -507,7 +457,7 @@ def _frame(motions: Array, owner: IntArray, order: Sequence[int]) -> list[int]:
         rows = np.flatnonzero(owner == agent)
         for _ in rows:
             length = np.linalg.norm(left[rows], axis=1)
-            if length.max() <= _PIVOT:
+            if length.max() <= pivot:
                 break
             row = int(rows[length.argmax()])
             along = left[row] / length.max()
@@ -600,7 +550,8 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
     D = team.law_problem.H.toarray() if held_by_stress else _coboundary(team, n)
     tolerance = SOLVED_RANK_TOLERANCE if team.linearised_at is not None else RANK_TOLERANCE
     rank = int(np.linalg.matrix_rank(D, rtol=tolerance)) if len(D) else 0
-    unseen = _basis(_unseen(D, _motions(team, positions), tolerance))  # one agent has no turn and no scale
+    # One agent has no turn and no scale.
+    unseen = linalg.orth(_unseen(D, _motions(team, positions), tolerance), rcond=_UNSEEN)
     needed = n - unseen.shape[1]
     rigid = rank >= needed
     bracing = (
@@ -640,26 +591,24 @@ def _unseen(D: Array, motions: Array, tolerance: float) -> Array:
     return np.asarray(motions @ combinations[seen:].T)
 
 
-def _basis(motions: Array) -> Array:
-    """Return an orthonormal basis of motions (n, count), some of which may be zero, shape (n, rank)."""
-    directions, singular, _ = np.linalg.svd(motions, full_matrices=False)
-    return np.asarray(directions[:, singular > _UNSEEN * max(singular.max(initial=0.0), 1e-300)])
-
-
 # -- connection --------------------------------------------------------------------------------------------------------
 
-_MAX_AGENTS = 1500  # largest team whose pairwise distances are computed
 
-
-def suggest_edges(team: Team, positions: Array) -> dict[str, list[list[str]]]:
+def suggest_edges(
+    team: Team,
+    positions: Array,
+    *,
+    most: int = 1500,
+) -> dict[str, list[list[str]]]:
     """Return the shortest edges that connect the agents and let every target be sensed (Assumption 5), by kind.
 
     Args:
         team: The team.
         positions: Positions of all vehicles, padded, shape (V, 3), m.
+        most: Largest number of agents whose pairwise distances are computed.
     """
     agents = np.flatnonzero(team.present)
-    if len(agents) > _MAX_AGENTS:
+    if len(agents) > most:
         return {}
     places = np.nan_to_num(positions)
     part = label_parts(team, team.communication)[agents]

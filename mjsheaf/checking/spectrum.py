@@ -244,7 +244,6 @@ def _motion(team: Team, mode: NullMode) -> dict[str, list[float]]:
 
 # -- H that is not symmetric ------------------------------------------------------------------------------------------
 
-_ZERO = 1e-9  # of the largest: an eigenvalue of H that is no more is zero
 
 Complex = NDArray[np.complex128]
 
@@ -271,9 +270,13 @@ def eigenvalues_of(team: Team) -> Complex:
     return values[np.argsort(values.real, kind="stable")]
 
 
-def zero_of(team: Team) -> float:
+def zero_of(
+    team: Team,
+    *,
+    zero: float = 1e-9,  # of the largest: an eigenvalue of H that is no more is zero
+) -> float:
     """Return the size of an eigenvalue of H, relative to the largest, up to which it counts as zero."""
-    return _ZERO if team.linearised_at is None else FREE_MOTION
+    return zero if team.linearised_at is None else FREE_MOTION
 
 
 def held_eigenvalues(team: Team) -> Complex:

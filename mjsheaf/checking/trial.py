@@ -13,12 +13,12 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.finished import MIN_DURATION, MIN_SPEED, ROUNDING, ending_of_run, find_stuck
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.loop.log import samples_in_piece
 from mjsheaf.loop.session import engine_of, prepare_run
 from mjsheaf.results.dataset import join, make_datasets, of_phase
+from mjsheaf.results.ending import MIN_DURATION, MIN_SPEED, ROUNDING, ending_of_run, find_stuck_at_end
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
@@ -79,7 +79,7 @@ class TrialRecord(Record):
     )
     norm: Norm = Field(PER_AGENT_RMS, description="which norm `tracking_error` is")
     ending: str | None = Field(
-        description="settled, moving, growing, circling or stuck, as in summary.json; null: see `problems`"
+        description="settled, not settled or diverging, as in summary.json; null: see `problems`"
     )
     problems: list[TrialProblem] = Field(description="why the mission failed, the most important first")
 
@@ -208,7 +208,7 @@ def _problems(
     deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else [])
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
-    stuck = [one for one in find_stuck(phases, data) if one.end >= end and one.error > ROUNDING]
+    stuck = find_stuck_at_end(phases, data)
     if stuck:
         first = team.agent_ids[stuck[0].agent]
         text = (

@@ -80,7 +80,7 @@ def check(
         from mjsheaf.checking import examine_scenario
         from mjsheaf.checking.check import try_out, untried
         from mjsheaf.checking.problems import reasons_of
-        from mjsheaf.checking.screen import screen
+        from mjsheaf.checking.report import screen
         from mjsheaf.scenario import load_scenario
 
         loaded = load_scenario(scenario, changes_of(overrides))
@@ -97,9 +97,9 @@ def check(
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     elif full:
-        from mjsheaf.checking.report import WIDTH, report
+        from mjsheaf.checking.report import PAGE_WIDTH, report
 
-        make_console(WIDTH).print(report(record))
+        make_console(PAGE_WIDTH).print(report(record))
     else:
         print_lines(*screen(record, scenario))
     drawn = [] if plot is None else _draw(replace(examination, record=record), figures, plot)

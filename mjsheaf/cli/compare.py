@@ -31,7 +31,7 @@ from mjsheaf.errors import UnstableError, in_field
 
 if TYPE_CHECKING:
     from mjsheaf.comparing.causes import CompareRecord
-    from mjsheaf.comparing.publish import Published
+    from mjsheaf.comparing.compare import Published
     from mjsheaf.runs.overlay import RunsRecord
 
 _WIDTH = 120  # least on a terminal, as numbers must not be cut; that of report.txt
@@ -66,7 +66,7 @@ def compare(
     bodies right) to a directory (default runs/NAME-compare).
     """
     with progress_bars() as bars:
-        from mjsheaf.comparing.publish import publish
+        from mjsheaf.comparing.compare import publish
         from mjsheaf.scenario.load import find_law
 
         figures = figure_options(formats, title)
@@ -105,7 +105,7 @@ def _print_comparison(record: "CompareRecord", *, full: bool) -> None:
 
 def _draw_video(published: "Published", quality: str) -> None:
     """Draw the video of a published comparison and print its path, or why there is none."""
-    from mjsheaf.comparing.publish import add_video
+    from mjsheaf.comparing.compare import add_video
 
     directory = published.directory
     print_lines(f"drawing the video; all other files are written: open {directory / 'report.html'} in any browser")

@@ -73,8 +73,8 @@ def list_(
 
 
 def _list_vehicles(files: list[str]) -> None:
-    from mjsheaf.checking.authority import authority_of
-    from mjsheaf.checking.slips import slips_of_vehicle
+    from mjsheaf.scenario.slips import slips_of_vehicle
+    from mjsheaf.vehicles.authority import authority_of
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 

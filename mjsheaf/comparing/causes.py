@@ -9,13 +9,18 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from mjsheaf.checking.finished import ROUNDING
 from mjsheaf.comparing.convergence import ConvergenceRecord
-from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
-from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, RingingRecord
+from mjsheaf.comparing.margins import (
+    DemandRecord,
+    FastestRecord,
+    GainRecord,
+    RingingRecord,
+    VelocityLimitRecord,
+)
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
 from mjsheaf.comparing.variants import RungRecord, display_name
 from mjsheaf.errors import joined, listed
+from mjsheaf.results.ending import ROUNDING
 from mjsheaf.section import Finite, FiniteRecord
 
 _LOWER_GAIN = ", or a lower controller.gain"  # advice for laws that have one
@@ -29,11 +34,6 @@ _CHANGE = {
 }
 """Fix for each effect."""
 
-_UNSETTLED = {
-    "growing": "its error DIVERGES",
-    "circling": "it ends in a limit cycle",
-    "stuck": "an agent does not move although it is commanded to (see the notes of mjsheaf run)",
-}
 LIMITED_BY = {
     "inertia": "inertia",
     "lag": "the lag of thrusters",
@@ -46,11 +46,8 @@ LIMITED_BY = {
 
 _RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
 _MIN_BODY_FRACTION = 0.05  # of the error; bodies that add less are not reported as its cause
-_MIN_CAUSE_FRACTION = 0.25  # of the error, or of the part that bodies add; a smaller part is not a cause
 _MIN_NAMED_FRACTION = 0.01  # of the error; smaller parts are named together
 _MIN_Q_STAR_FRACTION = 0.5  # of the error; if q* itself has more, the sheaf is the cause
-_MIN_DAMPING = 0.2  # damping ratio below which the team rings
-_MIN_GAIN_ROOM = 1.05  # ratio of the usable to the present gain above which raising the gain is advised
 
 
 class LoopRecord(FiniteRecord):
@@ -181,15 +178,13 @@ class _Cause(NamedTuple):
 def verdict_of(record: CompareRecord) -> list[str]:
     """Compose the sentences of the verdict, the most important first."""
     harmful = _harmful_terms(record)  # they come first, as they explain why a team does not converge
-    parts = (_errors,) if harmful else (_errors, _alternatives)
-    sentences = [sentence for part in (_unsettled, *parts, _gain, _speeds) for sentence in part(record)]
-    return [*harmful, *sentences]
+    return [*harmful, *(sentence for part in (_unsettled, _errors, _gain, _speeds) for sentence in part(record))]
 
 
 def _unsettled(record: CompareRecord) -> list[str]:
-    """Report a team that does not converge in the scenario as given, or whose loop is unstable."""
+    """Report a team whose error grows in the scenario as given, or whose loop is unstable."""
     loop = record.loop
-    causes = [_UNSETTLED.get(record.rung("all").ending or "", "")]
+    causes = ["its error DIVERGES" if record.rung("all").ending == "diverging" else ""]
     if loop is not None and loop.stable is False:
         largest = loop.largest_gain
         limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
@@ -242,7 +237,12 @@ def _blown_up(record: CompareRecord) -> list[str]:
     return [f"the scenario as given blows up ({record.rung('all').message})", cause]
 
 
-def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
+def _cause(
+    record: CompareRecord,
+    measure: Measure,
+    *,
+    cause_fraction: float = 0.25,  # of the error, or of the part that bodies add; a smaller part is not a cause
+) -> _Cause | None:
     """Return the dominant cause of an error of the team; None if the error is unknown or zero.
 
     It is the sheaf if q* itself has half of the error; else what removes the most of it: perfect links, the paper's law
@@ -255,7 +255,7 @@ def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
     if (budget.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * budget.all_m:
         return _cause_in_sheaf(record, budget)
     added = budget.all_m - budget.ideal_m
-    least = _MIN_CAUSE_FRACTION * budget.all_m
+    least = cause_fraction * budget.all_m
     changes = _changes(record)
     better = "better links (links.noise, loss, delay)"
     causes = [(record.saved_by("all-links", TEAM, measure), least, "imperfect links", better)]
@@ -263,11 +263,14 @@ def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
         saved = record.saved_by("all-terms", TEAM, measure)
         causes.append((saved, least, joined(record.terms), "the paper's law alone, or better odometry"))
     if record.velocity_limit is not None:
+        limit = record.velocity_limit
         saved = record.saved_by("all-limit", TEAM, measure)
-        causes.append((saved, least, "the velocity limit", _raise_limit(record.velocity_limit)))
+        # What suffices is the largest speed commanded in the second half of the ideal run without a limit.
+        fix = f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
+        causes.append((saved, least, "the velocity limit", fix))
     if added > _MIN_BODY_FRACTION * budget.all_m:
         for item in budget.effects:
-            least_of_bodies = _MIN_CAUSE_FRACTION * added
+            least_of_bodies = cause_fraction * added
             causes.append((item.give_back_m or 0.0, least_of_bodies, display_name(item.effect), changes[item.effect]))
     ranked = sorted((cause for cause in causes if cause[0] >= max(cause[1], ROUNDING)), reverse=True)
     if ranked:
@@ -278,7 +281,7 @@ def _cause(record: CompareRecord, measure: Measure) -> _Cause | None:
     if added <= _MIN_BODY_FRACTION * budget.all_m:
         return _Cause("the law, not the vehicles", _change_of_law(record))
     part, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
-    if part >= _MIN_CAUSE_FRACTION * added:
+    if part >= cause_fraction * added:
         return _Cause(f"the time constant tau of the {who}, which add {part:.2g} m with ideal thrusters", "")
     return _Cause(f"no single effect, as bodies add {added:.2g} m together", "see the interaction in the budget")
 
@@ -308,14 +311,18 @@ def _changes(record: CompareRecord) -> dict[str, str]:
     return {effect: change.removesuffix(ignored) for effect, change in _CHANGE.items()}
 
 
-def _change_of_law(record: CompareRecord) -> str:
+def _change_of_law(
+    record: CompareRecord,
+    *,
+    room_factor: float = 1.05,  # ratio of the usable to the present gain above which raising the gain is advised
+) -> str:
     """Advise how to lower the ideal run's error: a higher gain up to the usable one, or slower targets."""
     if record.gain is None:
         return f"another law than {record.law}, or slower targets"
     room = record.usable_gain
     if room is None:
         return "a higher controller.gain, more sensing agents, or slower targets"
-    if room > _MIN_GAIN_ROOM * record.gain:
+    if room > room_factor * record.gain:
         return f"a higher controller.gain (up to {room:.2g} 1/s), more sensing agents, or slower targets"
     return f"more sensing agents, or slower targets (a higher gain rings, above {room:.2g} 1/s)"
 
@@ -330,34 +337,17 @@ def _harmful_terms(record: CompareRecord) -> list[str]:
     return [f"WARNING: the error is larger with {joined(record.terms)}: {gist}", *record.harm]
 
 
-def _alternatives(record: CompareRecord) -> list[str]:
-    """Report the tracking error under the paper's law alone, over perfect links, and without a velocity limit."""
-    law = "under the paper's law at the scenario's gain"
-    if record.terms:
-        law = f"without {joined(record.terms)}"
-    names = {"terms": law, "links": "over perfect links", "limit": "without the velocity limit"}
-    told = []
-    for suffix, name in names.items():
-        ideal, bodies = (record.error(f"{key}-{suffix}", TEAM, TRACKING) for key in ("ideal", "all"))
-        saved = abs(record.saved_by(f"all-{suffix}", TEAM, TRACKING))
-        if bodies is not None and saved > max(_MIN_BODY_FRACTION * bodies, ROUNDING):
-            told.append(f"{bodies:.3g} m {name}" + ("" if ideal is None else f" (ideal {ideal:.3g} m)"))
-    now = record.error("all", TEAM, TRACKING)
-    return [f"tracking error {now:.3g} m as given: {', '.join(told)}"] if told else []
-
-
-def _raise_limit(limit: VelocityLimitRecord) -> str:
-    """Advise the limit that suffices: the largest speed commanded in the second half of the ideal run without one."""
-    return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
-
-
-def _gain(record: CompareRecord) -> list[str]:
+def _gain(
+    record: CompareRecord,
+    *,
+    least_damping: float = 0.2,  # damping ratio below which the team rings
+) -> list[str]:
     """Report what limits the gain; and how the team rings, if it does."""
-    limit = _lowest_limit(record)
-    if record.gain is None or limit is None:
+    if record.gain is None or record.gains is None or not record.gains.limits:
         return []
+    limit = record.gains.limits[0]
     mode = record.ringing.least_damped if record.ringing else None
-    rings = mode is not None and mode.damping < _MIN_DAMPING
+    rings = mode is not None and mode.damping < least_damping
     now = f"gain {record.gain:g} 1/s: "
     if mode is not None and rings:
         who = f" of the mode about {mode.agent}" if mode.agent else ""
@@ -370,10 +360,6 @@ def _gain(record: CompareRecord) -> list[str]:
         f"{now}above {limit.gain:.2g} 1/s the damping ratio is below 0.3, limited by {LIMITED_BY[limit.effect]}{about}"
         + (cure or "; lower controller.gain" if rings else "")
     ]
-
-
-def _lowest_limit(record: CompareRecord) -> GainLimitRecord | None:
-    return record.gains.limits[0] if record.gains and record.gains.limits else None
 
 
 def _speeds(record: CompareRecord) -> list[str]:

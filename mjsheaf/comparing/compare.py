@@ -1,20 +1,25 @@
-"""The whole comparison as one record: ladder, budgets, ringing, convergence, demands and verdict."""
+"""The whole comparison as one record: ladder, budgets, ringing, convergence, demands, verdict; and its directory."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from mjsheaf._version import __version__
 from mjsheaf.checking.loop.body_loop import loop_along
 from mjsheaf.comparing.causes import CompareRecord, LoopRecord, PhaseRecord, levers_of, verdict_of
 from mjsheaf.comparing.convergence import ConvergenceRecord, converge
-from mjsheaf.comparing.demands import (
+from mjsheaf.comparing.margins import (
     JUDGED,
+    Way,
     demands_of,
+    examine_gain,
     fastest_vehicles,
+    find_ringing,
     velocity_limit_of,
+    ways_of,
 )
-from mjsheaf.comparing.gains import Way, examine_gain, find_ringing, ways_of
 from mjsheaf.comparing.measures import (
     Series,
     budgets_of,
@@ -23,15 +28,21 @@ from mjsheaf.comparing.measures import (
     series_at_q_star,
     whole_run,
 )
+from mjsheaf.comparing.page import report_text
 from mjsheaf.comparing.variants import Run, ladder_of, run_ablation, span_of_phase
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import prepare_run
+from mjsheaf.results import summarize
 from mjsheaf.results.dataset import law_of
+from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.diagnostics import examine_terms
+from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import LawFile
+from mjsheaf.show.style import AS_USUAL, FigureOptions
 from mjsheaf.system import Phase
+from mjsheaf.video.film import both_films, half_options
 
 
 @dataclass(frozen=True)
@@ -73,6 +84,7 @@ def compare(
     runs = run_ablation(phases, ladder_of(phases, controlled=law is not None), progress, law=law, seed=scenario.seed)
     ideal = runs["ideal"]
     at_q_star = series_at_q_star(phases, ideal.dataset)
+    eventful = any(phase.events for phase in phases)
     draft = CompareRecord(
         mjsheaf_version=__version__,
         scenario=scenario.name,
@@ -89,7 +101,7 @@ def compare(
         velocity_limit=velocity_limit_of(runs),
         demands=[demand for key in JUDGED for demand in demands_of(system, key, runs[key])],
         fastest=fastest_vehicles(system),
-        phases=_phases(phases, runs, at_q_star),
+        phases=[_phase(phases, k, runs, at_q_star) for k in range(ideal.phases_reached if eventful else 0)],
         verdict=[],
         wall_time_s=working_time() - begun,
         video=None,
@@ -122,12 +134,6 @@ def _about_law(
         "ringing": ringing,
         "ringing_phase": number if ringing and len(phases) > 1 else None,
     }
-
-
-def _phases(phases: Sequence[Phase], runs: dict[str, Run], at_q_star: Series) -> list[PhaseRecord]:
-    """Return the errors of every phase that the ideal run reached; none without events."""
-    count = runs["ideal"].phases_reached if any(phase.events for phase in phases) else 0
-    return [_phase(phases, k, runs, at_q_star) for k in range(count)]
 
 
 def _phase(phases: Sequence[Phase], k: int, runs: dict[str, Run], at_q_star: Series) -> PhaseRecord:
@@ -174,3 +180,111 @@ def _harm(phases: Sequence[Phase], run: Run) -> list[str]:
         return []
     found = examine_terms(phases, run.dataset)
     return list(found.warnings) if found else []
+
+
+# -- the directory of a comparison -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Published:
+    """A published comparison.
+
+    Attributes:
+        directory: Its directory.
+        scenario: Scenario that was compared.
+        comparison: Its numbers and runs.
+        replaced: Sentence about the earlier run that it replaced; None if there was none.
+    """
+
+    directory: Path
+    scenario: Scenario
+    comparison: Comparison
+    replaced: str | None
+
+
+def publish(
+    scenario: Scenario,
+    directory: Path,
+    *,
+    engine: str = "mujoco",
+    threads: int | None = None,
+    law: LawFile | None = None,
+    origin: str | None = None,
+    figures: FigureOptions = AS_USUAL,
+    progress: Progress = no_progress,
+) -> Published:
+    """Compare a scenario's ideal kinematics with its bodies and write the directory, even if bodies blow up.
+
+    For the arguments see `runs.publish.publish` and `compare`. `add_video` draws the video afterwards.
+
+    Raises:
+        InputError: The scenario cannot be simulated. Nothing is written.
+        PlaceError: The directory may not be replaced or cannot be written.
+        NotUniqueError: The harmonic extension is not unique. Nothing is written.
+    """
+    replaced = replaced_run(directory)
+    with staging(directory) as fresh:
+        comparison = compare(scenario, progress, engine=engine, threads=threads, law=law)
+        record = comparison.record.model_copy(update={"origin": origin})
+        write_scenario(scenario, fresh)
+        progress("plotting", 0, 1)
+        _plot(comparison, fresh, figures)
+        progress("writing the page", 0, 1)
+        (fresh / "report.html").write_bytes(_page(scenario, comparison))
+        (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
+        progress("publishing", 0, 1)  # the user can interrupt up to here
+        save_summary(record.model_dump(mode="json"), fresh / "compare.json")
+    return Published(directory, scenario, replace(comparison, record=record), replaced)
+
+
+def add_video(published: Published, quality: str | None = None, progress: Progress = no_progress) -> str:
+    """Draw ideal kinematics and bodies side by side into the directory of a published comparison.
+
+    The video appears when it is complete, and compare.json then names it.
+
+    Returns:
+        The reason why there is no video; empty if there is one.
+
+    Raises:
+        PlaceError: The video cannot be written.
+    """
+    directory, scenario = published.directory, published.scenario
+    path = directory / "compare.mp4"
+    ideal, physics = (published.comparison.runs[key].dataset for key in ("ideal", "all"))
+    options = half_options(scenario, quality)
+    films = partial(both_films, scenario, ideal, physics, options)
+    _, reason = draw_video(films, path, options, progress, f"{directory} is complete except for its video")
+    if not reason:
+        record = published.comparison.record.model_copy(update={"video": path.name})
+        save_summary(record.model_dump(mode="json"), directory / "compare.json")
+    return reason
+
+
+def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
+    from mjsheaf.comparing.figures import plot_budget, plot_convergence, plot_rungs
+
+    plot_rungs(comparison.record, comparison.runs, folder / "errors", figures)
+    plot_budget(comparison.record, folder / "budget", figures)
+    plot_convergence(comparison.record, folder / "convergence", figures)
+
+
+def _page(scenario: Scenario, comparison: Comparison) -> bytes:
+    """Make the page of the run on bodies, with the ideal run as its ghost."""
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
+    from mjsheaf.page import Ghost, page_of
+
+    phases = scenario.phases
+    ideal, physics = (comparison.runs[key].dataset for key in ("ideal", "all"))
+    finished = physics.attrs["status"] == "finished"
+    summary = {
+        "final": summarize(scenario.system.team, physics),
+        "ending": comparison.record.rung("all").ending if finished else None,
+    }
+    bounds = bounds_of_phases(phases, physics)
+    engine = f" --engine {physics.attrs['engine']}" if "engine" in physics.attrs else ""
+    controller = comparison.record.controller
+    law = f" --controller {controller}" if controller else ""
+    again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
+    notes = comparison.record.verdict
+    twin = Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)
+    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ghosts=[twin], again=again)

@@ -17,9 +17,6 @@ from mjsheaf.vehicles.effects import Effects
 _COUNT, _RATIO = 4, 2.0
 _SHARE_OF_OWN, _SHARE_OF_LAW = 0.5, 0.25
 _STEPS_PER_TAU = 10
-_SPAN = 6.0  # s; runs at short steps cost
-_CATCH_UP = 10.0  # time constants over which bodies catch up with the flow
-_SHORTEST_STEP = 1e-5  # s
 
 
 class PointRecord(FiniteRecord):
@@ -45,7 +42,14 @@ class ConvergenceRecord(FiniteRecord):
     reason: str = Field(description="why there is no slope, or empty")
 
 
-def converge(system: System, progress: Progress = no_progress) -> ConvergenceRecord:
+def converge(
+    system: System,
+    progress: Progress = no_progress,
+    *,
+    span: float = 6.0,  # s; runs at short steps cost
+    catch_up: float = 10.0,  # time constants over which bodies catch up with the flow
+    shortest: float = 1e-5,  # s
+) -> ConvergenceRecord:
     """Run bodies with inertia as their only effect, at time constants halved from one to the next.
 
     Agents start at q*, in the scenario's flow and following its targets. From anywhere else the law's first command
@@ -61,12 +65,12 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
     fastest = system.gain * system.largest_eigenvalue
     if fastest > 0.0:
         largest = min(largest, _SHARE_OF_LAW / fastest)
-    start = grid.start + _CATCH_UP * largest
-    steps = min(grid.steps, int(np.ceil((_CATCH_UP * largest + _SPAN) / grid.period)))
+    start = grid.start + catch_up * largest
+    steps = min(grid.steps, int(np.ceil((catch_up * largest + span) / grid.period)))
     end = grid.start + steps * grid.period
     taus = [largest / _RATIO**k for k in range(_COUNT)]
     smallest = taus[-1] / _STEPS_PER_TAU
-    if smallest < _SHORTEST_STEP:
+    if smallest < shortest:
         return _record(start, end, [], f"bodies or law are so fast that timesteps of {smallest:.2g} s would be needed")
     system = replace(system, grid=replace(grid, steps=steps))
     ideal = engine_of(system, "ideal").run()

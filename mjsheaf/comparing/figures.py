@@ -153,22 +153,16 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     rungs = {rung.key: rung for rung in record.ladder}
     begin = [rungs[key] for key in ("targets", "agents", "base")]
     end = [rungs[key] for key in ("all-terms", "all-links", "all", "ideal") if key in rungs]
-    alone, missing = _choose_alone(record, _MOST_LINES - len(begin) - len(end))
+    alone = [rung for rung in record.ladder if rung.kind == "alone"]
+    base = _line_of(rungs["base"])
+    distinct = [rung for rung in alone if _line_of(rung) != base]
+    largest = sorted(distinct, key=_weight, reverse=True)[: _MOST_LINES - len(begin) - len(end)]
+    missing = _named([rung for rung in alone if rung not in distinct], "as ideal thrusters")
+    missing += _named([rung for rung in distinct if rung not in largest], "little")
     if "without" in {rung.kind for rung in record.ladder}:
         missing.append("all but one")
     footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
-    return [*begin, *alone, *end], footnote
-
-
-def _choose_alone(record: CompareRecord, most: int) -> tuple[list[RungRecord], list[str]]:
-    """Choose variants with one effect, at most `most` of them; describe the others."""
-    alone = [rung for rung in record.ladder if rung.kind == "alone"]
-    base = _line_of(record.rung("base"))
-    same = [rung for rung in alone if _line_of(rung) == base]
-    others = [rung for rung in alone if rung not in same]
-    small = sorted(sorted(others, key=_weight, reverse=True)[most:], key=others.index)
-    missing = [*_named(same, "as ideal thrusters"), *_named(small, "little")]
-    return [rung for rung in others if rung not in small], missing
+    return [*begin, *(rung for rung in distinct if rung in largest), *end], footnote
 
 
 def _weight(rung: RungRecord) -> float:

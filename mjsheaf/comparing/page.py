@@ -11,7 +11,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from mjsheaf.comparing.causes import LIMITED_BY, CompareRecord, PhaseRecord
-from mjsheaf.comparing.gains import MIN_DAMPING
+from mjsheaf.comparing.margins import MIN_DAMPING
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.variants import RungRecord, display_name
 from mjsheaf.errors import joined, select_true, shortened
@@ -23,14 +23,8 @@ SCREEN_WIDTH = 100
 """Maximum width of a line of that answer, characters."""
 
 _LABEL_WIDTH = 17
-_MAX_PHASES = 4
-_MAX_EVENTS = 36  # characters
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 
-_TEAM_COLUMNS = 62  # maximum width of the budget's first three columns, characters
-_LEAST_WORSENING = 0.05  # fraction of the error; the page explains why removing an effect adds more than this
-_SENTENCES_A_PHASE = 2  # maximum number of sentences on the page for each phase
-_RESOLUTION = 0.0005  # m; the page shows smaller values as 0
 _WORSE = {
     "underactuation": "the stand-in holds its heading, is controlled at its origin, and its speed abeam is limited by "
     "its sway drag",
@@ -87,16 +81,21 @@ def _error(rung: RungRecord, name: str) -> str:
     return "-" if value is None else f"{value:.3g} m"
 
 
-def _phase_lines(phases: list[PhaseRecord]) -> list[str]:
+def _phase_lines(
+    phases: list[PhaseRecord],
+    *,
+    most: int = 4,
+    characters: int = 36,  # of the events of a phase
+) -> list[str]:
     """Return a line on the tracking error of each phase of a run with events."""
     lines = list[str]()
-    for k, phase in enumerate(phases[:_MAX_PHASES]):
+    for k, phase in enumerate(phases[:most]):
         ideal, bodies = (phase.errors[key][TEAM].error(TRACKING) for key in ("ideal", "all"))
-        events = shortened(", ".join(phase.events) or "start", _MAX_EVENTS)
+        events = shortened(", ".join(phase.events) or "start", characters)
         errors = ", ".join("-" if error is None else f"{error:.3g} m" for error in (ideal, bodies))
         lines.append(f"{f'  phase {k}':<{_LABEL_WIDTH}}{errors}: {events}, from {phase.start:.6g} s")
-    if len(phases) > _MAX_PHASES:
-        lines.append(f"  and {len(phases) - _MAX_PHASES} more phases in report.txt")
+    if len(phases) > most:
+        lines.append(f"  and {len(phases) - most} more phases in report.txt")
     return lines
 
 
@@ -133,7 +132,11 @@ def _number(value: float | None, form: str = ".3g") -> str:
     return "-" if value is None else f"{value:{form}}"
 
 
-def _phases(record: CompareRecord) -> list[Group]:
+def _phases(
+    record: CompareRecord,
+    *,
+    sentences: int = 2,  # maximum number of sentences on the page for each phase
+) -> list[Group]:
     """Tabulate the errors of each phase on ideal kinematics and as given, with what to change."""
     if not record.phases:
         return []
@@ -145,7 +148,7 @@ def _phases(record: CompareRecord) -> list[Group]:
         what = ", ".join(phase.events) or "start"
         cells = [_number(phase.errors[key][TEAM].error(name)) for name in names for key in ("ideal", "all")]
         table.add_row(f"{k}: {shortened(what, 36)}", f"{phase.start:.6g}", f"{phase.end:.6g}", *cells)
-        notes += [f"phase {k}: {sentence}" for sentence in phase.levers[:_SENTENCES_A_PHASE]]
+        notes += [f"phase {k}: {sentence}" for sentence in phase.levers[:sentences]]
     title = "phases: errors of the team in m (RMS over agents or edges, and over the second half of the phase)"
     notes.append("compare.json has the budget of each phase and all of its sentences")
     return [_under(title, table, *notes)]
@@ -193,8 +196,7 @@ def _notes_on_ladder(record: CompareRecord) -> list[str]:
     return [
         "tracking: RMS over agents; formation: RMS over edges; over the second half: RMS over time too",
         f"settles: time from which the team's {telling} error stays below 1.25 times its maximum over the second half;",
-        "moving: not converged yet; growing: diverging; circling: the team is in a limit cycle",
-        "stuck: converged, but an agent does not move although it is commanded to",
+        "not settled: the error still changes, the team is in a limit cycle, or an agent does not move",
         "limited: fraction of the time that agents' thrusters are at a limit",
         *select_true(special),
         *(f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"),
@@ -254,22 +256,31 @@ def _alone_and_back(item: ItemRecord) -> str:
     return f"{_millimetres(item.alone_m)} / {_millimetres(item.give_back_m)}"
 
 
-def _that_fit(groups: list[BudgetRecord]) -> list[BudgetRecord]:
+def _that_fit(
+    groups: list[BudgetRecord],
+    *,
+    of_team: int = 62,  # maximum width of the budget's first three columns, characters
+) -> list[BudgetRecord]:
     """Return the first groups whose columns fit next to those of the team."""
     widths = [
         max(map(len, [b.scope, *map(_alone_and_back, b.effects), _millimetres(b.ideal_m), _millimetres(b.all_m)])) + 2
         for b in groups
     ]
-    return [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - _TEAM_COLUMNS]
+    return [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - of_team]
 
 
-def _worse_without(budgets: list[BudgetRecord]) -> list[str]:
+def _worse_without(
+    budgets: list[BudgetRecord],
+    *,
+    least: float = 0.05,  # fraction of the error; the page explains why removing an effect adds more than this
+    resolution: float = 0.0005,  # m; the page shows smaller values as 0
+) -> list[str]:
     """Explain why removing an effect makes an error worse, if it does so notably."""
     worse = {
         item.effect
         for b in budgets
         for item in b.effects
-        if (item.give_back_m or 0.0) < -max(_LEAST_WORSENING * (b.all_m or 0.0), _RESOLUTION)
+        if (item.give_back_m or 0.0) < -max(least * (b.all_m or 0.0), resolution)
     }
     reasons = [f"{display_name(effect)}: {why}" for effect, why in _WORSE.items() if effect in worse]
     return ["; ".join(["below 0: worse without it", *reasons])] if worse else []

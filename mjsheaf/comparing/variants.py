@@ -36,7 +36,6 @@ import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, ending_of_run, judge, settling_time
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,
@@ -56,6 +55,7 @@ from mjsheaf.comparing.measures import (
 )
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.session import engine_of
+from mjsheaf.results.ending import Ending, ending_of_run, settling_time
 from mjsheaf.runs.simulate import Progress, dataset_of, no_progress
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import FiniteRecord
@@ -69,8 +69,6 @@ CONTACTS = "contacts"
 _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
 EFFECTS = (*_OF_VEHICLES, CONTACTS)
 """Effects of real bodies, named as in the scenario's physics section."""
-
-_TIMESTEP_DIVISOR = 10  # of the second attempt with bodies that blow up
 
 
 class RungRecord(FiniteRecord):
@@ -86,9 +84,8 @@ class RungRecord(FiniteRecord):
     errors: dict[str, ScopeRecord] = Field(description="by scope: 'team', then the groups by name")
     ending: Ending | None = Field(
         None,
-        description="state of the team's tracking error at the end: converged (settled), transient (moving), diverging "
-        "(growing), in a limit cycle (circling), or, for the scenario as given, converged with an agent that does not "
-        "move (stuck); null if it blew up or has fewer than 8 samples",
+        description="state of the team's tracking error at the end: settled, diverging, or not settled: it still "
+        "changes, is in a limit cycle, or an agent does not move; null if it blew up or has fewer than 8 samples",
     )
     settling_time_s: float | None = Field(
         description="time after which the team's formation error (or, in a team without formations, its tracking "
@@ -245,11 +242,7 @@ class Run:
 
     def ending(self) -> Ending | None:
         """Classify the end of the run, or of its last phase if it has events; None if it blew up."""
-        if not self.finished:
-            return None
-        if self.dataset.attrs.get("controller"):  # the loop of a law in Python is unknown
-            return judge(self.series[TEAM][TRACKING][self._last_phase])
-        return ending_of_run(self.phases, self.dataset)
+        return ending_of_run(self.phases, self.dataset) if self.finished else None
 
     @property
     def _last_phase(self) -> slice:
@@ -425,8 +418,12 @@ def run_ablation(
     return runs
 
 
-def _with_finer_timestep(system: System) -> System:
-    return replace(system, bodies=replace(system.bodies, timestep=system.bodies.timestep / _TIMESTEP_DIVISOR))
+def _with_finer_timestep(
+    system: System,
+    *,
+    divisor: int = 10,  # of the second attempt with bodies that blow up
+) -> System:
+    return replace(system, bodies=replace(system.bodies, timestep=system.bodies.timestep / divisor))
 
 
 def _simulate(

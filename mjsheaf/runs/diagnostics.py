@@ -2,12 +2,12 @@
 
     bound         a theoretical bound is exceeded
     shape         a formation ends as its mirror image, on a line, or reflected in a point
-    growing       the team's error diverges; circling: the team is in a limit cycle
+    diverging     the team's error grows to the end
     slip          a value in the files looks like a mistake, such as a static target in a flow (see `slips`)
     medium        flow and disturbance are faster than a vehicle can move
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time
-    stuck         an agent does not move for 5 s although it is commanded to (see `finished`)
+    stuck         an agent does not move for 5 s although it is commanded to (see `results.ending`)
     terms         with terms of the law, commands jump, or are at velocity limits, or thrusters saturate
     changing      the team's error has not converged at the end; approaching: it still falls
     close         vehicles closer than their size while contacts are off
@@ -29,10 +29,10 @@ import xarray as xr
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Stuck, find_stuck
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.errors import joined
 from mjsheaf.results.dataset import of_phase
+from mjsheaf.results.ending import Stuck, find_stuck
 from mjsheaf.results.store import pieces_of
 from mjsheaf.system import Phase, System
 from mjsheaf.team import Team
@@ -41,8 +41,7 @@ from mjsheaf.vehicles.effects import capability_of, of_each
 Kind = Literal[
     "bound",
     "shape",
-    "growing",
-    "circling",
+    "diverging",
     "slip",
     "medium",
     "saturated",
@@ -130,7 +129,7 @@ def notes_of_run(
     Args:
         phases: Phases of the run.
         dataset: Result of `simulate`.
-        ending: Ending of the run; see `finished`.
+        ending: Ending of the run; see `results.ending`.
         bounds: Bounds of its phases.
         terms: Behaviour of its terms, or None.
         slips: Sentences of `slips_of` about its files.
@@ -141,7 +140,7 @@ def notes_of_run(
         *(Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()),
         *(Note("terms", sentence) for sentence in (terms.warnings if terms else ())),
         *(Note("shape", sentence) for sentence in describe_reflections(phases[-1].system.team, dataset)),
-        *_about_the_end(dataset, ending),
+        *(_about_the_end(dataset, ending) if not any(one.end >= dataset["time"].values[-1] for one in stuck) else ()),
         *_about_stuck(phases[0].system, stuck),
         *_about_limits(phases, dataset, [one.agent for one in stuck]),
         *_about_the_surface(phases, dataset),
@@ -153,8 +152,8 @@ def notes_of_run(
 
 
 def _about_the_end(dataset: xr.Dataset, ending: str | None) -> list[Note]:
-    """Report an error that still changes, or a team in a limit cycle."""
-    if ending in (None, "settled", "stuck"):  # another note names agents that are stuck
+    """Report an error that still changes or grows."""
+    if ending in (None, "settled"):
         return []
     time = dataset["time"].values
     quarter = max(1, len(time) // 4)
@@ -163,13 +162,10 @@ def _about_the_end(dataset: xr.Dataset, ending: str | None) -> list[Note]:
     size = f"tracking error (RMS over agents) {last:.3g} m in the last quarter, {before:.3g} m in the one before"
     kind: Kind = "approaching" if last < before else "changing"
     what = "is still approaching" if last < before else "has not converged"
-    never = "the team does not converge"
-    told: dict[str, tuple[Kind, str]] = {
-        "moving": (kind, f"the team {what} at the end of the run: {size}; a later time.end shows its final error"),
-        "growing": ("growing", f"{never}: its error diverges ({size}); see mjsheaf check"),
-        "circling": ("circling", f"{never}: it is in a limit cycle ({size}); see mjsheaf check"),
-    }
-    kind, text = told[ending]
+    text = f"the team {what} at the end of the run: {size}; a later time.end shows its final error"
+    if ending == "diverging":
+        kind = "diverging"
+        text = f"the team does not converge: its error diverges ({size}); see mjsheaf check"
     return [Note(kind, text, None, float(time[-1]), float(last))]
 
 

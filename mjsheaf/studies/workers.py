@@ -30,7 +30,6 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import ending_of_run, judge
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
@@ -38,8 +37,8 @@ from mjsheaf.files import digest
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
-from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
+from mjsheaf.results.ending import ending_of_run
+from mjsheaf.results.metrics import communication, error_series_of, late_errors
 from mjsheaf.results.store import thin
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
@@ -255,11 +254,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
         if job.light:
             found["settled"], ratios = None, _ratios(job, scenario, dataset)
         else:
-            if job.law is None:
-                ending = ending_of_run(scenario.phases, dataset)
-            else:  # of a law in Python, whose loop is unknown, only the error counts
-                _, last = of_phase(scenario.phases, dataset, -1)
-                ending = judge(np.sqrt(mean_known(last["tracking_error"].values ** 2)))
+            ending = ending_of_run(scenario.phases, dataset)
             bound = bound_of_run(scenario.phases, dataset)
             found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
             ratios = bound.ratio, bound.settled_ratio

@@ -13,7 +13,7 @@ import pytest
 import mjsheaf
 from mjsheaf.checking import CheckRecord, examine
 from mjsheaf.checking.figures import draw_check
-from mjsheaf.checking.report import WIDTH, report
+from mjsheaf.checking.report import PAGE_WIDTH, report
 from mjsheaf.cli.options import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
@@ -60,7 +60,7 @@ def test_verdicts_schema_and_exit_code(
 
 
 def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) -> None:
-    terminal = make_console(WIDTH)
+    terminal = make_console(PAGE_WIDTH)
     terminal.print(report(record))
     printed = capsys.readouterr().out
     lines = printed.splitlines()

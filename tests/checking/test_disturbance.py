@@ -10,8 +10,7 @@ from rich.console import Console
 
 import mjsheaf
 from mjsheaf.checking import examine_scenario
-from mjsheaf.checking.report import report
-from mjsheaf.checking.screen import screen
+from mjsheaf.checking.report import report, screen
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
 from tests.builders import mixed_scenario

@@ -7,7 +7,6 @@ peaks are known in closed form; the paper's field on a fine grid.
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from mjsheaf.checking.theorem.flow_bounds import Supremum, _Kernels
 from mjsheaf.checking.theorem.flow_bounds import supremum as supremum_of
-from mjsheaf.errors import InputError
 from mjsheaf.media import FlowField
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
 from tests.strategies import examples
@@ -357,23 +355,3 @@ def test_shapes() -> None:
     assert flat.where.shape == (2,)
     with pytest.raises(ValueError, match="read-only"):
         tall.where[0] = 1.0
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "options", "message"),
-    [
-        ([0, 0], [1, 1], {"planar": False}, r"expected two of \(3,\) for vehicles in space"),
-        ([0, 0], [1, 1, 1], {"planar": True}, r"shapes \(2,\) and \(3,\); expected two of \(2,\) or \(3,\)"),
-        (0.0, 1.0, {"planar": True}, r"shapes \(\) and \(\)"),
-        ([0, 2], [1, 1], {"planar": True}, "low <= high"),
-        ([0, 0], [1, np.inf], {"planar": True}, "finite corners"),
-        ([0, np.nan], [1, 1], {"planar": True}, "finite corners"),
-        ([0, 0], [1, 1], {"planar": True, "tolerance": -0.1}, "tolerance is -0.1; expected zero or more"),
-    ],
-)
-@BOTH
-def test_wrong_boxes_are_refused(
-    supremum: Callable[..., Supremum], low: Any, high: Any, options: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        supremum(FlowField(dimension=3), low, high, **options)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import mjsheaf
+from mjsheaf.checking.examination import propose
 from mjsheaf.checking.loop import held_law
 from mjsheaf.checking.loop.body_loop import loop_on_path
 from mjsheaf.checking.loop.held_law import Envelope, envelope, law_loop, loop_of
-from mjsheaf.checking.proposals import propose
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.scenario import scenario_from_mapping

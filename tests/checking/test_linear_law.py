@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.polynomial.chebyshev import chebroots
 
 import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop import linear_law
-from mjsheaf.checking.loop.delay import _limit
 from mjsheaf.checking.loop.held_law import _noise, law_loop, loop_of
 from mjsheaf.checking.loop.linear_law import LinearController, model_of
-from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop, closed, delayed, ideal_vehicle
+from mjsheaf.checking.loop.linked_law import largest_delay
+from mjsheaf.checking.loop.sampled_loop import Loop, closed, delayed, ideal_vehicle
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.law import new_memory
@@ -55,11 +56,11 @@ def test_running_the_law_gives_the_loop_derived_by_hand(names: tuple[str, ...], 
     system = with_terms(names)
     loop = loop_of(system)
     by_hand = derived(system, loop, delay)
-    read = DelayedLoop(loop, delay)
+    matrices = loop.with_noise(delay)
     radius = np.abs(np.linalg.eigvals(by_hand.own)).max()
-    assert read.radius == pytest.approx(radius, abs=1e-10)
+    assert loop.radius_at(delay) == pytest.approx(radius, abs=1e-10)
     L = len(loop.values)
-    for (M, G, command), sign in ((by_hand.matrices, -1.0), (read.matrices, 1.0)):  # of e = -q; u is the same
+    for (M, G, command), sign in ((by_hand.matrices, -1.0), (matrices, 1.0)):  # of e = -q; u is the same
         n = M.shape[1]
         x = np.concatenate([sign * G, np.zeros((L, n, 1))], axis=2)
         x[:, 0, 4] = sign
@@ -264,4 +265,44 @@ def test_one_eigenvalue_that_rounds_meet_exactly() -> None:
     system = mjsheaf.load_scenario("midpoint", {"controller.newton": {"rounds": 5}, "controller.drift": {}}).system
     loop = loop_of(system)
     assert loop.feedback.A.shape[1:] == (0, 0)
-    assert _limit(loop, 0) is not None
+    assert nyquist_limit(loop) == scanned_limit(loop)
+
+
+@pytest.mark.parametrize("names", [(), ("newton",), ("integral",), ("newton", "integral")])
+def test_the_largest_delay_is_that_of_nyquists_count(names: tuple[str, ...]) -> None:
+    terms = {"newton": {"rounds": 2}, "integral": {"gain": 0.2}}
+    changes = {f"controller.{name}": terms[name] for name in names}
+    for gain in (1.5, 4.0):
+        loop = loop_of(mjsheaf.load_scenario("midpoint", {**changes, "controller.gain": gain}).system)
+        assert nyquist_limit(loop) == scanned_limit(loop)
+        assert nyquist_limit(loop) > 0
+
+
+def scanned_limit(loop: Loop) -> int | None:
+    """Return the largest delay of all measurements, in periods."""
+    return largest_delay(loop, np.ones(1, dtype=np.bool_), lambda delay: loop.radius_at(int(delay[0])))
+
+
+def nyquist_limit(loop: Loop) -> int:
+    """Oracle: the largest delay of loops 1 + L(z) z^-d, each with a single frequency at which |L| = 1.
+
+    L is the loop without delay; its poles lie on z = 1 or inside the unit circle. If |L| = 1 at theta alone, the loop
+    is stable up to d theta = pi + arg L there, and unstable beyond.
+    """
+    limits = []
+    feedback = loop.feedback
+    for A, b, c, d in zip(feedback.A, feedback.B[:, :, 0], feedback.C, feedback.D[:, 0], strict=True):
+        below = np.atleast_1d(np.poly(np.linalg.eigvals(A)))  # of L, powers of z descending
+        # c adj(z - A) b = det(z - A + b c) - det(z - A)
+        closed = np.atleast_1d(np.poly(np.linalg.eigvals(A - np.outer(b, c))))
+        above = np.append(0.0, -loop.period * (closed + (d - 1.0) * below))
+        below = np.convolve(below, [1.0, -1.0])
+        square = [np.correlate(p, p, "full")[len(p) - 1 :] for p in (below, above)]
+        series = (square[0] - square[1]) * np.append(1.0, np.full(len(below) - 1, 2.0))
+        roots = chebroots(np.trim_zeros(series, "b"))
+        (cosine,) = roots[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) < 1.0)].real
+        theta = np.arccos(cosine)
+        z = np.exp(1j * theta)
+        L = np.polyval(above, z) / np.polyval(below, z)
+        limits.append(((np.angle(L) + np.pi) % (2.0 * np.pi)) / theta)
+    return int(np.ceil(min(limits) - 1e-9)) - 1

@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,16 +18,18 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf import check, simulate
-from mjsheaf.checking.loop.delay import largest_delay, team_loop
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
+    largest_delay,
     measured_edges,
     perfect_links,
     range_bearing_covariance,
+    spectral_radius,
+    team_loop,
 )
 from mjsheaf.checking.loop.links import LinkRecord, answers_for, link_answers
-from mjsheaf.checking.loop.loss import SecondMoments
+from mjsheaf.checking.loop.moments import SecondMoments
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.cli.check import check as check_command
 from mjsheaf.cli.options import NotHeldError
@@ -317,7 +320,7 @@ def test_the_limit_of_the_papers_law_in_closed_form() -> None:
     law = plain_law(system)
     for period in (0.01, 0.003, 1e-3, 1e-5):
         fine = replace(law.loop, period=period)
-        d = int(known(largest_delay(replace(law, loop=fine))))
+        d = int(known(largest_delay(fine, law.linked, partial(spectral_radius, law))))
         product = fine.gain * period * fine.values[-1]
         assert product < 2.0 * np.sin(np.pi / (2.0 * (2.0 * d + 1.0)))
         assert product >= 2.0 * np.sin(np.pi / (2.0 * (2.0 * d + 3.0)))

@@ -256,6 +256,14 @@ def following(directed: bool = True, **fields: Any) -> Scenario:
     )
 
 
+def test_unlike_delays_of_a_directed_team_are_undecided() -> None:
+    """The limit of equal delays is sufficient only where H is symmetric."""
+    links = check(following(links={"communication": {"delay": 0.01}}), trial=False)["links"]
+    assert links["delay_margin"] > 0.01
+    assert links["stable"] is None
+    assert "alike" in links["delay"]["reason"]
+
+
 def test_a_directed_acyclic_team_has_its_out_degrees_as_eigenvalues() -> None:
     """A measures 5, B 2, C 4; where the leader looks at those behind, nothing holds them."""
     from mjsheaf.checking.spectrum import eigenvalues_of

@@ -103,17 +103,9 @@ def check(plan: Augmentation, team: Team) -> None:
     for k, repair in enumerate(plan.repairs):
         rest = [*names[:k], *names[k + 1 :]]
         assert not repaired(team, rest).dirichlet.unique
-        assert repair.lambda_min_without == 0.0
-        assert repair.lambda_min_alone == (plan.lambda_min if plan.needed == 1 else 0.0)
         freed = explain(team).dimension - explain(repaired(team, [repair.description])).dimension
         assert repair.nullity_reduction == freed
         assert repair.kind == edge_as_described(repair.description, team)[0]
-    for other in plan.alternatives:
-        mended = repaired(team, other)
-        assert len(other) == plan.needed
-        assert mended.dirichlet.unique
-    lengths = [length(team, names), *(length(team, other) for other in plan.alternatives)]
-    assert lengths == sorted(lengths)
 
 
 @pytest.mark.slow
@@ -126,9 +118,6 @@ def test_no_smaller_set_mends(team: Team) -> None:
         return
     check(plan, team)
     assert plan.exact
-    delta = np.sign(coboundary(team))
-    useful = [C for C in candidate_rows(team) if exact_rank(np.vstack([delta, C])) > exact_rank(delta)]
-    assert plan.candidates == len(useful)
 
 
 @given(whole_number_teams())
@@ -173,39 +162,28 @@ def test_among_the_smallest_sets_the_nearest_is_proposed(
 def test_the_failing_example_of_the_paper_needs_one_altimeter() -> None:
     chain = make_team("U1 U2 U3", "S1 S2", [("U1", "U2"), ("U2", "U3")], [("U1", "S1"), ("U3", "S2")])
     plan = planned(chain)
-    assert (plan.needed, plan.exact, plan.candidates) == (1, True, 3)
+    assert (plan.needed, plan.exact) == (1, True)
     assert plan.repairs[0].model_dump() == {
         "kind": "anchor",
-        "description": "give U2 an altimeter (anchor along z)",  # the middle of the chain holds it best
-        "entry": {"agent": "U2", "axes": ["z"], "value": [0.0]},
+        "description": "give U1 an altimeter (anchor along z)",
+        "entry": {"agent": "U1", "axes": ["z"], "value": [0.0]},
         "removes": 1,
-        "lambda_min_alone": plan.lambda_min,
-        "lambda_min_without": 0.0,
     }
-    assert plan.alternatives == [
-        ["give U1 an altimeter (anchor along z)"],
-        ["give U3 an altimeter (anchor along z)"],
-    ]
     check(plan, chain)
-
-
-def told(plan: Augmentation) -> set[str]:
-    return {x.description for x in plan.repairs} | {x for other in plan.alternatives for x in other}
 
 
 def test_repairs_are_told_in_the_words_of_the_team() -> None:
     lost = make_team("B1 B2 B3", "S1 S2", [("B1", "B2")], [("B1", "S1"), ("B2", "S2")])
     plan = planned(lost)
-    assert plan.candidates == 2 + 2 + 2  # position sensors, targets, agents
-    assert told(plan) == {
-        "let B1 talk to B3",
-        "let B2 talk to B3",
-        "let B3 sense S1",
-        "let B3 sense S2",
-    }
+    assert [x.description for x in plan.repairs] == [
+        min(
+            ("let B1 talk to B3", "let B2 talk to B3", "let B3 sense S1", "let B3 sense S2"),
+            key=lambda name: length(lost, [name]),
+        )
+    ]
     blind = make_team("B1", "S1", [], [Edge("B1", "S1", np.array([[1.0, 0]]), np.array([[1.0, 0]]), np.eye(1))])
     plan = planned(blind)
-    assert told(plan) == {"let B1 sense S1 and compare x, y", "give B1 a position sensor (anchor along y)"}
+    assert [x.description for x in plan.repairs] == ["let B1 sense S1 and compare x, y"]
     check(plan, blind)
 
 
@@ -260,7 +238,7 @@ def test_many_agents_of_one_kind() -> None:
     names = [f"U{k}" for k in range(60)]
     links = list(itertools.pairwise([*names, names[0]]))
     plan = planned(make_team(" ".join(names), "S1", links, [(names[0], "S1")]))
-    assert (plan.needed, plan.exact, plan.candidates) == (1, True, 60)
+    assert (plan.needed, plan.exact) == (1, True)
     assert plan.repairs[0].description.endswith("an altimeter (anchor along z)")
 
 
@@ -268,7 +246,7 @@ def test_an_anchor_that_is_there_counts() -> None:
     held = make_team("U1 U2", "S1", [], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
     plan = planned(held)
     assert plan.needed == 1
-    assert told(plan) == {"let U1 talk to U2", "give U2 an altimeter (anchor along z)"}
+    assert [x.description for x in plan.repairs] == ["give U2 an altimeter (anchor along z)"]
 
 
 def test_edges_that_connect_are_the_shortest() -> None:

@@ -9,8 +9,8 @@ import pytest
 from mjsheaf import simulate
 from mjsheaf.arrays import Array
 from mjsheaf.checking import check
-from mjsheaf.checking.loop.delay import limit_from_eigenvalues
 from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.checking.loop.linked_law import limit_from_eigenvalues
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
 from tests.builders import make_scenario

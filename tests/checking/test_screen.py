@@ -13,8 +13,7 @@ from rich.console import Console
 import mjsheaf
 from mjsheaf.checking import CheckRecord, examine_scenario
 from mjsheaf.checking.loop.held_law import LawLoop
-from mjsheaf.checking.report import report
-from mjsheaf.checking.screen import MAX_LINES, WIDTH, screen
+from mjsheaf.checking.report import MAX_LINES, WIDTH, report, screen
 from tests.commands import answer_of
 
 NUMBERS = ("tracking error", "largest gain", "delay margin", "better law", "fragility")

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from mjsheaf import check, load_scenario
-from mjsheaf.checking.slips import slips_of, slips_of_vehicle
 from mjsheaf.scenario import list_scenarios
+from mjsheaf.scenario.slips import slips_of, slips_of_vehicle
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import REPOSITORY
 from tests.commands import answer_of, call

@@ -8,7 +8,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking.theorem.of_run import RunBound, bound_of_run
-from mjsheaf.checking.theorem.theorem import disturbance_bound, gain_for_radius, theorem_1
+from mjsheaf.checking.theorem.theorem import disturbance_bound, least_gain, theorem_1
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import Simulated, random_scenario
 from tests.strategies import cases
@@ -91,7 +91,7 @@ def test_gain_for_a_wanted_radius_gives_that_radius() -> None:
     rng = np.random.default_rng(3)
     for _ in range(50):
         lambda_min, f_bar, omega_bar, lipschitz, radius = rng.uniform(0.1, 5, 5)
-        k = gain_for_radius(radius, lambda_min, f_bar, omega_bar, lipschitz)
+        k = least_gain(radius, lambda_min, f_bar, omega_bar, lipschitz)
         assert theorem_1(k, lambda_min, f_bar, omega_bar, lipschitz).radius == pytest.approx(radius, rel=1e-6)
         assert theorem_1(0.99 * k, lambda_min, f_bar, omega_bar, lipschitz).radius > radius
 

@@ -14,7 +14,7 @@ import mjsheaf
 from mjsheaf.checking import trial as trials
 from mjsheaf.checking.problems import headline
 from mjsheaf.checking.record import CheckRecord
-from mjsheaf.checking.screen import screen
+from mjsheaf.checking.report import screen
 from mjsheaf.scenario import Scenario
 from tests.builders import DATA
 from tests.commands import answer_of

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mjsheaf import World, load_scenario, simulate
-from mjsheaf.checking.finished import ending_of_run
 from mjsheaf.checking.theorem.of_run import bound_of_run, held_bound_of_run
 from mjsheaf.mujoco_import import mujoco
+from mjsheaf.results.ending import ending_of_run
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
@@ -56,10 +56,10 @@ def test_a_medium_faster_than_the_vehicles_and_what_it_does_to_them() -> None:
     found = noted({"flow.agents.drift": [20, 0, 0], "flow.agents.dimension": 3})
     assert found["medium"].number == pytest.approx(20.0)
     assert "velocity limit" in found["medium"].text
-    assert found["growing"].agent is None
-    assert found["growing"].number > 20.0
+    assert found["diverging"].agent is None
+    assert found["diverging"].number > 20.0
     assert found["limited"].number > 0.8
-    assert not {"medium", "growing"} & set(noted({"flow.agents.drift": [1, 0, 0], "flow.agents.dimension": 3}))
+    assert not {"medium", "diverging"} & set(noted({"flow.agents.drift": [1, 0, 0], "flow.agents.dimension": 3}))
 
 
 def test_a_limit_is_that_of_the_moment() -> None:
@@ -143,7 +143,7 @@ def test_an_agent_that_is_lost_is_not_said_to_be_at_its_limits() -> None:
 @pytest.mark.parametrize(("gain", "circles"), [(1.5, False), (2.0, True)])
 def test_a_team_that_circles(gain: float, circles: bool) -> None:
     changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
-    assert ("circling" in found_in(load_scenario({**QUADROTOR_PAIR, **changes}))) is circles
+    assert ("changing" in found_in(load_scenario({**QUADROTOR_PAIR, **changes}))) is circles
 
 
 @pytest.mark.parametrize("name", list_vehicles())

@@ -216,7 +216,7 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
 @pytest.mark.parametrize("name", ["quads", "otters", "harbour"])
 def test_plots_are_legible(name: str, drawn: list[Figure]) -> None:
     """Also where nine lines end in nearly one point, and with a panel for each group."""
-    from mjsheaf.comparing.publish import _plot
+    from mjsheaf.comparing.compare import _plot
 
     comparison = compare(load_scenario(name, {"time.end": 4.0}))
     _plot(comparison, Path("."), AS_USUAL)

@@ -11,7 +11,7 @@ import pytest
 from mjsheaf import check, simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.causes import LIMITED_BY
-from mjsheaf.comparing.gains import _factors
+from mjsheaf.comparing.margins import _factors
 from mjsheaf.comparing.page import report_text
 from mjsheaf.scenario import Scenario
 from tests.builders import approx, two_boats

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjsheaf.comparing.convergence import converge
-from mjsheaf.comparing.gains import RingingRecord, Way, find_ringing
+from mjsheaf.comparing.margins import RingingRecord, Way, find_ringing
 from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.loop.session import engine_of
 from mjsheaf.scenario import Scenario

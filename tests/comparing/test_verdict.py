@@ -62,7 +62,7 @@ def with_terms(**odometry: float) -> CompareRecord:
 
 
 @pytest.mark.slow
-def test_what_terms_bring_is_said_with_both_errors() -> None:
+def test_what_terms_bring_is_in_the_ladder() -> None:
     record = with_terms()
     paper, now = (record.rung(key).errors["team"].error("tracking_error") for key in ("all-terms", "all"))
     assert paper is not None
@@ -70,8 +70,6 @@ def test_what_terms_bring_is_said_with_both_errors() -> None:
     assert now < 0.2 * paper
     assert record.terms == ["feedforward", "drift"]
     assert record.harm == []
-    told = f"tracking error {now:.3g} m as given: {paper:.3g} m without feedforward and drift"
-    assert any(sentence.startswith(told) for sentence in record.verdict)
     assert "WARNING" not in " ".join(record.verdict)
     assert "without feedforward and drift" in report_text(record)
     drawn, _ = choose_rungs(record)

@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 
 import mjsheaf
 from mjsheaf.arrays import Array
-from mjsheaf.checking.slips import slips_of
 from mjsheaf.paths import MAX_DEVIATION, Recorded, fit_curve, pack_motions, reference_bounds
+from mjsheaf.scenario.slips import slips_of
 
 
 def off_track(t: Array, places: Array) -> Array:

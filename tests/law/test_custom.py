@@ -65,8 +65,9 @@ def test_a_term_along_eta_is_a_larger_gain(file: Path) -> None:
     found = mjsheaf.simulate(scenario, backend="ideal")
     expected = mjsheaf.simulate(other, backend="ideal")
     np.testing.assert_allclose(found.agent_position, expected.agent_position, rtol=0.0, atol=1e-12)
-    record = mjsheaf.check(scenario, trial=False)["law"]
-    plain = mjsheaf.check(other, trial=False)["law"]
+    answers = [mjsheaf.check(one, trial=False) for one in (scenario, other)]
+    record, plain = (answer["law"] for answer in answers)
+    assert answers[0]["links"]["delay_margin"] == pytest.approx(answers[1]["links"]["delay_margin"], rel=1e-12)
     assert record["terms"] == ["steeper"]
     assert record["spectral_radius"] == pytest.approx(plain["spectral_radius"], rel=1e-12)
     assert record["largest_gain"] == pytest.approx(plain["largest_gain"] - 0.7, rel=1e-9)
@@ -303,7 +304,7 @@ def test_models_of_terms_with_a_start_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose([slope.A[0, 0, 0], slope.B[0, 0, 0], slope.C[0, 0], slope.D[0, 0]], [0, 1, 0.1, -5.1])
     cancelled = model_with(tmp_path, "cancelled", 3.0)
     assert cancelled.at(5.0, one).A.shape == (1, 1, 1)
-    assert cancelled.feedback(5.0, one).c[0, 0] * cancelled.feedback(5.0, one).b[0, 0] != 0.0
+    assert cancelled.feedback(5.0, one).C[0, 0] * cancelled.feedback(5.0, one).B[0, 0, 0] != 0.0
 
 
 def test_other_constants_are_another_term() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.checking.authority import authority_of
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
+from mjsheaf.vehicles.authority import authority_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import POWERED, altered
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mjsheaf import check, load_scenario, simulate
-from mjsheaf.checking.slips import drifts_of, slips_of
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.slips import drifts_of, slips_of
 
 MOVING: dict[str, Any] = {
     "water": {

@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
 from mjsheaf import check, load_scenario, simulate
-from mjsheaf.checking.authority import authority_of, may_lack
-from mjsheaf.checking.finished import ending_of_run, find_stuck
 from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.loop.bodies import pack_fleet
+from mjsheaf.results.ending import ending_of_run, find_stuck
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.actuators import Thruster
 from mjsheaf.vehicles.allocation import allocate_nearest
+from mjsheaf.vehicles.authority import authority_of, may_lack
 from mjsheaf.vehicles.effects import Effects, embody, is_one_sided, turning_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.steering import Full
@@ -315,7 +315,7 @@ def test_a_boat_that_drifts_beside_its_target_is_stuck() -> None:
     assert stuck.error == pytest.approx(1.2, rel=0.05)
     assert stuck.asked == pytest.approx(0.24, rel=0.05)
     assert stuck.duration > 20.0
-    assert ending_of_run(scenario.phases, data) == "stuck"
+    assert ending_of_run(scenario.phases, data) == "not settled"
     said = notes(scenario, data)
     assert said["stuck"].agent == "A"
     assert "cannot push astern" in said["stuck"].text
@@ -327,7 +327,7 @@ def test_a_comparison_does_not_call_a_stuck_boat_settled() -> None:
     scenario = make_run(SKIFF, [0.0, 1.2], end=30.0)
     (given,) = [variant for variant in ladder_of(scenario.phases) if variant.kind == "all"]
     run = run_ablation(scenario.phases, [given])["all"]
-    assert run.ending() == "stuck"
+    assert run.ending() == "not settled"
     assert run.record(run).settling_time_s is None
 
 

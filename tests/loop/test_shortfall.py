@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.checking.authority import shortfalls_of
-from mjsheaf.checking.slips import slips_of_vehicle
+from mjsheaf.scenario.slips import slips_of_vehicle
+from mjsheaf.vehicles.authority import shortfalls_of
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import AttitudeHold

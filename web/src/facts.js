@@ -15,10 +15,8 @@ const own = (text) => make("bdi", "", text);
 
 const ENDINGS = {
   settled: "The errors have settled.",
-  moving: "The errors still change at the end.",
-  growing: "The errors grow to the end.",
-  circling: "The team swings by itself, without end.",
-  stuck: "The errors have settled, but an agent that is commanded to move does not.",
+  "not settled": "The errors have not settled at the end.",
+  diverging: "The errors grow to the end.",
 };
 const MEASURES = {
   mean_disagreement: ["disagreement", "mean over agents"],

@@ -27,11 +27,10 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay
 from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
 from mjsheaf.checking.loop.sampled_loop import closed, delayed, ideal_vehicle
-from mjsheaf.checking.loop.targets_loop import TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
-from mjsheaf.checking.theorem.targets import TargetPath
+from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.media.medium import WITHOUT_MEAN
@@ -40,29 +39,18 @@ from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
 
-StationKey = tuple[int, bytes]
-"""Number of a vehicle; medium and heading in which it holds station."""
+PointKey = tuple[int, bytes]
+"""Number of a vehicle; medium and heading in which it holds its place: equal for those that share a linear vehicle."""
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
 
-_MOST_STATIONS = 200  # vehicles that are linearised one by one; larger teams are represented by some of theirs
-_MOST_SAMPLES = 200  # of the path, for the mean flow
-_STILL = 1e-3  # m/s: a slower medium is at rest
 NEUTRAL_RATE = 1e-5
 """1/s: rates below it are the rounding of neutral directions."""
 
 _SHOWN = 0.2  # part of a displacement that a mode must carry for its damping to count
 MODE_AT_REST = 1e-6
 """m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it."""
-
-_CROSS_RESPONSE = 1e-3  # of a vehicle's response, across axes or in difference between axes, that is neglected
-_RESPONSE_DIFFERENCE = 0.02  # largest difference between representatives of a large team, of a vehicle's response
-_WAY = 1.5  # times the speed from which a boat that cannot go astern turns round: what it makes if it has a model
-_TURNS = 3.0  # time constants l / |w| of turning into the current that a run must last for a boat to be turned by it
-_RESPONSE_TIME = 10.0  # s, over which responses are compared
-_GAIN_ACCURACY = 1e-3  # relative, of the largest gain
-_MOST_DOUBLINGS = 40
 
 
 Obstacle = Literal["", "overpowered", "no model"]
@@ -235,7 +223,14 @@ class TeamLoop(NamedTuple):
             return True
         return None if max(block.growth(gain, known=True) for block in self.blocks) < self.neutral else False
 
-    def largest_gain(self, gain: float, least_damping: float | None = None) -> float | None:
+    def largest_gain(
+        self,
+        gain: float,
+        least_damping: float | None = None,
+        *,
+        accuracy: float = 1e-3,  # relative, of the largest gain
+        doublings: int = 40,
+    ) -> float | None:
         """Find the gain from which on a mode grows: the next above a stable gain, or below an unstable one, 1/s.
 
         With `least_damping`, it is the gain from which on the damping ratio of a mode is smaller.
@@ -247,13 +242,13 @@ class TeamLoop(NamedTuple):
 
         low = high = gain
         up = not rings(gain)
-        for _ in range(_MOST_DOUBLINGS):
+        for _ in range(doublings):
             low, high = (high, 2.0 * high) if up else (0.5 * low, low)
             if rings(high if up else low) == up:
                 break
         else:
             return None
-        while high > (1.0 + _GAIN_ACCURACY) * low:
+        while high > (1.0 + accuracy) * low:
             middle = float(np.sqrt(low * high))
             low, high = (low, middle) if rings(middle) else (middle, high)
         return float(np.sqrt(low * high))
@@ -283,7 +278,7 @@ def body_loop(
             raise UndecidedError("nothing is held")
         if lost and not gain:
             raise UndecidedError(lost)
-        models = _models(system, medium, timestep, steps)
+        models = _models(system, range(len(medium)), medium, timestep, steps)
         loop = exact = _close(system, spectrum, models, period)
         age = 0 if lost else (common_delay(system) or 0) * whole_ratio(system.grid.period, period)
         if age:
@@ -353,19 +348,6 @@ def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     return body_loop(system, certificate.spectrum, medium_on_path(system, certificate.constants.path))
 
 
-def linear_vehicles(system: System, certificate: Certificate) -> list[LinearVehicle]:
-    """Return the linear vehicle of every agent in the mean flow along the targets' path, over a control period.
-
-    Raises:
-        UndecidedError: A vehicle has none.
-    """
-    try:
-        steps = whole_ratio(system.grid.period, system.bodies.timestep)
-        return _models(system, medium_on_path(system, certificate.constants.path), system.grid.period / steps, steps)
-    except (InputError, np.linalg.LinAlgError) as error:
-        raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
-
-
 def medium_on_path(system: System, path: TargetPath) -> Array:
     """Return the mean velocity of the medium along the targets' path, see `mean_medium`; NaN where none is known.
 
@@ -376,12 +358,18 @@ def medium_on_path(system: System, path: TargetPath) -> Array:
     return mean_medium(system, path.time, path.q_star) if known else np.full((len(system.team.agents), 3), np.nan)
 
 
-def mean_medium(system: System, time: Array, q_star: Array) -> Array:
+def mean_medium(
+    system: System,
+    time: Array,
+    q_star: Array,
+    *,
+    most_samples: int = 200,  # of the path, for the mean flow
+) -> Array:
     """Mean velocity of the medium relative to each agent's q*, along its path, shape (N, 3), m/s; no disturbance.
 
     The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
     """
-    stride = max(1, len(q_star) // _MOST_SAMPLES)
+    stride = max(1, len(q_star) // most_samples)
     w = agent_flow(system, q_star[::stride])
     w += agent_motion(system, time[::stride], q_star[::stride], WITHOUT_MEAN)
     mean = np.trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
@@ -393,10 +381,12 @@ def linear_team(system: System, medium: Array) -> tuple[list[LinearVehicle], flo
 
     Raises:
         UndecidedError: One has none.
-        InputError: The timestep does not divide the period.
     """
-    _, timestep, steps = sampling_of(system)
-    return _models(system, medium, timestep, steps), timestep * steps
+    try:
+        period, timestep, steps = sampling_of(system)
+        return _models(system, range(len(medium)), medium, timestep, steps), period
+    except (InputError, np.linalg.LinAlgError) as error:
+        raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
 
 
 def ideal_team(system: System) -> list[LinearVehicle]:
@@ -414,31 +404,49 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
     return closed(block.plant, block.law(system.gain)), block.places
 
 
-def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
-    """The linear vehicle of every agent; agents that are alike share one.
+def _models(
+    system: System,
+    numbers: Sequence[int],
+    medium: Array,
+    timestep: float,
+    steps: int,
+    *,
+    most_points: int = 200,
+) -> list[LinearVehicle]:
+    """Return the linear vehicle of each of some vehicles of a system; those that are alike share one.
 
-    Of a large team those that meet the extremes of the flow are linearised, and stand for all where they behave alike.
+    Of many vehicles those that meet the extremes of the flow are linearised, and stand for all if they behave alike.
+
+    Args:
+        system: The system.
+        numbers: Numbers of the vehicles, length n.
+        medium: Velocity of the medium relative to the place that each holds, shape (n, 3), m/s.
+        timestep: Timestep of the physics, s.
+        steps: Timesteps between evaluations of the law.
+        most_points: Largest number of vehicles that are linearised one by one.
 
     Raises:
-        UndecidedError: one has none, or they do not.
+        UndecidedError: One has none, or they do not behave alike.
     """
-    keys, stations = _stations(system, medium)
-    many = len(stations) > _MOST_STATIONS
-    chosen = _extreme_stations(stations) if many else list(stations)
-    found = linearise([stations[key] for key in chosen], system.control, timestep, steps)
-    models = {}
-    for key, model in zip(chosen, found, strict=True):
-        if isinstance(model, str):
-            kind = NoModelError if np.linalg.norm(stations[key].medium) < _STILL else OverpoweredError
-            raise kind(_why_no_model(system.team.agents[keys.index(key)].id, stations[key], model))
-        turning, speed = turning_of(stations[key].vehicle), float(np.linalg.norm(stations[key].medium))
-        if turning is not None and speed < _WAY * turning.speed:
-            name = system.team.agents[keys.index(key)].id
-            raise NoModelError(
-                f"{name} has no linear model at {speed:.3g} m/s through the medium: its vehicle cannot go astern, and "
-                f"turns round for a target behind it unless it makes {_WAY * turning.speed:.3g} m/s"
+    if not np.isfinite(medium).all():
+        raise UndecidedError("the mean flow along q* is not known")
+    names = [system.team.members[v].id for v in numbers]
+    points = dict[PointKey, HeldPoint]()
+    keys = []
+    for v, name, met in zip(numbers, names, medium, strict=True):
+        speed = float(np.linalg.norm(met))
+        if speed > system.law.limit[v]:
+            raise OverpoweredError(
+                f"{name}: the mean flow, {speed:.3g} m/s relative to its place, is beyond its velocity limit"
             )
-        models[key] = model
+        point = _held_point(system, v, met)
+        keys.append((id(point.vehicle), np.round([*point.medium, point.heading], 4).tobytes()))
+        points.setdefault(keys[-1], point)
+    many = len(points) > most_points
+    chosen = _extreme_points(points) if many else list(points)
+    models = {}
+    for key, model in zip(chosen, linearise([points[k] for k in chosen], system.control, timestep, steps), strict=True):
+        models[key] = _require_linear(names[keys.index(key)], points[key], model)
     if not many:
         return [models[key] for key in keys]
     if not _alike(list(models.values()), timestep * steps):
@@ -446,72 +454,77 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     return [models[chosen[0]]] * len(keys)
 
 
-def _stations(system: System, medium: Array) -> tuple[list[StationKey], dict[StationKey, HeldPoint]]:
-    """Return the key of every agent's station, and the stations.
+def _require_linear(
+    name: str,
+    point: HeldPoint,
+    model: LinearVehicle | str,
+    *,
+    still: float = 1e-3,  # m/s: a slower medium is at rest
+    way: float = 1.5,  # over the speed from which a boat that cannot go astern turns round: it then has a model
+) -> LinearVehicle:
+    """Return the linear vehicle of a member about a point.
 
     Raises:
-        UndecidedError: The medium is not known, or faster than an agent may be.
+        UndecidedError: It has none; the model then says why.
     """
-    if not np.isfinite(medium).all():
-        raise UndecidedError("the mean flow along q* is not known")
-    keys = []
-    stations = dict[StationKey, HeldPoint]()
-    for i, agent in enumerate(system.team.agents):
-        speed = float(np.linalg.norm(medium[i]))
-        if speed > system.law.limit[i]:
-            raise OverpoweredError(
-                f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
-            )
-        station = station_in(system, i, medium[i])
-        keys.append(key_of(station))
-        stations.setdefault(keys[-1], station)
-    return keys, stations
+    speed = float(np.linalg.norm(point.medium))
+    if isinstance(model, str):
+        why = f"{model} (some push one way only)" if is_one_sided(point.vehicle) else model
+        if speed < still:
+            raise NoModelError(f"{name} has no linear model at rest: {why}")
+        raise OverpoweredError(
+            f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place: {why}"
+        )
+    turning = turning_of(point.vehicle)
+    if turning is not None and speed < way * turning.speed:
+        raise NoModelError(
+            f"{name} has no linear model at {speed:.3g} m/s through the medium: its vehicle cannot go astern, and "
+            f"turns round for a target behind it unless it makes {way * turning.speed:.3g} m/s"
+        )
+    return model
 
 
-def key_of(station: HeldPoint) -> StationKey:
-    """Return what is equal for stations that share a linear vehicle."""
-    return id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()
-
-
-def _extreme_stations(stations: Mapping[StationKey, HeldPoint]) -> list[StationKey]:
-    """Choose stations at the extremes of the flow, and some between.
+def _extreme_points(points: Mapping[PointKey, HeldPoint]) -> list[PointKey]:
+    """Choose points at the extremes of the flow, and some between.
 
     Raises:
         UndecidedError: They are not all of one vehicle.
     """
-    if len({vehicle for vehicle, _ in stations}) > 1:
+    if len({vehicle for vehicle, _ in points}) > 1:
         raise UndecidedError("too many unlike vehicles")
-    flows = np.array([station.medium for station in stations.values()])
+    flows = np.array([point.medium for point in points.values()])
     extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
-    keys = list(stations)
+    keys = list(points)
     return [keys[k] for k in sorted(int(k) for k in extreme)]
 
 
-def _why_no_model(id_: str, station: HeldPoint, failure: str) -> str:
-    """Return why an agent has no linear vehicle."""
-    speed = float(np.linalg.norm(station.medium))
-    why = f"{failure} (some push one way only)" if is_one_sided(station.vehicle) else failure
-    if speed < _STILL:
-        return f"{id_} has no linear model at rest: {why}"
-    return f"{id_} cannot hold station in a mean flow of {speed:.3g} m/s relative to its q*: {why}"
-
-
-def station_in(system: System, number: int, medium: Array) -> HeldPoint:
-    """Return where a vehicle holds station; one that holds no heading turns into the current if the run lasts."""
+def _held_point(
+    system: System,
+    number: int,
+    medium: Array,
+    *,
+    time_constants: float = 3.0,  # l / |w| of turning into the current, that a run must last to turn a boat
+) -> HeldPoint:
+    """Return where a vehicle holds its place; one that holds no heading turns into the current if the run lasts."""
     vehicle, heading = system.vehicles[number], float(system.bodies.heading[number])
     if vehicle.steering.attitude:
         return HeldPoint(vehicle, medium, heading)
     span = system.grid.period * system.grid.steps
-    if float(np.hypot(medium[0], medium[1])) * span < _TURNS * vehicle.steering.hand:
+    if float(np.hypot(medium[0], medium[1])) * span < time_constants * vehicle.steering.hand:
         return HeldPoint(vehicle, np.zeros(3), heading)
     return HeldPoint(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 
 
-def _response(model: LinearVehicle, period: float) -> Array:
+def _response(
+    model: LinearVehicle,
+    period: float,
+    *,
+    span: float = 10.0,  # s, over which responses are compared
+) -> Array:
     """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
     s, n = model.B.shape
-    count = int(np.clip(_RESPONSE_TIME / period, 20, 400))
-    stride = max(1, round(_RESPONSE_TIME / period / count))
+    count = int(np.clip(span / period, 20, 400))
+    stride = max(1, round(span / period / count))
     step = power(model, stride)
     state, found = np.vstack([np.zeros((s + n, n)), np.eye(n)]), []
     for k in range(count):
@@ -525,11 +538,16 @@ def _difference(one: Array, other: Array) -> float:
     return float(np.abs(one - other).max() / max(np.abs(one).max(), np.abs(other).max()))
 
 
-def _alike(models: list[LinearVehicle], period: float) -> bool:
+def _alike(
+    models: list[LinearVehicle],
+    period: float,
+    *,
+    difference: float = 0.02,  # largest difference between representatives of a large team, of a vehicle's response
+) -> bool:
     """Return True if vehicles respond to a command in nearly the same way."""
     first = _response(models[0], period)
     responses = (_response(model, period) for model in models[1:])
-    return all(r.shape == first.shape and _difference(r, first) <= _RESPONSE_DIFFERENCE for r in responses)
+    return all(r.shape == first.shape and _difference(r, first) <= difference for r in responses)
 
 
 def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> TeamLoop:
@@ -538,7 +556,7 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
     Raises:
         UndecidedError: it is too large.
     """
-    kinds = _distinct(models)
+    kinds = list({id(model): model for model in models}.values())
     if len(kinds) > 1:
         try:
             return TeamLoop([_whole(system, spectrum, models)], period)
@@ -563,12 +581,14 @@ def _with_delay(system: System, spectrum: Spectrum, models: list[LinearVehicle],
     return loop
 
 
-def _distinct(models: list[LinearVehicle]) -> list[LinearVehicle]:
-    """Return the models of which none is another one."""
-    return list({id(model): model for model in models}.values())
-
-
-def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: float) -> list[Block]:
+def _parts(
+    system: System,
+    spectrum: Spectrum,
+    model: LinearVehicle,
+    period: float,
+    *,
+    negligible: float = 1e-3,  # of a vehicle's response, across axes or in difference between axes, that is neglected
+) -> list[Block]:
     """The blocks of a team of alike vehicles; none where they do not fall apart.
 
     Axes that neither the vehicle nor H couples are apart. Within one part, H is the same along all axes and does not
@@ -578,7 +598,7 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
     law = model_of(system.law, system.grid.period)
     n = model.D.shape[0]
     response = _response(model, period)
-    by_vehicle = np.abs(response).max(axis=0) > _CROSS_RESPONSE * np.abs(response).max()
+    by_vehicle = np.abs(response).max(axis=0) > negligible * np.abs(response).max()
     by_sheaf = np.zeros((n, n), dtype=bool)
     rows, columns = H.nonzero()
     by_sheaf[rows % n, columns % n] = True
@@ -592,7 +612,7 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
             part = blocks[first]
             agents = np.arange(H.shape[0] // n)
         elif not _couples(by_vehicle, axes) and all(
-            _difference(response[:, a, a], response[:, first, first]) <= _CROSS_RESPONSE for a in axes
+            _difference(response[:, a, a], response[:, first, first]) <= negligible for a in axes
         ):
             held = np.flatnonzero(np.isin(np.arange(H.shape[0]) % n, axes))
             part = H[held][:, held]
@@ -603,13 +623,13 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
         values, agent = _eigenvalues(part, agents, float(spectrum.smallest[0]))
         if len(values):
             plant = LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
-            parts.append(_alike_block(plant, law, values, agent))
+            parts.append(Block(plant, _closer(law, values, len(axes)), agent, np.zeros((0, 0)), agent[:0]))
     return parts
 
 
-def _alike_block(plant: LinearVehicle, law: LawModel, values: Array, agent: IntArray) -> Block:
-    """Return the loop of alike vehicles at eigenvalues of H; see `Block`."""
-    return Block(plant, lambda gain: law.feedback(gain, values).alike(len(plant.C)), agent, np.zeros((0, 0)), agent[:0])
+def _closer(law: LawModel, values: Array, axes: int) -> Callable[[float], LinearController]:
+    """Return the law of alike vehicles at eigenvalues of H, by gain; see `Block`."""
+    return lambda gain: law.feedback(gain, values).alike(axes)
 
 
 def _couples(coupling: BoolArray, axes: IntArray) -> bool:
@@ -692,7 +712,7 @@ def joined(
 # -- the targets' own law ----------------------------------------------------------------------------------------------
 #
 # Each target's vehicle is linearised about the equilibrium in which it holds station in the mean flow along its path,
-# and all are closed through u = -S p: see `targets_loop` for S.
+# and all are closed through u = -S p: see `stiffness` for S.
 
 
 def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
@@ -708,7 +728,8 @@ def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
     owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
     try:
         period, timestep, steps = sampling_of(system)
-        models = _target_models(system, path, timestep, steps)
+        numbers = range(len(system.team.agents), len(system.team.members))
+        models = _models(system, numbers, _medium_on_path_of_targets(system, path), timestep, steps)
         block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
         loop = TeamLoop([block], period)
         modes = loop.modes(1.0)
@@ -717,13 +738,10 @@ def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
     return TargetsOnBodies(stable=loop.is_stable(1.0, modes), spectral_radius=modes.radius, reason="")
 
 
-def _target_models(system: System, path: TargetPath, timestep: float, steps: int) -> list[LinearVehicle]:
-    """Return the linear vehicle of each target, in the mean velocity of the medium relative to its path.
+def _medium_on_path_of_targets(system: System, path: TargetPath) -> Array:
+    """Return the mean velocity of the medium relative to each target's path, shape (M, 3), m/s.
 
-    If the path is unknown or diverges, the vehicle is linearised in the medium where the target begins.
-
-    Raises:
-        UndecidedError: one has none.
+    If the path is unknown or diverges, it is that where the target begins.
     """
     N = len(system.team.agents)
     span = float(path.time[-1] - path.time[0])
@@ -732,16 +750,4 @@ def _target_models(system: System, path: TargetPath, timestep: float, steps: int
     medium = -(positions[-1] - positions[0]) / span
     for k in range(len(medium)):
         medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
-    stations = [station_in(system, N + k, medium[k]) for k in range(len(medium))]
-    keys = list(map(key_of, stations))
-    unlike = dict(zip(keys, stations, strict=True))
-    if len(unlike) > LARGEST_WHOLE:
-        raise UndecidedError("too many unlike targets")
-    found = dict(zip(unlike, linearise(list(unlike.values()), system.control, timestep, steps), strict=True))
-    models = []
-    for id_, key in zip(system.team.target_ids, keys, strict=True):
-        model = found[key]
-        if isinstance(model, str):
-            raise UndecidedError(f"the vehicle of {id_} cannot hold station on its path: {model}")
-        models.append(model)
-    return models
+    return medium

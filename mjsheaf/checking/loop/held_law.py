@@ -31,12 +31,11 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linear_law import model_of, require_model, terms_without_bound, unmodelled_parts
-from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
-from mjsheaf.checking.loop.targets_loop import targets_loop
-from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
+from mjsheaf.checking.loop.sampled_loop import Loop
+from mjsheaf.checking.spectrum import DENSE_STATES, agent_coboundary, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
 from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
-from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.errors import UndecidedError, listed, raise_first
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.media.varying import evaluate
@@ -44,12 +43,8 @@ from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record, per_agent
 from mjsheaf.system import System
 
-_MOST_NUMBERS = 20_000_000  # samples times states that are looked at
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_BETTER = 0.99  # of the bound of the round before: more is not worth a round
-_MOST_ROUNDS = 12
 _NOTHING = 1e-40  # of a response: all that follows is lost in rounding
-_IMPULSE = 4000  # samples of a filter's response
 _BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are found at a time, and how often
 _TRIALS = 2.0 ** np.arange(1, 24)  # radii, over |e_0| and 1 mm, that are tried where a field is unbounded
 
@@ -221,13 +216,20 @@ def _filtered(values: Array, share: float) -> Array:
     return found
 
 
-def _drive(system: System, certificate: Certificate, values: Array, vectors: Array) -> _Drive:
+def _drive(
+    system: System,
+    certificate: Certificate,
+    values: Array,
+    vectors: Array,
+    *,
+    most: int = 20_000_000,  # samples times states that are looked at
+) -> _Drive:
     """Follow feedforward and observer along the targets' path."""
     team, terms, h, path = system.team, system.law.terms, system.grid.period, certificate.constants.path
     n_q, N = len(values), len(team.agents)
     if path.cells is None:
         raise UndecidedError(f"the targets' path is not known: {path.warning}")
-    if path.stride > 1 or len(path.samples) * n_q > _MOST_NUMBERS:
+    if path.stride > 1 or len(path.samples) * n_q > most:
         raise UndecidedError("the run has too many samples")
     carrier = Carrier(system, certificate.spectrum)
     q_star, K = carrier.extend(path.samples), len(path.samples) - 1
@@ -274,13 +276,17 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
     return _Drive(W - v, F - observed, v - observed, total, middle, moves, ripple, terms.drift)
 
 
-def _amplified(c: Array) -> float:
+def _amplified(
+    c: Array,
+    *,
+    samples: int = 4000,  # samples of a filter's response
+) -> float:
     """By how much errors of any sizes up to 1, in the 2-norm over the team, grow in v: sum_j max |(1 - c) c^j|.
 
     The largest of each power, as errors may come in another eigenvector at each sample.
     """
     share, slowest, found = np.abs(1.0 - c), float(np.abs(c).max()), 0.0
-    for _ in range(_IMPULSE):
+    for _ in range(samples):
         largest = float(share.max())
         found += largest
         share = share * np.abs(c)
@@ -300,17 +306,12 @@ def _odometry(system: System, *, sensed: bool) -> float:
 
 def _carried_odometry(system: System) -> float:
     """The 2-norm of H^-1 S, S = sum of F_i^T K F_i over sensing edges."""
-    edges, team, N = system.law.edges, system.team, len(system.team.agents)
-    if team.free:
-        return 0.0  # no sensing edges
-    first, last = edges.first[list(system.law.terms.sensing)]
-    S, owner = np.zeros((N, 3, 3)), np.repeat(edges.tail, np.diff(edges.first))[first:last]
-    np.add.at(S, owner, edges.F_tail[first:last, :, None] * edges.P_tail[first:last, None, :])
-    whole = np.zeros((3 * N, 3 * N))
-    for i in range(N):
-        whole[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = S[i]
-    own = team.slots[: team.dirichlet.H.shape[0]]
-    return float(np.linalg.norm(np.linalg.solve(team.dirichlet.H.toarray(), whole[np.ix_(own, own)]), ord=2))
+    team = system.team
+    first = sum(len(edge.b) for edge in team.communication)
+    rows = agent_coboundary(team)[1][first : first + sum(len(edge.b) for edge in team.sensing)]
+    if not rows.shape[0]:
+        return 0.0
+    return float(np.linalg.norm(np.linalg.solve(team.dirichlet.H.toarray(), (rows.T @ rows).toarray()), ord=2))
 
 
 @dataclass(frozen=True)
@@ -380,7 +381,15 @@ def _why_clipped(system: System, found: Envelope) -> str:
     return integral if found.integral > system.law.terms.largest else ""
 
 
-def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive) -> Envelope:
+def _bounded(
+    system: System,
+    certificate: Certificate,
+    loop: Loop,
+    drive: _Drive,
+    *,
+    worth: float = 0.99,  # of the bound of the round before: more is not worth a round
+    rounds: int = 12,
+) -> Envelope:
     K, N, h, start = len(drive.left), len(system.team.agents), loop.period, certificate.constants.initial_error
     decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)
     known = np.linalg.norm(drive.left - drive.met, axis=1) + drive.unsure
@@ -417,10 +426,10 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
                 break
     if not np.isfinite(within).all():
         raise UndecidedError("the flow is too steep or singular where the agents may be: no bound confines them")
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(rounds):
         apart = flow(within)
         samples, narrower, d = answer(apart)
-        better = narrower.sum() < _BETTER * within.sum()
+        better = narrower.sum() < worth * within.sum()
         within = np.minimum(within, narrower)
         if not better:
             break
@@ -459,8 +468,6 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     computed for the paper's law only.
     """
     terms, h = system.law.terms, system.grid.period
-    if not system.team.symmetric:
-        return directed_law_loop(system)
     sent = traffic_of(terms, system.team)
     found: dict[str, Any] = {
         "terms": list(system.law.term_names),
@@ -474,7 +481,15 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     }
     try:
         loop = loop_of(system)
-        found |= _stability(loop)
+        found |= {
+            "stable": loop.radius < 1.0,
+            "spectral_radius": loop.radius,
+            "rate": -np.log(max(loop.radius, _NOTHING)) / h,
+            "stable_gains": loop.stable_gains,
+            "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
+        }
+        if not system.team.symmetric:
+            raise UndecidedError("H is not symmetric: no bound along the targets' path is known")
         found["error_per_disturbance"] = loop.error_per_disturbance
         found["noise"] = _noise(system, loop) if loop.radius < 1.0 else None
         if carried and system.law.extended:
@@ -495,40 +510,10 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     return LawLoop(**found)
 
 
-def directed_law_loop(system: System) -> LawLoop:
-    """Return the loop of a team with an asymmetric H, without a bound along the targets' path."""
-    found: dict[str, Any] = dict.fromkeys(LawLoop.model_fields)
-    found |= {
-        "terms": list(system.law.term_names),
-        "unmodelled": unmodelled_parts(system),
-        "norm": TEAM_NORM,
-        "exchanges": 0.0,
-        "numbers": 0.0,
-        "left": [],
-        "reason": "H is not symmetric: no bound along the targets' path is known",
-    }
-    try:
-        found |= _stability(loop_of(system))
-    except UndecidedError as error:
-        found["reason"] = str(error)
-    return LawLoop(**found)
-
-
-def _stability(loop: Loop) -> dict[str, Any]:
-    """Return the fields of `LawLoop` that say whether the loop is stable, and how far."""
-    return {
-        "stable": loop.radius < 1.0,
-        "spectral_radius": loop.radius,
-        "rate": -np.log(max(loop.radius, _NOTHING)) / loop.period,
-        "stable_gains": loop.stable_gains,
-        "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
-    }
-
-
 def _noise(system: System, loop: Loop) -> float:
     """See LawLoop: what odometry adds by way of sensed targets and of the agent itself, at most."""
     if not system.law.extended:
         return 0.0
-    command = np.sqrt(DelayedLoop(loop, 0).command_variances())  # per m of each input, shape (L, 4)
+    command = np.sqrt(loop.command_variances())  # per m of each input, shape (L, 4)
     carried = float((loop.values * command[:, 2]).max()) * _carried_odometry(system)
     return carried + float(command[:, 3].max())

@@ -18,7 +18,6 @@ alone, so that errors of measurements on it and on the other edge differ by what
 
 import pickle
 from dataclasses import dataclass
-from functools import cached_property
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -46,27 +45,22 @@ _MOTION = 2.0**-20  # m, from rest: a power of two, so that a linear law scales 
 _OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**-12, -(2.0**-6), 1.0, -(2.0**5), 2.0**10)  # m: answered in proportion
 _LINEAR = 1e-9  # relative difference of two answers of a linear law
 _NEGLIGIBLE = 1e-11  # relative size of a new direction that is rounding
-_SETTLING = 4  # samples after which counters of samples no longer matter
-_MOST_SETTLING = 1000  # samples, for what registered terms remember
-_TESTED = 40  # samples over which the model of registered terms is held against the law
-_TESTED_SHIPPED = 8  # and that of the shipped terms alone, which have no counters that end later
 _GENERIC_GAIN = 0.7390851332  # 1/s; terms do not cancel -k1 eta by chance at this gain
 _PROBED = np.array([1.0, 2.0, 3.0])  # eigenvalues from which the law at complex ones is extrapolated
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
-_MOST_MODELS = 200
 _models: "dict[bytes, LawModel]" = {}
 _MOVED_POINTS = _MOTION * np.eye(9).reshape(3, 3, 3, 3).swapaxes(0, 1)  # along an axis: agent, first point, second
 
 
 class LinearController(NamedTuple):
-    """A law from k positions to commands, u = C x + D q with x+ = A x + B q, in one matrix each or in L of them.
+    """A law from k numbers to commands, u = C x + D w with x+ = A x + B w, in one matrix each or in L of them.
 
     Attributes:
         A: Shape (..., r, r).
         B: Shape (..., r, k).
         C: Shape (..., n, r).
-        D: Shape (..., n, k), 1/s.
+        D: Shape (..., n, k).
     """
 
     A: Array
@@ -81,68 +75,24 @@ def without_memory(D: Array) -> LinearController:
 
 
 @dataclass(frozen=True)
-class Feedback:
-    """The path from position to command, u = d q + c x with x+ = A x + b q, in L eigenvectors of H.
-
-    Attributes:
-        A: Shape (L, r, r).
-        b: Shape (L, r).
-        c: Shape (L, r).
-        d: Shape (L,), 1/s.
-        integral: The integral of eta that an agent remembers, as a row on x, shape (r,), m s.
-    """
-
-    A: Array
-    b: Array
-    c: Array
-    d: Array
-    integral: Array
-
-    def alike(self, axes: int) -> LinearController:
-        """Return the law of one vehicle that acts along some axes alike, for each eigenvalue; shapes begin with L."""
-        parts = (self.A, self.b[:, :, None], self.c[:, None], self.d[:, None, None])
-        return LinearController(*(_repeat(part, axes) for part in parts))
-
-    def of_team(self, vectors: Array) -> LinearController:
-        """Return the law of a whole team from the eigenvectors of H, shape (n, L); it remembers r times L numbers."""
-        L, r = self.b.shape
-        A = np.zeros((r, L, r, L))
-        A[:, range(L), :, range(L)] = self.A
-        B = self.b.T[:, :, None] * vectors.T
-        C = vectors[:, None] * self.c.T
-        return LinearController(
-            A.reshape(r * L, r * L),
-            B.reshape(r * L, len(vectors)),
-            C.reshape(len(vectors), r * L),
-            (vectors * self.d) @ vectors.T,
-        )
-
-
-def _repeat(part: Array, axes: int) -> Array:
-    """Return Kronecker products of matrices, shape (L, m, n), with the identity, shape (L, m axes, n axes)."""
-    L, m, n = part.shape
-    return (part[:, :, None, :, None] * np.eye(axes)[:, None]).reshape(L, m * axes, n * axes)
-
-
-@dataclass(frozen=True)
 class LinearLaw:
-    """Linear model of the law in L eigenvectors of H, with n numbers that it remembers; see the module.
+    """Linear model of the law in L eigenvectors of H, with n numbers that it remembers and m inputs; see the module.
 
     Attributes:
         A: Shape (L, n, n).
-        B: Shape (L, n, 5).
+        B: Shape (L, n, m).
         C: Shape (L, n).
-        D: Shape (L, 5).
-        integral: Number of the state that is the integral of eta; -1 without.
+        D: Shape (L, m).
+        integral: The integral of eta that an agent remembers, as a row on x, shape (n,), m s.
     """
 
     A: Array
     B: Array
     C: Array
     D: Array
-    integral: int
+    integral: Array
 
-    @cached_property
+    @property
     def basis(self) -> Array:
         """Basis of what a position excites and a command shows in any of the eigenvectors, shape (n, r)."""
         excited = _invariant_basis(self.A, self.B[:, :, 0], np.abs(self.B[:, :, 0]))
@@ -150,12 +100,43 @@ class LinearLaw:
         seen = _invariant_basis(inner.swapaxes(1, 2), self.C @ excited, np.abs(self.C) @ np.abs(excited))
         return np.asarray(excited @ seen)
 
-    def feedback(self, basis: Array) -> Feedback:
+    def feedback(self, basis: Array) -> "LinearLaw":
         """Return the path from position to command, on coordinates in a basis of what it excites and shows."""
-        integral = basis[self.integral] if self.integral >= 0 else np.zeros(basis.shape[1])
-        return Feedback(
-            basis.T @ self.A @ basis, self.B[:, :, 0] @ basis, self.C @ basis, self.D[:, 0].copy(), integral
+        return LinearLaw(
+            basis.T @ self.A @ basis,
+            basis.T @ self.B[:, :, :1],
+            self.C @ basis,
+            self.D[:, :1].copy(),
+            self.integral @ basis,
         )
+
+    def alike(self, axes: int) -> LinearController:
+        """Return the law of one vehicle that acts along some axes alike, for each eigenvalue; shapes begin with L."""
+        parts = (self.A, self.B, self.C[:, None], self.D[:, None])
+        return LinearController(*(_repeat(part, axes) for part in parts))
+
+    def of_team(self, vectors: Array) -> LinearController:
+        """Return the law of a whole team, whose state is n times L numbers.
+
+        Args:
+            vectors: Eigenvectors of H, shape (N, L). Each of the m inputs has N coordinates, one input after the other.
+        """
+        L, n, m = self.B.shape
+        N = len(vectors)
+        A = np.zeros((n, L, n, L))
+        A[:, range(L), :, range(L)] = self.A
+        return LinearController(
+            A.reshape(n * L, n * L),
+            np.einsum("lnm,kl->nlmk", self.B, vectors).reshape(n * L, m * N),
+            np.einsum("kl,ln->knl", vectors, self.C).reshape(N, n * L),
+            np.einsum("kl,lm,jl->kmj", vectors, self.D, vectors).reshape(N, m * N),
+        )
+
+
+def _repeat(part: Array, axes: int) -> Array:
+    """Return Kronecker products of matrices, shape (L, m, n), with the identity, shape (L, m axes, n axes)."""
+    L, m, n = part.shape
+    return (part[:, :, None, :, None] * np.eye(axes)[:, None]).reshape(L, m * axes, n * axes)
 
 
 def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
@@ -180,7 +161,12 @@ def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
     return basis
 
 
-def model_of(law: LawArrays, period: float) -> "LawModel":
+def model_of(
+    law: LawArrays,
+    period: float,
+    *,
+    most: int = 200,
+) -> "LawModel":
     """Return the linear model of a team's law with a control period, s, which teams with the same terms share.
 
     Raises:
@@ -191,7 +177,7 @@ def model_of(law: LawArrays, period: float) -> "LawModel":
     model = _models.get(key)
     if model is None:
         model = LawModel(alone, period)
-        if len(_models) >= _MOST_MODELS:
+        if len(_models) >= most:
             _models.clear()
         _models[key] = model
     return model
@@ -249,10 +235,10 @@ class LawModel:
             B=inputs[:, :n],
             C=moved[:, :n, n],
             D=inputs[:, n],
-            integral=self._number_of_integral(),
+            integral=np.isin(self._cells, self._numbers.terms.z[:1, :1]).astype(np.float64),
         )
 
-    def feedback(self, gain: float, values: NDArray[Any]) -> Feedback:
+    def feedback(self, gain: float, values: NDArray[Any]) -> LinearLaw:
         """Return the path from position to command at a gain, 1/s, for eigenvalues of H, shape (L,).
 
         They are above zero, or complex, of an H that is not symmetric.
@@ -270,24 +256,29 @@ class LawModel:
             # What is affine in the gain keeps a space at every gain if it does at two.
             one, two = (self.at(k, values) for k in (_GENERIC_GAIN, 2.0 * _GENERIC_GAIN))
             A, B, C, D = (np.concatenate([getattr(one, name), getattr(two, name)]) for name in "ABCD")
-            basis = LinearLaw(A, B, C, D, -1).basis
+            basis = LinearLaw(A, B, C, D, one.integral).basis
             self._bases = {key: basis}
         return self.at(gain, values).feedback(basis)
 
-    def _extrapolated(self, gain: float, values: NDArray[np.complex128]) -> Feedback:
+    def _extrapolated(self, gain: float, values: NDArray[np.complex128]) -> LinearLaw:
         """See `feedback`: without rounds, which directed teams do not have, H enters the law through eta alone."""
         probes = self.feedback(gain, _PROBED)
-        largest = max(float(np.abs(getattr(probes, name)).max(initial=0.0)) for name in "Abcd")
+        largest = max(float(np.abs(getattr(probes, name)).max(initial=0.0)) for name in "ABCD")
         parts = {}
-        for name in "Abcd":
+        for name in "ABCD":
             probe = getattr(probes, name)
             slopes = np.diff(probe, axis=0)
             if not np.allclose(slopes[0], slopes[1], rtol=_LINEAR, atol=_LINEAR * largest):
                 raise UndecidedError("the law is not affine in the eigenvalues of H")
             parts[name] = probe[0] + np.multiply.outer(values - _PROBED[0], slopes[0])
-        return Feedback(**parts, integral=probes.integral)
+        return LinearLaw(**parts, integral=probes.integral)
 
-    def _settle(self) -> None:
+    def _settle(
+        self,
+        *,
+        settling: int = 4,  # samples after which counters of samples no longer matter
+        most: int = 1000,  # samples, for what registered terms remember
+    ) -> None:
         """Find what the law remembers at rest, and then a sample later.
 
         Raises:
@@ -295,11 +286,11 @@ class LawModel:
         """
         self._end = np.zeros_like(self._memory.flat)
         none = np.zeros(0, dtype=np.int64)
-        for self._sample in range(_MOST_SETTLING):
+        for self._sample in range(most):
             self._rest = self._end
             self._end = self._answers(self._control, none, _STILL, _GENERIC)[0][0, 0]
             same = np.array_equal(self._rest[self._registered], self._end[self._registered])
-            if self._sample >= _SETTLING and same:
+            if self._sample >= settling and same:
                 return
         raise UndecidedError(f"the law changes with time ({self._terms})")
 
@@ -383,17 +374,17 @@ class LawModel:
         self._rest = rest
         return found
 
-    def _number_of_integral(self) -> int:
-        """Return which number of the state is the integral of eta; -1 if none is."""
-        where = np.flatnonzero(self._cells == self._numbers.terms.z[:1, :1])
-        return int(where[0]) if len(where) else -1
-
-    def _require_linear(self) -> None:
+    def _require_linear(
+        self,
+        *,
+        tested_custom: int = 40,  # samples over which the model of registered terms is held against the law
+        tested_shipped: int = 8,  # and that of the shipped terms alone, which have no counters that end later
+    ) -> None:
         """Raise an UndecidedError unless the law does what its model says, in motions of several sizes."""
         model = self.at(_GENERIC_GAIN, _GENERIC.sum(axis=1))
         weight = _GENERIC[0, 0]
         measured = self._control.law.edges.F_tail.diagonal()[:, None]
-        tested = _TESTED if len(self._registered) else _TESTED_SHIPPED
+        tested = tested_custom if len(self._registered) else tested_shipped
         agent, first, second = points = np.random.default_rng(0).uniform(-1.0, 1.0, (3, tested, 3))
         memories = []
         for size in (_MOTION, *_OTHER_MOTIONS):
@@ -440,7 +431,7 @@ def _papers_law(gain: float, values: NDArray[Any]) -> LinearLaw:
     D = np.zeros((L, len(INPUTS)), dtype=values.dtype)
     D[:, 0] = -gain * values
     D[:, 1] = -gain
-    return LinearLaw(np.zeros((L, 0, 0)), np.zeros((L, 0, len(INPUTS))), np.zeros((L, 0)), D, -1)
+    return LinearLaw(np.zeros((L, 0, 0)), np.zeros((L, 0, len(INPUTS))), np.zeros((L, 0)), D, np.zeros(0))
 
 
 def _one_agent(law: LawArrays) -> ControlArrays:

@@ -1,34 +1,33 @@
 """Effects of links on the held law on ideal kinematics: delay, noise and loss, exact where an exact answer is known.
 
 All of it is linear about q*: within limits of speed, while bodies are within range of one another, without the slope of
-the flow. See `linked_law` for what each edge measures, and `delay`, `link_noise` and `loss` for the answers.
+the flow. See `linked_law` for what each edge measures and for delay, and `moments` for noise and loss.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.checking.loop.delay import (
-    DelayAnswer,
-    continuous_delay_margin,
-    delay_answer,
-    largest_delay_of_all,
-    papers_answer,
-)
+from mjsheaf.arrays import IntArray
 from mjsheaf.checking.loop.held_law import common_delay, loop_of
 from mjsheaf.checking.loop.linear_law import require_model
-from mjsheaf.checking.loop.link_noise import NoiseAnswer, noise_answer
 from mjsheaf.checking.loop.linked_law import (
+    DelayAnswer,
     LinkedLaw,
     LinkParameters,
     MeasuredEdge,
+    answer_of_large_team,
+    continuous_delay_margin,
+    delay_answer,
     linked_law,
     links_of,
     measured_edges,
     perfect_links,
+    spectral_radius,
 )
-from mjsheaf.checking.loop.loss import LossAnswer, loss_answer
+from mjsheaf.checking.loop.moments import LossAnswer, NoiseAnswer, loss_answer, noise_answer
 from mjsheaf.checking.loop.sampled_loop import largest_gain
 from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
 from mjsheaf.checking.theorem.targets import TargetPath
@@ -99,7 +98,7 @@ def _answers(system: System, path: TargetPath) -> LinkRecord | None:
         edges, links = measured_edges(team), links_of(system, path)
         if not team.symmetric:
             why = "H is not symmetric: only a delay of all measurements alike is decided"
-            return _record(_delay_of_directed_team(system, why), edges, links, system.law.terms, why=why)
+            return _record(_delay_of_directed_team(system, links, why), edges, links, system.law.terms, why=why)
         size = team.dirichlet.H.shape[0]
         if size > DENSE_STATES and not (system.grid.continuous or system.law.terms.newton):
             why = f"H has {size} rows; all its eigenvalues are found up to {DENSE_STATES}"
@@ -114,28 +113,23 @@ def _answers(system: System, path: TargetPath) -> LinkRecord | None:
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
     """Compute the effects of a law's links, for a team."""
-    return _record(delay_answer(law), law.edges, law.links, law.terms, law=law, team=team)
+    delay = delay_answer(law.loop, law.links.delay, law.linked, partial(spectral_radius, law))
+    return _record(delay, law.edges, law.links, law.terms, law=law, team=team)
 
 
-def _delay_of_directed_team(system: System, why: str) -> DelayAnswer:
+def _delay_of_directed_team(system: System, links: LinkParameters, why: str) -> DelayAnswer:
     """Answer for the delay that all measurements share; `why` is the reason where they do not."""
     if system.grid.continuous:
         margin = continuous_delay_margin(held_eigenvalues(system.team), system.gain)
         return DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
-    period = system.grid.period
     loop = loop_of(system)
-    limit = largest_delay_of_all(loop)
-    margin = None if limit is None else limit * period
-    age = common_delay(system)
-    if age is None:
-        return DelayAnswer(delay=int(system.law.links.table["delay"].max()) * period, margin=margin, reason=why)
-    return DelayAnswer(
-        delay=age * period,
-        stable=limit is not None and age <= limit,
-        spectral_radius=loop.radius_at(age),
-        margin=margin,
-        reason="",
-    )
+
+    def radius_of(delay: IntArray) -> float:
+        if np.ptp(delay) > 0:
+            raise UndecidedError(why)
+        return loop.radius_at(int(delay.max()))
+
+    return delay_answer(loop, links.delay, np.ones(len(links.delay), dtype=np.bool_), radius_of)
 
 
 def _delay_of_large_team(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
@@ -146,10 +140,10 @@ def _delay_of_large_team(system: System, edges: Sequence[MeasuredEdge], links: L
     """
     if not system.team.dirichlet.unique:
         raise UndecidedError("the harmonic extension is not unique")
-    if system.law.terms.integral:
+    if system.law.terms.integral or system.law.custom:
         raise UndecidedError(why)
     linked = np.array([edge.linked for edge in edges])
-    return papers_answer(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
+    return answer_of_large_team(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
 
 
 def _record(
@@ -165,7 +159,8 @@ def _record(
 ) -> LinkRecord:
     """Return the record of links; without a law, `why` is the reason for what is not known of noise and loss."""
     noise = loss = None
-    if unknown or links.noisy or _strays(terms):
+    strays = (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)  # odometry
+    if unknown or links.noisy or strays:
         noise = (
             NoiseAnswer(agents=[], linearised=links.linearised, reason=why)
             if law is None or team is None
@@ -173,39 +168,21 @@ def _record(
         )
     if unknown or links.lossy.any():
         loss = LossAnswer(reason=why) if law is None else loss_answer(law)
+    rate = None if delay.spectral_radius is None else delay.spectral_radius**2
+    delivered = {
+        kind: [x for x, e in zip(links.delivered.tolist(), edges, strict=True) if e.kind == kind] for kind in KINDS
+    }
+    ranged = "; bodies within range of one another, as at the start and at q*" if links.ranged else ""
     return LinkRecord(
         exact=links.exact and not unknown,
         stable=delay.stable if loss is None else loss.stable,
         delay_margin=delay.margin,
         noise_rms=0.0 if noise is None else noise.error,
         noise_rms_per_agent=0.0 if noise is None else noise.error_per_agent,
-        mean_square_rate=_square(delay.spectral_radius) if loss is None else loss.factor,
-        delivery={} if unknown else _delivery(edges, links),
-        assumed="" if unknown else _assumed(links),
+        mean_square_rate=rate if loss is None else loss.factor,
+        delivery={} if unknown else {kind: sum(own) / len(own) if own else None for kind, own in delivered.items()},
+        assumed="" if unknown else f"no command at a limit of speed; the slope of the flow is left out{ranged}",
         delay=delay,
         noise=noise,
         loss=loss,
     )
-
-
-def _square(radius: float | None) -> float | None:
-    return None if radius is None else radius**2
-
-
-def _strays(terms: TermArrays) -> bool:
-    """Return True if errors of odometry enter the law."""
-    return (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)
-
-
-def _delivery(edges: Sequence[MeasuredEdge], links: LinkParameters) -> dict[str, float | None]:
-    """See LinkRecord."""
-    share = {
-        kind: [x for x, e in zip(links.delivered.tolist(), edges, strict=True) if e.kind == kind] for kind in KINDS
-    }
-    return {kind: sum(own) / len(own) if own else None for kind, own in share.items()}
-
-
-def _assumed(links: LinkParameters) -> str:
-    """See LinkRecord."""
-    ranged = "; bodies within range of one another, as at the start and at q*" * links.ranged
-    return f"no command at a limit of speed; the slope of the flow is left out{ranged}"

@@ -7,7 +7,6 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.certificate import Certificate
@@ -17,8 +16,8 @@ from mjsheaf.law import disagreement
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
+from mjsheaf.vehicles.authority import authority_of, describe_consequences, may_lack, shortfalls_of
 from mjsheaf.vehicles.effects import capability_of, of_each
-from mjsheaf.vehicles.vehicle import Vehicle
 
 MOST_ROWS = 20
 """Largest number of agents that are listed with their speeds."""
@@ -129,19 +128,14 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
         return {}
     along = np.gradient(path.positions[:, N:], path.time, axis=0)
     flow = np.array([mean_flow(system, v, 0.0, path.positions[:, v]) for v in range(N, N + len(held))])
-    top = of_each(system.vehicles[N:], _top_speed)
+    able = [capability_of(vehicle) for vehicle in system.vehicles[N:]]
+    top = np.array([max(one.forward_speed, one.least_speed) for one in able])
     taken = np.linalg.norm(np.where(np.isfinite(flow), along.transpose(1, 0, 2) - flow, 0.0), axis=2)
     late = path.time >= path.time[0] + 0.75 * (path.time[-1] - path.time[0])
     slow = held & (taken[:, late].mean(axis=1) > top)
     return {
         system.team.target_ids[k]: (float(taken[k, late].mean()), float(top[k])) for k in np.flatnonzero(slow).tolist()
     }
-
-
-def _top_speed(vehicle: Vehicle) -> float:
-    """Return the larger of a vehicle's forward and all-way speeds, m/s."""
-    able = capability_of(vehicle)
-    return max(able.forward_speed, able.least_speed)
 
 
 def _falling(system: System) -> dict[str, str]:

@@ -24,16 +24,13 @@ from numpy.polynomial.chebyshev import chebroots
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearController, LinearLaw
+from mjsheaf.checking.loop.linear_law import LawModel, LinearController, LinearLaw
 from mjsheaf.loop.linear import LinearVehicle
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_NO_GAIN = 1e-12  # times the period: a gain below it is rounding, and one over its inverse
-_NOTHING = 1e-40  # of a response: all that follows is lost in rounding
 _SUMMED = 1e-7  # of a sum of responses: what the rest may be
 _DOUBLINGS, _MOST_BLOCKS = 8, 8000  # of powers of the loop that are found at a time, and how often
 _BLOCK = 2**_DOUBLINGS
-_SMALLEST = 1e-12  # of a power of a matrix, beyond which nothing is added
 
 
 def closed(plant: LinearVehicle, law: LinearController) -> NDArray[Any]:
@@ -115,9 +112,18 @@ class Loop:
         return self.model.at(self.gain, self.values)
 
     @cached_property
-    def feedback(self) -> Feedback:
+    def feedback(self) -> LinearLaw:
         """Return the law's response to the error."""
         return self.model.feedback(self.gain, self.values)
+
+    @cached_property
+    def is_papers(self) -> bool:
+        """Return True if errors meet the paper's law, whatever terms add to it."""
+        papers = -self.gain * self.values
+        alike = np.allclose(
+            self.feedback.D[:, 0], papers, rtol=_ROUNDING, atol=_ROUNDING * np.abs(papers).max(initial=0.0)
+        )
+        return alike and not self.feedback.C.shape[1]
 
     def matrices(self, gain: float | None = None, delay: int = 0) -> NDArray[Any]:
         """Return M at a gain, shape (L, 1 + delay + r, 1 + delay + r), with measurements some periods old.
@@ -162,7 +168,13 @@ class Loop:
         low, high = stretches[int(away.argmin())]
         return float(low), float(high)
 
-    def _stable(self, M: Array, change: Array) -> tuple[Array, Array]:
+    def _stable(
+        self,
+        M: Array,
+        change: Array,
+        *,
+        no_gain: float = 1e-12,  # times the period: a gain below it is rounding, and one over its inverse
+    ) -> tuple[Array, Array]:
         """Find the gains k between which M + k change is stable: where they begin and end, ascending.
 
         Only the first row of `change` is not zero, so that the characteristic polynomial is a(z) + k b(z). A root
@@ -181,7 +193,7 @@ class Loop:
         z = np.concatenate([[1.0, -1.0], np.exp(1j * np.arccos(np.clip(roots.real, -1.0, 1.0)))])
         with np.errstate(divide="ignore", invalid="ignore"):
             gains = (-np.polyval(a[::-1], z) / np.polyval(b[::-1], z)).real
-        gains = np.sort(gains[(gains > _NO_GAIN / self.period) & (gains < 1.0 / (_NO_GAIN * self.period))])
+        gains = np.sort(gains[(gains > no_gain / self.period) & (gains < 1.0 / (no_gain * self.period))])
         gains = np.concatenate([[0.0], gains, [2.0 * gains[-1] + 1.0 if len(gains) else 1.0]])
         middle = 0.5 * (gains[1:] + gains[:-1])
         stable = np.abs(np.linalg.eigvals(M + middle[:, None, None] * change)).max(axis=1) < 1.0
@@ -194,7 +206,7 @@ class Loop:
         """h sum_j max |(M^j g)_e|, s; infinite where it does not converge, or too slowly."""
         if not self.radius < 1.0:
             return np.inf
-        start = np.zeros((len(self.values), len(self.feedback.c[0]) + 1, 1))
+        start = np.zeros((len(self.values), self.feedback.C.shape[1] + 1, 1))
         start[:, 0] = self.period
         total = 0.0
         for states in itertools.islice(self._powers(start), _MOST_BLOCKS):
@@ -215,17 +227,22 @@ class Loop:
             yield states
             states = power @ states
 
-    def responses(self, count: int) -> Array:
+    def responses(
+        self,
+        count: int,
+        *,
+        nothing: float = 1e-40,  # of a response: all that follows is lost in rounding
+    ) -> Array:
         """Return the largest sizes over the eigenvalues, shape (6, count), of powers j = 0, 1, ...
 
         After e_0: e; the feedback's command, 1/s; z, s. After h d: e, s; the feedback's command; z, s^2.
         """
         feedback = self.feedback
-        L, r = feedback.c.shape
+        L, r = feedback.C.shape
         shown = np.zeros((L, 3, 1 + r))
         shown[:, 0, 0] = 1.0
-        shown[:, 1, 0] = feedback.d
-        shown[:, 1, 1:] = feedback.c
+        shown[:, 1, 0] = feedback.D[:, 0]
+        shown[:, 1, 1:] = feedback.C
         shown[:, 2, 1:] = feedback.integral
         start = np.zeros((L, 1 + r, 2))
         start[:, 0] = [1.0, self.period]
@@ -233,32 +250,22 @@ class Loop:
         for begin, states in zip(range(0, count, _BLOCK), self._powers(start), strict=False):
             size = np.abs(shown @ states).max(axis=0).reshape(3, _BLOCK, 2)
             found[:, :, begin : begin + _BLOCK] = size.transpose(2, 0, 1)[:, :, : count - begin]
-            if np.abs(states).max() < _NOTHING:
+            if np.abs(states).max() < nothing:
                 break
         return found.reshape(6, count) * (1.0 + _ROUNDING)
 
+    def with_noise(self, delay: int) -> tuple[Array, Array, Array]:
+        """Return how noise enters the loop with measurements d periods old.
 
-@dataclass(frozen=True)
-class DelayedLoop:
-    """The loop per eigenvalue of H with measurements d periods old, and how noise enters it.
+        The state holds e_k, ..., e_{k-d}, then what the law remembers, then the last d errors of odometry, which meet
+        measurements of their age. The inputs are those of `linear_law.INPUTS` but the position: errors of eta, of what
+        feedforward senses, and of odometry in that and by itself.
 
-    The state holds e_k, ..., e_{k-d}, then what the law remembers, then the last d errors of odometry, which meet
-    measurements of their age. The inputs are those of `linear_law.INPUTS` but the position: errors of eta, of what
-    feedforward senses, and of odometry in that and by itself.
-
-    Attributes:
-        loop: The loop without delay.
-        delay: d, periods.
-    """
-
-    loop: Loop
-    delay: int
-
-    @cached_property
-    def matrices(self) -> tuple[Array, Array, Array]:
-        """M and G of x+ = M x + G w, and rows that give the command of x and w: (L, n, n), (L, n, 4), (L, n + 4)."""
-        law = self.loop.law
-        d = self.delay
+        Returns:
+            M and G of x+ = M x + G w, and rows that give the command of x and w: (L, n, n), (L, n, 4), (L, n + 4).
+        """
+        law = self.law
+        d = delay
         L, n = law.C.shape
         waiting = d if law.B[:, :, 3].any() or law.D[:, 3].any() else 0
         size = d + 1 + n + waiting
@@ -271,7 +278,7 @@ class DelayedLoop:
         rows = np.zeros((L, size, size + 4))
         rows[:, remembered, remembered] = law.A
         rows[:, remembered, inputs] = law.B
-        rows[:, 0] = self.loop.period * command
+        rows[:, 0] = self.period * command
         rows[:, 0, 0] += 1.0
         rows[:, range(1, d + 1), range(d)] = 1.0
         if waiting:
@@ -280,14 +287,12 @@ class DelayedLoop:
             rows[:, range(first + 1, size), range(first, size - 1)] = 1.0
         return rows[..., :size], rows[..., size:], command
 
-    @property
-    def radius(self) -> float:
-        """Largest spectral radius of what errors excite."""
-        return self.loop.radius_at(self.delay)
-
     def command_variances(self) -> Array:
-        """Return the variance of the command by white noise of unit variance in each input, shape (L, 4), 1/s^2."""
-        M, G, command = self.matrices
+        """Return the variance of the command by white noise of unit variance in each input, shape (L, 4), 1/s^2.
+
+        See `with_noise`.
+        """
+        M, G, command = self.with_noise(0)
         size = M.shape[1]
         noise = G.swapaxes(1, 2)[..., None] * G.swapaxes(1, 2)[..., None, :]  # (L, 4, n, n)
         P = stationary(M[:, None], M[:, None], noise)
@@ -295,10 +300,16 @@ class DelayedLoop:
         return np.asarray(np.einsum("li,lkij,lj->lk", of_state, P, of_state) + command[:, size:] ** 2)
 
 
-def stationary(A: Array, B: Array, W: Array) -> Array:
+def stationary(
+    A: Array,
+    B: Array,
+    W: Array,
+    *,
+    smallest: float = 1e-12,  # of a power of a matrix, beyond which nothing is added
+) -> Array:
     """Solve P = A P B^T + W for stable matrices A and B, shape (..., n, n), by doubling."""
     P = W
-    while np.abs(A).max() * np.abs(B).max() > _SMALLEST:
+    while np.abs(A).max() * np.abs(B).max() > smallest:
         P = P + A @ P @ B.swapaxes(-1, -2)
         A, B = A @ A, B @ B
     return P

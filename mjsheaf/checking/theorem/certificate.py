@@ -32,7 +32,6 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.repairs import label_parts, unsensed_targets
 from mjsheaf.checking.spectrum import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.theorem.constants import (
@@ -47,8 +46,8 @@ from mjsheaf.checking.theorem.constants import (
     tube_guessed,
 )
 from mjsheaf.checking.theorem.flow_bounds import singular_points
-from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.checking.theorem.theorem import Rho, Theorem, theorem_1
+from mjsheaf.checking.theorem.targets import Carrier, follow_targets, targets_loop
+from mjsheaf.checking.theorem.theorem import Rho, Theorem, least_gain, theorem_1
 from mjsheaf.errors import first_true, select_true
 from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
@@ -62,11 +61,6 @@ FILTERED = "the filter that keeps vehicles apart may act; undecided while it doe
 Verdict = Literal["holds", "fails", "undecided", "does not apply"]
 Finding = tuple[Verdict, float | None, str, str]
 """Verdict, value, unit and witness of an assumption."""
-
-_MOST_ROUNDS = 30  # of the search for a rho that holds over its own tube
-_RHO_STEP = 1.02  # the next rho that is tried, over the slope in the last tube
-_TUBE_OVER_BOUND = 1.0 + 1e-6
-_WORTH_NARROWING = 0.98  # of the weaker bound's radius: a smaller region is taken below it
 
 
 class Assumption(Record):
@@ -241,7 +235,11 @@ class Search:
         other.rate = None
         return other
 
-    def region(self) -> Region:
+    def region(
+        self,
+        *,
+        worth: float = 0.98,  # of the weaker bound's radius: a smaller region is taken below it
+    ) -> Region:
         """The region, narrow where a bound confines the agents to it, a guess where none does."""
         if self.constants.path.cells is None:
             return self._guess(f"the targets' path is not known: {self.constants.path.warning}")
@@ -257,7 +255,7 @@ class Search:
             return self._guess("no bound confines the agents")
         tube = self.tube(weaker).joined()
         narrower = self.weaker(tube.speed.upper)
-        if narrower.radius < _WORTH_NARROWING * weaker.radius:
+        if narrower.radius < worth * weaker.radius:
             tube = self.tube(narrower).joined()
         return Region(tube, "a tube about q* as wide as the weaker bound", True, tube.slope)
 
@@ -273,10 +271,16 @@ class Search:
         whole = rho if isinstance(rho, Rho) else rho + c.moving.slope
         return theorem_1(gain, self.spectrum.lambda_min, c.f_bar, c.moving.omega_bar, whole, rate, c.initial_error)
 
-    def own_tube(self, rate: float | None) -> Region | None:
+    def own_tube(
+        self,
+        rate: float | None,
+        *,
+        rounds: int = 30,  # of the search for a rho that holds over its own tube
+        step: float = 1.02,  # the next rho that is tried, over the slope in the last tube
+    ) -> Region | None:
         """The tube of Theorem 1's own bound, with a rho that holds over it; None where none is found."""
         slope = 0.0
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(rounds):
             theorem = self.theorem(self.rho or slope, rate)
             if not self._confines(theorem):
                 return None
@@ -285,7 +289,7 @@ class Search:
                 # The assumed slope may be a little more than the tube's.
                 rho = tube.slope if self.rho is not None else replace(tube.slope, upper=slope)
                 return Region(tube, "a tube about q* as wide as the bound", True, rho)
-            slope = _RHO_STEP * tube.slope.upper
+            slope = step * tube.slope.upper
         return None
 
     def _confines(self, bound: Theorem) -> bool:
@@ -293,14 +297,19 @@ class Search:
         start = self.constants.initial_error
         return bound.contains(start) and max(bound.radius, start) < FARTHEST
 
-    def tube(self, bound: Theorem) -> Tube:
+    def tube(
+        self,
+        bound: Theorem,
+        *,
+        wider: float = 1.0 + 1e-6,
+    ) -> Tube:
         """The tube of a bound; under a hold as wide everywhere as it is at most."""
         path, start = self.constants.path, self.constants.initial_error
 
         def radius(time: Array) -> Array:
             held = np.full(time.shape, max(start, bound.radius))  # R is at most the radius
             within = bound.bound(start, time - path.time[0]) if self.system.grid.continuous else held
-            return _TUBE_OVER_BOUND * within
+            return wider * within
 
         return tube_about(self.system, path, self._carrier, radius)
 
@@ -393,6 +402,66 @@ def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, b
     return beyond if np.isfinite(limit) and asked > limit else ""
 
 
+def gain_for_wanted_radius(
+    search: Search, certificate: Certificate, radius: float, *, accuracy: float = 1.01, doublings: int = 30
+) -> tuple[float | None, str]:
+    """Find the smallest gain at which Theorem 1 applies with an ultimate radius of at most `radius`, m.
+
+    The steepest slope of the flow is taken over a region that depends on the gain: a larger gain keeps the agents
+    nearer to q*, so that its region, its slope and its radius are smaller. For
+
+        y' = -2 lambda_V y + 2 mu,    y = |e|^2,    lambda_V = k lambda_min / 2 - rho,    mu = d^2 / (2 k lambda_min)
+
+    is below the same with a smaller gain k and the same rho. So doubling finds a gain that gives the radius, and halves
+    the smallest one. That only guides the search: computed slopes are upper bounds that need not be monotone, and the
+    gain that is returned was certified with its own region, as `check` would at that gain.
+
+    Args:
+        search: Search of the system; the best rate at each gain takes the place of its own.
+        certificate: Certificate at the system's gain.
+        radius: Desired radius, m.
+        accuracy: Ratio of the result to the largest gain known to be too small.
+        doublings: Largest number of doublings.
+
+    Returns:
+        The smallest k1 that was found, 1/s, None without any; and the reason for None, or empty.
+    """
+    c, spectrum = certificate.constants, certificate.spectrum
+    obstacles = [obstacle_of_law(search.system), *(a.failure for a in certificate.assumptions[1:])]
+    reason = next(filter(None, obstacles), "")
+    if not reason and not (spectrum.lambda_min > 0.0 and np.isfinite([c.difference.bound, c.initial_error]).all()):
+        reason = certificate.reason
+    if reason:
+        return None, reason
+
+    def gives(gain: float) -> bool:
+        at = search.at_gain(gain)
+        region = at.own_tube(None)
+        if region is None:
+            return False
+        theorem = at.theorem(at.rho or region.rho.upper, None)
+        return theorem.contains(c.initial_error) and theorem.radius <= radius
+
+    rho = search.rho or c.moving.slope  # at least that of any region
+    low = least_gain(radius, spectrum.lambda_min, c.f_bar, c.moving.omega_bar, rho, c.initial_error)
+    low = low or search.system.gain  # any gain does where nothing moves
+    high = low * (1.0 + 1e-9)  # it may miss its radius by rounding
+    for _ in range(doublings):
+        if not np.isfinite(high) or gives(high):
+            break
+        low, high = high, 2.0 * high
+    else:
+        high = np.inf
+    if not np.isfinite(high):
+        steep = "the flow is too steep, or singular, where the agents may be"
+        return None, f"{steep}: no gain was found that confines them"
+    while high > accuracy * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if gives(middle) else (middle, high)
+    there = certificate_of(search.at_gain(high))
+    return (high, "") if there.applies else (None, f"it requires {high:.4g} 1/s, where {there.reason}")
+
+
 # -- the paper's assumptions -----------------------------------------------------------------------------------
 
 
@@ -412,21 +481,19 @@ def _decide(
             system, constants, smooth[0], cohomology.dimension > 0
         ),
     }
-    return [_assumption(k, name, *finding) for k, (name, finding) in enumerate(found.items(), 1)]
-
-
-def _assumption(number: int, name: str, verdict: Verdict, value: float | None, unit: str, witness: str) -> Assumption:
-    """Return the record of a finding."""
-    return Assumption(
-        number=number,
-        name=name,
-        verdict=verdict,
-        holds={"holds": True, "fails": False}.get(verdict),
-        applies=verdict != "does not apply",
-        value=value,
-        unit=unit,
-        witness=witness,
-    )
+    return [
+        Assumption(
+            number=number,
+            name=name,
+            verdict=verdict,
+            holds={"holds": True, "fails": False}.get(verdict),
+            applies=verdict != "does not apply",
+            value=value,
+            unit=unit,
+            witness=witness,
+        )
+        for number, (name, (verdict, value, unit, witness)) in enumerate(found.items(), 1)
+    ]
 
 
 def _bounded(system: System, largest: float) -> Finding:

@@ -47,11 +47,7 @@ from mjsheaf.system import System
 
 _PARTS = 4  # into which a cell is cut
 _MOST_NUMBERS = 8_000_000  # of f_B over cells that were cut
-_MOST_ROUNDS = 10  # of cuts
-_GAP = 1e-3  # relative, between the bound on |f_B| and an attained value, and that a round of cuts has to gain
-_BATCH = 1024  # cells that are bounded at once
 _ROUNDING = 1e-9
-_MOST_BOXES = 256
 _MOST_SPANS = 32  # of time
 _GAUSSIAN = (GustArrays, FrozenArrays)  # kinds of moving media without a bound
 FARTHEST = 1e12
@@ -105,7 +101,15 @@ def _shaking(system: System, path: TargetPath) -> Array:
     )
 
 
-def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, float]:
+def _largest(
+    system: System,
+    cells: Cells,
+    carrier: Carrier,
+    *,
+    rounds: int = 10,  # of cuts
+    gap: float = 1e-3,  # relative, between the bound and an attained value, and that a round of cuts has to gain
+    size: int = 1024,  # cells that are bounded at once
+) -> tuple[float, float]:
     """Return a bound on |f_B| over cells, m/s, and a time near which it is attained, s.
 
     Every round bounds |f_B| over each cell, and its value at the cell's centre from below. Cells whose bound is at most
@@ -115,16 +119,16 @@ def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, flo
     """
     bound, closed, attained, time = np.inf, 0.0, 0.0, float(cells.begin[0])
     most = max(_MOST_NUMBERS // system.team.dirichlet.H.shape[0], len(cells.begin))
-    for _ in range(_MOST_ROUNDS):
-        batches = [_some(cells, slice(k, k + _BATCH)) for k in range(0, len(cells.begin), _BATCH)]
+    for _ in range(rounds):
+        batches = [_some(cells, slice(k, k + size)) for k in range(0, len(cells.begin), size)]
         upper, lower = np.concatenate([_bound(system, carrier, batch) for batch in batches], axis=1)
         if lower.max() > attained:
             attained = float(lower.max())
             time = float(cells.begin[lower.argmax()])
         last = bound
         bound = min(bound, max(closed, float(upper.max())))
-        over = upper > (1.0 + _GAP) * attained
-        if bound > (1.0 - _GAP) * last or not over.any() or _PARTS * over.sum() > most:
+        over = upper > (1.0 + gap) * attained
+        if bound > (1.0 - gap) * last or not over.any() or _PARTS * over.sum() > most:
             break
         closed = max(closed, float(upper[~over].max(initial=0.0)))
         cells = _cut(_some(cells, over))
@@ -413,21 +417,28 @@ class Region:
     rho: Supremum
 
 
-def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Callable[[Array], Array]) -> Tube:
+def tube_about(
+    system: System,
+    path: TargetPath,
+    carrier: Carrier,
+    radius: Callable[[Array], Array],
+    *,
+    boxes: int = 256,
+) -> Tube:
     """The tube of a radius, monotone in time, about the harmonic extension of a path that is known, in spans of time.
 
     It has one box for each agent and span, or one for all agents where there are many.
     """
     assert path.cells is not None
     N = len(system.team.agents)
-    begin, end, targets, reach = coarser(path.cells, max(1, min(_MOST_SPANS, _MOST_BOXES // N)))
+    begin, end, targets, reach = coarser(path.cells, max(1, min(_MOST_SPANS, boxes // N)))
     centre = system.team.unpack(carrier.extend(targets))
     wide = np.maximum(radius(begin), radius(end))[:, None] + carrier.reach(reach)
     low, high = centre - wide[..., None], centre + wide[..., None]
     planar = np.array([agent.dimension == 2 for agent in system.team.agents])
     low[:, planar, 2] = high[:, planar, 2] = 0.0
     tube = Tube(system, low, high)
-    return tube if N <= _MOST_BOXES else tube.joined()
+    return tube.joined() if boxes < N else tube
 
 
 def tube_guessed(system: System, path: TargetPath, margin: float = 0.5) -> Tube:

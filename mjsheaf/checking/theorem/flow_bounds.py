@@ -38,7 +38,6 @@ from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.errors import InputError, raise_first
 from mjsheaf.media.flow import (
     ACROSS,
     ALONG,
@@ -58,9 +57,7 @@ from mjsheaf.media.flow import (
 )
 from mjsheaf.vectors import triple
 
-_BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
 _NO_CORE = 1e-30  # m; a core smaller than this is none
-_PAIRS = 500_000  # of a cell and a kernel, at once: some 150 MB
 _ROUNDING = 1e-12  # of the sum of all kernels' bounds
 _TWO_OVER_E = 2.0 / math.e
 
@@ -114,62 +111,35 @@ def supremum(
 
     Returns:
         The supremum's bounds; upper == seen == |drift|, of the slope 0, where no kernel has any strength.
-
-    Raises:
-        InputError: the box is not finite, its corners do not fit each other or the field, or tolerance < 0.
     """
-    given = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
-    corners = np.atleast_2d(given[0]), np.atleast_2d(given[1])
-    n = 2 if planar or flow.dimension == 2 else 3
-    if corners[0].shape != corners[1].shape or corners[0].ndim != 2 or not n <= corners[0].shape[1] <= 3:
-        expected = "two of (2,) or (3,)" if n == 2 else "two of (3,) for vehicles in space"
-        raise InputError(f"a box has corners of shapes {given[0].shape} and {given[1].shape}; expected {expected}")
-    raise_first(
-        InputError,
-        {
-            f"a box needs finite corners with low <= high, not {given[0]} and {given[1]}": not (
-                np.isfinite(corners).all() and np.all(corners[0] <= corners[1])
-            ),
-            f"tolerance is {tolerance}; expected zero or more": not tolerance >= 0.0,
-        },
-    )
-    table = _Bytes(flow.table, flow.dimension)
-    return _supremum(table, _Bytes(corners[0]), _Bytes(corners[1]), n, planar, slope, drift, tolerance, most_cells)
+    boxes = tuple(tuple(map(tuple, np.atleast_2d(corner).tolist())) for corner in (low, high))
+    table = tuple(map(tuple, flow.table.tolist()))
+    return _supremum(table, flow.dimension, boxes, planar, slope, drift, tolerance, most_cells)
 
 
-class _Bytes:
-    """An array, equal to others of the same bytes and size."""
-
-    def __init__(self, values: Array, dimension: int = 0) -> None:
-        self.values, self._key = values, (values.tobytes(), values.shape, dimension)
-        self.dimension = dimension
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Bytes) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
+Rows = tuple[tuple[float, ...], ...]
+"""A matrix that can be hashed."""
 
 
 @lru_cache(16)  # runs of a study mostly need the same bounds
 def _supremum(
-    table: _Bytes,
-    low: _Bytes,
-    high: _Bytes,
-    n: int,
+    table: Rows,
+    dimension: int,
+    boxes: tuple[Rows, ...],
     planar: bool,
     slope: bool,
     drift: bool,
     tolerance: float,
     most_cells: int,
 ) -> Supremum:
-    """See `supremum`: of a flow's table, over boxes in n coordinates."""
-    corners = low.values, high.values
-    a, b = (c[:, :n] for c in corners)
-    kernels = _Kernels(table.values, table.dimension, n, drift and not slope)
+    """See `supremum`: of a flow's table."""
+    low, high = map(np.array, boxes)
+    n = 2 if planar or dimension == 2 else 3
+    a, b = low[:, :n], high[:, :n]
+    kernels = _Kernels(np.array(table), dimension, n, drift and not slope)
 
     def result(upper: float, seen: float, at: Array) -> Supremum:
-        where = np.concatenate([at, 0.5 * (corners[0] + corners[1])[0, n:]])[: 2 if planar else None]
+        where = np.concatenate([at, 0.5 * (low + high)[0, n:]])[: 2 if planar else None]
         where.flags.writeable = False
         return Supremum(upper, seen, where, upper <= (1.0 + tolerance) * seen)
 
@@ -178,12 +148,19 @@ def _supremum(
         return result(value, value, 0.5 * (a + b)[0])
     for centre in _inside(kernels.singular, a, b):
         return result(np.inf, np.inf, centre)
-
     return result(*_search(kernels, a, b, slope, tolerance, most_cells))
 
 
 def _search(
-    kernels: "_Kernels", low: Array, high: Array, slope: bool, tolerance: float, most_cells: int
+    kernels: "_Kernels",
+    low: Array,
+    high: Array,
+    slope: bool,
+    tolerance: float,
+    most_cells: int,
+    *,
+    size: int = 1024,  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
+    pairs: int = 500_000,  # of a cell and a kernel, at once: some 150 MB
 ) -> tuple[float, float, Array]:
     """Cut boxes into cells until the bound is tight: a bound, the largest value seen, and where, shape (n,)."""
     n = low.shape[1]
@@ -194,7 +171,7 @@ def _search(
     points = np.clip(points, low, high) if len(low) == 1 else np.concatenate([_inside(points, low, high), centres])
     values = kernels.values(points, slope)
     seen, at = float(values.max()), points[np.argmax(values)]
-    closed, bounded, batch = 0.0, 0, int(np.clip(_PAIRS / (kernels.count * 2**n), 1, _BATCH))
+    closed, bounded, batch = 0.0, 0, int(np.clip(pairs / (kernels.count * 2**n), 1, size))
 
     def bound(c: Array, h: Array) -> Array:
         nonlocal seen, at, bounded

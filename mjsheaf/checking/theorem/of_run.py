@@ -18,8 +18,6 @@ from mjsheaf.system import Phase, System, during
 if TYPE_CHECKING:
     import xarray as xr
 
-_ACCURACY_IN_TOLERANCES = 100.0  # error of a run over the tolerance of its integrator
-_ACCURACY_ON_BODIES = 0.01  # of the initial error: below it only inertia is seen
 
 BROKEN = 1.0 + 1e-6
 """A ratio of measured to bound above this breaks the bound."""
@@ -125,13 +123,26 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: in
         start=float(dataset["time"][0]),
         law=_other_law(system, dataset.attrs.get("controller", "")),
     )
-    return bound if bound.reason else _compared(bound, dataset)
+    if bound.reason:
+        return bound
+    error, time = _measured(dataset)
+    share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
+    ratio, settled, worst = _largest(share, time)
+    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
 
 
-def _accuracy(system: System, farthest: float, initial_error: float, bodies: bool) -> float:
+def _accuracy(
+    system: System,
+    farthest: float,
+    initial_error: float,
+    bodies: bool,
+    *,
+    tolerances: float = 100.0,  # error of a run over the tolerance of its integrator
+    on_bodies: float = 0.01,  # of the initial error: below it only inertia is seen
+) -> float:
     """Bound the numerical error of a run that reaches this distance from the origin, m: see `RunBound`."""
     rtol, atol = system.tolerance
-    return max(_ACCURACY_IN_TOLERANCES * (atol + rtol * farthest), _ACCURACY_ON_BODIES * initial_error * bodies)
+    return max(tolerances * (atol + rtol * farthest), on_bodies * initial_error * bodies)
 
 
 def bound_ahead(system: System) -> Array | None:
@@ -235,13 +246,6 @@ def _other_law(system: System, controller: str) -> str:
     if parts := unmodelled_parts(system):
         return f"a law that is not certified, {because_of(parts)}"
     return "terms beyond -k1 eta" if system.law.extended else ""
-
-
-def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
-    error, time = _measured(dataset)
-    share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
-    ratio, settled, worst = _largest(share, time)
-    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
 
 
 def _largest(share: Array, time: Array) -> tuple[float, float, float]:

@@ -1,4 +1,6 @@
-"""The targets' path over the span of a run: integrated once, by itself, and covered by cells that hold all of it.
+"""The targets: their path over the span of a run, integrated once, by itself, and their own law.
+
+The path is covered by cells that hold all of it.
 
 Targets do not react to agents, so their path is known before a run. It is followed under the law that the run has: held
 commands where the run holds them. No step passes over anything that moves a target: it is a fraction of a turn of every
@@ -11,7 +13,8 @@ Each step from t to t + h gives a cell. With V and D bounds on |p'| and |f_p'| o
 
 the first by the second derivative p'' = f_p' + omega', the second by the first. V and D hold by continuity: while
 |p'| <= V, the path stays within h V of its start, where D follows from V and the flow's largest slope, and then
-|p'| <= |p'(t)| + h (D + W). Where that is at most V the assumption was right; a step for which it is not is halved.
+|p'| <= |p'(t)| + h (D + W). Where that is at most V the assumption was right; where it is not, V grows. Steps are short
+enough for that to end.
 
 The integration's own error is controlled: the path is integrated a second time with half the steps and a tenth of the
 tolerance. Cells are widened by `error`, many times the difference, so that runs of a usual tolerance are covered too; a
@@ -23,14 +26,17 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 from scipy import sparse
+from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.spectrum import Spectrum
-from mjsheaf.checking.theorem.flow_bounds import flow_scale, flow_slope
+from mjsheaf.checking.theorem.flow_bounds import bound_slopes, flow_scale, flow_slope
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered
+from mjsheaf.errors import listed
 from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges, with_seed
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
@@ -38,25 +44,18 @@ from mjsheaf.media import varying
 from mjsheaf.media.medium import MediumArrays, moving_velocity, of_kind
 from mjsheaf.media.waves import WaveArrays
 from mjsheaf.paths import MotionArrays, add_reference, reference_bounds
+from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 
-_FIRST_CELLS = 50  # of a call that follows the targets; later calls fill more
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
 
 _DENSE = 200_000  # numbers of K = H^-1 B that are held as a matrix
-_SAMPLED = 2000  # instants at which the path is also kept as it is, for pictures and estimates
 _MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
-_TOLERANCE = 1e-10  # of the integrator for each step, relative and absolute
-_SHARE_OF_TURN = 0.125  # rad of the fastest motion or disturbance
 _SHARE_OF_DECAY = 0.25  # of the fastest time constant
 _SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
-_SLACK = 1.05  # of V over what it takes
 _NEARLY = 1.0 - 1e-6  # fraction of the rest of a period that counts as all of it
 _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and relative to its farthest position
-_COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
-_DIFFERENCES = 20.0  # of two integrations, that are allowed
-_LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that may be farther off is not known
 
 
 class Carrier:
@@ -164,23 +163,19 @@ class TargetPath:
     warning: str
 
 
-class _Step(NamedTuple):
-    """Bounds over one step, and what they are made of, (M,) each.
+class _Steps(NamedTuple):
+    """Steps of the integrator, n of them in the order of time; positions and velocities are those of M targets.
 
-    V and D bound |p'|, m/s, and |f_p'|, m/s^2; slope is that of f_p, 1/s; flow is the flow's part of D; speed is |p'|,
-    gap |v - p'| and lead v where the step begins, m/s, lead (M, 3); lower is a place for a new D; shake bounds
-    |omega'| along the path, m/s^2.
+    begin, end (n,) s; start, stop (n, M, 3) m; velocity: p' where a step begins (n, M, 3) m/s; drift: mean of f_p at
+    both ends (n, M, 3) m/s.
     """
 
-    V: Array
-    D: Array
-    slope: Array
-    flow: Array
-    speed: Array
-    gap: Array
-    lead: Array
-    lower: Array
-    shake: Array
+    begin: Array
+    end: Array
+    start: Array
+    stop: Array
+    velocity: Array
+    drift: Array
 
 
 class _Setting(NamedTuple):
@@ -188,134 +183,44 @@ class _Setting(NamedTuple):
 
     Attributes:
         control: Law and references of the targets alone.
-        reference: Motions of the targets without their consensus pull.
-        start, column, value: L_T over padded targets by compressed rows: their own law is -gain (L_T p - c_T).
-        acceleration, speed: sup |v'| and sup |v| of their references, shape (M,), m/s^2 and m/s.
-        shake: sup |omega'| at a fixed place, shape (M,), m/s^2.
-        slope: Largest norm of the Jacobian of omega, shape (M,), 1/s.
         turn: Step much shorter than the time scales of motion and disturbance, s.
-        decay: Rate of consensus and pull if the law is continuous, else 0, 1/s.
+        decay: Fastest rate of what moves in the medium and, if the law is continuous, of consensus and pull, 1/s.
         share: Step size as a fraction of the usual one.
-        margin: Margin around the ball that a step stays in; slopes are bounded over both, m.
         times: Sample times, shape (T,), s.
         stride: Index step between stored samples.
     """
 
     control: ControlArrays
-    reference: MotionArrays
-    start: IntArray
-    column: IntArray
-    value: Array
-    acceleration: Array
-    speed: Array
-    shake: Array
-    slope: Array
     turn: float
     decay: float
     share: float
-    margin: float
     times: Array
     stride: int
 
 
 @inline_jit
-def _bound_speeds(setting, medium, continuous, h, x, bound):
-    """Find V and D for a step h from x, see the module; False where none is found."""
-    pull, gain = setting.control.motion.pull, setting.control.law.gain
-    M = x.shape[0]
-    for v in range(M):
-        bound.V[v] = bound.speed[v]
-    for _ in range(6):
-        right = True
-        for v in range(M):
-            V = bound.V[v]
-            table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
-            slope = flow_slope(table, x[v, 0], x[v, 1], x[v, 2], h * V + setting.margin)
-            D = slope * V if V > 0.0 else 0.0
-            bound.flow[v] = D
-            moved, moving = 0.0, 0.0  # |L p'| and |L| of this target's rows
-            for row in range(3 * v, 3 * v + 3):
-                a, b = 0.0, 0.0
-                for k in range(setting.start[row], setting.start[row + 1]):
-                    a += abs(setting.value[k]) * bound.V[setting.column[k] // 3]
-                    b += abs(setting.value[k])
-                moved += a * a
-                moving += b * b
-            if continuous:
-                D += setting.acceleration[v] + pull[v] * (setting.speed[v] + V) + gain[v] * np.sqrt(moved)
-            bound.D[v] = D
-            bound.slope[v] = slope + pull[v] + gain[v] * np.sqrt(moving)
-            bound.shake[v] = setting.shake[v] + (setting.slope[v] * V if setting.slope[v] > 0.0 else 0.0)
-            right = right and bound.speed[v] + h * (D + bound.shake[v]) <= V
-        if right:
-            return True
-        for v in range(M):
-            bound.V[v] = _SLACK * (bound.speed[v] + h * (bound.D[v] + bound.shake[v]))
-    return False
-
-
-@inline_jit
-def _tighten(setting, h, velocity, bound):
-    """Lower D once, where the law is continuous: consensus and pull act on p' and v - p' at x, changed by h (D + W)."""
-    pull, gain = setting.control.motion.pull, setting.control.law.gain
-    M = velocity.shape[0]
-    for v in range(M):
-        moved = 0.0
-        for row in range(3 * v, 3 * v + 3):
-            at, change = 0.0, 0.0
-            for k in range(setting.start[row], setting.start[row + 1]):
-                j = setting.column[k] // 3
-                at += setting.value[k] * velocity[j, setting.column[k] - 3 * j]
-                change += abs(setting.value[k]) * (bound.D[j] + bound.shake[j])
-            row_moved = abs(at) + h * change
-            moved += row_moved * row_moved
-        gap = bound.gap[v] + h * (setting.acceleration[v] + bound.D[v] + bound.shake[v])
-        own = setting.acceleration[v] + pull[v] * gap + gain[v] * np.sqrt(moved)
-        bound.lower[v] = min(bound.D[v], bound.flow[v] + own)
-    for v in range(M):
-        bound.D[v] = bound.lower[v]
-
-
-@inline_jit
-def _shortened(setting, medium, h, x, velocity, bound):
-    """The step h, no longer than what resolves flow and law at x; fills the speeds of `bound`."""
+def _shortened(setting, medium, h, x, velocity):
+    """The step h, no longer than what resolves flow and law at x."""
     for v in range(x.shape[0]):
         p = velocity[v]
-        bound.speed[v] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        speed = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
         table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
         reach = setting.share * _SHARE_OF_SCALE * flow_scale(table, x[v, 0], x[v, 1], x[v, 2])
         rate = setting.decay
         if reach < np.inf:
             rate += flow_slope(table, x[v, 0], x[v, 1], x[v, 2], reach)
-            h = min(h, reach / (bound.speed[v] + 1e-300))
+            h = min(h, reach / (speed + 1e-300))
         h = min(h, setting.share * _SHARE_OF_DECAY / (rate + 1e-300))
     return h
 
 
 @inline_jit
-def _lead(setting, t, x, velocity, bound):
-    """Fill v and |v - p'| of `bound` at a time."""
-    for v in range(x.shape[0]):
-        lead = bound.lead[v]
-        lead[0], lead[1], lead[2] = 0.0, 0.0, 0.0
-        add_reference(setting.reference, v, t, x[v], lead)
-        total = 0.0
-        for i in range(3):
-            difference = lead[i] - velocity[v, i]
-            total += difference * difference
-        bound.gap[v] = np.sqrt(total)
-
-
-@inline_jit
-def _accepted_step(follow, setting, run, t, h, x, bound):
+def _accepted_step(follow, run, t, h, x):
     """Take the longest step of at most h, s, that passes; return it and its error, or 0 if no step is short enough."""
     error = np.inf
     while not error < 1.0:
         if not h > 1e-14 * max(run.period, abs(t)):  # also where it is NaN
             return 0.0, error
-        if not _bound_speeds(setting, run.medium, follow is not None, h, x, bound):
-            h *= 0.5
-            continue
         error = take_step(follow, run, t, h, x, 0, x.shape[0])
         if not error < 1.0:
             h *= max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2
@@ -323,26 +228,12 @@ def _accepted_step(follow, setting, run, t, h, x, bound):
 
 
 @inline_jit
-def _add_drift(run, x, slope, cells, count, second):
-    """Put half of f_p at x into a cell, or add the second half; f_p is x' without the disturbance."""
+def _add_drift(run, x, slope, drift):
+    """Add half of f_p at x; f_p is x' without the disturbance."""
     for v in range(slope.shape[0]):
         w = moving_velocity(run.medium, run.medium_state, v, x[v, 0], x[v, 1], x[v, 2])
         for i in range(3):
-            first_half = cells.drift[count, v, i] if second else 0.0
-            cells.drift[count, v, i] = first_half + 0.5 * (slope[v, i] - w[i])
-
-
-@inline_jit
-def _fill_cell(setting, run, h, x, bound, cells, count):
-    """Fill a cell with a step from x to run.state, and put x there."""
-    for v in range(x.shape[0]):
-        cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + bound.shake[v])
-        cells.spread[count, v] = 0.5 * h * bound.D[v]
-        cells.slope[count, v] = bound.slope[v]
-        for i in range(3):
-            cells.centre[count, v, i] = 0.5 * (x[v, i] + run.state[v, i])
-            cells.half[count, v, i] = 0.5 * (run.state[v, i] - x[v, i])
-            x[v, i] = run.state[v, i]
+            drift[v, i] += 0.5 * (slope[v, i] - w[i])
 
 
 @inline_jit
@@ -354,11 +245,11 @@ def _copy(x, out):
 
 @tiered(seconds=1.0, numbers=np.inf)
 @jit
-def _follow(follow, setting, run, x, bound, cells, samples, place, end):
-    """Follow the targets until the end, until `end` cells are full, or until no step is short enough.
+def _follow(follow, setting, run, x, steps, samples, place, end):
+    """Follow the targets until the end, until `end` steps are taken, or until no step is short enough.
 
     `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator.
-    The place on the path is where an earlier call left: how many cells there are, the last sample before, the time
+    The place on the path is where an earlier call left: how many steps there are, the last sample before, the time
     since then, s, and the step to try, s. The place to which this call leads is returned.
     """
     times = setting.times
@@ -371,31 +262,39 @@ def _follow(follow, setting, run, x, bound, cells, samples, place, end):
             t = times[k] + done
             slope_of(follow, run, t, x, 0, x.shape[0], run.slope[0])
             h = min(min(step, setting.share * setting.turn), period - done)
-            h = _shortened(setting, run.medium, h, x, run.slope[0], bound)
+            h = _shortened(setting, run.medium, h, x, run.slope[0])
             if count == end:
                 return count, k, done, step
-            _add_drift(run, x, run.slope[0], cells, count, False)  # while the sines are those of t
+            steps.drift[count] = 0.0
+            _add_drift(run, x, run.slope[0], steps.drift[count])  # while the sines are those of t
+            _copy(run.slope[0], steps.velocity[count])
+            _copy(x, steps.start[count])
             if h > _NEARLY * (period - done):  # so that no sliver is left
                 h = period - done
-            h, error = _accepted_step(follow, setting, run, t, h, x, bound)
+            h, error = _accepted_step(follow, run, t, h, x)
             if h == 0.0:
                 return count, k, done, h
-            if follow is not None:
-                _lead(setting, t, x, run.slope[0], bound)
-                _tighten(setting, h, run.slope[0], bound)
-                _tighten(setting, h, run.slope[0], bound)
             step = h * (10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2))
             last = h >= period - done
-            cells.begin[count] = t
-            cells.end[count] = times[k + 1] if last else t + h
-            _add_drift(run, run.state, run.slope[6], cells, count, True)  # the sines are those of t + h
-            _fill_cell(setting, run, h, x, bound, cells, count)
+            steps.begin[count] = t
+            steps.end[count] = times[k + 1] if last else t + h
+            _add_drift(run, run.state, run.slope[6], steps.drift[count])  # the sines are those of t + h
+            _copy(run.state, x)
+            _copy(x, steps.stop[count])
             count += 1
             done = period if last else done + h
         k, done = k + 1, 0.0
         if k % setting.stride == 0:
             _copy(x, samples[k // setting.stride])
     return count, k, done, step
+
+
+@jit
+def _references(motion, times, nowhere, out):
+    """Write v of each reference at times (n,), s, shape (n, M, 3), m/s; the motions have no pull from anywhere (3,)."""
+    for k in range(len(times)):
+        for v in range(out.shape[1]):
+            add_reference(motion, v, times[k], nowhere, out[k, v])
 
 
 class _UnknownPathError(Exception):
@@ -409,12 +308,24 @@ def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]
 
 
 @remember_last(_path_key)
-def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath:
+def follow_targets(
+    system: System,
+    carrier: Carrier | None = None,
+    *,
+    sampled: int = 2000,
+    tolerance: float = 1e-10,
+    differences: float = 20.0,
+    largest: float = 1e-4,
+) -> TargetPath:
     """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module.
 
     Args:
         system: System under the law.
         carrier: Carrier of the system if the caller has one.
+        sampled: Instants at which the path is also kept as it is, for pictures and estimates.
+        tolerance: Tolerance of the integrator for each step, relative and absolute.
+        differences: Allowed error over the difference of two integrations.
+        largest: Largest error of a path that is known, m, and relative to its farthest position.
     """
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = (carrier or Carrier(system)).extend
@@ -426,25 +337,21 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     try:
         if not np.isfinite(system.moving_bounds.speed[N:]).all():
             raise _UnknownPathError("they meet gusts, which are not bounded")
-        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, margin=0.0)
+        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * tolerance)
         farthest = float(np.abs(finer).max())
         error = _ERROR + _RELATIVE_ERROR * farthest
-        samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, margin=error)
+        samples, steps = _integrate(system, share=1.0, tolerance=tolerance)
         apart = float(np.abs(samples - finer).max())
-        if _DIFFERENCES * apart > max(_LARGEST_ERROR * farthest, _LARGEST_ERROR):
+        if differences * apart > max(largest * farthest, largest):
             raise _UnknownPathError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
-        if _DIFFERENCES * apart > error:
-            error = _DIFFERENCES * apart
-            samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, margin=error)
-        _require_one_side(system, cells)
-        # Cells that hold every path within `error` of the one that they cover.
-        cells = cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
+        error = max(error, differences * apart)
+        cells = _cells_of(system, steps, error)
     except _UnknownPathError as unknown:
         return TargetPath(
             span, still, np.full((2, M, 3), np.nan), extend(still[:, N:]), None, np.inf, still[:0, N:], 1, str(unknown)
         )
     most = max(50, _MOST_NUMBERS // max(n_q, 3 * len(system.team.members)))
-    kept = np.unique(np.linspace(0, len(cells.begin) - 1, min(_SAMPLED, most)).astype(np.int64))
+    kept = np.unique(np.linspace(0, len(cells.begin) - 1, min(sampled, most)).astype(np.int64))
     time, drift = np.append(cells.begin[kept], cells.end[-1]), np.append(cells.drift[kept], cells.drift[-1:], axis=0)
     positions = np.repeat(system.initial[None], len(time), axis=0)
     positions[:-1, N:], positions[-1, N:] = cells.centre[kept] - cells.half[kept], cells.centre[-1] + cells.half[-1]
@@ -462,14 +369,20 @@ def _require_one_side(system: System, cells: Cells) -> None:
             raise _UnknownPathError(f"{system.team.target_ids[k]} passes through the surface of the waves")
 
 
-def _integrate(system: System, share: float, tolerance: float, margin: float) -> tuple[Array, Cells]:
-    """Integrate the targets; return their positions at every stride-th sample, shape (S, M, 3), and the cells.
+def _integrate(
+    system: System,
+    share: float,
+    tolerance: float,
+    *,
+    first_cells: int = 50,
+) -> tuple[Array, _Steps]:
+    """Integrate the targets; return their positions at every stride-th sample, shape (S, M, 3), and the steps.
 
     Args:
         system: System under the law.
         share: Step size as a fraction of the usual one.
         tolerance: Tolerance of the integrator for each step, relative and absolute.
-        margin: Error of the positions up to which the cells' slopes hold, m.
+        first_cells: Steps of the first compiled call; later calls take more.
     """
     control, medium, x = _targets_alone(system)
     M, stride, between, grid = len(x), _stride(system), _between(system), system.grid
@@ -477,35 +390,121 @@ def _integrate(system: System, share: float, tolerance: float, margin: float) ->
     times = np.asarray(grid.start + period * np.arange(grid.steps * between + 1), dtype=np.float64)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    bound = _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
     run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, new_memory(control.law, M))
-    setting = _Setting(control, *_rates(system, control), share, margin, times, stride)
+    decay = float(system.moving_bounds.slope[len(system.team.agents) :].max(initial=0.0))
+    if grid.continuous:
+        decay += targets_loop(system).rate
+    setting = _Setting(control, _turn(system, control.motion), decay, share, times, stride)
     follow = control if grid.continuous else None
     n = max(1, int(MOST_STEPS / (share * M)))  # memory is taken as it is written to
-    shapes = (n,), (n,), (n, M, 3), (n, M, 3), (n, M), (n, M, 3), (n, M), (n, M)
-    cells = Cells(*map(np.empty, shapes))
+    steps = _Steps(*map(np.empty, [(n,)] * 2 + [(n, M, 3)] * 4))
     count, k, since, step = place = (0, 0, 0.0, period)
     while count < n and k < len(times) - 1 and step > 0.0:
         count, k, since, step = place = _follow(
-            follow, setting, run, x, bound, cells, samples, place, min(2 * count + _FIRST_CELLS, n)
+            follow, setting, run, x, steps, samples, place, min(2 * count + first_cells, n)
         )
     now = times[k] + since
     if k == len(times) - 1:
-        return samples, Cells(*(part[:count].copy() for part in cells))
+        return samples, _Steps(*(part[:count].copy() for part in steps))
     if count == n:
         raise _UnknownPathError(
             f"their path is too long or too stiff to follow: {n} steps lead to t = {now:.4g} s of {times[-1]:.4g} s"
         )
-    fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound.speed, nan=np.inf)))]
-    raise _UnknownPathError(
-        f"{fastest} cannot be followed beyond t = {now:.6g} s: it runs into a singularity, "
-        "or moves too fast for the resolution of floating-point time"
+    fastest = system.team.target_ids[int(np.nan_to_num(np.linalg.norm(run.slope[0], axis=1), nan=np.inf).argmax())]
+    raise _UnknownPathError(_beyond(fastest, now))
+
+
+def _beyond(name: str, time: float) -> str:
+    """Return why a target cannot be followed beyond a time, s."""
+    return (
+        f"{name} cannot be followed beyond t = {time:.6g} s: it runs into a singularity, or moves too fast for the "
+        "resolution of floating-point time"
     )
 
 
-def _between(system: System) -> int:
+def _cells_of(
+    system: System,
+    steps: _Steps,
+    error: float,
+    *,
+    slack: float = 1.05,  # of V over what it takes
+    guesses: int = 100,  # of V
+) -> Cells:
+    """Return cells that hold every path within `error`, m, of the steps taken; see the module.
+
+    Raises:
+        _UnknownPathError: The speed cannot be bounded over a step, or the path leads through the surface of waves.
+    """
+    N, own = len(system.team.agents), slice(len(system.team.agents), None)
+    control = _targets_alone(system)[0]
+    pull, gain, moving, harmonics = control.motion.pull, control.law.gain, system.moving_bounds, system.harmonics[own]
+    fastest, acceleration = reference_bounds(control.motion)
+    shaken = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1) + moving.change[own]
+    L, places = system.team.target_sheaf.laplacian(), _places(system)
+
+    def consensus(velocity: Array, size: Any) -> Array:
+        """Return the size of each target's part of L_T or |L_T| times velocities (n, M, 3), shape (n, M, 3)."""
+        moved = np.zeros((len(velocity), velocity[0].size))
+        moved[:, places] = (size(L) @ velocity.reshape(len(velocity), -1)[:, places].T).T
+        return np.abs(moved).reshape(velocity.shape)
+
+    def alike(speed: Array) -> Array:
+        return np.broadcast_to(speed[..., None], (*speed.shape, 3))
+
+    h = (steps.end - steps.begin)[:, None]
+    speed = np.linalg.norm(steps.velocity, axis=2)
+    V, D, flow, slope, shake = speed.copy(), *np.zeros((4, *speed.shape))
+    wrong = np.arange(len(speed))
+    for _ in range(guesses):
+        v = V[wrong]
+        for k in range(len(pull)):
+            field = system.flows[int(system.field[N + k])]
+            slope[wrong, k] = bound_slopes(field, steps.start[wrong, k], h[wrong, 0] * v[:, k] + error)
+        flow[wrong] = D[wrong] = np.where(v > 0.0, slope[wrong] * v, 0.0)
+        if system.grid.continuous:
+            D[wrong] += acceleration + pull * (fastest + v) + gain * np.linalg.norm(consensus(alike(v), abs), axis=2)
+        shake[wrong] = shaken + np.where(moving.slope[own] > 0.0, moving.slope[own] * v, 0.0)
+        largest = speed[wrong] + h[wrong] * (D[wrong] + shake[wrong])
+        right = (largest <= v).all(axis=1)
+        V[wrong] = np.where(right[:, None], v, slack * largest)
+        wrong = wrong[~right]
+        if not len(wrong):
+            break
+    else:
+        raise _UnknownPathError(
+            _beyond(system.team.target_ids[int(V[wrong[0]].argmax())], float(steps.begin[wrong[0]]))
+        )
+    slope += pull + gain * np.linalg.norm(consensus(np.ones((1, len(pull), 3)), abs)[0], axis=1)
+    if system.grid.continuous:  # consensus and pull act on p' and v - p' at the start, changed by h (D + W)
+        lead = np.zeros_like(steps.velocity)
+        _references(control.motion._replace(pull=np.zeros_like(pull)), steps.begin, np.zeros(3), lead)
+        gap = np.linalg.norm(lead - steps.velocity, axis=2)
+        for _ in range(2):
+            change = h * (D + shake)
+            moved = consensus(steps.velocity, lambda L: L) + consensus(alike(change), abs)
+            acting = acceleration + pull * (gap + h * acceleration + change) + gain * np.linalg.norm(moved, axis=2)
+            D = np.minimum(D, flow + acting)
+    cells = Cells(
+        begin=steps.begin,
+        end=steps.end,
+        centre=0.5 * (steps.start + steps.stop),
+        half=0.5 * (steps.stop - steps.start),
+        bend=0.125 * h * h * (D + shake),
+        drift=steps.drift,
+        spread=0.5 * h * D + error * slope,
+        slope=slope,
+    )
+    _require_one_side(system, cells)
+    return cells._replace(bend=cells.bend + error)
+
+
+def _between(
+    system: System,
+    *,
+    compared: int = 2000,  # instants of a continuous law at which two integrations are compared, at least about
+) -> int:
     """Into how many parts a sample period is cut, so that two integrations are compared at enough instants."""
-    return max(1, _COMPARED // system.grid.steps) if system.grid.continuous else 1
+    return max(1, compared // system.grid.steps) if system.grid.continuous else 1
 
 
 def _stride(system: System) -> int:
@@ -530,38 +529,168 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
-def _rates(
-    system: System, control: ControlArrays
-) -> tuple[MotionArrays, IntArray, IntArray, Array, Array, Array, Array, Array, float, float]:
-    """Compute the fields of `_Setting` from `reference` to `decay`."""
-    L, places = system.team.target_sheaf.laplacian().tocoo(), _places(system)
-    padded = sparse.csr_array((L.data, (places[L.row], places[L.col])), shape=(3 * len(system.team.targets),) * 2)
-    padded.sort_indices()
-    rows = padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data
-    speed, acceleration = reference_bounds(control.motion)
+def _turn(
+    system: System,
+    motion: MotionArrays,
+    *,
+    angle: float = 0.125,  # rad of the fastest motion or disturbance
+) -> float:
+    """Return a step that is much shorter than the time scales of motions and disturbances of the targets, s."""
     harmonics = system.harmonics[len(system.team.agents) :]
-    moving = system.moving_bounds
-    own = slice(len(system.team.agents), None)
-    shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1) + moving.change[own]
     fastest = max(
-        moving.rate,
-        float(np.abs(control.motion.rate).max(initial=0.0)),
+        system.moving_bounds.rate,
+        float(np.abs(motion.rate).max(initial=0.0)),
         float(np.abs(harmonics[..., 3]).max(initial=0.0)),
     )
-    pieces = np.diff(control.motion.knots)
+    pieces = np.diff(motion.knots)
     if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
         fastest = max(fastest, 2.0 * np.pi / float(pieces[pieces > 0.0].min()))
-    turn = _SHARE_OF_TURN / fastest if fastest > 0.0 else np.inf
-    decay = own_rate(system) if system.grid.continuous else 0.0
-    reference = control.motion._replace(pull=np.zeros_like(speed))
-    return reference, *rows, acceleration, speed, shake, moving.slope[own], turn, decay
+    return angle / fastest if fastest > 0.0 else np.inf
 
 
-def own_rate(system: System) -> float:
-    """A bound on the rate at which targets follow one another and their paths, lambda_max(k_T L_T + pull), 1/s.
+# -- the targets' own law ----------------------------------------------------------------------------------------------
+#
+# With p the stacked positions of the targets, k_T the gain of their consensus, L_T its Laplacian and P = diag(pull),
+# the law commands v(t) + P (r(t) - p) - k_T (L_T p - c_T). Held over a period h on ideal kinematics, where a flow and a
+# disturbance only add to what drives it,
+#
+#     p_{k+1} = (I - h S) p_k + ...,    S = k_T L_T + P,
+#
+# and S is symmetric and positive semidefinite. In an eigenvector of S with the eigenvalue mu > 0 the factor is 1 - h
+# mu: it decays exactly if h mu < 2. Where mu = 0 nothing acts on the targets, and nothing of the law can diverge. So
+# the law is stable exactly if h lambda_max(S) < 2. The continuous law, p' = -S p + ..., always is.
+#
+# On bodies the same commands go to vehicles with inertia: see `body_loop`.
 
-    It is a sum over rows (Gershgorin) where there are many targets.
+
+class TargetsOnBodies(Record):
+    """The targets' law closed through the vehicles that carry targets, for small motions."""
+
+    stable: bool | None = Field(description="whether every mode that the law acts on decays; null: see reason")
+    spectral_radius: Finite = Field(
+        description="largest factor of a mode that moves a position, over a control period; null where undecided"
+    )
+    reason: str = Field(description="why it is undecided, or empty")
+
+
+class TargetsLoop(Record):
+    """The targets' own law, consensus and pull, as it is held over a control period."""
+
+    stable: bool = Field(description="on ideal kinematics; the continuous law always is")
+    rate: float = Field(description="lambda_max(k_T L_T + pull), 1/s; 0 where targets follow neither path nor others")
+    product: Finite = Field(description="control period times rate: stable below 2; null where the law is continuous")
+    spectral_radius: Finite = Field(
+        description="largest |1 - h mu| over the rates mu > 0 of its modes; null where there are none, or the law is "
+        "continuous"
+    )
+    parts: list[str] = Field(description="what acts on targets: pull, consensus")
+    targets: list[str] = Field(description="targets that move most in the fastest mode, where it does not decay")
+    largest_period: Finite = Field(description="2 / rate: control periods below it are stable, s; null where rate is 0")
+    bodies: TargetsOnBodies | None = Field(
+        None, description="the same law on the targets' vehicles; null where it was not looked at, or rate is 0"
+    )
+
+    def verdict(self) -> str:
+        """The loop in a sentence, with the fix where it is unstable."""
+        if not self.stable:
+            fixes = {"pull": "motion.pull", "consensus": "target_formation.gain"}
+            lower = " or ".join(fixes[part] for part in self.parts)
+            return (
+                f"{self.failure}; choose controller.control_period below {self.largest_period:.4g} s, "
+                f"or a lower {lower}"
+            )
+        if self.bodies is not None and self.bodies.stable is False:
+            return (
+                "the targets' own law is unstable on their vehicles (spectral radius "
+                f"{self.bodies.spectral_radius:.4g}); choose a lower motion.pull or target_formation.gain"
+            )
+        return "the targets' own law is stable"
+
+    @property
+    def failure(self) -> str:
+        """Why the law diverges on ideal kinematics; empty where it does not."""
+        if self.stable:
+            return ""
+        return (
+            f"the targets' own held law diverges: {' and '.join(self.parts)} of {listed(self.targets)} at "
+            f"{self.rate:.4g} 1/s times the control period is {self.product:.4g}, expected below 2"
+        )
+
+    @property
+    def unstable(self) -> bool:
+        """Return True if it diverges, on ideal kinematics or on bodies."""
+        return not self.stable or (self.bodies is not None and self.bodies.stable is False)
+
+
+def targets_loop(
+    system: System,
+    *,
+    limit: float = 2.0 - 1e-9,  # of h lambda_max(S): what decays stays below it
+) -> TargetsLoop:
+    """Decide whether the targets' own law decays on ideal kinematics."""
+    S = stiffness(system)
+    values, vector = _modes(S)
+    rate = float(values[-1]) if len(values) else 0.0
+    h = system.grid.period
+    held = rate > 0.0 and not system.grid.continuous
+    stable = not held or h * rate < limit
+    return TargetsLoop(
+        stable=stable,
+        rate=rate,
+        product=None if system.grid.continuous else h * rate,
+        spectral_radius=float(np.abs(1.0 - h * values).max()) if held else None,
+        parts=_parts(system),
+        targets=[] if stable else _involved(system, vector),
+        largest_period=2.0 / rate if rate > 0.0 else None,
+    )
+
+
+def stiffness(system: System) -> sparse.csr_array:
+    """S = k_T L_T + P on the stacked positions of the targets, shape (n_p, n_p), 1/s.
+
+    Rows and columns of targets without consensus, such as fixed ones, are 0: they move no other target's poles.
     """
-    L, N = system.team.target_sheaf.laplacian(), len(system.team.agents)
-    fastest = np.linalg.eigvalsh(L.toarray())[-1] if L.shape[0] <= 600 else abs(L).sum(axis=1).max()
-    return float(system.law.gain[N:].max()) * max(float(fastest), 0.0) + float(system.motion.pull[N:].max())
+    team, N = system.team, len(system.team.agents)
+    if not team.targets:
+        return sparse.csr_array((0, 0))
+    pull = np.repeat(system.motion.pull[N:], [target.dimension for target in team.targets])
+    gain = float(system.law.gain[N:].max(initial=0.0))
+    acts = sparse.diags_array(np.repeat(system.law.gain[N:] > 0.0, [target.dimension for target in team.targets]) * 1.0)
+    return sparse.csr_array(gain * (acts @ team.target_sheaf.laplacian() @ acts) + sparse.diags_array(pull))
+
+
+def _modes(
+    S: sparse.csr_array,
+    *,
+    dense: int = 600,  # of S, whose eigenvalues are all computed
+) -> tuple[Array, Array]:
+    """Return the eigenvalues of S above zero, 1/s, of many targets the largest alone; and the eigenvector of that."""
+    if not S.nnz:
+        return np.zeros(0), np.zeros(S.shape[0])
+    if S.shape[0] <= dense:
+        values, vectors = np.linalg.eigh(S.toarray())
+        return values[values > max(1e-12 * values[-1], 0.0)], vectors[:, -1]
+    top, vector = eigsh(S, k=1, which="LA", v0=np.ones(S.shape[0]))
+    return top, vector[:, 0]
+
+
+def _parts(system: System) -> list[str]:
+    """Return the parts that the targets' law has."""
+    N = len(system.team.agents)
+    acts = {
+        "pull": bool(system.motion.pull[N:].any()),
+        "consensus": bool(system.law.gain[N:].any() and system.team.target_edges),
+    }
+    return [name for name, on in acts.items() if on]
+
+
+def _involved(
+    system: System,
+    vector: Array,
+    *,
+    involved: float = 0.5,  # of the largest motion in the fastest mode: a target that moves as much is named
+) -> list[str]:
+    """The targets that move most in a mode."""
+    ends = np.cumsum([target.dimension for target in system.team.targets])
+    moved = np.array([np.linalg.norm(part) for part in np.split(vector, ends[:-1])])
+    return [system.team.target_ids[k] for k in np.flatnonzero(moved >= involved * moved.max())]

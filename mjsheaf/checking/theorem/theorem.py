@@ -35,8 +35,6 @@ from scipy.special import exprel
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 
-_BISECTIONS = 64
-_MOST_DESCENTS = 1000
 # The best rate is the supremum of those that satisfy a strict inequality; this share of it satisfies it.
 _BELOW_SUPREMUM = 1.0 - 1e-9
 # Radii at which rho is evaluated, and those taken off chi, are larger by this than computed.
@@ -92,13 +90,19 @@ class Rho:
         return _bisect_down(lambda radius: self(radius) <= level, low, 2.0 * low)
 
 
-def _bisect_down(holds: Callable[[float], bool], low: float, high: float) -> float:
+def _bisect_down(
+    holds: Callable[[float], bool],
+    low: float,
+    high: float,
+    *,
+    bisections: int = 64,
+) -> float:
     """Return the largest number between two finite ones at which a condition holds that does at the lower one.
 
     If the condition does not hold below all numbers at which it holds, the result is one of them, perhaps not the
     largest. An infinite upper one is left alone.
     """
-    for _ in range(_BISECTIONS):
+    for _ in range(bisections):
         middle = 0.5 * (low + high)
         if not low < middle < high < math.inf:
             break
@@ -245,7 +249,9 @@ def theorem_1(
 
     chosen = rate or 0.0
     if rate is None and mu < math.inf:
-        chosen = _best_rate(allowed, k_min, initial_error)
+        # The largest rate that satisfies the gain condition and, where one does, has e_0 in S.
+        chosen = _largest_fixed_point(lambda rate: allowed(rate, initial_error or 0.0), k_min)
+        chosen = chosen or _largest_fixed_point(lambda rate: allowed(rate, 0.0), k_min)
     if not (chosen > 0.0 and mu < math.inf and chosen <= allowed(chosen, 0.0)):
         return Theorem(
             gain, lambda_min, f_bar, omega_bar, rho, k_min, rate or 0.0, False, mu, math.inf, chi=0.0, radius_S=0.0
@@ -256,14 +262,12 @@ def theorem_1(
     return Theorem(gain, lambda_min, f_bar, omega_bar, rho, k_min, chosen, True, mu, radius, chi, radius_S)
 
 
-def _best_rate(allowed: Callable[[float, float], float], k_min: float, initial_error: float | None) -> float:
-    """The largest rate that satisfies the gain condition and, where one does, has e_0 in S; 0 where none does."""
-    return _largest_fixed_point(lambda rate: allowed(rate, initial_error or 0.0), k_min) or _largest_fixed_point(
-        lambda rate: allowed(rate, 0.0), k_min
-    )
-
-
-def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> float:
+def _largest_fixed_point(
+    allowed: Callable[[float], float],
+    most: float,
+    *,
+    descents: int = 1000,
+) -> float:
     """The largest x in (0, most] with x <= allowed(x), for an `allowed` that does not decrease and is at most `most`.
 
     0 where there is none. x, allowed(x), ... descends from above to the largest fixed point and never passes a solution
@@ -271,7 +275,7 @@ def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> floa
     largest.
     """
     x = most
-    for _ in range(_MOST_DESCENTS):
+    for _ in range(descents):
         following = allowed(x)
         if following >= x:
             return x
@@ -283,65 +287,17 @@ def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> floa
     return _bisect_down(lambda y: y <= allowed(y), low, x) if low else 0.0
 
 
-def gain_for_radius(
-    radius: float,
-    lambda_min: float,
-    f_bar: float,
-    omega_bar: float,
-    rho: float | Rho,
-    initial_error: float = 0.0,
+def least_gain(
+    radius: float, lambda_min: float, f_bar: float, omega_bar: float, rho: float | Rho, initial_error: float = 0.0
 ) -> float:
-    """The smallest k1 whose ultimate set, at the best rate, has at most the given radius, and whose S holds e_0.
+    """Return a k1 below which no ultimate radius is as small; for a constant rho it is the smallest that does it.
 
     With kappa = k1 lambda_min, d = f_bar + omega_bar and an ultimate radius r, the rate is d^2 / (2 kappa r^2), and the
-    conditions read kappa / 2 - d^2 / (2 kappa r^2) > rho(max(2 r, |e_0| + r)). The left side grows with kappa: what a
-    gain achieves with some r, every larger gain achieves with that r, so a bisection finds the smallest gain. For a
-    constant rho the largest r is best, and the condition is solved for kappa.
-
-    Infinite where no gain does it: f_bar or omega_bar is infinite, or rho is already at |e_0|. A bisected gain does it
-    itself and exceeds the smallest by at most some 1e-9 of itself, which is what a solved one may miss it by.
-
-    Arguments are those of `theorem_1`.
+    conditions read kappa / 2 - d^2 / (2 kappa r^2) > rho(max(2 r, |e_0| + r)) >= rho(|e_0|). Infinite where no gain
+    does it. Arguments are those of `theorem_1`.
     """
-    rho = as_rho(rho)
-    drive = f_bar + omega_bar
-    if lambda_min <= 0.0 or not math.isfinite(drive):
-        return math.inf
-
-    def enough(slope: float, r: float) -> float:
-        return (slope + math.hypot(slope, drive / r)) / lambda_min
-
-    if rho.constant:
-        return enough(rho(0.0), radius) if math.isfinite(rho(0.0)) else math.inf
-
-    def achieves(gain: float) -> bool:
-        t = theorem_1(gain, lambda_min, f_bar, omega_bar, rho, initial_error=initial_error)
-        return t.contains(initial_error) and t.radius <= radius
-
-    known = rho.reach(1e300) or 0.0  # how far rho is finite
-    r = min(radius, 0.5 * known / _OUTWARD**2, known / _OUTWARD**2 - initial_error)
-    if r <= 0.0:
-        return math.inf
-    low = enough(rho(initial_error), radius)
-    high = enough(rho(max(2.0 * r, initial_error + r) * _OUTWARD**2), r) * (1.0 + 1e-8)
-    return _smallest_gain(achieves, low, high) if high else 0.0
-
-
-def _smallest_gain(achieves: Callable[[float], bool], low: float, high: float) -> float:
-    """The smallest gain that achieves something, from some 1e-10 of itself above; infinite where none does.
-
-    `high` is a guess that is doubled until it achieves it; the gain `low` does not, or is the smallest.
-    """
-    for _ in range(_BISECTIONS):
-        if achieves(high):
-            break
-        low, high = high, 2.0 * high
-    else:
-        return math.inf
-    while high - low > 1e-10 * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if achieves(middle) else (middle, high)
-    return high
+    slope = as_rho(rho)(initial_error)
+    return (slope + math.hypot(slope, (f_bar + omega_bar) / radius)) / lambda_min if lambda_min > 0.0 else math.inf
 
 
 def disturbance_bound(sigma_max_B: float, lambda_min: float, agents: int, targets: int, largest: float) -> float:

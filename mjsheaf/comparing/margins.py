@@ -1,4 +1,4 @@
-"""The gain: how the team rings, what limits it, and runs of the bodies at higher gains.
+"""How far gain and speeds are from their limits: ringing, runs at higher gains, commanded speeds, the velocity limit.
 
 Ringing is the least damped mode of the vehicles' loop of `check` (see `body_loop`), in the mean flow along the ideal
 run. Losses of links are left out, and so is their noise; delays are part of the loop. The usable gain is that up to
@@ -13,23 +13,40 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_along
-from mjsheaf.comparing.measures import TEAM, ErrorsRecord, saturation_of
-from mjsheaf.comparing.variants import Run, Variant, changed_systems, effects_of, run_ablation, without_links
+from mjsheaf.comparing.measures import (
+    TEAM,
+    ErrorsRecord,
+    Role,
+    ScopeRecord,
+    Span,
+    saturation_of,
+    vehicles_by_role,
+    whole_run,
+)
+from mjsheaf.comparing.variants import (
+    Run,
+    Variant,
+    changed_systems,
+    effects_of,
+    has_limits,
+    run_ablation,
+    span_of_phase,
+    without_links,
+)
 from mjsheaf.results.dataset import of_phase
+from mjsheaf.results.ending import Ending
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.section import Finite, FiniteRecord
 from mjsheaf.system import Phase, System
+from mjsheaf.vehicles.effects import capability_of
+from mjsheaf.vehicles.loading import list_vehicles
 
 MIN_DAMPING = 0.3
 """Smallest damping ratio at a usable gain."""
 
-_NOTABLE = 1.2  # factor on the usable gain, without an effect, below which it is no cause
 _FACTORS = (2.0, 4.0)  # multiples of the present gain that are tried
-_BELOW_UNSTABLE = 0.9  # largest gain that is tried, as a fraction of the gain that makes the loop unstable
-_WORTH_TRYING = 1.05  # smallest multiple of the present gain that is tried
 
 Effect = Literal["inertia", "lag", "underactuation", "hold", "links"]
 
@@ -105,7 +122,11 @@ def ways_of(phases: Sequence[Phase], ideal: Run) -> list[Way]:
     return [way for way in found if len(way.time) > 1]
 
 
-def find_ringing(ways: Sequence[Way]) -> tuple[int, RingingRecord | None]:
+def find_ringing(
+    ways: Sequence[Way],
+    *,
+    notable: float = 1.2,  # factor on the usable gain, without an effect, below which it is no cause
+) -> tuple[int, RingingRecord | None]:
     """Return the number of the phase whose loop is least damped, and that loop; None if it is undecided in all."""
     least = np.inf
     found: tuple[Way, BodyLoop] | None = None
@@ -122,7 +143,7 @@ def find_ringing(ways: Sequence[Way]) -> tuple[int, RingingRecord | None]:
     effect: Effect = "inertia"
     if without and usable is not None:
         largest = max(without, key=lambda name: without[name] or np.inf)
-        effect = largest if (without[largest] or np.inf) > _NOTABLE * usable else effect
+        effect = largest if (without[largest] or np.inf) > notable * usable else effect
     return way.number, RingingRecord(**loop.model_dump(), usable_gain=usable, effect=effect, without=without)
 
 
@@ -187,13 +208,19 @@ def examine_gain(
     return GainRecord(limits=sorted(limits, key=lambda limit: limit.gain), trials=trials)
 
 
-def _factors(gain: float, largest_stable: float | None) -> list[float]:
+def _factors(
+    gain: float,
+    largest_stable: float | None,
+    *,
+    below_unstable: float = 0.9,  # largest gain that is tried, as a fraction of the gain that makes the loop unstable
+    worth_trying: float = 1.05,  # smallest multiple of the present gain that is tried
+) -> list[float]:
     """Choose the factors to raise the gain by; none if the gain is 0, or the loop is unstable just above it."""
     if gain <= 0.0:
         return []
-    most = np.inf if largest_stable is None else _BELOW_UNSTABLE * largest_stable / gain
+    most = np.inf if largest_stable is None else below_unstable * largest_stable / gain
     chosen = dict.fromkeys(min(factor, most) for factor in _FACTORS)
-    return [float(f"{factor:.3g}") for factor in chosen if factor > _WORTH_TRYING]
+    return [float(f"{factor:.3g}") for factor in chosen if factor > worth_trying]
 
 
 def _with_gain(phases: Sequence[Phase], factor: float) -> tuple[Phase, ...]:
@@ -216,3 +243,160 @@ def _trial(run: Run, gain: float) -> GainTrialRecord:
         late=run.errors[TEAM].late,
         saturated=total[0].share if total else None,
     )
+
+
+# -- speeds ------------------------------------------------------------------------------------------------------------
+#
+# Speeds that the law and the motions command, against the speeds that vehicles reach. The cost of the law's velocity
+# limit follows from the variants of the ladder without it.
+
+Domain = Literal["the plane", "space"]
+
+JUDGED: tuple[Literal["ideal"], Literal["all"]] = ("ideal", "all")
+"""Keys of the runs whose demands and limits are examined."""
+
+_DOMAIN: dict[int, Domain] = {2: "the plane", 3: "space"}
+
+
+class UnlimitedRecord(FiniteRecord):
+    """A run with the law's velocity limit, and the same run without it."""
+
+    run: Literal["ideal", "all"]
+    share_at_limit: float = Field(
+        description="fraction of agents and samples at the limit, in the second half of the run or phase"
+    )
+    status_without: str
+    errors_without: dict[str, ScopeRecord] = Field(description="by scope, as in the ladder")
+
+
+class VelocityLimitRecord(FiniteRecord):
+    """The law's velocity limit (controller.velocity_limit, or that of single agents) and its cost."""
+
+    lowest_m_s: float
+    highest_m_s: float
+    asked_m_s: float = Field(
+        description="maximum speed in the second half of the ideal run or phase without a limit; a sufficient limit"
+    )
+    who: str
+    runs: list[UnlimitedRecord]
+
+    def run(self, key: str) -> UnlimitedRecord:
+        """Return the record of the ideal run ('ideal') or of the scenario as given ('all')."""
+        return next(run for run in self.runs if run.run == key)
+
+
+class DemandRecord(FiniteRecord):
+    """Speeds commanded to the vehicles of one kind in the second half of a run, relative to the medium."""
+
+    run: Literal["ideal", "all"]
+    role: Role
+    vehicle: str
+    moves_in: Domain
+    asked_m_s: float
+    who: str
+    time_s: float
+    share_beyond: float = Field(description="fraction of the time in which `who` is commanded beyond least_speed_m_s")
+    least_speed_m_s: Finite = Field(
+        description="steady speed through the medium at full thrust in the slowest horizontal direction; null: no limit"
+    )
+    forward_speed_m_s: Finite = Field(
+        description="steady speed through the medium at full thrust straight ahead; null: no limit"
+    )
+
+
+class FastestRecord(FiniteRecord):
+    """The fastest vehicle with limits that comes with mjsheaf."""
+
+    moves_in: Domain
+    vehicle: str
+    speed_m_s: float
+
+
+def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[DemandRecord]:
+    """Return the speeds commanded to each kind of vehicle in the second half of a run; none if it blew up."""
+    if not run.finished:
+        return []
+    speed, chosen = _late_speeds(run, whole_run(system))
+    found = []
+    for (role, name), members in vehicles_by_role(system).items():
+        k, j = np.unravel_index(int(speed[:, members].argmax()), (len(chosen), len(members)))
+        v, able = members[int(j)], capability_of(system.vehicles[members[0]])
+        found.append(
+            DemandRecord(
+                run=key,
+                role=role,
+                vehicle=name,
+                moves_in=_DOMAIN[system.team.members[v].dimension],
+                asked_m_s=float(speed[k, v]),
+                who=system.team.members[v].id,
+                time_s=float(run.time[chosen[k]]),
+                share_beyond=float((speed[:, v] > able.least_speed).mean()),
+                least_speed_m_s=able.least_speed,
+                forward_speed_m_s=able.forward_speed,
+            )
+        )
+    return found
+
+
+def fastest_vehicles(system: System) -> list[FastestRecord]:
+    """Return the fastest vehicle with limits in the plane, then in space."""
+    fastest: dict[Domain, FastestRecord] = {}
+    for name in list_vehicles():
+        vehicle = system.described_vehicle(name)
+        domain, speed = _DOMAIN[vehicle.dimension], capability_of(vehicle).least_speed
+        if np.isfinite(speed) and (domain not in fastest or speed > fastest[domain].speed_m_s):
+            fastest[domain] = FastestRecord(moves_in=domain, vehicle=name, speed_m_s=speed)
+    return [fastest[domain] for domain in _DOMAIN.values() if domain in fastest]
+
+
+def velocity_limit_of(runs: dict[str, Run], number: int | None = None) -> VelocityLimitRecord | None:
+    """Compare runs with and without the velocity limit, over the whole run or a phase; None if no agent has one there.
+
+    Args:
+        runs: Runs of the ladder by key.
+        number: Number of the phase, which the ideal run and the scenario as given must have reached; None for the whole
+            run.
+    """
+    phases = runs["ideal"].phases
+    system = phases[0].system
+    some = phases if number is None else phases[number : number + 1]
+    if not has_limits(some):
+        return None
+    span = whole_run(system) if number is None else span_of_phase(phases, number)
+    limits = np.array([phase.system.law.limit[: len(system.team.agents)] for phase in some])
+    limited = np.isfinite(limits) & (limits > 0.0)
+    speed, _ = _late_speeds(runs["ideal-limit"], span)
+    largest = np.where(limited.any(axis=0), speed[:, : limits.shape[1]].max(axis=0, initial=0.0), -1.0)
+    return VelocityLimitRecord(
+        lowest_m_s=float(limits[limited].min()),
+        highest_m_s=float(limits[limited].max()),
+        asked_m_s=float(largest.max()),
+        who=system.team.agent_ids[int(largest.argmax())],
+        runs=[_compared(key, runs, number, span) for key in JUDGED],
+    )
+
+
+def _compared(
+    key: Literal["ideal", "all"],
+    runs: dict[str, Run],
+    number: int | None,
+    span: Span,
+    *,
+    at_limit: float = 1.0 - 1e-9,  # of the limit
+) -> UnlimitedRecord:
+    speed, chosen = _late_speeds(runs[key], span)
+    limits = runs[key].limits[chosen]
+    held = (speed[:, : limits.shape[1]] >= at_limit * limits)[limits > 0.0]
+    without = runs[f"{key}-limit"]
+    return UnlimitedRecord(
+        run=key,
+        share_at_limit=float(held.mean()) if held.size else 0.0,
+        status_without=without.dataset.attrs["status"],
+        errors_without=without.errors if number is None else without.errors_in_phase(number),
+    )
+
+
+def _late_speeds(run: Run, span: Span) -> tuple[Array, IntArray]:
+    """Return |v_c| of every vehicle in the second half of a span, shape (T, V), m/s, and the numbers of its samples."""
+    chosen = np.flatnonzero(span.last_half(len(run.asked)))
+    return run.asked[chosen], chosen

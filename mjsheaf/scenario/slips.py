@@ -5,13 +5,13 @@
 
 import numpy as np
 
-from mjsheaf.checking.authority import shortfalls_of
 from mjsheaf.errors import listed
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.paths import Adrift, Motion, Recorded, Static
 from mjsheaf.scenario.scenario import Scenario
+from mjsheaf.vehicles.authority import shortfalls_of
 from mjsheaf.vehicles.vehicle import Vehicle
 
 

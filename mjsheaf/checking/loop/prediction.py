@@ -1,23 +1,14 @@
-"""RMS error that gusts and waves leave: their spectra through the law's loop, on ideal kinematics and on bodies.
+"""Predicted errors: the linear loop, driven along the targets' path from the initial positions, and by gusts and waves.
 
-The loop from one sample to the next, on errors e = q - q* and all else that it remembers, is X+ = M X + N w, with w the
-mean velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h), and the
-variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so that their spectrum is
-that of their discrete filter; a wave's mean over a period is sin(omega h / 2) / (omega h / 2) of it. Waves and frozen
-gusts meet all vehicles with a phase, each at q* as it is at the start; gusts of each vehicle's own are independent.
-Vehicles in the plane meet the waves' velocity at the surface, those below it that at their depth. A target that the
-medium moves takes q* along. Where the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
+With q and q* measured from q* at the start, s = H q* is what the targets add to eta = H q - s. The law in the
+eigenvectors of H (see `linear_law`) has the inputs q, -s as an error of eta, s as what sensing edges report, and the
+displacement by the medium over the period before as what an agent sees of its own motion. The vehicles have the
+commands u and the velocity of the medium at q*, with its disturbance, gusts, waves and tides, as inputs. So
 
-A target of time constant tau follows the medium by 1 / (1 + i omega tau), less what its pull takes back. With
-r = e^(-h / tau) and l = tau (1 - r), a command that is held over h moves it by
+    z_{k+1} = M z_k + E (s_k, f_k),    z = (q, states of the vehicles, what the law remembers)
 
-    G = ((h - l) + l (1 - r) / (z - r)) / (z - 1),    so that it follows by 1 / ((1 + i omega tau) (1 + pull G)).
-
-On bodies the loop is that of the linear vehicles. In axes that move with the medium a vehicle does not know that it
-moves; so with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w.
-A hull rights itself to the surface, so the same holds of a slope s with the attitude E_s upright on it:
-x+ = A x + (E_s - A E_s) s and p+ = p + C x - C E_s s. Heave is left out. A boat that holds no heading turns along the
-waves, within minutes, by an effect of second order that the linear vehicle does not have: it is taken as turned.
+where the vehicles begin, at rest. Commands are shortened to the speed limits and, on the vehicles, to their speeds
+ahead. The prediction leaves out how the flow differs at q from q*, noise, and what delays and losses do.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,31 +18,322 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy import linalg
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.loop.body_loop import ideal_team, linear_team, whole_loop
+from mjsheaf.checking.loop.body_loop import (
+    NEUTRAL_RATE,
+    held_modes,
+    ideal_team,
+    linear_team,
+    medium_on_path,
+    whole_loop,
+)
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
-from mjsheaf.checking.loop.linear_law import require_model
-from mjsheaf.checking.spectrum import Spectrum
+from mjsheaf.checking.loop.linear_law import model_of, require_model, without_memory
+from mjsheaf.checking.loop.sampled_loop import closed
+from mjsheaf.checking.spectrum import Spectrum, matrix_of
+from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
+from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.errors import InputError, UndecidedError, raise_first, select_true
+from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
 from mjsheaf.media.medium import of_kind
+from mjsheaf.media.varying import evaluate
 from mjsheaf.media.waves import Components
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.system import System
+from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of
+
+MAX_STATES = 400
+"""Largest number of states of the loop for which the error is predicted."""
+
+_GAUSS = 0.5 / np.sqrt(3.0)  # of a period, from its middle
+_SETTLING = 12.0  # times 1 / rate before the second half from which the loop is followed, if no speed is limited
+_LEAST_SPEED = 1e-300  # m/s
+
+
+class SteadyError(Record):
+    """Tracking error that the linear loop predicts from the initial positions, over the second half of the run.
+
+    Of a run with events it is about the time before the first of them.
+    """
+
+    ideal: Finite = Field(description="on ideal kinematics, m; null: see reason")
+    bodies: Finite = Field(description="on the vehicles, m; null: see reason_on_bodies")
+    norm: Norm = Field(PER_AGENT_RMS, description="which norm the errors are")
+    exact_links: bool = Field(description="true if links are exact; if not, the prediction is as if they were")
+    limited: list[str] = Field(description="agents whose predicted commands exceed their speed limits in that half")
+    leaves_out: list[str] = Field([], description="what acts in the run and is not in the prediction")
+    reason: str = Field(description="why there is no prediction on ideal kinematics, or empty")
+    reason_on_bodies: str = Field(description="why there is none on the vehicles, or empty")
+
+
+class _Path(NamedTuple):
+    """Inputs of the loop at the samples from which it is followed.
+
+    Attributes:
+        initial: Positions of the agents there, shape (n_q,), m: at q* unless the run starts there.
+        q_star: Harmonic extension, shape (K + 1, n_q), m.
+        flow: Velocity of the medium at q* over each period, shape (K, n_q), m/s.
+        counted: Number of samples at the end that count.
+    """
+
+    initial: Array
+    q_star: Array
+    flow: Array
+    counted: int
+
+
+@one_thread
+def steady_error(
+    system: System,
+    certificate: Certificate,
+    rate: float | None,
+    *,
+    notable: float = 0.05,
+) -> SteadyError:
+    """Predict the tracking error of a run in steady state.
+
+    Args:
+        system: System of the run.
+        certificate: Certificate of the system, which knows the targets' path.
+        rate: Slowest decay of the loop, 1/s; None if it is not known.
+        notable: Fraction of the error; effects that may be larger are named.
+    """
+    ideal = bodies = None
+    reason = reason_on_bodies = ""
+    limit = system.law.limit[: len(system.team.agents)]
+    sheared = unsettled = False
+    turns = [False]
+    limited: BoolArray = np.zeros(len(limit), dtype=np.bool_)
+    saturates = limited
+    slow = limited
+    try:
+        require_model(system)
+        path = _path_of(system, certificate, rate)
+        ideal, speed, places = _follow(system, certificate, system.law, ideal_team(system), limit, path)
+        sheared = _shear(system, places, path) > notable * ideal * (rate or 0.0)
+        unsettled = _initial_part(system, path, rate) > notable * ideal
+        limited = np.any((speed > limit)[-path.counted :], axis=0)
+        saturates = np.any(speed > limit, axis=0)
+    except UndecidedError as error:
+        reason = reason_on_bodies = str(error)
+    else:
+        try:
+            vehicles, _ = linear_team(system, medium_on_path(system, certificate.constants.path))
+            able = [capability_of(vehicle) for vehicle in system.vehicles[: len(limit)]]
+            fastest = np.minimum(limit, [one.forward_speed for one in able])
+            bodies, speed, _ = _follow(system, certificate, _law_on_bodies(system), vehicles, fastest, path)
+            strained = np.minimum(speed, limit) > [one.least_speed for one in able]
+            slow = np.any(strained[0 if unsettled else -path.counted :], axis=0)
+            turns = [unsettled and one.dimension == 2 and not one.steering.attitude for one in system.vehicles]
+        except UndecidedError as error:
+            reason_on_bodies = str(error)
+    exact = not len(system.law.links.table)
+    left_out = {
+        "noise, delays and losses of links": not exact,
+        "differences in flow between agents and their places": sheared,
+        "the curvature of range and bearing edges": system.team.linearised_at is not None,
+        "effects of speed limits on terms of the law": system.law.extended and saturates.any(),
+        "thrust limits": slow.any(),
+        "turns of boats that hold no heading": any(turns[: len(limit)]),
+    }
+    return SteadyError(
+        ideal=ideal,
+        bodies=bodies,
+        exact_links=exact,
+        limited=[id for id, often in zip(system.team.agent_ids, limited, strict=True) if often],
+        leaves_out=[] if ideal is None else select_true(left_out),
+        reason=reason,
+        reason_on_bodies=reason_on_bodies,
+    )
+
+
+def _path_of(
+    system: System,
+    certificate: Certificate,
+    rate: float | None,
+    *,
+    most: int = 4_000_000,  # samples times states
+) -> _Path:
+    """Return the inputs of the loop along the targets' path.
+
+    Raises:
+        UndecidedError: The path is not known, the harmonic extension is not unique, or the run is too long.
+    """
+    path = certificate.constants.path
+    raise_first(
+        UndecidedError,
+        {
+            FILTERED: system.safety is not None,
+            "the law is continuous": system.grid.continuous,
+            "H is not symmetric, and the law has terms": not system.team.symmetric and system.law.extended,
+            ROUNDS_OF_FITTING_EDGES: system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward),
+            "the team keeps a shape, and no target places it": system.team.free,
+            "the harmonic extension is not unique": certificate.spectrum.nullity,
+            f"the targets' path is not known: {path.warning}": path.cells is None,
+            "there are no targets to follow": len(path.samples) < 2,
+            "the run has too many samples": path.stride > 1,
+        },
+    )
+    last = len(path.samples) - 1
+    counted = last + 1 - (last + 1) // 2
+    decays = rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any()
+    settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and decays else last
+    first = max(0, last - counted - settling)
+    q_star = Carrier(system, certificate.spectrum).extend(path.samples[first:])
+    if q_star.size > most:
+        raise UndecidedError("the run is too long")
+    flow = _mean_flow(system, q_star, first, last)
+    if not np.isfinite(flow).all():
+        raise UndecidedError("q* leaves the file of the flow")
+    start = system.initial.reshape(-1)[system.team.slots[: q_star.shape[1]]]
+    return _Path(q_star[0] if first else start, q_star, flow, counted)
+
+
+def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
+    """Return the mean velocity of the medium at q* over each period between two samples of a run, (K, n_q), m/s."""
+    period = system.grid.period
+    times = system.grid.span(first, last) + 0.5 * period
+    harmonics = system.harmonics[: len(system.team.agents)].copy()
+    harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * period / (2.0 * np.pi))  # the mean of a sine over a period
+    shaken = evaluate(harmonics, times).reshape(last - first, -1)
+    middle = 0.5 * (q_star[1:] + q_star[:-1])
+    flow = agent_flow(system, middle) + shaken[:, system.team.slots[: q_star.shape[1]]]
+    for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
+        flow += 0.5 * agent_motion(system, instant, middle)
+    return flow
+
+
+def _initial_part(system: System, path: _Path, rate: float | None) -> float:
+    """Estimate the part of the RMS error, over agents, that is left of the initial error where samples count, m."""
+    begins = system.grid.period * (len(path.q_star) - path.counted)
+    error = float(np.linalg.norm(path.initial - path.q_star[0])) / np.sqrt(len(system.team.agents))
+    return error * float(np.exp(-(rate or 0.0) * begins))
+
+
+def _shear(system: System, places: Array, path: _Path) -> float:
+    """Return the RMS over agents of the difference in steady flow between places (counted, n_q), m, and q*, m/s."""
+    difference = agent_flow(system, places) - agent_flow(system, path.q_star[-path.counted :])
+    return float(np.sqrt((difference**2).sum(axis=1).mean() / len(system.team.agents)))
+
+
+def _law_on_bodies(system: System) -> LawArrays:
+    """Return the law on the vehicles, whose feedforward leads by their time constants.
+
+    Raises:
+        UndecidedError: It leads by unlike times, so that the loop does not fall apart into modes.
+    """
+    law = system.control_of_bodies.law
+    if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
+        raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
+    return law
+
+
+def _follow(
+    system: System,
+    certificate: Certificate,
+    law_arrays: LawArrays,
+    vehicles: list[LinearVehicle],
+    limit: Array,
+    path: _Path,
+) -> tuple[float, Array, Array]:
+    """Follow the loop along a path.
+
+    Args:
+        system: The system.
+        certificate: Its certificate.
+        law_arrays: The law.
+        vehicles: Linear vehicle of each agent.
+        limit: Largest speed of each agent through the medium, shape (N,), m/s.
+        path: Inputs of the loop.
+
+    Returns:
+        The RMS error over agents and the samples that count, m, the speeds that the law commands, before limits, at all
+        samples but the last, shape (K, N), m/s, and the positions at the samples that count, shape (counted, n_q), m.
+
+    Raises:
+        UndecidedError: The loop has too many states, or is unstable.
+    """
+    symmetric = system.team.symmetric
+    H = system.team.dirichlet.H.toarray() if symmetric else matrix_of(system.team)
+    A, B, C, D = (linalg.block_diag(*blocks) for blocks in zip(*vehicles, strict=True))
+    n = len(H)
+    if symmetric:
+        values, vectors = held_modes(system, certificate.spectrum)
+        law = model_of(law_arrays, system.grid.period).at(system.gain, values).of_team(vectors)
+    else:  # u = -k1 eta
+        zero = np.zeros((n, 3 * n))
+        law = without_memory(np.hstack([-system.gain * H, -system.gain * np.eye(n), zero]))
+    states, memory = len(A), len(law.A)
+    size = n + states + memory
+    if size > MAX_STATES:
+        raise UndecidedError(f"the loop has {size} states, more than {MAX_STATES}")
+    # By the displacement of an agent, by s, which is an error of eta and what sensing edges report, and by the medium.
+    learns, by_eta, by_sensed, _, learns_flow = np.split(law.B, 5, axis=1)
+    acts, acts_by_eta, acts_by_sensed, _, acts_by_flow = np.split(law.D, 5, axis=1)
+    learns_s = by_sensed - by_eta
+    M = closed(LinearVehicle(A, B, C, D), law._replace(B=learns, D=acts))
+    if not np.abs(np.linalg.eigvals(M)).max() <= 1.0 + NEUTRAL_RATE * system.grid.period:
+        raise UndecidedError("the loop is unstable")
+    q_star = path.q_star - path.q_star[0]
+    s = q_star @ H.T
+    carried = system.grid.period * path.flow
+    seen = np.vstack([0.0 * carried[:1], carried])  # over the period before, as an agent knows it
+    by_inputs = s @ (acts_by_sensed - acts_by_eta).T + seen @ acts_by_flow.T
+    inputs = np.hstack([by_inputs @ D.T, by_inputs @ B.T, s @ learns_s.T + seen @ learns_flow.T])[:-1]
+    inputs[:, :n] += carried
+    followed = np.zeros((len(inputs) + 1, size))
+    followed[0, :n] = path.initial - path.q_star[0]
+    copied = ~law.A.any(axis=1)  # what the next sample compares with; before the first, nothing has moved
+    followed[0, n + states :][copied] = learns[copied] @ followed[0, :n]
+    commands = np.hstack([acts, np.zeros((n, states)), law.C])
+    moved = np.vstack([D, B])
+    agent = np.repeat(np.arange(len(limit)), [member.dimension for member in system.team.agents])
+    speed = np.empty((len(inputs), len(limit)))
+    for k, driven in enumerate(inputs):
+        u = commands @ followed[k] + by_inputs[k]
+        speed[k] = np.sqrt(np.bincount(agent, u**2))
+        followed[k + 1] = M @ followed[k] + driven
+        if (speed[k] > limit).any():
+            excess = np.maximum(1.0 - limit / np.maximum(speed[k], _LEAST_SPEED), 0.0)
+            followed[k + 1, : n + states] -= moved @ (excess[agent] * u)
+    error = (q_star - followed[:, :n])[-path.counted :]
+    places = followed[-path.counted :, :n] + path.q_star[0]
+    return float(np.sqrt((error**2).sum(axis=1).mean() / len(limit))), speed, places
+
+
+# -- gusts and waves ---------------------------------------------------------------------------------------------------
+#
+# RMS error that gusts and waves leave: their spectra through the law's loop, on ideal kinematics and on bodies.
+#
+# The loop from one sample to the next, on errors e = q - q* and all else that it remembers, is X+ = M X + N w, with w
+# the mean velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h),
+# and the variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so that their
+# spectrum is that of their discrete filter; a wave's mean over a period is sin(omega h / 2) / (omega h / 2) of it.
+# Waves and frozen gusts meet all vehicles with a phase, each at q* as it is at the start; gusts of each vehicle's own
+# are independent. Vehicles in the plane meet the waves' velocity at the surface, those below it that at their depth. A
+# target that the medium moves takes q* along. Where the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
+#
+# A target of time constant tau follows the medium by 1 / (1 + i omega tau), less what its pull takes back. With
+# r = e^(-h / tau) and l = tau (1 - r), a command that is held over h moves it by
+#
+#     G = ((h - l) + l (1 - r) / (z - r)) / (z - 1),    so that it follows by 1 / ((1 + i omega tau) (1 + pull G)).
+#
+# On bodies the loop is that of the linear vehicles. In axes that move with the medium a vehicle does not know that it
+# moves; so with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w.
+# A hull rights itself to the surface, so the same holds of a slope s with the attitude E_s upright on it:
+# x+ = A x + (E_s - A E_s) s and p+ = p + C x - C E_s s. Heave is left out. A boat that holds no heading turns along the
+# waves, within minutes, by an effect of second order that the linear vehicle does not have: it is taken as turned.
 
 Complex = NDArray[np.complex128]
 
 _MOST_STATES = 300
 """Largest loop that is solved at every frequency."""
-
-_FREQUENCIES = 240  # of the spectra of gusts, evenly in the logarithm
-_NEUTRAL = 1.0 + 1e-6  # of a heading that nothing holds, rounded
-_STEEP = 1.0 / 60.0  # significant height over the peak's wave length, beyond which drift in groups adds some percent
-_LOWEST = 1e-3  # of the slowest rate of gusts and loop
 
 
 class DisturbanceRecord(Record):
@@ -119,16 +401,23 @@ class _Loop(NamedTuple):
         return np.sinc(angle / (2.0 * np.pi)) * self.response(angle)
 
 
-def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> DisturbanceRecord:
+def predict_rms(
+    system: System,
+    spectrum: Spectrum,
+    medium: Array,
+    *,
+    steep: float = 1.0 / 60.0,
+) -> DisturbanceRecord:
     """Predict the errors that gusts and waves leave.
 
     Args:
         system: The system.
         spectrum: Spectrum of H.
         medium: Mean velocity of the medium that the agents' vehicles meet, shape (N, 3), m/s.
+        steep: Significant height over the peak's wave length, beyond which drift in groups adds some percent.
     """
     ids = system.team.agent_ids
-    if not _moves(system):
+    if not any(flow.gusts is not None or flow.waves is not None for flow in system.flows):
         return DisturbanceRecord(rms=0.0, agents=dict.fromkeys(ids, 0.0), bodies=dict.fromkeys(ids, 0.0))
     bodies, bodies_reason = dict[str, float](), ""
     known = {"carried_off": _carried_off(system, medium), "clipped": _clipped(system)}
@@ -150,7 +439,7 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
     agents = dict(zip(ids, ideal.tolist(), strict=True))
     left_out = {
         "slow drift in groups of steep waves": any(
-            flow.waves is not None and flow.waves.steepness > _STEEP for flow in system.flows
+            flow.waves is not None and flow.waves.steepness > steep for flow in system.flows
         ),
         "the safety filter": system.safety is not None,
     }
@@ -188,10 +477,6 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
         if excess > 0.0:
             found[id] = excess
     return found
-
-
-def _moves(system: System) -> bool:
-    return any(flow.gusts is not None or flow.waves is not None for flow in system.flows)
 
 
 def _require_known(system: System) -> None:
@@ -254,8 +539,7 @@ def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
     """Return the loop of the agents' vehicles."""
     if system.grid.continuous and of_kind(system.moving, GustArrays) + of_kind(system.moving, FrozenArrays):
         raise UndecidedError("the law is continuous, and gusts are held")
-    agents, period = linear_team(_turned(system), medium)
-    return _closed(system, spectrum, agents, period)
+    return _closed(system, spectrum, *linear_team(_turned(system), medium))
 
 
 def _turned(system: System) -> System:
@@ -303,21 +587,15 @@ def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: 
     return _Loop(M, met, carried, shown, tilted, h)
 
 
-class _Source(NamedTuple):
-    """Velocities of all vehicles with one random amplitude.
-
-    Attributes:
-        agents: Velocity of each agent by it, stacked, shape (n_q,), complex.
-        targets: Velocity of q* by it, stacked, shape (n_q,), complex.
-    """
-
-    agents: Complex
-    targets: Complex
-
-
-def _rms(system: System, loop: _Loop, tau: Array) -> Array:
+def _rms(
+    system: System,
+    loop: _Loop,
+    tau: Array,
+    *,
+    neutral: float = 1.0 + 1e-6,  # of a heading that nothing holds, rounded
+) -> Array:
     """Return the RMS of each agent, shape (N,), m; `tau` is how slowly each target follows the medium, (M,), s."""
-    if np.abs(np.linalg.eigvals(loop.M)).max() >= _NEUTRAL:
+    if np.abs(np.linalg.eigvals(loop.M)).max() >= neutral:
         raise UndecidedError("the loop is not stable")
     carrier = Carrier(system)
     variance = np.zeros(int(system.team.first_state[-1]))
@@ -331,7 +609,7 @@ def _rms(system: System, loop: _Loop, tau: Array) -> Array:
     return np.sqrt(np.square(system.team.unpack(np.sqrt(variance))).sum(axis=1))
 
 
-def _follow(system: System, loop: _Loop, tau: Array, rate: float) -> Complex:
+def _answer_of_targets(system: System, loop: _Loop, tau: Array, rate: float) -> Complex:
     """Return how targets follow the medium at a frequency, rad/s: their pull holds them, and bodies lag, shape (M,)."""
     pull = system.motion.pull[len(system.team.agents) :]
     lag = 1.0 + 1j * rate * tau
@@ -350,13 +628,16 @@ def _places(system: System) -> Array:
     return np.concatenate([np.nan_to_num(agents), system.initial[len(agents) :]])
 
 
-def _source(system: System, carrier: Carrier, velocity: Complex, follow: Complex) -> _Source:
-    """Return a source that moves all vehicles by velocities (V, 3), m/s, as far as targets follow it."""
+def _source(system: System, carrier: Carrier, velocity: Complex, follow: Complex) -> tuple[Complex, Complex]:
+    """Return velocities of agents and of q*, stacked, shape (n_q,), by one random amplitude.
+
+    It moves all vehicles by velocities (V, 3), m/s, as far as targets follow it.
+    """
     N, team = len(system.team.agents), system.team
     moved = velocity[N:] * follow[:, None]
     rest = carrier.carry(np.zeros_like(velocity[N:].real))
     targets = carrier.carry(moved.real) - rest + 1j * (carrier.carry(moved.imag) - rest)
-    return _Source(velocity[:N].reshape(-1)[team.slots[: int(team.first_state[-1])]], targets)
+    return (velocity[:N].reshape(-1)[team.slots[: int(team.first_state[-1])]], targets)
 
 
 def _of_waves(system: System, loop: _Loop, carrier: Carrier, tau: Array, waves: Components, number: int) -> Array:
@@ -366,18 +647,15 @@ def _of_waves(system: System, loop: _Loop, carrier: Carrier, tau: Array, waves: 
     steep = (waves.number * waves.amplitude)[:, None] * (system.planar & (system.field == number))
     variance = np.zeros(loop.shown.shape[0])
     slots = system.team.slots[: len(variance)]
-    answers: dict[float, Complex] = {}
     for j, (rate, unit) in enumerate(zip(waves.rate, waves.unit, strict=True)):
         phase = np.exp(-1j * waves.number[j] * (places[:, :2] @ unit))
         velocity = phase[:, None] * np.column_stack([along[j, :, None] * unit, 1j * up[j]])
-        if rate not in answers:
-            answers[rate] = loop.response_to_waves(rate)
-        source = _source(system, carrier, velocity, _follow(system, loop, tau, rate))
-        moved, carried, tilted = answers[rate]
+        agents, targets = _source(system, carrier, velocity, _answer_of_targets(system, loop, tau, rate))
+        moved, carried, tilted = loop.response_to_waves(rate)
         slope = np.zeros_like(velocity)
         slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
         slope = slope[: len(system.team.agents)].reshape(-1)[slots]
-        variance += 0.5 * np.abs(moved @ source.agents + carried @ source.targets + tilted @ slope) ** 2
+        variance += 0.5 * np.abs(moved @ agents + carried @ targets + tilted @ slope) ** 2
     return variance
 
 
@@ -400,10 +678,16 @@ def _speeds(system: System, waves: Components, number: int, height: Array) -> tu
     return along * (below | (system.planar & (system.field == number))), up * below
 
 
-def _angles(loop: _Loop, slowest: float) -> Iterator[tuple[float, float]]:
+def _angles(
+    loop: _Loop,
+    slowest: float,
+    *,
+    count: int = 240,  # of the spectra of gusts, evenly in the logarithm
+    lowest: float = 1e-3,  # of the slowest rate of gusts and loop
+) -> Iterator[tuple[float, float]]:
     """Yield angles from 0 to pi and the weight of each: the integral of |E|^2 S over both signs, over 2 pi."""
-    logarithm = np.linspace(np.log(_LOWEST * min(slowest, 1.0)), np.log(np.pi), _FREQUENCIES)
-    weight = np.full(_FREQUENCIES, logarithm[1] - logarithm[0])
+    logarithm = np.linspace(np.log(lowest * min(slowest, 1.0)), np.log(np.pi), count)
+    weight = np.full(count, logarithm[1] - logarithm[0])
     weight[[0, -1]] *= 0.5
     angles = np.exp(logarithm)
     yield from zip(angles.tolist(), (weight * angles / np.pi).tolist(), strict=True)
@@ -469,8 +753,8 @@ def _integrated(
     for angle, weight in _angles(loop, slowest):
         rate = angle / loop.period
         met, carried, _ = loop.response(angle)
-        follow = _follow(system, loop, tau, rate)
+        follow = _answer_of_targets(system, loop, tau, rate)
         for velocity, size in sources(np.exp(1j * angle), rate):
-            source = _source(system, carrier, velocity, follow)
-            variance += weight * size * np.abs(met @ source.agents + carried @ source.targets) ** 2
+            agents, targets = _source(system, carrier, velocity, follow)
+            variance += weight * size * np.abs(met @ agents + carried @ targets) ** 2
     return variance

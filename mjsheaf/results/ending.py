@@ -1,16 +1,15 @@
 """Ending of a finished run, and agents that are commanded to move and do not.
 
-`compare`, `sweep` and `run` judge the ending by the team's tracking error E(t), the RMS over agents of |q*_i - q_i|,
-over the last quarters of a run:
+`run`, `sweep`, `compare` and the trial of `check` judge the ending by the tracking error E(t) of the team, the RMS over
+agents of |q*_i - q_i|, over the last quarters of a run:
 
-    settled    E keeps its level; any remaining oscillation is driven, by targets that move or by disturbances
-    growing    E, or the oscillation of a team that nothing drives, grows, and does not grow more slowly
-    circling   E keeps its level, but the team drives itself: nothing else moves, and the errors oscillate undecayed; or
-               the loop of its vehicles is unstable (see `margins`), and only their limits keep it where it is
-    stuck      as settled, but an agent is commanded to move and does not, to the end (see below)
-    moving     anything else: E still changes
+    diverging    E, or the oscillation of a team that nothing drives, grows, and does not grow more slowly
+    settled      E keeps its level; any remaining oscillation is driven, or decays
+    not settled  anything else: E still changes, a team that nothing drives oscillates undecayed, or an agent that is
+                 commanded to move does not, to the end (see below)
 
-Where targets move, E alone does not show that an oscillation is the team's own. There the loop of the vehicles decides.
+Targets that move, disturbances, gusts, waves and noise drive a team. Then its own oscillations cannot be told from
+driven ones: `check` says whether the loop of its vehicles is unstable.
 
 An agent is stuck while, for MIN_DURATION or longer and second after second,
 
@@ -21,24 +20,23 @@ An agent is stuck while, for MIN_DURATION or longer and second after second,
 An agent that has left the team is not stuck, and neither is one that is carried along by the medium it should rest in.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.authority import authority_of
-from mjsheaf.checking.loop.body_loop import loop_along
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import pieces_of
 from mjsheaf.system import Phase, System
+from mjsheaf.vehicles.authority import authority_of
 from mjsheaf.vehicles.effects import capability_of, turning_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Ending = Literal["settled", "moving", "growing", "circling", "stuck"]
+Ending = Literal["settled", "not settled", "diverging"]
 
 LEVEL = (
     "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
@@ -49,12 +47,11 @@ LEVEL = (
 ROUNDING = 1e-9
 """Largest errors, and oscillations of them, that count as rounding, m."""
 
-_FEWEST_SAMPLES = 8
+_MIN_SAMPLES = 8
 _LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # by which the mean error of two quarters may differ
 _STEADY_SWING = 0.05  # largest relative difference in amplitude of two quarters that is neither growth nor decay
-_STEADY_LOOP = 0.01  # largest relative fall in amplitude in a quarter that is not decay, though the loop is stable
 _FAINT_SWING = 1e-4  # smallest amplitude of an oscillation, relative to the range of the error
-_FEWEST_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation from a drift
+_MIN_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation from a drift
 _STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to the amplitude of the errors
 _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
@@ -64,67 +61,46 @@ def ending_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Endin
     """Judge the end of a finished run, as `simulate` gives it; with events, of the last phase; None below 8 samples."""
     system, last = of_phase(run, dataset, -1)
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
-    ending = ending_of(system, last["time"].values, q_star, positions, on_bodies=last.attrs["backend"] == "physics")
-    if ending != "settled":
-        return ending
-    end = float(dataset["time"].values[-1])
-    phases = [Phase(0, run)] if isinstance(run, System) else run
-    found = any(one.end >= end and one.error > ROUNDING for one in find_stuck(phases, dataset))
-    return "stuck" if found else "settled"
-
-
-def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, on_bodies: bool) -> Ending | None:
-    """Judge the end of a run from the agents' positions and harmonic extension, padded with 0, shape (T, N, 3), m."""
     offsets = q_star - positions
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
     still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
-    alone = still and not system.harmonics[..., :3].any()
-    unstable = (lambda: loop_along(system, time, q_star, gain=False).stable is False) if on_bodies else None
-    return judge(error, offsets if alone else None, unstable)
+    ending = judge(error, offsets if still and not is_driven(system) else None)
+    phases = [Phase(0, run)] if isinstance(run, System) else run
+    return "not settled" if ending == "settled" and find_stuck_at_end(phases, dataset) else ending
 
 
-def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], bool] | None = None) -> Ending | None:
-    """Judge the end of a run.
+def is_driven(system: System) -> bool:
+    """Return True if disturbances, what moves in the medium, losses or noise move agents whose q* rests."""
+    links = system.law.links.table
+    noisy = any(links[name].any() for name in ("lossy", "noise", "range_noise", "bearing_noise"))
+    return bool(system.harmonics[..., :3].any() or system.moving or noisy or system.law.terms.noise > 0.0)
+
+
+def judge(error: Array, offsets: Array | None = None) -> Ending | None:
+    """Judge the end of a run; None for fewer than 8 samples, or where the error is not finite.
 
     Args:
         error: Error of the team, shape (T,), m.
         offsets: Offset of every agent from its q*, shape (T, N, 3), m, where nothing drives the team; else None.
-        unstable: Function that returns True if the loop of its vehicles is unstable; called only where that decides.
-
-    Returns:
-        None for fewer than 8 samples, or where the error is not finite.
     """
     if not _is_judgeable(error):
         return None
-    own = None if offsets is None else _own_swing(error, offsets, unstable)
-    if own is not None:
-        return own
+    if offsets is not None:
+        third, fourth = _quarters(offsets)[-2:]
+        size = _swing(fourth)
+        ratio = size / max(_swing(third), 1e-300)
+        oscillates = size > max(_FAINT_SWING * float(np.ptp(error)), ROUNDING) and _reversals(fourth) >= _MIN_REVERSALS
+        if oscillates and ratio >= 1.0 - _STEADY_SWING:
+            return "not settled" if ratio <= 1.0 + _STEADY_SWING else "diverging"
     if is_level(error):
-        return "circling" if unstable is not None and unstable() else "settled"
-    first, before, last = (_mean(q)[0] for q in _quarters(error))
-    return "growing" if before > first and last - before > _SLOWING * (before - first) else "moving"
-
-
-def _own_swing(error: Array, offsets: Array, unstable: Callable[[], bool] | None) -> Ending | None:
-    """Judge a team that nothing drives, where it oscillates without decay; None where it does not.
-
-    A slow decay counts as decay where the loop of the vehicles is known to be stable.
-    """
-    before, last = _quarters(offsets)[-2:]
-    size = _swing(last)
-    if size <= max(_FAINT_SWING * float(np.ptp(error)), ROUNDING) or _reversals(last) < _FEWEST_REVERSALS:
-        return None
-    ratio = size / max(_swing(before), 1e-300)
-    if ratio < 1.0 - _STEADY_SWING:
-        return None
-    if ratio < 1.0 - _STEADY_LOOP and unstable is not None and not unstable():
-        return "moving"
-    return "circling" if ratio <= 1.0 + _STEADY_SWING else "growing"
+        return "settled"
+    first, before, last = (_mean(quarter)[0] for quarter in _quarters(error))
+    return "diverging" if before > first and last - before > _SLOWING * (before - first) else "not settled"
 
 
 def _is_judgeable(error: Array) -> bool:
     """Return True if an error has enough samples, all finite."""
-    return len(error) >= _FEWEST_SAMPLES and bool(np.isfinite(error).all())
+    return len(error) >= _MIN_SAMPLES and bool(np.isfinite(error).all())
 
 
 def is_level(error: Array) -> bool:
@@ -267,6 +243,12 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
         still[:, v] &= blocks.speed[:, v] < _MAX_MADE * capability_of(system.vehicles[v]).least_speed
     found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]
     return sorted((stuck for stuck in found if stuck), key=lambda stuck: (-stuck.duration, stuck.agent))
+
+
+def find_stuck_at_end(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
+    """Find the agents of a run on bodies that are stuck at its end, away from their places."""
+    end = float(dataset["time"].values[-1])
+    return [stuck for stuck in find_stuck(phases, dataset) if stuck.end >= end and stuck.error > ROUNDING]
 
 
 def _average(dataset: "xr.Dataset", agents: int) -> _Blocks:
