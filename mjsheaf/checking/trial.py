@@ -13,12 +13,13 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.checking.loop.body_loop import ending_of
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.loop.log import samples_in_piece
 from mjsheaf.loop.session import engine_of, prepare_run
 from mjsheaf.results.dataset import join, make_datasets, of_phase
-from mjsheaf.results.ending import MIN_DURATION, MIN_SPEED, ROUNDING, ending_of_run, find_stuck_at_end
+from mjsheaf.results.ending import MIN_DURATION, MIN_SPEED, ROUNDING, find_stuck_at_end
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
@@ -117,7 +118,7 @@ def try_mission(
         seconds=float(data["time"][-1] - data["time"][0]),
         complete=run.complete,
         tracking_error=late,
-        ending=ending_of_run(phases, data) if finished else None,
+        ending=ending_of(phases, data) if finished else None,
         problems=problems,
     )
 

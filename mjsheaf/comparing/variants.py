@@ -36,6 +36,7 @@ import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.body_loop import ending_of
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,
@@ -55,7 +56,7 @@ from mjsheaf.comparing.measures import (
 )
 from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.session import engine_of
-from mjsheaf.results.ending import Ending, ending_of_run, settling_time
+from mjsheaf.results.ending import Ending, settling_time
 from mjsheaf.runs.simulate import Progress, dataset_of, no_progress
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import FiniteRecord
@@ -242,7 +243,7 @@ class Run:
 
     def ending(self) -> Ending | None:
         """Classify the end of the run, or of its last phase if it has events; None if it blew up."""
-        return ending_of_run(self.phases, self.dataset) if self.finished else None
+        return ending_of(self.phases, self.dataset) if self.finished else None
 
     @property
     def _last_phase(self) -> slice:

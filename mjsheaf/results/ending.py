@@ -9,7 +9,7 @@ agents of |q*_i - q_i|, over the last quarters of a run:
                  commanded to move does not, to the end (see below)
 
 Targets that move, disturbances, gusts, waves and noise drive a team. Then its own oscillations cannot be told from
-driven ones: `check` says whether the loop of its vehicles is unstable.
+driven ones: `checking.loop.body_loop.ending_of` asks in addition whether the loop of its vehicles is stable.
 
 An agent is stuck while, for MIN_DURATION or longer and second after second,
 

@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 
 from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.body_loop import ending_of
 from mjsheaf.checking.separation import too_close_in
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
 from mjsheaf.compile.jit import compilation_time, working_time
@@ -37,7 +38,6 @@ from mjsheaf.page import page_of, require_shown
 from mjsheaf.progress import shown
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of
-from mjsheaf.results.ending import ending_of_run
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.results.store import split, write_and_open
 from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
@@ -361,7 +361,7 @@ def account_of(
         else:
             reason = f"the bounds are for the law {scenario.expect.controller}"
             expected = {"met": None, "checks": [], "reason": reason}
-        ending = ending_of_run(phases, drawn) if attrs["status"] == "finished" else None
+        ending = ending_of(phases, drawn) if attrs["status"] == "finished" else None
         limits = [one for bound in bounds for one in bound]
         notes = notes_of_run(phases, dataset, ending, limits, terms, slips_of(scenario))
     summary = {

@@ -30,6 +30,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.body_loop import ending_of
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
@@ -37,7 +38,6 @@ from mjsheaf.files import digest
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
-from mjsheaf.results.ending import ending_of_run
 from mjsheaf.results.metrics import communication, error_series_of, late_errors
 from mjsheaf.results.store import thin
 from mjsheaf.runs.simulate import simulate, stream
@@ -254,7 +254,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
         if job.light:
             found["settled"], ratios = None, _ratios(job, scenario, dataset)
         else:
-            ending = ending_of_run(scenario.phases, dataset)
+            ending = ending_of(scenario.phases, dataset)
             bound = bound_of_run(scenario.phases, dataset)
             found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
             ratios = bound.ratio, bound.settled_ratio

@@ -33,8 +33,7 @@ from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import Phase
 from mjsheaf.team import Edge
-from mjsheaf.team.links import Link
-from mjsheaf.team.links import Exact, LinkModel, Links
+from mjsheaf.team.links import Exact, Link, LinkModel, Links
 from tests.builders import mixed_scenario, two_boats
 from tests.loop.test_phases import without_an_edge
 from tests.running import run_ideal, run_physics, stream_ideal, stream_physics

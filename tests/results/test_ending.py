@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
+from mjsheaf.checking.loop.body_loop import ending_of
 from mjsheaf.results.ending import ending_of_run, is_level, judge, settling_time
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.studies.plan import load_plan
@@ -109,6 +110,18 @@ def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.
     stable = mjsheaf.check(scenario, trial=False)["margins"]["bodies"]["stable"]
     assert stable is (expected == "settled")
     assert ending_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal")) == "settled"
+
+
+def test_a_driven_ring_ends_as_check_says() -> None:
+    """With an oscillating target only the loop distinguishes a forced oscillation from the team's own."""
+    moving = {
+        **QUADROTOR_PAIR["targets"][0],
+        "motion": {"kind": "lissajous", "amplitude": [1, 0, 0], "rate": [1.5, 0, 0], "phase": [0, 0, 0], "pull": 0.0},
+    }
+    for gain, expected in ((1.2, "settled"), (3.0, "not settled")):
+        changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
+        scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes, "targets": [moving]})
+        assert ending_of(scenario.system, mjsheaf.simulate(scenario, "physics")) == expected
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg, sparse
@@ -34,8 +35,10 @@ from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnB
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.media.medium import WITHOUT_MEAN
+from mjsheaf.results.dataset import of_phase
+from mjsheaf.results.ending import Ending, ending_of_run
 from mjsheaf.section import Record
-from mjsheaf.system import System, whole_ratio
+from mjsheaf.system import Phase, System, whole_ratio
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
 
@@ -341,6 +344,20 @@ def loop_along(
     path = q_star.reshape(len(time), -1)[:, system.team.slots[: system.team.first_state[-1]]]
     medium = mean_medium(system, time, path)
     return body_loop(system, spectrum_of(system.team), medium, gain=gain, least_damping=least_damping)
+
+
+def ending_of(run: System | Sequence[Phase], dataset: xr.Dataset) -> Ending | None:
+    """Judge the end of a run, as `ending_of_run`; agents on bodies whose loop is unstable have not settled.
+
+    Where something drives a team, its motion alone does not tell a forced oscillation from the team's own.
+    """
+    ending = ending_of_run(run, dataset)
+    if ending != "settled" or dataset.attrs["backend"] != "physics" or "controller" in dataset.attrs:
+        return ending
+    system, last = of_phase(run, dataset, -1)
+    q_star = np.nan_to_num(last["harmonic_extension"].values)
+    stable = loop_along(system, last["time"].values, q_star, gain=False).stable
+    return "not settled" if stable is False else ending
 
 
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
