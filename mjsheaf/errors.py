@@ -122,13 +122,6 @@ def first_true(reasons: Mapping[str, object]) -> str:
     return next(iter(select_true(reasons)), "")
 
 
-def raise_first(error: type[Exception], obstacles: Mapping[str, object]) -> None:
-    """Raise an error of a kind with the first text whose condition is true, if there is one."""
-    obstacle = first_true(obstacles)
-    if obstacle:
-        raise error(obstacle)
-
-
 def suggestion(name: str, names: Collection[str]) -> str:
     """'; did you mean X?' where one of the names is close to what was written, else nothing."""
     close = get_close_matches(name, names, 1, 0.6) or [n for n in names if n.lower() == name.lower()][:1]

@@ -29,7 +29,7 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.compile.jit import inline_jit
-from mjsheaf.errors import InputError, in_field, raise_first
+from mjsheaf.errors import InputError, in_field
 from mjsheaf.recordings import read_positions
 from mjsheaf.recordings.selection import Selection
 from mjsheaf.section import NonNegative, Number, Point, Positive, Tagged
@@ -313,15 +313,12 @@ class Recorded(Selection, _Source):
 
     @model_validator(mode="after")
     def _one_source(self) -> "Recorded":
-        raise_first(
-            ValueError,
-            {
-                "expected either samples or path": (self.samples is None) == (self.path is None),
-                "topic and frame select from the file of `path`, as time, axes and origin do; expected only with it": (
-                    self.path is None and self.selects
-                ),
-            },
-        )
+        if (self.samples is None) == (self.path is None):
+            raise ValueError("expected either samples or path")
+        if self.path is None and self.selects:
+            raise ValueError(
+                "topic and frame select from the file of `path`, as time, axes and origin do; expected only with it"
+            )
         return self
 
     def read(self) -> "Recorded":

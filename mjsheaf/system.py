@@ -10,7 +10,7 @@ import numpy as np
 
 from mjsheaf.arguments import require_scenario
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.errors import InputError, in_field, raise_first
+from mjsheaf.errors import InputError, in_field
 from mjsheaf.law import ControlArrays, LawArrays, edges_of
 from mjsheaf.law.law import Station, no_station
 from mjsheaf.law.obstacles import ObstacleArrays
@@ -203,19 +203,17 @@ class System:
         Raises:
             InputError: it is one.
         """
-        raise_first(
-            InputError,
-            {
-                f"{name!r} has no thrusters and cannot be an agent; expected it on a target": v < len(self.team.agents),
-                (
-                    f"{name!r} has no thrusters and cannot follow a path; expected a target with motion adrift, or "
-                    "with none, which drifts"
-                ): self.motion.path[v, 1] > 0 or self.motion.amplitude[v].any(),
-                f"{name!r} has no thrusters and cannot stay where it is; expected a target with motion adrift": (
-                    self.waiting is not None and bool(self.waiting.holds[v])
-                ),
-            },
-        )
+        if v < len(self.team.agents):
+            raise InputError(f"{name!r} has no thrusters and cannot be an agent; expected it on a target")
+        if self.motion.path[v, 1] > 0 or self.motion.amplitude[v].any():
+            raise InputError(
+                f"{name!r} has no thrusters and cannot follow a path; expected a target with motion adrift, or "
+                "with none, which drifts"
+            )
+        if self.waiting is not None and bool(self.waiting.holds[v]):
+            raise InputError(
+                f"{name!r} has no thrusters and cannot stay where it is; expected a target with motion adrift"
+            )
 
     @cached_property
     def steps_per_sample(self) -> int:

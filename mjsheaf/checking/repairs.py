@@ -404,7 +404,7 @@ def plan_bracing(
     """
     if len(positions) > most:
         return None
-    # What D does not measure, across the given motions.
+    # What D does not measure, across the given motions; all rows have length 1, as the tolerance is relative.
     flexes = linalg.null_space(np.vstack([D, motions.T]), rcond=SOLVED_RANK_TOLERANCE)
     if not flexes.shape[1]:
         return None

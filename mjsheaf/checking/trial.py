@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.loop.body_loop import ending_of
+from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.loop.log import samples_in_piece
@@ -118,7 +118,7 @@ def try_mission(
         seconds=float(data["time"][-1] - data["time"][0]),
         complete=run.complete,
         tracking_error=late,
-        ending=ending_of(phases, data) if finished else None,
+        ending=ending_of_run(phases, data) if finished else None,
         problems=problems,
     )
 

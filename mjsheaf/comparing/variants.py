@@ -36,7 +36,7 @@ import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import ending_of
+from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,
@@ -243,7 +243,7 @@ class Run:
 
     def ending(self) -> Ending | None:
         """Classify the end of the run, or of its last phase if it has events; None if it blew up."""
-        return ending_of(self.phases, self.dataset) if self.finished else None
+        return ending_of_run(self.phases, self.dataset) if self.finished else None
 
     @property
     def _last_phase(self) -> slice:

@@ -34,7 +34,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array, Take
 from mjsheaf.compile.jit import INTERPRETED, NumbaError, inline_jit, types, user_jit
 from mjsheaf.compile.parts import for_each
-from mjsheaf.errors import InputError, expected, in_field, raise_first
+from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.files import describe, digest_of, execute_file
 from mjsheaf.law.terms import Terms
 from mjsheaf.section import Section
@@ -102,17 +102,10 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
             compile, writes to residual or parameters, or uses indices out of range.
     """
     names = tuple(parameters)
-    raise_first(
-        InputError,
-        {
-            f"register: parameters are {parameters!r}; expected a list of different names": (
-                isinstance(parameters, str) or len(set(names)) != len(names) or not all(map(_is_name, names))
-            ),
-            f"register: memory is {memory!r}; expected a whole number from 0 to {_MOST_NUMBERS}": not (
-                isinstance(memory, int) and 0 <= memory <= _MOST_NUMBERS
-            ),
-        },
-    )
+    if isinstance(parameters, str) or len(set(names)) != len(names) or not all(map(_is_name, names)):
+        raise InputError(f"register: parameters are {parameters!r}; expected a list of different names")
+    if not (isinstance(memory, int) and 0 <= memory <= _MOST_NUMBERS):
+        raise InputError(f"register: memory is {memory!r}; expected a whole number from 0 to {_MOST_NUMBERS}")
 
     def decorate(function: Term) -> Term:
         name = function.__name__

@@ -100,20 +100,22 @@ class Server:
 
     def answer(self, page: bytes) -> None:
         """Give a page to the browser that waits for it."""
-        self._change(page_wanted=False, _page=page, _frame=None)
+        with self._changed:
+            self.page_wanted = False
+            self._page = page
+            self._frame = None
+            self._changed.notify_all()
 
     def publish(self, frame: bytes) -> None:
         """Replace the newest frame."""
-        self._change(_frame=frame)
+        with self._changed:
+            self._frame = frame
+            self._changed.notify_all()
 
     def tell(self, state: dict[str, Any]) -> None:
         """Replace the state of the run that the page shows."""
-        self._change(_state=json.dumps(state))
-
-    def _change(self, **attributes: Any) -> None:
-        """Change attributes at once, and wake all that wait for a change."""
         with self._changed:
-            vars(self).update(attributes)
+            self._state = json.dumps(state)
             self._changed.notify_all()
 
     def take_actions(self) -> list[dict[str, Any]]:
@@ -133,7 +135,9 @@ class Server:
 
     def close(self) -> None:
         """End the connection and the server."""
-        self._change(closed=True)
+        with self._changed:
+            self.closed = True
+            self._changed.notify_all()
         self._server.shutdown()
         self._thread.join(5.0)
 

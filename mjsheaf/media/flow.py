@@ -24,7 +24,7 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import inline_jit, jit, overload, two_to_by_bits
-from mjsheaf.errors import InputError, raise_first
+from mjsheaf.errors import InputError
 from mjsheaf.media.gusts import Gusts
 from mjsheaf.media.varying import Exposure, Moving, MovingVortices, Ramp, Tide, pack_varying
 from mjsheaf.media.waves import Waves
@@ -208,20 +208,12 @@ class FlowField(Section):
 
     @model_validator(mode="after")
     def _poles_are_complete(self) -> "FlowField":
-        raise_first(
-            ValueError,
-            {
-                "vortices: in space each needs an axis; in the plane the axis is z, leave it out": any(
-                    (vortex.axis is not None) != (self.dimension == 3) for vortex in self.vortices
-                ),
-                "sources and vortices are singular at their centre: give a 'core' radius (0 leaves it so)": (
-                    self.core is None and (self.sources or self.vortices)
-                ),
-                "vortices: one that moves needs a 'core' radius above 0": (
-                    not self.core and any(vortex.velocity is not None for vortex in self.vortices)
-                ),
-            },
-        )
+        if any((vortex.axis is not None) != (self.dimension == 3) for vortex in self.vortices):
+            raise ValueError("vortices: in space each needs an axis; in the plane the axis is z, leave it out")
+        if self.core is None and (self.sources or self.vortices):
+            raise ValueError("sources and vortices are singular at their centre: give a 'core' radius (0 leaves it so)")
+        if not self.core and any(vortex.velocity is not None for vortex in self.vortices):
+            raise ValueError("vortices: one that moves needs a 'core' radius above 0")
         return self
 
     @model_validator(mode="after")

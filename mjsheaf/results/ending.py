@@ -4,12 +4,12 @@
 agents of |q*_i - q_i|, over the last quarters of a run:
 
     diverging    E, or the oscillation of a team that nothing drives, grows, and does not grow more slowly
-    settled      E keeps its level; any remaining oscillation is driven, or decays
+    settled      E keeps its level; any remaining oscillation is driven by something, or decays
     not settled  anything else: E still changes, a team that nothing drives oscillates undecayed, or an agent that is
                  commanded to move does not, to the end (see below)
 
 Targets that move, disturbances, gusts, waves and noise drive a team. Then its own oscillations cannot be told from
-driven ones: `checking.loop.body_loop.ending_of` asks in addition whether the loop of its vehicles is stable.
+driven ones: `checking.loop.body_loop.ending_of_run` asks in addition whether the loop of its vehicles is stable.
 
 An agent is stuck while, for MIN_DURATION or longer and second after second,
 
@@ -57,7 +57,7 @@ _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows 
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
 
 
-def ending_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Ending | None:
+def ending_of_motion(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Ending | None:
     """Judge the end of a finished run, as `simulate` gives it; with events, of the last phase; None below 8 samples."""
     system, last = of_phase(run, dataset, -1)
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
@@ -70,9 +70,9 @@ def ending_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Endin
 
 
 def is_driven(system: System) -> bool:
-    """Return True if disturbances, what moves in the medium, losses or noise move agents whose q* rests."""
+    """Return True if disturbances, what moves in the medium, or noise move agents whose q* rests."""
     links = system.law.links.table
-    noisy = any(links[name].any() for name in ("lossy", "noise", "range_noise", "bearing_noise"))
+    noisy = any(links[name].any() for name in ("noise", "range_noise", "bearing_noise"))
     return bool(system.harmonics[..., :3].any() or system.moving or noisy or system.law.terms.noise > 0.0)
 
 

@@ -32,7 +32,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.errors import joined
 from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.ending import Stuck, find_stuck
+from mjsheaf.results.ending import ROUNDING, Stuck, find_stuck
 from mjsheaf.results.store import pieces_of
 from mjsheaf.system import Phase, System
 from mjsheaf.team import Team
@@ -135,12 +135,14 @@ def notes_of_run(
         slips: Sentences of `slips_of` about its files.
     """
     stuck = find_stuck(phases, dataset)
+    end = float(dataset["time"].values[-1])
+    stuck_to_the_end = any(one.end >= end and one.error > ROUNDING for one in stuck)  # its own note says enough
     found = [
         *(Note("slip", sentence) for sentence in slips),
         *(Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()),
         *(Note("terms", sentence) for sentence in (terms.warnings if terms else ())),
         *(Note("shape", sentence) for sentence in describe_reflections(phases[-1].system.team, dataset)),
-        *(_about_the_end(dataset, ending) if not any(one.end >= dataset["time"].values[-1] for one in stuck) else ()),
+        *(() if ending == "not settled" and stuck_to_the_end else _about_the_end(dataset, ending)),
         *_about_stuck(phases[0].system, stuck),
         *_about_limits(phases, dataset, [one.agent for one in stuck]),
         *_about_the_surface(phases, dataset),
@@ -160,12 +162,17 @@ def _about_the_end(dataset: xr.Dataset, ending: str | None) -> list[Note]:
     squares = dataset["tracking_error"][-2 * quarter :].values ** 2
     before, last = (np.sqrt(np.nanmean(part)) for part in (squares[:-quarter], squares[-quarter:]))
     size = f"tracking error (RMS over agents) {last:.3g} m in the last quarter, {before:.3g} m in the one before"
-    kind: Kind = "approaching" if last < before else "changing"
-    what = "is still approaching" if last < before else "has not converged"
-    text = f"the team {what} at the end of the run: {size}; a later time.end shows its final error"
+    kind: Kind = "changing"
     if ending == "diverging":
         kind = "diverging"
         text = f"the team does not converge: its error diverges ({size}); see mjsheaf check"
+    elif last < 0.95 * before:
+        kind = "approaching"
+        text = f"the team is still approaching at the end of the run: {size}; a later time.end shows its final error"
+    elif last > 1.05 * before:
+        text = f"the team has not converged at the end of the run: {size}; a later time.end shows its final error"
+    else:
+        text = f"the team has not settled: {size}; see mjsheaf check"
     return [Note(kind, text, None, float(time[-1]), float(last))]
 
 

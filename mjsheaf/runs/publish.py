@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 
 from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import ending_of
+from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import too_close_in
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
 from mjsheaf.compile.jit import compilation_time, working_time
@@ -361,7 +361,7 @@ def account_of(
         else:
             reason = f"the bounds are for the law {scenario.expect.controller}"
             expected = {"met": None, "checks": [], "reason": reason}
-        ending = ending_of(phases, drawn) if attrs["status"] == "finished" else None
+        ending = ending_of_run(phases, drawn) if attrs["status"] == "finished" else None
         limits = [one for bound in bounds for one in bound]
         notes = notes_of_run(phases, dataset, ending, limits, terms, slips_of(scenario))
     summary = {

@@ -30,7 +30,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import ending_of
+from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
@@ -254,7 +254,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
         if job.light:
             found["settled"], ratios = None, _ratios(job, scenario, dataset)
         else:
-            ending = ending_of(scenario.phases, dataset)
+            ending = ending_of_run(scenario.phases, dataset)
             bound = bound_of_run(scenario.phases, dataset)
             found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
             ratios = bound.ratio, bound.settled_ratio

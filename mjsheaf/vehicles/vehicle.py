@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, freeze
-from mjsheaf.errors import InputError, raise_first
+from mjsheaf.errors import InputError
 from mjsheaf.section import Section
 from mjsheaf.vehicles.actuators import AnyActuator, Channel, Thruster
 from mjsheaf.vehicles.steering import AnySteering, HandPoint, Steering, ThrustVector
@@ -289,20 +289,12 @@ class VehicleDescription(Section):
 
     @model_validator(mode="after")
     def _fits_together(self) -> "VehicleDescription":
-        raise_first(
-            ValueError,
-            {
-                "a surface vehicle needs hydrostatics, and other vehicles must not have them": (
-                    (self.domain == "surface") != (self.hydrostatics is not None)
-                ),
-                "steering needs a hand_point on the surface, and a largest_tilt in a volume": (
-                    isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint)
-                ),
-                "a drifting vehicle must be on the surface, without steering, autopilot and actuators": (
-                    self.drifts and (self.domain != "surface" or self.steering or self.autopilot or self.actuators)
-                ),
-            },
-        )
+        if (self.domain == "surface") != (self.hydrostatics is not None):
+            raise ValueError("a surface vehicle needs hydrostatics, and other vehicles must not have them")
+        if isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint):
+            raise ValueError("steering needs a hand_point on the surface, and a largest_tilt in a volume")
+        if self.drifts and (self.domain != "surface" or self.steering or self.autopilot or self.actuators):
+            raise ValueError("a drifting vehicle must be on the surface, without steering, autopilot and actuators")
         return self
 
 

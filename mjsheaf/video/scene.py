@@ -498,8 +498,8 @@ def mesh(sea: Sea, view: View, time: float) -> tuple[Array, Array]:
     facing = np.clip(np.sum(normal * to_eye, axis=-1, keepdims=True), 0.0, 1.0)
     mirrored = 2.0 * facing * normal - to_eye
     sky = HORIZON + np.clip(mirrored[..., 2:], 0.0, 1.0) * (ZENITH - HORIZON)
-    steepness = height / max(4.0 * np.sqrt(np.sum(sea.waves.amplitude**2) / 2.0), 1e-9)
-    water = DEEP + np.clip(0.5 + steepness, 0.0, 1.0)[..., None] * (CREST - DEEP)
+    elevation = height / max(4.0 * np.sqrt(np.sum(sea.waves.amplitude**2) / 2.0), 1e-9)
+    water = DEEP + np.clip(0.5 + elevation, 0.0, 1.0)[..., None] * (CREST - DEEP)
     water *= 0.25 + 0.9 * np.clip(normal @ SUN, 0.0, 1.0)[..., None]
     fresnel = 0.02 + 0.98 * (1.0 - facing) ** 5
     glitter = 0.5 * np.clip(mirrored @ SUN, 0.0, 1.0)[..., None] ** 60.0

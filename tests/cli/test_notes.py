@@ -10,7 +10,7 @@ import pytest
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.checking.theorem.of_run import bound_of_run, held_bound_of_run
 from mjsheaf.mujoco_import import mujoco
-from mjsheaf.results.ending import ending_of_run
+from mjsheaf.results.ending import ending_of_motion
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
@@ -36,7 +36,7 @@ CALM: dict[str, Any] = {
 def found_in(scenario: Scenario, backend: str = "physics") -> dict[str, Any]:
     """The notes of a run by kind."""
     phases, result = scenario.phases, simulate(scenario, backend=backend)
-    theorem, ending = bound_of_run(phases, result), ending_of_run(phases, result)
+    theorem, ending = bound_of_run(phases, result), ending_of_motion(phases, result)
     notes = notes_of_run(phases, result, ending, [theorem, held_bound_of_run(phases, result, theorem)], None)
     assert len({note.kind for note in notes}) == len(notes)
     return {note.kind: note for note in notes}

@@ -18,7 +18,7 @@ from scipy.optimize import linprog, lsq_linear
 from mjsheaf import check, load_scenario, simulate
 from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.loop.bodies import pack_fleet
-from mjsheaf.results.ending import ending_of_run, find_stuck
+from mjsheaf.results.ending import ending_of_motion, find_stuck
 from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.actuators import Thruster
@@ -293,14 +293,14 @@ def test_thrusters_that_rest_are_at_no_limit() -> None:
 
 def notes(scenario: Scenario, data: xr.Dataset) -> dict[str, Any]:
     """Notes of a run by kind."""
-    found = notes_of_run(scenario.phases, data, ending_of_run(scenario.phases, data), [], None)
+    found = notes_of_run(scenario.phases, data, ending_of_motion(scenario.phases, data), [], None)
     return {note.kind: note for note in found}
 
 
 def test_a_run_that_arrives_is_settled() -> None:
     scenario = make_run(SKIFF, [0.0, 30.0])
     data = simulate(scenario, engine="fused")
-    assert ending_of_run(scenario.phases, data) == "settled"
+    assert ending_of_motion(scenario.phases, data) == "settled"
     assert not find_stuck(scenario.phases, data)
     said = notes(scenario, data)
     assert "stuck" not in said
@@ -315,7 +315,7 @@ def test_a_boat_that_drifts_beside_its_target_is_stuck() -> None:
     assert stuck.error == pytest.approx(1.2, rel=0.05)
     assert stuck.asked == pytest.approx(0.24, rel=0.05)
     assert stuck.duration > 20.0
-    assert ending_of_run(scenario.phases, data) == "not settled"
+    assert ending_of_motion(scenario.phases, data) == "not settled"
     said = notes(scenario, data)
     assert said["stuck"].agent == "A"
     assert "cannot push astern" in said["stuck"].text

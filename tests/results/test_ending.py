@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.loop.body_loop import ending_of
-from mjsheaf.results.ending import ending_of_run, is_level, judge, settling_time
+from mjsheaf.checking.loop.body_loop import ending_of_run
+from mjsheaf.results.ending import ending_of_motion, is_level, judge, settling_time
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.studies.plan import load_plan
 from mjsheaf.studies.workers import run_job
@@ -106,10 +106,10 @@ def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.
     changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
     scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes})
     run = mjsheaf.simulate(scenario, "physics")
-    assert ending_of_run(scenario.system, run) == expected
+    assert ending_of_motion(scenario.system, run) == expected
     stable = mjsheaf.check(scenario, trial=False)["margins"]["bodies"]["stable"]
     assert stable is (expected == "settled")
-    assert ending_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal")) == "settled"
+    assert ending_of_motion(scenario.system, mjsheaf.simulate(scenario, "ideal")) == "settled"
 
 
 def test_a_driven_ring_ends_as_check_says() -> None:
@@ -121,7 +121,7 @@ def test_a_driven_ring_ends_as_check_says() -> None:
     for gain, expected in ((1.2, "settled"), (3.0, "not settled")):
         changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
         scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes, "targets": [moving]})
-        assert ending_of(scenario.system, mjsheaf.simulate(scenario, "physics")) == expected
+        assert ending_of_run(scenario.system, mjsheaf.simulate(scenario, "physics")) == expected
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_a_driven_ring_ends_as_check_says() -> None:
 def test_what_noise_and_disturbances_move_has_settled(driven: dict[str, Any]) -> None:
     changes = {"controller": {"gain": 1.0, "control_period": 0.02}, "time": {"end": 60.0}, **driven}
     scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes})
-    assert ending_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal")) == "settled"
+    assert ending_of_motion(scenario.system, mjsheaf.simulate(scenario, "ideal")) == "settled"
 
 
 def test_a_sweep_says_the_same(tmp_path: Any) -> None:

@@ -15,7 +15,7 @@ const own = (text) => make("bdi", "", text);
 
 const ENDINGS = {
   settled: "The errors have settled.",
-  "not settled": "The errors have not settled at the end.",
+  "not settled": "The team has not settled at the end.",
   diverging: "The errors grow to the end.",
 };
 const MEASURES = {

@@ -25,7 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay
+from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay, loop_of
 from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
 from mjsheaf.checking.loop.sampled_loop import closed, delayed, ideal_vehicle
 from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
@@ -36,7 +36,7 @@ from mjsheaf.errors import InputError, NoModelError, OverpoweredError, Undecided
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.media.medium import WITHOUT_MEAN
 from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.ending import Ending, ending_of_run
+from mjsheaf.results.ending import Ending, ending_of_motion
 from mjsheaf.section import Record
 from mjsheaf.system import Phase, System, whole_ratio
 from mjsheaf.threads import one_thread
@@ -279,8 +279,6 @@ def body_loop(
             raise UndecidedError("the gain is 0")
         if not spectrum.smallest.size:
             raise UndecidedError("nothing is held")
-        if lost and not gain:
-            raise UndecidedError(lost)
         models = _models(system, range(len(medium)), medium, timestep, steps)
         loop = exact = _close(system, spectrum, models, period)
         age = 0 if lost else (common_delay(system) or 0) * whole_ratio(system.grid.period, period)
@@ -346,18 +344,25 @@ def loop_along(
     return body_loop(system, spectrum_of(system.team), medium, gain=gain, least_damping=least_damping)
 
 
-def ending_of(run: System | Sequence[Phase], dataset: xr.Dataset) -> Ending | None:
-    """Judge the end of a run, as `ending_of_run`; agents on bodies whose loop is unstable have not settled.
+def ending_of_run(run: System | Sequence[Phase], dataset: xr.Dataset) -> Ending | None:
+    """Judge the end of a run, as `ending_of_motion`; a team whose loop is unstable has not settled.
 
     Where something drives a team, its motion alone does not tell a forced oscillation from the team's own.
     """
-    ending = ending_of_run(run, dataset)
-    if ending != "settled" or dataset.attrs["backend"] != "physics" or "controller" in dataset.attrs:
+    ending = ending_of_motion(run, dataset)
+    if ending != "settled" or "controller" in dataset.attrs:
         return ending
     system, last = of_phase(run, dataset, -1)
-    q_star = np.nan_to_num(last["harmonic_extension"].values)
-    stable = loop_along(system, last["time"].values, q_star, gain=False).stable
-    return "not settled" if stable is False else ending
+    if dataset.attrs["backend"] == "ideal":
+        try:
+            unstable = loop_of(system).radius > 1.0
+        except UndecidedError:
+            unstable = False
+    else:
+        q_star = np.nan_to_num(last["harmonic_extension"].values)
+        loop = loop_along(system, last["time"].values, q_star, gain=False)
+        unstable = loop.stable is False or (loop.stable is None and loop.stable_over_exact_links is False)
+    return "not settled" if unstable else ending
 
 
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:

@@ -36,7 +36,7 @@ from mjsheaf.checking.spectrum import DENSE_STATES, agent_coboundary, held_eigen
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
 from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier, targets_loop
-from mjsheaf.errors import UndecidedError, listed, raise_first
+from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.media.varying import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
@@ -133,15 +133,14 @@ def eigen_of(system: System) -> tuple[Array, Array]:
     team = system.team
     problem = team.dirichlet
     n = problem.H.shape[0]
-    raise_first(
-        UndecidedError,
-        {
-            "H is not symmetric": not team.symmetric,
-            "the law is continuous: see Theorem 1": system.grid.continuous,
-            "the harmonic extension is not unique": not (team.free or problem.unique),
-            f"H has {n} rows; all its eigenvalues are found up to {DENSE_STATES}": n > DENSE_STATES,
-        },
-    )
+    if not team.symmetric:
+        raise UndecidedError("H is not symmetric")
+    if system.grid.continuous:
+        raise UndecidedError("the law is continuous: see Theorem 1")
+    if not (team.free or problem.unique):
+        raise UndecidedError("the harmonic extension is not unique")
+    if n > DENSE_STATES:
+        raise UndecidedError(f"H has {n} rows; all its eigenvalues are found up to {DENSE_STATES}")
     values, vectors = problem.eigenvectors
     free = problem.sparse_null_basis.shape[1]
     if free == n or (values[free] <= 0.0 and not team.stressed):
@@ -351,17 +350,18 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
     new = terms_without_bound(system.law)
     deficient = obstacle_of_rank(system)
     targets = targets_loop(system)
-    raise_first(
-        UndecidedError,
-        {
-            "the error with which the phase begins is not known": not np.isfinite(certificate.constants.initial_error),
-            "links are not exact: no bound is known with noise, delay, loss or range": len(system.law.links.table),
-            f"no bound along the targets' path is known with {listed(new)}": new,
-            deficient: deficient,
-            "the loop is unstable": not loop.radius < 1.0,
-            targets.failure: not targets.stable,
-        },
-    )
+    if not np.isfinite(certificate.constants.initial_error):
+        raise UndecidedError("the error with which the phase begins is not known")
+    if len(system.law.links.table):
+        raise UndecidedError("links are not exact: no bound is known with noise, delay, loss or range")
+    if new:
+        raise UndecidedError(f"no bound along the targets' path is known with {listed(new)}")
+    if deficient:
+        raise UndecidedError(deficient)
+    if not loop.radius < 1.0:
+        raise UndecidedError("the loop is unstable")
+    if not targets.stable:
+        raise UndecidedError(targets.failure)
     found = _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
     return replace(found, clipped=_why_clipped(system, found))
 

@@ -36,7 +36,7 @@ from mjsheaf.checking.spectrum import Spectrum, matrix_of
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.errors import InputError, UndecidedError, raise_first, select_true
+from mjsheaf.errors import InputError, UndecidedError, select_true
 from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
@@ -166,20 +166,24 @@ def _path_of(
         UndecidedError: The path is not known, the harmonic extension is not unique, or the run is too long.
     """
     path = certificate.constants.path
-    raise_first(
-        UndecidedError,
-        {
-            FILTERED: system.safety is not None,
-            "the law is continuous": system.grid.continuous,
-            "H is not symmetric, and the law has terms": not system.team.symmetric and system.law.extended,
-            ROUNDS_OF_FITTING_EDGES: system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward),
-            "the team keeps a shape, and no target places it": system.team.free,
-            "the harmonic extension is not unique": certificate.spectrum.nullity,
-            f"the targets' path is not known: {path.warning}": path.cells is None,
-            "there are no targets to follow": len(path.samples) < 2,
-            "the run has too many samples": path.stride > 1,
-        },
-    )
+    if system.safety is not None:
+        raise UndecidedError(FILTERED)
+    if system.grid.continuous:
+        raise UndecidedError("the law is continuous")
+    if not system.team.symmetric and system.law.extended:
+        raise UndecidedError("H is not symmetric, and the law has terms")
+    if system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward):
+        raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
+    if system.team.free:
+        raise UndecidedError("the team keeps a shape, and no target places it")
+    if certificate.spectrum.nullity:
+        raise UndecidedError("the harmonic extension is not unique")
+    if path.cells is None:
+        raise UndecidedError(f"the targets' path is not known: {path.warning}")
+    if len(path.samples) < 2:
+        raise UndecidedError("there are no targets to follow")
+    if path.stride > 1:
+        raise UndecidedError("the run has too many samples")
     last = len(path.samples) - 1
     counted = last + 1 - (last + 1) // 2
     decays = rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any()
@@ -485,18 +489,20 @@ def _require_known(system: System) -> None:
     terms = system.law.terms
     links = system.law.links.table
     late = links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any()
-    raise_first(
-        UndecidedError,
-        {
-            "the law observes the medium's velocity or follows the targets'": terms.drift or terms.feedforward,
-            "H is not symmetric": not system.team.symmetric,
-            "measurements are delayed or lost": late or terms.rounds.imperfect,
-            ROUNDS_OF_FITTING_EDGES: system.team.stressed and terms.newton,
-            "the harmonic extension is not unique": not system.team.dirichlet.unique,
-            "targets follow one another": len(system.team.target_edges),
-            "g is the scenario's own": system.effectiveness.given.any(),
-        },
-    )
+    if terms.drift or terms.feedforward:
+        raise UndecidedError("the law observes the medium's velocity or follows the targets'")
+    if not system.team.symmetric:
+        raise UndecidedError("H is not symmetric")
+    if late or terms.rounds.imperfect:
+        raise UndecidedError("measurements are delayed or lost")
+    if system.team.stressed and terms.newton:
+        raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
+    if not system.team.dirichlet.unique:
+        raise UndecidedError("the harmonic extension is not unique")
+    if len(system.team.target_edges):
+        raise UndecidedError("targets follow one another")
+    if system.effectiveness.given.any():
+        raise UndecidedError("g is the scenario's own")
 
 
 def _require_one_side(system: System) -> None:

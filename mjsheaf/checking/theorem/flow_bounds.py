@@ -102,7 +102,7 @@ def supremum(
     Args:
         low: the box's lowest corner, shape (2,) or (3,), m, or those of k boxes, shape (k, 2) or (k, 3). A planar
             vehicle needs two numbers, and a third is not used; in space three are needed unless the field is planar.
-        high: its highest corner, same shape; a box may be a point.
+        high: its highest corner, same shape, finite and at least the lowest; a box may be a point.
         planar: True if the vehicle lives in the plane: points are (x, y, 0), and only the x and y of w count.
         slope: True for the slope, False for the speed.
         drift: True if the uniform drift counts; it has no slope.
