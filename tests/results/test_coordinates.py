@@ -12,8 +12,8 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.loop import log as trajectory
 from mjsheaf.results import open_dataset, write_dataset
+from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario
 from tests.builders import REPOSITORY
@@ -118,7 +118,7 @@ def test_the_file_has_them_too(
     """Written in pieces of 7 of 51 samples."""
     run = scenario(events=events)
     whole = simulate(run, backend)
-    monkeypatch.setattr(trajectory, "samples_in_piece", lambda system: 7)
+    monkeypatch.setattr(running, "samples_in_piece", lambda system: 7)
     write_dataset(stream(run.phases, backend, run.seed), tmp_path / "result.nc")
     with open_dataset(tmp_path / "result.nc") as opened:
         found = opened.load()

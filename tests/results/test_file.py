@@ -13,9 +13,9 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.loop import log as trajectory
 from mjsheaf.results import join, make_dataset, open_dataset, store, thinned, write_dataset
 from mjsheaf.results.store import length_of_piece, pieces_of
+from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from tests.running import run_physics
@@ -43,7 +43,7 @@ def piece(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
     """Sets the length of pieces."""
 
     def set_length(samples: int) -> None:
-        monkeypatch.setattr(trajectory, "samples_in_piece", lambda system: samples)
+        monkeypatch.setattr(running, "samples_in_piece", lambda system: samples)
 
     return set_length
 

@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw
 import mjsheaf.video
 from mjsheaf import medium, simulate
 from mjsheaf.errors import InputError
-from mjsheaf.loop import log as trajectory
 from mjsheaf.results import open_dataset, write_dataset
+from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.show.played import Poses
@@ -98,7 +98,7 @@ def chase(end: float = 3.0, **video: Any) -> Scenario:
 def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
     backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(trajectory, "samples_in_piece", lambda system: 37)
+    monkeypatch.setattr(running, "samples_in_piece", lambda system: 37)
     scenario = chase()
     write_dataset(stream(scenario.system, backend, 0), tmp_path / "a.nc")
     in_memory = film_of(scenario, simulate(scenario, backend))[0].run
