@@ -101,10 +101,10 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
         InputError: A term of mjsheaf has this name, a parameter's name is invalid or repeated, or the function does not
             compile, writes to residual or parameters, or uses indices out of range.
     """
-    names = tuple(parameters)
-    if isinstance(parameters, str) or len(set(names)) != len(names) or not all(map(_is_name, names)):
+    names = tuple(parameters) if isinstance(parameters, list | tuple) else ("",)
+    if len(set(names)) != len(names) or not all(map(_is_name, names)):
         raise InputError(f"register: parameters are {parameters!r}; expected a list of different names")
-    if not (isinstance(memory, int) and 0 <= memory <= _MOST_NUMBERS):
+    if isinstance(memory, bool) or not (isinstance(memory, int) and 0 <= memory <= _MOST_NUMBERS):
         raise InputError(f"register: memory is {memory!r}; expected a whole number from 0 to {_MOST_NUMBERS}")
 
     def decorate(function: Term) -> Term:

@@ -53,6 +53,9 @@ _STEADY_SWING = 0.05  # largest relative difference in amplitude of two quarters
 _FAINT_SWING = 1e-4  # smallest amplitude of an oscillation, relative to the range of the error
 _MIN_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation from a drift
 _STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to the amplitude of the errors
+# Noise of a standard deviation s moves a mode of the law by s sqrt(k h / (2 - k h lambda)) RMS, with its eigenvalue
+# lambda of H: by less than s, unless the gain is near its limit. It explains no oscillation larger than this times s.
+_MAX_OF_NOISE = 5.0
 _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
 
@@ -63,17 +66,24 @@ def ending_of_motion(run: System | Sequence[Phase], dataset: "xr.Dataset") -> En
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
     offsets = q_star - positions
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
-    still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
-    ending = judge(error, offsets if still and not is_driven(system) else None)
+    swing = _swing(_quarters(offsets)[-1])
+    still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * swing
+    ending = judge(error, offsets if still and swing > _MAX_OF_NOISE * _noise_of(system) else None)
     phases = [Phase(0, run)] if isinstance(run, System) else run
     return "not settled" if ending == "settled" and find_stuck_at_end(phases, dataset) else ending
 
 
-def is_driven(system: System) -> bool:
-    """Return True if disturbances, what moves in the medium, or noise move agents whose q* rests."""
+def _noise_of(system: System) -> float:
+    """Return the largest standard deviation of what links measure, m; infinity if something of no known size drives it.
+
+    Those are disturbances, what moves in the medium, and noise of angles and of odometry.
+    """
     links = system.law.links.table
-    noisy = any(links[name].any() for name in ("noise", "range_noise", "bearing_noise"))
-    return bool(system.harmonics[..., :3].any() or system.moving or noisy or system.law.terms.noise > 0.0)
+    angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
+    driven = system.harmonics[..., :3].any() or system.moving or system.law.terms.noise > 0.0
+    if driven or angles or links["bearing_noise"].any():
+        return float("inf")
+    return float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
 
 
 def judge(error: Array, offsets: Array | None = None) -> Ending | None:

@@ -44,7 +44,7 @@ _RATIOS = {
     "bound_ratio": "largest |e| / (bound + accuracy), whole run (-)",
     "late_bound_ratio": "largest |e| / (bound + accuracy), second half (-)",
 }
-_ENDS = {True: "converged run", None: "run too short to judge", False: "run that has not converged"}
+_ENDS = {True: "converged run", None: "run that was not judged", False: "run that has not converged"}
 """Ends of finished runs, by `settled`."""
 _UNFINISHED = "run that did not finish"
 _COLOURS = dict(zip(_ENDS.values(), (BLUE, "#555555", "#D55E00"), strict=True))
@@ -266,6 +266,8 @@ def _draw_over_time(
         return None
     table = pd.concat(series, names=["run", None]).reset_index("run")
     drawn = [measure for measure in measures if table[measure].notna().any()]
+    if not drawn:
+        return None
     figure, panels = _panels(len(drawn), 1, title)
     figure.set_figwidth(WIDTH)
     for panel, measure in zip(panels, drawn, strict=True):

@@ -139,6 +139,32 @@ def test_what_noise_and_disturbances_move_has_settled(driven: dict[str, Any]) ->
     assert ending_of_motion(scenario.system, mjsheaf.simulate(scenario, "ideal")) == "settled"
 
 
+@pytest.mark.parametrize(
+    ("links", "expected"),
+    [
+        ({"delay": 0.5, "noise": 0.01}, "not settled"),
+        ({"delay": 0.5, "noise": 0.01, "loss": 0.2}, "not settled"),
+        ({"noise": 0.1}, "settled"),
+    ],
+)
+def test_noise_hides_no_limit_cycle(links: dict[str, float], expected: str) -> None:
+    """Too high a gain for the delay, and commands at the velocity limit."""
+    scenario = scenario_from_mapping(
+        {
+            "name": "two_boats",
+            "agents": [{"id": "A1", "position": [-5, 1]}, {"id": "A2", "position": [6, -3]}],
+            "targets": [{"id": "T", "position": [0, 0], "motion": {"kind": "fixed"}}],
+            "communication": [["A1", "A2"]],
+            "sensing": [["A1", "T"], ["A2", "T"]],
+            "controller": {"control_period": 0.05, "gain": 4.0, "velocity_limit": 1.0},
+            "links": {"all": links},
+            "time": {"end": 40.0},
+        }
+    )
+    run = mjsheaf.simulate(scenario, "ideal")
+    assert ending_of_motion(scenario.system, run) == ending_of_run(scenario.system, run) == expected
+
+
 def test_a_sweep_says_the_same(tmp_path: Any) -> None:
     path = tmp_path / "ring.yaml"
     path.write_text(json.dumps({**QUADROTOR_PAIR, "physics": {"timestep": 0.005}}))
