@@ -55,7 +55,7 @@ _MIN_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation 
 _STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to the amplitude of the errors
 # Noise of a standard deviation s moves a mode of the law by s sqrt(k h / (2 - k h lambda)) RMS, with its eigenvalue
 # lambda of H: by less than s, unless the gain is near its limit. It explains no oscillation larger than this times s.
-_MAX_OF_NOISE = 5.0
+_MAX_OF_NOISE = 3.0
 _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
 

@@ -353,15 +353,16 @@ def ending_of_run(run: System | Sequence[Phase], dataset: xr.Dataset) -> Ending 
     if ending != "settled" or "controller" in dataset.attrs:
         return ending
     system, last = of_phase(run, dataset, -1)
-    if dataset.attrs["backend"] == "ideal":
-        try:
+    try:
+        system = system.local
+        if dataset.attrs["backend"] == "ideal":
             unstable = loop_of(system).radius > 1.0
-        except UndecidedError:
-            unstable = False
-    else:
-        q_star = np.nan_to_num(last["harmonic_extension"].values)
-        loop = loop_along(system, last["time"].values, q_star, gain=False)
-        unstable = loop.stable is False or (loop.stable is None and loop.stable_over_exact_links is False)
+        else:
+            q_star = np.nan_to_num(last["harmonic_extension"].values)
+            loop = loop_along(system, last["time"].values, q_star, gain=False)
+            unstable = loop.stable is False or (loop.stable is None and loop.stable_over_exact_links is False)
+    except (UndecidedError, InputError):
+        return ending
     return "not settled" if unstable else ending
 
 
