@@ -117,11 +117,6 @@ def select_true(reasons: Mapping[str, object]) -> list[str]:
     return [text for text, true in reasons.items() if true]
 
 
-def first_true(reasons: Mapping[str, object]) -> str:
-    """Return the first text whose condition is true; empty if there is none."""
-    return next(iter(select_true(reasons)), "")
-
-
 def suggestion(name: str, names: Collection[str]) -> str:
     """'; did you mean X?' where one of the names is close to what was written, else nothing."""
     close = get_close_matches(name, names, 1, 0.6) or [n for n in names if n.lower() == name.lower()][:1]

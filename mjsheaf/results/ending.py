@@ -54,7 +54,8 @@ _FAINT_SWING = 1e-4  # smallest amplitude of an oscillation, relative to the ran
 _MIN_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation from a drift
 _STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to the amplitude of the errors
 # Noise of a standard deviation s moves a mode of the law by s sqrt(k h / (2 - k h lambda)) RMS, with its eigenvalue
-# lambda of H: by less than s, unless the gain is near its limit. It explains no oscillation larger than this times s.
+# lambda of H, where maps and weights are of size 1: by less than s, unless the gain is near its limit. It explains no
+# oscillation larger than this times s, over all axes of an agent.
 _MAX_OF_NOISE = 3.0
 _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time

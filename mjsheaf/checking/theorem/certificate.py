@@ -48,7 +48,7 @@ from mjsheaf.checking.theorem.constants import (
 from mjsheaf.checking.theorem.flow_bounds import singular_points
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets, targets_loop
 from mjsheaf.checking.theorem.theorem import Rho, Theorem, least_gain, theorem_1
-from mjsheaf.errors import first_true, select_true
+from mjsheaf.errors import select_true
 from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
@@ -332,7 +332,7 @@ def _why_no_bound(search: Search, theorem: Theorem, region: Region) -> str:
     return (
         obstacle_of_team(search.system.team)
         or obstacle_of_targets(search.system)
-        or first_true(unknown)
+        or next(iter(select_true(unknown)), "")
         or _gain_condition(theorem, constants.initial_error, search.rate, region)
         or ("" if region.verified else region.source)
     )
