@@ -8,11 +8,11 @@ variables stay as they were.
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from copy import deepcopy
 from importlib import import_module
 from typing import Any, cast
+from unittest.mock import patch
 
 import numpy as np
 
@@ -22,36 +22,6 @@ from mjsheaf.loop.mujoco_engine import World
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.scenario import Scenario
 
-_VARIABLES = ("MUJOCO_GL", "PYOPENGL_PLATFORM")
-
-
-@contextmanager
-def _drawing_by(backend: str | None) -> Iterator[None]:
-    """Name a way to draw within the block; None leaves the choice to dm_control."""
-    before = {name: os.environ.get(name) for name in _VARIABLES}
-    if backend is not None:
-        os.environ["MUJOCO_GL"] = backend
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a windowing library without a display
-            yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def _candidates() -> tuple[str | None, ...]:
-    """Ways to draw, the best first."""
-    if os.environ.get("MUJOCO_GL"):
-        return None, "off"
-    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if sys.platform.startswith("linux") and not display:
-        return "egl", "off"
-    return None, "off"
-
 
 def _load(module: str) -> Any:
     """Import a module of dm_control.
@@ -59,10 +29,13 @@ def _load(module: str) -> Any:
     Raises:
         ImportError: dm_control is not installed, or does not load.
     """
+    named = os.environ.get("MUJOCO_GL")
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or not sys.platform.startswith("linux")
     failure: Exception | None = None
-    for backend in _candidates():
+    for backend in ({} if named or display else {"MUJOCO_GL": "egl"}, {"MUJOCO_GL": "off"}):
         try:
-            with _drawing_by(backend):
+            with patch.dict(os.environ, backend), warnings.catch_warnings():  # it names more variables itself
+                warnings.simplefilter("ignore")  # of a windowing library without a display
                 import_module("dm_control._render")
                 return import_module(module)
         except (ImportError, RuntimeError, AttributeError) as error:

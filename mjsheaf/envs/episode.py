@@ -15,7 +15,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjsheaf.arguments import real_numbers, require_choice, require_scenario, require_seed
+from mjsheaf.arguments import real_numbers, require_choice, require_number, require_scenario, require_seed
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.loop.engine import Commanded
@@ -134,7 +134,7 @@ class Episode:
         every = named_edges(team.measuring_edges)
         self.keys = {name: [key for key, edge in every.items() if _measures(name, edge)] for name in self.agents}
         self.edges = {name: [every[key] for key in keys] for name, keys in self.keys.items()}
-        self._errors = SquareErrors(self.world.system)
+        self._errors = SquareErrors(self.world.system.team)
         self.repeat()
 
     @property
@@ -330,7 +330,7 @@ class Episode:
                 "present": np.array(present),
             }
         if self._errors.team is not world.system.team:
-            self._errors = SquareErrors(world.system)
+            self._errors = SquareErrors(world.system.team)
         self._rewards = np.where(self.present, -self._errors(sample.truth.positions), 0.0)
 
 
@@ -381,8 +381,8 @@ def _whole_periods(horizon: float, period: float, most: int) -> int:
     Raises:
         InputError: It is not a whole number of periods between 1 and `most`.
     """
-    good = isinstance(horizon, int | float | np.integer | np.floating) and not isinstance(horizon, bool)
-    ratio = float(horizon) / period if good else np.nan
+    require_number("horizon", horizon)
+    ratio = float(horizon) / period
     if not (0.5 < ratio < most + 0.5 and abs(ratio - round(ratio)) <= 1e-6 * ratio):
         raise InputError(
             f"horizon is {horizon!r}; expected a whole number of control periods of {period:g} s, up to the run's "

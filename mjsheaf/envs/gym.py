@@ -5,7 +5,7 @@ Zero is zero. What cannot be negative, such as the thrust of a rotor, is in [0, 
 observation is an array of the parts that `Episode.observe` names, one after another.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -83,14 +83,6 @@ class FlatEpisode(Episode):
             for name, own in self.observe().items()
         }
 
-    def act_flat(self, actions: Mapping[str, Any]) -> None:
-        """Choose the actions of agents by arrays in [-1, 1], by id; see `Episode.act`."""
-        self.act(actions, normalized=True)
-
-    def step_period(self) -> None:
-        """Take one control period."""
-        self.advance(self.world.steps_per_sample)
-
     def picture(self) -> Any:
         """Draw the vehicles as they are, shape (480, 640, 3), 8 bits a colour; headless where there is no display."""
         from mjsheaf.envs.control_suite import BodyPhysics, MovableCamera
@@ -146,8 +138,8 @@ class TeamEnv(gymnasium.Env[Array, Array]):
         """Take one control period; see `env`."""
         episode = self.episode
         found = real_numbers("action", action, self._shape, f"{self._shape} finite numbers")
-        episode.act_flat(dict(zip(episode.agents, np.split(found, self._ends), strict=True)))
-        episode.step_period()
+        episode.act(dict(zip(episode.agents, np.split(found, self._ends), strict=True)), normalized=True)
+        episode.advance(episode.world.steps_per_sample)
         broken = bool(episode.message)
         info = {"message": episode.message} if broken else {}
         return self.observe(), float(episode.rewards.sum()), broken, episode.finished and not broken, info

@@ -62,8 +62,9 @@ class TeamParallelEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo's type va
         live = self.agents
         ended = set(self.possible_agents) - set(live)
         given = isinstance(actions, Mapping)
-        episode.act_flat({k: a for k, a in actions.items() if k not in ended} if given else actions)
-        episode.step_period()
+        live_actions = {k: a for k, a in actions.items() if k not in ended} if given else actions
+        episode.act(live_actions, normalized=True)
+        episode.advance(episode.world.steps_per_sample)
         rows = [episode.agents.index(name) for name in live]
         terminated = episode.gone[rows] | bool(episode.message)
         truncated = ~terminated & episode.finished

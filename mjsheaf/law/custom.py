@@ -99,7 +99,7 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
 
     Raises:
         InputError: A term of mjsheaf has this name, a parameter's name is invalid or repeated, or the function does not
-            compile, writes to residual or parameters, or uses indices out of range.
+            compile, or writes to residual or parameters.
     """
     names = tuple(parameters) if isinstance(parameters, list | tuple) else ("",)
     if len(set(names)) != len(names) or not all(map(_is_name, names)):
@@ -111,7 +111,6 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
         name = function.__name__
         if not _is_name(name) or name in SHIPPED:
             raise InputError(f"register: a term cannot be named {name!r}; expected a name that mjsheaf does not use")
-        _require_own_numbers(function, len(names), memory)
         file = _file_of(function)
         digest = _digest(repr(memory).encode(), file, *_meaning(function, set()))
         kind = _kind(f"{_PREFIX}{name}_{digest[:16]}")
@@ -158,23 +157,6 @@ def _meaning(value: Any, met: set[int]) -> Iterator[bytes]:
         yield str((value.dtype, value.shape)).encode() + value.tobytes()
     else:
         yield repr(value).encode()
-
-
-def _require_own_numbers(function: Term, parameters: int, memory: int) -> None:
-    """Refuse a term that uses numbers beyond those it has: compiled code would read and write those of others.
-
-    Raises:
-        InputError: It does, at rest or in motion.
-    """
-    for value in (0.0, 1.0):
-        numbers = [np.full(size, value) for size in (3, 3, memory, parameters)]
-        try:
-            with np.errstate(all="ignore"):
-                function(*numbers, np.float64(1.0))  # type: ignore[call-arg, arg-type]
-        except IndexError as error:
-            raise InputError(f"register: {function.__name__}: {error}") from None
-        except Exception:  # what Python refuses may compile
-            continue
 
 
 def _compiled(function: Term) -> Any:

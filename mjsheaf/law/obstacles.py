@@ -47,7 +47,7 @@ class ObstacleArrays(NamedTuple):
 
 
 class Obstacle(Tagged, ABC):
-    """Base of all obstacles; subclasses must implement `place`, and `axis` and `size` if they have them."""
+    """Base of all obstacles; subclasses must implement `shape`."""
 
     id: Id | None = Field(None, description="name that results and pictures show; kind and number unless given")
     motion: Motion | None = Field(None, description="motion of the centre, without turning; at rest unless given")
@@ -59,20 +59,23 @@ class Obstacle(Tagged, ABC):
             raise ValueError("no flow carries an obstacle; expected a motion other than adrift, or none")
         return motion
 
-    @property
     @abstractmethod
-    def place(self) -> list[float]:
-        """Initial position of the centre, 2 or 3 coordinates, m."""
+    def shape(self) -> "Shape":
+        """Return its place, axis and size."""
 
-    @property
-    def axis(self) -> Array:
-        """Direction of the x axis, shape (3,)."""
-        return np.array([1.0, 0.0, 0.0])
 
-    @property
-    def size(self) -> list[float]:
-        """Sizes as the module has them, m; none unless overridden."""
-        return []
+class Shape(NamedTuple):
+    """Place and size of an obstacle.
+
+    Attributes:
+        place: Initial position of the centre, 2 or 3 coordinates, m.
+        size: Sizes as the module has them, m.
+        axis: Direction of the x axis, a unit vector, shape (3,).
+    """
+
+    place: Sequence[float]
+    size: Sequence[float] = ()
+    axis: Array = np.array([1.0, 0.0, 0.0])
 
 
 class Sphere(Obstacle):
@@ -82,15 +85,9 @@ class Sphere(Obstacle):
     centre: Point = Field(description="its centre; of two numbers the third is scene.height [m]")
     radius: Positive = Field(description="its radius [m]")
 
-    @property
-    def place(self) -> list[float]:
-        """The centre."""
-        return self.centre
-
-    @property
-    def size(self) -> list[float]:
-        """The radius."""
-        return [self.radius]
+    def shape(self) -> Shape:
+        """Return the centre and the radius."""
+        return Shape(self.centre, [self.radius])
 
 
 class Capsule(Obstacle):
@@ -108,24 +105,12 @@ class Capsule(Obstacle):
             raise ValueError("ends: expected two different points of the same dimension")
         return self
 
-    @property
-    def _span(self) -> Array:
-        return np.array([*np.subtract(self.ends[1], self.ends[0]), 0.0][:3])
-
-    @property
-    def place(self) -> list[float]:
-        """The middle of the segment."""
-        return [0.5 * (a + b) for a, b in zip(*self.ends, strict=True)]
-
-    @property
-    def axis(self) -> Array:
-        """From one end to the other."""
-        return np.asarray(self._span / np.linalg.norm(self._span, axis=0))
-
-    @property
-    def size(self) -> list[float]:
-        """Half the length of the segment, and the radius."""
-        return [0.5 * float(np.linalg.norm(self._span, axis=0)), self.radius]
+    def shape(self) -> Shape:
+        """Return the middle of the segment, half its length with the radius, and the way from one end to the other."""
+        span = np.array([*np.subtract(self.ends[1], self.ends[0]), 0.0][:3])
+        length = np.linalg.norm(span, axis=0)
+        middle = [0.5 * (a + b) for a, b in zip(*self.ends, strict=True)]
+        return Shape(middle, [0.5 * float(length), self.radius], span / length)
 
 
 class Box(Obstacle):
@@ -138,21 +123,10 @@ class Box(Obstacle):
     )
     heading: Number = Field(0.0, description="rotation about z [degrees]")
 
-    @property
-    def place(self) -> list[float]:
-        """The centre."""
-        return self.centre
-
-    @property
-    def axis(self) -> Array:
-        """Direction of the first side."""
+    def shape(self) -> Shape:
+        """Return the centre, half of each side, and the direction of the first side."""
         angle = np.deg2rad(self.heading)
-        return np.array([np.cos(angle), np.sin(angle), 0.0])
-
-    @property
-    def size(self) -> list[float]:
-        """Half of each side."""
-        return [0.5 * side for side in self.sides]
+        return Shape(self.centre, [0.5 * side for side in self.sides], np.array([np.cos(angle), np.sin(angle), 0.0]))
 
 
 class HalfSpace(Obstacle):
@@ -168,16 +142,10 @@ class HalfSpace(Obstacle):
             raise ValueError("normal: is zero; expected a direction")
         return self
 
-    @property
-    def place(self) -> list[float]:
-        """A point of the plane."""
-        return self.point
-
-    @property
-    def axis(self) -> Array:
-        """The normal."""
+    def shape(self) -> Shape:
+        """Return a point of the plane, and the normal."""
         normal = np.array([*self.normal, 0.0][:3])
-        return np.asarray(normal / np.linalg.norm(normal, axis=0))
+        return Shape(self.point, axis=normal / np.linalg.norm(normal, axis=0))
 
 
 AnyObstacle = Annotated[Sphere | Capsule | Box | HalfSpace, Field(discriminator="kind")]
@@ -191,15 +159,15 @@ def pack_obstacles(some: Sequence[AnyObstacle], height: float, start: float, end
     """
     K = len(some)
     places, size, axes = np.zeros((K, 3)), np.zeros((K, 3)), np.zeros((K, 3, 3))
-    for k, one in enumerate(some):
-        places[k] = [*one.place, height][:3]
-        size[k, : len(one.size)] = one.size
-        x = one.axis
+    shapes = [one.shape() for one in some]
+    for k, (place, sizes, x) in enumerate(shapes):
+        places[k] = [*place, height][:3]
+        size[k, : len(sizes)] = sizes
         aside = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
         y = np.cross(aside, x)
         y /= np.linalg.norm(y, axis=0)
         axes[k] = x, y, np.cross(x, y)
-    dimensions = [len(one.place) for one in some]
+    dimensions = [len(shape.place) for shape in shapes]
     with in_field("safety.obstacles"):
         motion = pack_motions([one.motion for one in some], places, start, dimensions, end)
     kinds = np.array([KINDS.index(one.kind) for one in some], dtype=np.int64)

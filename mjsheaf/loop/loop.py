@@ -489,12 +489,6 @@ class ClosedLoop(Engine):
 
     def saturation(self) -> Array:
         """Fraction of each vehicle's thrusters whose command is at its limit, shape (V,)."""
-        channels = self._fleet.channels
-        kinds = self._fleet.kinds[self._fleet.bodies["kind"]]
-        ctrl = self._loop.state.ctrl
-        count = kinds["count"]
-        resting = np.repeat(kinds["one_sided"] > 0, count) & (ctrl == 0.0)
-        at_limit = ((ctrl <= channels["low"]) | (ctrl >= channels["high"])) & ~resting
-        ends = np.cumsum(count)
-        total = np.append(0, np.cumsum(at_limit))
-        return (total[ends] - total[ends - count]) / np.maximum(count, 1)
+        log = self._new_log(1)
+        _record(self._loop, log, 0, 0, len(self._vehicles))
+        return log.saturation[0]

@@ -7,44 +7,40 @@ go through the very functions of the fused engine, and each ends bit for bit as 
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
 from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError
 from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.law import look, unlook
 from mjsheaf.loop.fused import Fused, advance_blocks, command_vehicles
 from mjsheaf.loop.log import new_log
 from mjsheaf.loop.loop import NEVER, Params, blow_up_of, map_seeded, run_law
-from mjsheaf.system import System
+from mjsheaf.team import Team
 
 
 @jit
-def take_periods(loop, row, rigid, goal, nothing, values, alive, bad, squares):
-    """Take one control period in every world that is alive, and measure at its end.
+def take_periods(loop, row, rigid, nothing, values, alive, bad):
+    """Take one control period in every world that is alive.
 
     Args:
         loop: A loop of the worlds' team, whose own numbers lie in `row`.
         row: Numbers of one world, shape (n,).
         rigid: A RIGID for each kind of vehicle.
-        goal: Goal of the errors; see `Goal`.
         nothing: Log without samples.
         values: Rows of the worlds, shape (W, n).
         alive: True for each world that takes a period, shape (W,).
         bad: Time at which each vehicle diverged, NEVER if it did not, shape (W, V); see `Fused._bad`.
-        squares: Squared errors |q*_i - q_i|^2 of the agents, shape (W, N), m^2. A world that diverges keeps its own.
     """
     for w in range(values.shape[0]):
         if not alive[w]:
             continue
         for k in range(row.shape[0]):
             row[k] = values[w, k]
-        if take_period(loop, rigid, nothing, bad[w]):
-            square_errors(goal, loop.state.x, squares[w])
+        take_period(loop, rigid, nothing, bad[w])
         for k in range(row.shape[0]):
             values[w, k] = row[k]
 
@@ -65,14 +61,11 @@ def begin_periods(loop, row, values, which):
 
 @inline_jit
 def take_period(loop, rigid, nothing, bad):
-    """Take the next control period, and evaluate the law at its end.
+    """Take the next control period, and evaluate the law at its end; if a vehicle diverges, its steps do not count.
 
     Args:
         loop, rigid, nothing: See `take_periods`.
         bad: Time at which each vehicle diverged, shape (V,).
-
-    Returns:
-        False if a vehicle diverged: then the steps of the period do not count.
     """
     params, memory = loop.params, loop.state.memory
     k, B = int(loop.state.steps[0]), params.fleet.blocks.shape[0] - 1
@@ -80,29 +73,11 @@ def take_period(loop, rigid, nothing, bad):
     for _ in range(params.per_sample // params.per_law):
         run_law(loop, params.start + k * params.timestep)
         if not advance_blocks(loop, rigid, 0, B, k, params.per_law, nothing, -1, bad):
-            return False
+            return
         k += params.per_law
     look(float(k), memory.held, memory.kept)
     run_law(loop, params.start + k * params.timestep)
     loop.state.steps[0] = k
-    return True
-
-
-def _require_world(run: Fused) -> None:
-    """Refuse a run that takes no periods together with others.
-
-    Raises:
-        InputError: It has begun, has events or another phase, a law in Python, or a team that is too large.
-    """
-    first, *later = run.phases
-    if run.steps_taken:
-        raise InputError(f"a run is at {run.time:g} s; expected runs at their start")
-    if later or first.events:
-        what = first.events[0] if first.events else f"{later[0].name} at {later[0].time:g} s"
-        raise InputError(f"events: {what}; expected none in worlds that step together, which keep their edges")
-    if run.controller:
-        raise InputError("controller: a law in Python; expected the agents' own in worlds that step without Python")
-    require_scorable(run.system)
 
 
 def _shared(params: Params) -> Params:
@@ -117,24 +92,15 @@ def _seeded(params: Params) -> list[Any]:
     return leaves
 
 
-def _require_same(w: int, one: Any, other: Any, path: str = "params") -> None:
-    """Refuse a world w that differs, if by a bit, from the others in one of what they share, trees of tuples.
-
-    Raises:
-        InputError: naming the first leaf in which it does.
-    """
+def _are_equal(one: Any, other: Any) -> bool:
+    """Return True if trees of tuples are equal to the bit."""
     if one is other:
-        return
-    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
-        for name, part, others in zip(getattr(one, "_fields", range(len(one))), one, other, strict=True):
-            _require_same(w, part, others, f"{path}.{name}")
-        return
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        same = one.shape == other.shape and one.tobytes() == other.tobytes()
-    else:
-        same = type(one) is type(other) and bool(one == other)
-    if not same:
-        raise InputError(f"{path}: run {w} has another than the others; expected runs of one team")
+        return True
+    if isinstance(one, tuple):
+        return type(one) is type(other) and len(one) == len(other) and all(map(_are_equal, one, other))
+    if isinstance(one, np.ndarray):
+        return one.shape == other.shape and one.tobytes() == other.tobytes()
+    return type(one) is type(other) and bool(one == other)
 
 
 class Worlds:
@@ -150,29 +116,30 @@ class Worlds:
         """Lay out runs at their start, and continue them there.
 
         Raises:
-            InputError: There is no run, or one is not suitable: it differs from the first in what worlds share, has
-                begun, has events or another phase, a law in Python, or is refused by `require_scorable`.
+            InputError: A run differs from the first in what worlds share, has begun, has events or another phase, a law
+                in Python, or a team whose q* is no linear function of the targets.
         """
-        if not runs:
-            raise InputError("no run; expected one or more")
         first, system = runs[0], runs[0].system
-        shared, self._rigid = _shared(first.params()), first.compiled[1]
-        for w, run in enumerate(runs):
-            _require_world(run)
-            _require_same(w, _shared(run.params()), shared)
-            _require_same(w, run.compiled[1], self._rigid, "rigid")
-            _require_same(w, run.system.team.members, system.team.members, "team")
-            _require_same(w, run.system.grid, system.grid, "time")
+        self._shared, self._rigid = _shared(first.params()), first.compiled[1]
+        for run in runs:
+            start, *later = run.phases
+            own = (_shared(run.params()), run.compiled[1], run.system.team.members, run.system.grid)
+            alike = _are_equal(own, (self._shared, self._rigid, system.team.members, system.grid))
+            if not (alike and run.system.team.plain) or run.steps_taken or later or start.events or run.controller:
+                raise InputError(
+                    f"{system.name}: expected runs of one team at their start, without events, a law in Python, or "
+                    "edges of ranges, bearings or directions, in worlds that step together"
+                )
         W = len(runs)
         self._runs = list(runs)
-        self._shared = shared
         self._row, self._loop = lay_out(first.loop_in)
         self._empty = lay_out(first.new_loop)[0]
         numbers, self.columns = lay_out(first.loop_in)
         numbers[:] = np.arange(len(numbers))
         self.values = np.zeros((W, len(self._row)))
         self._loops = [run.continue_in(Room(row)) for run, row in zip(runs, self.values, strict=True)]
-        self._goal = goal_of(system)
+        self._errors = SquareErrors(system.team)
+        self._positions = self.columns.state.x.astype(np.int64)
         self._nothing = new_log(0, system.law, actuators=len(self._loop.state.ctrl))
         self._starts = self.values.copy()
         self._bad = np.full((W, len(system.team.members)), NEVER)
@@ -197,7 +164,8 @@ class Worlds:
             run = self._runs[w]
             run.take_seed(seeds[w])
             params = run.params()
-            _require_same(w, _shared(params), self._shared)
+            if not _are_equal(_shared(params), self._shared):
+                raise InputError(f"seed {run.seed} changes what worlds that step together share")
             self.values[w, : len(self._empty)] = self._empty
             for own, value in zip(_seeded(self._loops[w].params), _seeded(params), strict=True):
                 own[...] = value
@@ -219,103 +187,40 @@ class Worlds:
         """
         system = self._runs[0].system
         with naming_terms(system.law.custom, system.team, self._loop.state.memory.evaluated):
-            of_worlds = self.values, alive, self._bad, self.squares
-            take_periods(self._loop, self._row, self._rigid, self._goal, self._nothing, *of_worlds)
-        found = {}
-        for w in np.flatnonzero((self._bad != NEVER).any(axis=1) & alive).tolist():
+            take_periods(self._loop, self._row, self._rigid, self._nothing, self.values, alive, self._bad)
+        diverged, found = (self._bad != NEVER).any(axis=1), {}
+        for w in np.flatnonzero(diverged & alive).tolist():
             vehicle = int(np.argmin(self._bad[w]))
             step = int(self._bad[w, vehicle]) // 2
             found[w] = blow_up_of(self._runs[w].system, self._loops[w], vehicle, step)
+        good = alive & ~diverged
+        self.squares[good] = self._errors(self.values[good][:, self._positions])
         return found
-
-
-_MOST_NUMBERS = 12_000_000  # of what carries targets to q*
-
-
-class Goal(NamedTuple):
-    """Reference for the errors of N agents.
-
-    Attributes:
-        carry, rest: Coefficients of q* = carry p + rest for stacked positions p, shapes (n_q, n_p) and (n_q,).
-        own: Vehicle and axis of each number of q, then of p, shape (n_q + n_p, 2).
-        first: Index of each agent's first number in q, shape (N + 1,).
-    """
-
-    carry: Array
-    rest: Array
-    own: IntArray
-    first: IntArray
-
-
-@inline_jit
-def square_errors(goal, x, squares):
-    """Write |q*_i - q_i|^2 of all agents at x (V, 3), m, into squares (N,), m^2; NaN for absent agents."""
-    n = goal.rest.shape[0]
-    for i in range(squares.shape[0]):
-        squares[i] = 0.0
-        for r in range(goal.first[i], goal.first[i + 1]):
-            e = goal.rest[r] - x[goal.own[r, 0], goal.own[r, 1]]
-            for c in range(goal.carry.shape[1]):
-                e += goal.carry[r, c] * x[goal.own[n + c, 0], goal.own[n + c, 1]]
-            squares[i] += e * e
 
 
 class SquareErrors:
     """Squared errors |q*_i - q_i|^2 of the agents of a team, called with positions.
 
+    The same positions give the same bits, alone or among others.
+
     Attributes:
         team: The team.
     """
 
-    def __init__(self, system: System) -> None:
-        self.team = system.team
-        self._goal = goal_of(system) if _is_scorable(system) else None
+    def __init__(self, team: Team) -> None:
+        self.team = team
+        agents = int(team.first_state[-1])
+        targets = len(team.slots) - agents
+        self._linear = team.plain and agents * targets <= _MOST_NUMBERS
+        if self._linear:
+            self._rest = team.extend(np.zeros(targets))
+            self._carry = team.extend(np.eye(targets)) - self._rest
 
     def __call__(self, x: Array) -> Array:
-        """Compute them where vehicles are at x (V, 3), m, shape (N,), m^2; NaN for absent agents."""
-        N = len(self.team.agents)
-        squares = np.empty(N)
-        if self._goal is None:
-            return np.asarray(((self.team.harmonic_extension(x) - x[:N]) ** 2).sum(axis=1))
-        _square_errors(self._goal, x, squares)
-        return squares
+        """Compute them where vehicles are at x (..., V, 3), m, shape (..., N), m^2; NaN for absent agents."""
+        q, p = self.team.split(x)
+        goal = self._rest + np.einsum("pq,...p->...q", self._carry, p) if self._linear else self.team.extend(p, q)
+        return np.add.reduceat((goal - q) ** 2, self.team.first_state[:-1], axis=-1)
 
 
-_square_errors = Tiered(square_errors)
-
-
-def require_scorable(system: System) -> None:
-    """Refuse a team of which no errors can be computed this way.
-
-    Raises:
-        InputError: what carries its targets to q* is too large, or q* is no linear function of them.
-    """
-    if not system.team.plain:
-        raise InputError(
-            "communication: q* of a team with range, bearing or directed edges, or without targets and anchors, is no "
-            "linear function of the targets, as worlds that step together require; expected separate runs"
-        )
-    n_q, n_p = system.team.first_state[-1], system.team.dirichlet.B.shape[1]
-    if not _is_scorable(system):
-        raise InputError(
-            f"agents: {n_q} coordinates of theirs by {n_p} of targets are too many for worlds that step together; "
-            f"expected a product of at most {_MOST_NUMBERS}, or runs one by one"
-        )
-
-
-def _is_scorable(system: System) -> bool:
-    """Return True if q* is a linear function of the targets, of moderate size."""
-    team = system.team
-    return team.plain and int(team.first_state[-1]) * team.dirichlet.B.shape[1] <= _MOST_NUMBERS
-
-
-def goal_of(system: System) -> Goal:
-    """Return the goal of a system that passed `require_scorable`."""
-    team, n_p = system.team, system.team.dirichlet.B.shape[1]
-    rest = team.extend(np.zeros(n_p))
-    return Goal(
-        carry=np.ascontiguousarray((team.extend(np.eye(n_p)) - rest).T),
-        rest=rest,
-        own=np.column_stack(np.divmod(team.slots, 3)).astype(np.int64),
-        first=np.asarray(team.first_state, dtype=np.int64),
-    )
+_MOST_NUMBERS = 12_000_000  # of what carries targets to q*

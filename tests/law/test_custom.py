@@ -122,7 +122,6 @@ def test_a_continuous_law_has_no_terms(file: Path) -> None:
     [
         ("command[0] = undefined_name", "does not compile"),
         ("residual[0] = 0.0", "does not compile"),
-        ("memory[0] = 1.0", "out of bounds"),
         ("raise SystemExit(3)", "SystemExit"),
         (None, "ValueError"),
     ],
