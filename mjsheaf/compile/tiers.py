@@ -13,7 +13,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from time import thread_time
-from types import FunctionType
+from types import FunctionType, SimpleNamespace
 from typing import Any
 from zlib import crc32
 
@@ -42,23 +42,20 @@ _FUNCTIONS: dict[str, Callable[..., float]] = {
 """Functions of numpy and those of the C library, which compiled code calls; numpy itself differs by rounding."""
 
 
-class _Numpy:
-    """numpy with the functions of the C library, for scalars."""
+def _of_scalars(of_library: Callable[..., float], of_numpy: Any) -> Callable[..., Any]:
+    def call(*arguments: float) -> Any:
+        try:
+            return of_library(*arguments)
+        except (ValueError, OverflowError):  # nan and infinity
+            return of_numpy(*arguments)
 
-    def __getattr__(self, name: str) -> Any:
-        of_numpy = getattr(np, name)
-        of_library = _FUNCTIONS.get(name)
-        if of_library is None:
-            return of_numpy
+    return call
 
-        def call(*arguments: float) -> Any:
-            try:
-                return of_library(*arguments)
-            except (ValueError, OverflowError):  # nan and infinity
-                return of_numpy(*arguments)
 
-        setattr(self, name, call)
-        return call
+_NUMPY = SimpleNamespace(
+    **vars(np) | {name: _of_scalars(function, getattr(np, name)) for name, function in _FUNCTIONS.items()}
+)
+"""numpy with the functions of the C library, for scalars."""
 
 
 class Tiered:
@@ -120,9 +117,6 @@ class Tiered:
 def tiered(**limits: Any) -> Callable[[Any], Tiered]:
     """Return a decorator that makes a Tiered function with other limits."""
     return lambda compiled: Tiered(compiled, **limits)
-
-
-_NUMPY = _Numpy()
 
 
 def in_python(compiled: Any) -> Callable[..., Any]:

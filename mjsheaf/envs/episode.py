@@ -1,7 +1,7 @@
 """The core of all environments: a scenario on bodies as a sequence of control periods, each with an action.
 
 An action is a velocity for each agent, relative to the medium, or the commands of its actuators. A velocity is added to
-the law's command before the speed limit; see `add_supplied` in `mjsheaf.law.law`. An observation holds what the
+the law's command before the speed limit; see `mjsheaf.law.law.evaluate_law`. An observation holds what the
 agent itself measures and nothing else. The reward of an agent is -|q* - q|^2, so that its distance from 0 is the regret
 against a known optimum.
 """
@@ -15,7 +15,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjsheaf.arguments import real_numbers, require_choice, require_number, require_scenario, require_seed
+from mjsheaf.arguments import real_numbers, require_choice, require_scenario, require_seed
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.loop.engine import Commanded
@@ -381,8 +381,8 @@ def _whole_periods(horizon: float, period: float, most: int) -> int:
     Raises:
         InputError: It is not a whole number of periods between 1 and `most`.
     """
-    require_number("horizon", horizon)
-    ratio = float(horizon) / period
+    good = isinstance(horizon, int | float | np.integer | np.floating) and not isinstance(horizon, bool)
+    ratio = float(horizon) / period if good else np.nan
     if not (0.5 < ratio < most + 0.5 and abs(ratio - round(ratio)) <= 1e-6 * ratio):
         raise InputError(
             f"horizon is {horizon!r}; expected a whole number of control periods of {period:g} s, up to the run's "

@@ -213,21 +213,24 @@ def pack_custom(terms: Mapping[str, CustomTerm], agents: int, period: float) -> 
     """
     packed = list[Any]()
     for number, name in enumerate(sorted(terms)):
+        section = terms[name]
         with in_field(f"controller.custom.{name}"):
-            term = _find(name, terms[name])
-            values = _values(term, terms[name].parameters)
+            if section.file is not None:
+                _execute(section.file, name)
+            if name not in _registered:
+                hint = "" if section.file else "; give the file that registers it as `file`"
+                raise InputError(f"no term of this name is registered; {expected(name, list(_registered))}{hint}")
+            term = _registered[name]
+            for given in section.parameters:
+                if given not in term.parameters:
+                    raise InputError(f"parameters.{given}: unknown; {expected(given, term.parameters)}")
+            if missing := [needed for needed in term.parameters if needed not in section.parameters]:
+                raise InputError(f"parameters: {', '.join(missing)} missing")
         make: Any = term.kind
-        packed.append(make(number, agents, values, period))
+        packed.append(
+            make(number, agents, np.array([section.parameters[one] for one in term.parameters], np.float64), period)
+        )
     return tuple(packed)
-
-
-def _find(name: str, section: CustomTerm) -> Registered:
-    if section.file is not None:
-        _execute(section.file, name)
-    if name not in _registered:
-        hint = "" if section.file else "; give the file that registers it as `file`"
-        raise InputError(f"no term of this name is registered; {expected(name, list(_registered))}{hint}")
-    return _registered[name]
 
 
 def _execute(file: str, name: str) -> None:
@@ -246,15 +249,6 @@ def _execute(file: str, name: str) -> None:
         raise
     except BaseException as error:
         raise InputError(f"file: {describe(error)}") from error
-
-
-def _values(term: Registered, given: Mapping[str, float]) -> Array:
-    for name in given:
-        if name not in term.parameters:
-            raise InputError(f"parameters.{name}: unknown; {expected(name, term.parameters)}")
-    if missing := [name for name in term.parameters if name not in given]:
-        raise InputError(f"parameters: {', '.join(missing)} missing")
-    return np.array([given[name] for name in term.parameters], dtype=np.float64)
 
 
 def names_of(terms: Sequence[Any]) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,24 +50,6 @@ def _read_only(value: Any) -> Any:
     if type(value) in (list, tuple):
         return type(value)(map(_read_only, value))
     return value
-
-
-class Perceived(NamedTuple):
-    """Measurement of an edge; see `Sample`."""
-
-    measurement: Array
-    jacobian: Array
-    residual: Array
-
-
-def perceived(edge: Edge, y: Array) -> Perceived:
-    """Return what an edge measures where its relative position, less b, is y, shape (m,), m."""
-    z = y + edge.b
-    if edge.measures == "position" or edge.offset is None:
-        return Perceived(y.copy(), np.eye(len(y)), z)
-    measured = measure(edge.measures, z)
-    residual = measured.h - edge.offset if measured.h.any() else np.zeros_like(measured.h)
-    return Perceived(measured.h, measured.J, residual)
 
 
 class View:
@@ -161,10 +143,17 @@ class Sample:
         self.time = time
         self.team: Team = view.shown
         self.edges = view.edges
-        seen = [perceived(edge, memory.y[place]) for edge, place in zip(view.edges, view.places, strict=True)]
-        self.measurements = [one.measurement for one in seen]
-        self.jacobians = [one.jacobian for one in seen]
-        self.residuals = [one.residual for one in seen]
+        self.measurements, self.jacobians, self.residuals = list[Array](), list[Array](), list[Array]()
+        for edge, place in zip(view.edges, view.places, strict=True):
+            y = memory.y[place].copy()  # of the relative position, less b
+            h, J, residual = y, np.eye(len(y)), y + edge.b
+            if edge.measures != "position" and edge.offset is not None:
+                measured = measure(edge.measures, residual)
+                h, J = measured.h, measured.J
+                residual = h - edge.offset if h.any() else np.zeros_like(h)
+            self.measurements.append(h)
+            self.jacobians.append(J)
+            self.residuals.append(residual)
         self.received = np.ones(len(view.edges), dtype=np.bool_)
         self.received[view.linked] = memory.links.heard[view.links] > 0.0
         self.disagreement = memory.residual[:N].copy()
@@ -408,7 +397,17 @@ class PerAgent:
         running: dict[int, Any] = {}
         for i, law in enumerate(self._laws):
             with _naming(ids[i]):
-                found = law(t, self._local(i, sample))
+                local = LocalSample(
+                    self._edges[i],
+                    [sample.measurements[k].copy() for k in self._own[i]],
+                    [sample.jacobians[k].copy() for k in self._own[i]],
+                    [sample.residuals[k].copy() for k in self._own[i]],
+                    sample.disagreement[i],
+                    sample.velocity[i],
+                    sample.displacement[i],
+                    sample.attitude[i],
+                )
+                found = law(t, local)
                 if inspect.isgenerator(found):
                     running[i] = found
                 else:
@@ -419,19 +418,6 @@ class PerAgent:
             if sent:
                 received = _exchange(sample, sent)
         return velocity
-
-    def _local(self, i: int, sample: Sample) -> LocalSample:
-        """Return what agent i may know."""
-        return LocalSample(
-            self._edges[i],
-            [sample.measurements[k].copy() for k in self._own[i]],
-            [sample.jacobians[k].copy() for k in self._own[i]],
-            [sample.residuals[k].copy() for k in self._own[i]],
-            sample.disagreement[i],
-            sample.velocity[i],
-            sample.displacement[i],
-            sample.attitude[i],
-        )
 
     def _take_round(self, running: dict[int, Any], received: Sequence[Any], velocity: Array) -> dict[int, Array]:
         """Resume running generators with the messages received; drop those that end, and return the messages sent."""

@@ -39,7 +39,6 @@ from mjsheaf.law.links import (
     LinkArrays,
     LinkedRows,
     LinkMemory,
-    carry_heading,
     carry_link,
     deliver,
     new_link_memory,
@@ -246,7 +245,13 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int, new: Memo
         getattr(new, name)[:] = getattr(memory, name)
     carry_custom(old.custom, memory.custom, law.custom, new.custom)
     kept, rows = edges_kept(old.edges, law.edges)
-    carry_terms(memory.terms, new.terms, rows, _with_changed_edges(old.edges, law.edges, kept, V))
+    gone = np.ones(len(old.edges.tail), dtype=np.bool_)
+    gone[kept[kept >= 0]] = False
+    changed = np.zeros(V, dtype=np.bool_)  # vehicles that listen on an edge which is new, or is there no more
+    for edges, which in ((old.edges, gone), (law.edges, kept < 0)):
+        changed[edges.tail[which & edges.listens[:, 0]]] = True
+        changed[edges.head[which & edges.listens[:, 1]]] = True
+    carry_terms(memory.terms, new.terms, kept, rows, changed)
     if len(old.links.of) or len(law.links.of):
         _carry_links(memory, old, new, law, kept, sample)
     if law.terms.agents:
@@ -291,39 +296,26 @@ def _names(edges: EdgeArrays) -> Iterator[tuple[int, int, bool, int]]:
         yield tail, head, both, nth
 
 
-def _with_changed_edges(old: EdgeArrays, new: EdgeArrays, kept: IntArray, V: int) -> BoolArray:
-    """Mark the vehicles that listen on an edge which was not there before, or is there no more, shape (V,)."""
-    gone = np.ones(len(old.tail), dtype=np.bool_)
-    gone[kept[kept >= 0]] = False
-    changed = np.zeros(V, dtype=np.bool_)
-    for edges, which in ((old, gone), (new, kept < 0)):
-        changed[edges.tail[which & edges.listens[:, 0]]] = True
-        changed[edges.head[which & edges.listens[:, 1]]] = True
-    return changed
-
-
 def _carry_links(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, kept: IntArray, sample: int) -> None:
     """Carry what links hold, also of edges that have one in one of two phases only: see `carry`."""
-    carry_heading(memory.links, new.links)
+    if len(memory.links.attitude) == len(new.links.attitude):  # sensors need it in both phases, or in neither
+        new.links.attitude[:] = memory.links.attitude
+        new.links.before[:] = memory.links.before
     for e in np.flatnonzero(kept >= 0).tolist():
-        before, now = int(kept[e]), e
-        linked_before, linked_now = link_of(old, before), link_of(law, now)
-        if linked_before >= 0 and linked_now >= 0:
-            carry_link(_linked_rows(old, memory, before), _linked_rows(law, new, now), sample)
-        elif linked_now >= 0:
-            _begin_link(memory, old, new, law, before, now, sample)
-        elif linked_before >= 0:
-            _end_link(memory, old, new, law, before, now, sample)
-
-
-def _rows_of(law: LawArrays, edge: int) -> slice:
-    return slice(*law.edges.first[edge : edge + 2])
-
-
-def _linked_rows(law: LawArrays, memory: Memory, edge: int) -> LinkedRows:
-    """Return the link of an edge in a memory."""
-    number = link_of(law, edge)
-    return LinkedRows(memory.links, number, law.links.table[number], _rows_of(law, edge))
+        before = int(kept[e])
+        linked, linked_now = link_of(old, before), link_of(law, e)
+        was, rows = slice(*old.edges.first[before : before + 2]), slice(*law.edges.first[e : e + 2])
+        if linked >= 0 and linked_now >= 0:
+            was_linked = LinkedRows(memory.links, linked, old.links.table[linked], was)
+            carry_link(was_linked, LinkedRows(new.links, linked_now, law.links.table[linked_now], rows), sample)
+        elif linked_now >= 0 and sample > 0 and not law.links.table[linked_now]["delay"]:
+            new.links.last[linked_now] = sample
+            new.links.y[rows] = memory.y[was]
+            if law.links.table[linked_now]["moves"] and old.terms.agents:
+                new.links.walked[rows] = old.edges.F_tail[was] @ memory.terms.walked[old.edges.tail[before]]
+        elif linked >= 0 and linked_now < 0 and law.terms.agents and old.terms.agents:
+            fresh = old.links.table[linked]["delay"] == 0 and memory.links.last[linked] == sample
+            new.terms.age[rows] = 2.0 * fresh  # else the difference to the next measurement means nothing
 
 
 def rows_of_measuring_edges(team: Team, law: LawArrays) -> list[int]:
@@ -336,33 +328,6 @@ def rows_of_measuring_edges(team: Team, law: LawArrays) -> list[int]:
 def link_of(law: LawArrays, edge: int) -> int:
     """Return the number of an edge's link, or -1."""
     return int(law.links.of[edge]) if len(law.links.of) else -1
-
-
-def _begin_link(
-    memory: Memory, old: LawArrays, new: Memory, law: LawArrays, before: int, edge: int, sample: int
-) -> None:
-    """Put what was measured on an edge without a link into the memory of the link that it has now."""
-    number = link_of(law, edge)
-    link, was, rows = law.links.table[number], _rows_of(old, before), _rows_of(law, edge)
-    if sample == 0 or link["delay"]:
-        return
-    new.links.last[number] = sample
-    new.links.y[rows] = memory.y[was]
-    if link["moves"] and old.terms.agents:
-        new.links.walked[rows] = old.edges.F_tail[was] @ memory.terms.walked[old.edges.tail[before]]
-        new.links.velocity[rows] = memory.terms.rate[was]
-
-
-def _end_link(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, before: int, edge: int, sample: int) -> None:
-    """Put what was received over a link into the memory of the terms, for an edge that has none any more."""
-    if not (law.terms.agents and old.terms.agents):
-        return
-    number = link_of(old, before)
-    link, was, rows = old.links.table[number], _rows_of(old, before), _rows_of(law, edge)
-    fresh = link["delay"] == 0 and memory.links.last[number] == sample
-    new.terms.age[rows] = 2.0 * fresh  # else the difference to the next measurement means nothing
-    if link["moves"]:
-        new.terms.rate[rows] = memory.links.velocity[was]
 
 
 @inline_jit
@@ -379,11 +344,15 @@ def evaluate_law(control, t, x, carried, memory):
     compare(edges.kinds, edges, memory.y, memory.compared)
     pull_back(edges, memory.compared, memory.residual)
     for v in range(V):
-        respond(law, v, memory)
+        for i in range(3):
+            memory.command[v, i] = memory.supplied[v, i] if v < law.supplied else -law.gain[v] * memory.residual[v, i]
     add_terms(law.terms.present, law, x, memory)
     add_custom(law.custom, memory.custom, None, t, memory.residual, memory.command, memory.evaluated)
     for v in range(V):
-        add_given(control, v, t, x, memory)
+        for i in range(3):
+            if v >= law.supplied and memory.supplied[v, i] != 0.0:  # adding zeros would turn -0.0 into 0.0
+                memory.command[v, i] += memory.supplied[v, i]
+        add_reference(control.motion, v, t, x[v], memory.command[v])
     keep_apart(law.safety, law.limit, t, x, memory)
     for v in range(V):
         clipped = limit_speed(law.limit[v], memory.command[v]) or is_restrained(law.safety, memory.safety, v)
@@ -410,26 +379,6 @@ def unlook(step, held, kept):
     if kept[0] == step + 1.0:
         for k in range(held.shape[0]):
             held[k] = kept[1 + k]
-
-
-@inline_jit
-def respond(law, v, memory):
-    """Write the velocity of vehicle v by the proportional law, or by a law in Python."""
-    for i in range(3):
-        memory.command[v, i] = memory.supplied[v, i] if v < law.supplied else -law.gain[v] * memory.residual[v, i]
-
-
-@inline_jit
-def add_given(control, v, t, x, memory):
-    """Add to the velocity of vehicle v what is supplied from outside, and its reference at time t, s.
-
-    Zeros from outside leave it as it is, to the bit: adding them would turn -0.0 into 0.0.
-    """
-    if v >= control.law.supplied:
-        for i in range(3):
-            if memory.supplied[v, i] != 0.0:
-                memory.command[v, i] += memory.supplied[v, i]
-    add_reference(control.motion, v, t, x[v], memory.command[v])
 
 
 @inline_jit
@@ -540,20 +489,13 @@ def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], 
     for e, begin, end in zip(edges, first, first[1:], strict=False):
         for padded, F in zip(maps, (e.F_tail, e.F_head, e.weight @ e.F_tail, e.weight @ e.F_head), strict=True):
             padded[begin:end, : F.shape[1]] = F
-    tail, head = _number_ends(members, edges)
+    number = {member.id: v for v, member in enumerate(members)}
+    tail = np.array([number[e.tail] for e in edges], dtype=np.int64)
+    head = np.array([number.get(e.head, number[e.tail]) for e in edges], dtype=np.int64)  # an anchor's is its tail
     b = np.concatenate([np.zeros(0), *(e.b for e in edges)])
     first, listens = first.astype(np.int64), listens.reshape(-1, 2)
     F_tail, F_head, P_tail, P_head = maps
     return EdgeArrays(tail, head, listens, first, F_tail, F_head, P_tail, P_head, b, pack_kinds(edges))
-
-
-def _number_ends(members: Sequence[Member], edges: Sequence[Edge]) -> tuple[IntArray, IntArray]:
-    """Return the numbers of tails and of heads, shape (E,); an anchor's head is its tail."""
-    number = {member.id: v for v, member in enumerate(members)}
-    return (
-        np.array([number[e.tail] for e in edges], dtype=np.int64),
-        np.array([number.get(e.head, number[e.tail]) for e in edges], dtype=np.int64),
-    )
 
 
 MAX_GAIN = 1.0

@@ -92,7 +92,6 @@ class LinkMemory(NamedTuple):
         y: Last received measurement on each edge that has a link, shape (m,), m.
         walked: F times the displacement of the agent up to when it took that measurement, of sensing edges, shape (m,),
             m; empty without feedforward.
-        velocity: F p' of targets, filtered, by sensing edges that have links, shape (m,), m/s; empty likewise.
         attitude: Attitudes of the vehicles, shape (V, 4), if a sensor needs them.
         before: Positions at the last sample, shape (V, 3), m, if a sensor needs attitudes.
         line: Delay line of each link, with a slot for each sample in transit: 1 + its number (0 if lost), y, and F
@@ -104,7 +103,6 @@ class LinkMemory(NamedTuple):
     last: Array
     y: Array
     walked: Array
-    velocity: Array
     attitude: Array
     before: Array
     line: Array
@@ -113,8 +111,8 @@ class LinkMemory(NamedTuple):
 def new_link_memory(links: LinkArrays, m: int, line: Array, take: Take) -> LinkMemory:
     """Return what links of edges with m numbers hold before the first sample, with a delay line for all of them."""
     L, V, m = len(links.table), len(links.facing), m if len(links.of) else 0
-    walked = m * links.odometry
-    return LinkMemory(take(L), take(L), take(L), take(m), take(walked), take(walked), take((V, 4)), take((V, 3)), line)
+    walked = take(m * links.odometry)
+    return LinkMemory(take(L), take(L), take(L), take(m), walked, take((V, 4)), take((V, 3)), line)
 
 
 class LinkedRows(NamedTuple):
@@ -156,14 +154,6 @@ def carry_link(old: LinkedRows, new: LinkedRows, sample: int) -> None:
     now.y[new.rows] = before.y[old.rows]
     if new.link["moves"]:
         now.walked[new.rows] = before.walked[old.rows]
-        now.velocity[new.rows] = before.velocity[old.rows]
-
-
-def carry_heading(old: LinkMemory, new: LinkMemory) -> None:
-    """Copy where vehicles face, if sensors need it in both phases."""
-    if len(old.attitude) == len(new.attitude):
-        new.attitude[:] = old.attitude
-        new.before[:] = old.before
 
 
 class LinkedEdge(NamedTuple):
@@ -380,29 +370,21 @@ def send(law, link, k, n, slot, x, y, terms, memory):
         memory.state[k] = next_state(memory.state[k], chance, link.to_bad, link.to_good, link.bad)
     if link.lossy:
         lost = draw[0] < (link.loss_bad if memory.state[k] == 2.0 else link.loss_good)
-    lost |= is_beyond_range(links, link, x, tail, head)
+    if link.range < np.inf:
+        lost |= distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
     slot[0] = 0.0 if lost else n + 1.0
     if not lost:
-        sense(law, link, first, end, n, draw, memory.attitude, tail, y)
+        edges, moved = law.edges, terms.walked
+        if not disturb(edges.kinds, link, edges, first, end, draw, y):  # of `draw`, errors take the last three
+            perceive(law.seed[0], link, n, draw, edges.F_tail[first:end], memory.attitude, tail, y[first:end])
         for r in range(first, end):
             slot[1 + r - first] = y[r]
         if link.moves > 0 and law.terms.agents > 0:
-            multiply(law.edges.F_tail[first:end], terms.walked[tail], slot[1 + end - first :])
-
-
-@inline_jit
-def is_beyond_range(links, link, x, tail, head):
-    """Return True if the ends of an edge are too far apart for its link."""
-    if link.range == np.inf:
-        return False
-    return distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
-
-
-@inline_jit
-def multiply(F, v, out):
-    """Write F v into out, F of shape (m, 3)."""
-    for i in range(F.shape[0]):
-        out[i] = F[i, 0] * v[0] + F[i, 1] * v[1] + F[i, 2] * v[2]
+            for r in range(first, end):
+                F = edges.F_tail[r]
+                slot[1 + end - first + r - first] = (
+                    F[0] * moved[tail, 0] + F[1] * moved[tail, 1] + F[2] * moved[tail, 2]
+                )
 
 
 @inline_jit
@@ -423,38 +405,22 @@ def take_in(law, link, k, n, slot, y, terms, memory):
         Reception: NEW, HELD or SILENT.
     """
     edges, first, end = law.edges, law.edges.first[link.edge], law.edges.first[link.edge + 1]
-    heard = arrival(link, n, slot[0], memory.last[k])
+    last, heard, periods = memory.last[k], SILENT, 0.0
+    if n >= link.delay and slot[0] == n - link.delay + 1.0:
+        heard = NEW
+    elif 0.0 < last <= n and n + 1.0 - last <= link.hold:  # above n: the delay has grown
+        heard = HELD
     if heard == NEW:
         if link.moves > 0:
-            periods = age_of_velocity(law.terms, link, n, memory.last[k], terms)
-            receive_velocity(law, first, end, slot, periods, memory)
+            if law.terms.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
+                periods = n + 1.0 - last  # odometry has gone on since the last was measured
+            receive_velocity(law, first, end, slot, periods, terms.rate, memory)
         for r in range(first, end):
             memory.y[r] = slot[1 + r - first]
         memory.last[k] = n + 1.0
     for r in range(first, end):
         y[r] = -edges.b[r] if heard == SILENT else memory.y[r]
     return heard
-
-
-@inline_jit
-def arrival(link, n, stamp, last):
-    """Return NEW, HELD or SILENT, from the stamp of the sample due at sample n and that of the last arrival."""
-    if n >= link.delay and stamp == n - link.delay + 1.0:
-        return NEW
-    if 0.0 < last <= n and n + 1.0 - last <= link.hold:  # above n: the delay has grown
-        return HELD
-    return SILENT
-
-
-@inline_jit
-def age_of_velocity(params, link, n, last, terms):
-    """Return the periods over which a sample that arrives gives a velocity, by the stamp of the last arrival, or 0.
-
-    It gives one if odometry has gone on since the last was measured.
-    """
-    if params.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
-        return n + 1.0 - last
-    return 0.0
 
 
 @inline_jit
@@ -468,7 +434,7 @@ def next_state(state, chance, to_bad, to_good, begins_bad):
 
 
 @inline_jit
-def receive_velocity(law, first, end, slot, periods, memory):
+def receive_velocity(law, first, end, slot, periods, rate, memory):
     """Mix the velocity that a sample implies over the given periods into the old one; 0 periods begin the filter anew.
 
     It has that many periods' share in the filter, which begins at rest: else noise, which cancels in the sum of
@@ -479,9 +445,9 @@ def receive_velocity(law, first, end, slot, periods, memory):
         y, walked = slot[1 + r - first], slot[1 + end - first + r - first]
         if periods > 0.0:
             moved = (y + walked) - (memory.y[r] + memory.walked[r])
-            memory.velocity[r] += share * (moved / (periods * law.links.period) - memory.velocity[r])
-        else:
-            memory.velocity[r] = 0.0
+            rate[r] += share * (moved / (periods * law.links.period) - rate[r])
+        elif law.terms.agents > 0:
+            rate[r] = 0.0
         memory.walked[r] = walked
 
 
@@ -490,14 +456,6 @@ def distance(x, x_lift, y, y_lift):
     """Between bodies at x and y (3,), m, whose z is taken so much higher."""
     dx, dy, dz = y[0] - x[0], y[1] - x[1], y[2] + y_lift - x[2] - x_lift
     return np.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@inline_jit
-def sense(law, link, first, end, n, draw, attitude, tail, y):
-    """Add the errors of sample n to the measurement y[first:end] of an edge; of `draw` (4,) the last three are used."""
-    edges = law.edges
-    if not disturb(edges.kinds, link, edges, first, end, draw, y):
-        perceive(law.seed[0], link, n, draw, edges.F_tail[first:end], attitude, tail, y[first:end])
 
 
 @jit
@@ -509,27 +467,15 @@ def face_along(links, x, n, memory):
     """
     for v in range(memory.attitude.shape[0]):
         attitude, last = memory.attitude[v], memory.before[v]
-        if n == 0 or is_unknown(attitude):
+        dx, dy, dz = x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2]
+        if n == 0 or (attitude[0] == 0.0 and attitude[1] == 0.0 and attitude[2] == 0.0 and attitude[3] == 0.0):
             for i in range(4):
                 attitude[i] = links.facing[v, i]
-        else:
-            point_along(x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2], attitude)
+        elif dx * dx + dy * dy + dz * dz > _STILL * _STILL:
+            level = np.sqrt(dx * dx + dy * dy)
+            yaw = 0.5 * np.arctan2(dy, dx) if level > 0.0 else 0.0
+            pitch = -0.5 * np.arctan2(dz, level)
+            attitude[0], attitude[1] = np.cos(yaw) * np.cos(pitch), -np.sin(yaw) * np.sin(pitch)
+            attitude[2], attitude[3] = np.cos(yaw) * np.sin(pitch), np.sin(yaw) * np.cos(pitch)
         for i in range(3):
             memory.before[v, i] = x[v, i]
-
-
-@inline_jit
-def is_unknown(attitude):
-    """Return True for an attitude (4,) that was never set."""
-    return attitude[0] == 0.0 and attitude[1] == 0.0 and attitude[2] == 0.0 and attitude[3] == 0.0
-
-
-@inline_jit
-def point_along(dx, dy, dz, attitude):
-    """Write the attitude (4,) of a body that faces along a displacement, m, unless that is too small."""
-    if dx * dx + dy * dy + dz * dz > _STILL * _STILL:
-        level = np.sqrt(dx * dx + dy * dy)
-        yaw = 0.5 * np.arctan2(dy, dx) if level > 0.0 else 0.0
-        pitch = -0.5 * np.arctan2(dz, level)
-        attitude[0], attitude[1] = np.cos(yaw) * np.cos(pitch), -np.sin(yaw) * np.sin(pitch)
-        attitude[2], attitude[3] = np.cos(yaw) * np.sin(pitch), np.sin(yaw) * np.cos(pitch)

@@ -94,8 +94,6 @@ class RoundMemory(NamedTuple):
         stamps: 1 + the number of the sample at which a message was sent and not lost, in a slot for each sample under
             way, shape (delay + 1, 2, 2, C). A slot is written once.
         line: Numbers of these messages, shape (delay + 1, 2, 2, m).
-        streams: Random streams of the edges, which identify them in another phase, shape (C, 2).
-        first: Start of each edge's numbers, and m at the end, shape (C + 1,).
     """
 
     state: Array
@@ -103,8 +101,6 @@ class RoundMemory(NamedTuple):
     last: Array
     stamps: Array
     line: Array
-    streams: IntArray
-    first: IntArray
 
 
 def new_lines(rounds: RoundArrays, first: IntArray, take: Take) -> tuple[Array, Array]:
@@ -116,35 +112,31 @@ def new_lines(rounds: RoundArrays, first: IntArray, take: Take) -> tuple[Array, 
 def new_round_memory(rounds: RoundArrays, first: IntArray, lines: tuple[Array, Array], take: Take) -> RoundMemory:
     """Return the memory of rounds before the first sample, with the messages under way of `new_lines`."""
     C = len(rounds.streams)
-    return RoundMemory(
-        take(C),
-        take((2, 2, C)),
-        take((2, 2, int(first[C]))),
-        *lines,
-        np.ascontiguousarray(rounds.streams),
-        np.ascontiguousarray(first[: C + 1]),
-    )
+    return RoundMemory(take(C), take((2, 2, C)), take((2, 2, int(first[C]))), *lines)
 
 
-def carry_rounds(old: RoundMemory, new: RoundMemory, sample: int) -> None:
-    """Copy what was sent on the edges that remain, up to a sample of the terms' clock."""
-    known = {stream: e for e, stream in enumerate(map(tuple, old.streams.tolist()))}
+def carry_rounds(old: RoundMemory, new: RoundMemory, edges: IntArray, rows: IntArray, sample: int) -> None:
+    """Copy what was sent on the edges that remain, up to a sample of the terms' clock.
+
+    Args:
+        old, new: Memory of either phase.
+        edges, rows: Number of each edge, and of each of its numbers, in the old phase; -1 where it was not there.
+        sample: Number of past samples.
+    """
+    C, m = len(old.state), old.last.shape[-1]
+    edges, rows = edges[: len(new.state)], rows[: new.last.shape[-1]]
+    kept, held = np.flatnonzero((edges >= 0) & (edges < C)), np.flatnonzero((rows >= 0) & (rows < m))
+    edges, rows = edges[kept], rows[held]
+    new.state[kept] = old.state[edges]
+    new.arrived[..., kept] = old.arrived[..., edges]
+    new.last[..., held] = old.last[..., rows]
     slots = min(len(old.stamps), len(new.stamps))
-    for e, stream in enumerate(map(tuple, new.streams.tolist())):
-        if stream not in known:
-            continue
-        k = known[stream]
-        rows, before = slice(*new.first[e : e + 2]), slice(*old.first[k : k + 2])
-        if rows.stop - rows.start != before.stop - before.start:  # its maps are of another size
-            continue
-        new.state[e] = old.state[k]
-        new.arrived[..., e] = old.arrived[..., k]
-        new.last[..., rows] = old.last[..., before]
-        for slot, term, end in np.argwhere(old.stamps[..., k] > sample + 1 - slots).tolist():
-            stamp = old.stamps[slot, term, end, k]
-            to = (int(stamp) - 1) % len(new.stamps)
-            new.stamps[to, term, end, e] = stamp
-            new.line[to, term, end, rows] = old.line[slot, term, end, before]
+    for stamps, line in zip(old.stamps, old.line, strict=True):
+        stamp = int(stamps.max(initial=0.0))  # of one sample, but for what was lost
+        if stamp > sample + 1 - slots:
+            to = (stamp - 1) % len(new.stamps)
+            new.stamps[to][..., kept] = stamps[..., edges]
+            new.line[to][..., held] = line[..., rows]
 
 
 def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0) -> RoundArrays:
@@ -169,7 +161,12 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
         return RoundArrays()
     with in_field("links.rounds"):
         require_held(4 * (delay + 1) * sum(1 + len(edge.F_tail) for edge in team.communication))
-    own = _diagonal_blocks(team)
+    own = np.zeros((len(team.agents), 3, 3))  # D_i
+    for edge in team.measuring_edges:
+        for end, F in ((edge.tail, edge.F_tail), (edge.head, edge.F_head)):
+            if team.index.get(end, len(own)) < len(own):
+                n = F.shape[1]
+                own[team.index[end], :n, :n] += F.T @ edge.weight @ F
     return RoundArrays(
         present=(1,),
         delay=delay,
@@ -181,17 +178,6 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
         inverse=np.asarray(np.linalg.pinv(own, hermitian=True), dtype=np.float64),
         stiffest=float(np.linalg.eigvalsh(own)[:, -1].max()),
     )
-
-
-def _diagonal_blocks(team: Team) -> Array:
-    """Compute D_i of each agent, shape (N, 3, 3)."""
-    blocks = np.zeros((len(team.agents), 3, 3))
-    for edge in team.measuring_edges:
-        for end, F in ((edge.tail, edge.F_tail), (edge.head, edge.F_head)):
-            if team.index.get(end, len(blocks)) < len(blocks):
-                n = F.shape[1]
-                blocks[team.index[end], :n, :n] += F.T @ edge.weight @ F
-    return blocks
 
 
 @jit

@@ -499,29 +499,24 @@ def _filter(safety, t, v, limit, command, work):
 
 @inline_jit
 def _find_close(safety, v, work):
-    """Write the vehicles within range of agent v to work.rows, in their order; see `_write_near`.
+    """Write the vehicles within range of agent v to work.rows, in their order: relative place, m, its square, number.
 
     Returns:
         Their number, and the squared distance of the nearest, m^2; infinite if there is none.
     """
     count, least, own = find_near(work.cells, v, safety.reach, work.close), np.inf, triple(work.cells.places[v])
     for k in range(count):
-        least = min(least, _write_near(work, own, work.close[k], k))
+        other = work.close[k]
+        rx, ry, rz = subtract(own, triple(work.cells.places[np.uint64(int(other))]))
+        square = rx * rx + ry * ry + rz * rz
+        row = work.rows[np.uint64(k)]
+        row[0] = rx
+        row[1] = ry
+        row[2] = rz
+        row[3] = square
+        row[4] = other
+        least = min(least, square)
     return count, least
-
-
-@inline_jit
-def _write_near(work, own, other, k):
-    """Write an agent's place relative to a vehicle to row k, with the squared distance, and return that, m^2."""
-    rx, ry, rz = subtract(own, triple(work.cells.places[np.uint64(int(other))]))
-    square = rx * rx + ry * ry + rz * rz
-    row = work.rows[np.uint64(k)]
-    row[0] = rx
-    row[1] = ry
-    row[2] = rz
-    row[3] = square
-    row[4] = other
-    return square
 
 
 @inline_jit

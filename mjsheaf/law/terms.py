@@ -183,7 +183,7 @@ class TermMemory(NamedTuple):
     Attributes:
         clock: Number of past samples, shape (1,).
         y: measurements of the sample before, shape (m,), m.
-        rate: F p' of targets, filtered, of sensing edges without a link, shape (m,), m/s.
+        rate: F p' of targets, filtered, of sensing edges, shape (m,), m/s.
         age: Number of past samples with the edge that measures each number, shape (m,).
         since: samples since the edges of each vehicle last changed, shape (V,).
         x: Positions at that sample, shape (V, 3), m; an agent knows only their difference to its present position.
@@ -235,13 +235,13 @@ def new_term_memory(terms: TermArrays, first: IntArray, V: int, lines: tuple[Arr
     return TermMemory._make([take(any), *by_number, *by_vehicle, sent])
 
 
-def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolArray) -> None:
+def carry_terms(old: TermMemory, new: TermMemory, edges: IntArray, rows: IntArray, changed: BoolArray) -> None:
     """Take over, under the law of another phase, all that the terms hold of vehicles and of edges that remain.
 
     Args:
         old, new: Memory of either phase.
-        rows: where the numbers of the new edges were among those of the old ones, -1 for edges that were not there,
-            shape (m,).
+        edges, rows: where the new edges, and their numbers, were among the old ones, -1 for edges that were not there,
+            shapes (E,) and (m,).
         changed: True where the edges of a vehicle differ from the phase before, shape (V,).
     """
     if not (len(old.clock) and len(new.clock)):
@@ -251,7 +251,7 @@ def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolA
     for name in ("y", "rate", "age"):
         getattr(new, name)[rows >= 0] = getattr(old, name)[rows[rows >= 0]]
     new.since[changed] = 0.0
-    carry_rounds(old.rounds, new.rounds, int(old.clock[0]))
+    carry_rounds(old.rounds, new.rounds, edges, rows, int(old.clock[0]))
 
 
 def require_symmetric(terms: TermArrays) -> None:
@@ -266,19 +266,6 @@ def require_symmetric(terms: TermArrays) -> None:
                 f"controller.{name}: its rounds assume a symmetric H, which a team with directed communication edges "
                 f"does not have; expected no {name}, or undirected edges"
             )
-
-
-def require_prompt(terms: TermArrays) -> None:
-    """Refuse rounds of newton that begin anew at every sample if their messages can be delayed or lost.
-
-    Raises:
-        InputError: They can; the message begins with the field.
-    """
-    if terms.newton and terms.fresh and terms.rounds.imperfect:
-        raise InputError(
-            "controller.newton: range and bearing edges leave motions free, so its rounds begin anew at every sample; "
-            "expected no links.rounds and no range of communication links, or targets that hold every agent's place"
-        )
 
 
 def pack_terms(
@@ -296,6 +283,10 @@ def pack_terms(
         period: between samples, s; with terms it is positive.
         rounds: links over which they go; perfect ones unless given.
         slopes: Bounds on H, which rounds of a team with range or bearing edges need.
+
+    Raises:
+        InputError: Rounds of newton begin anew at every sample, and messages can be delayed or lost; the message begins
+            with the field.
     """
     without = TermArrays(noise=terms.odometry.noise, bias=terms.odometry.bias)
     if not terms.has_terms:
@@ -310,32 +301,31 @@ def pack_terms(
         lead=np.zeros(len(team.agents)),
         streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(-1, 2),
     )
-    packed = _with_amounts(packed, terms)
-    if not (packed.feedforward or packed.newton):
-        return packed
-    packed = packed._replace(rounds=rounds or RoundArrays())
-    if slopes is not None:
-        packed = packed._replace(steepest=slopes.steepest, fresh=slopes.free)
-        require_prompt(packed)
-        return with_eigenvalues(packed, slopes.low, slopes.bound.dirichlet.eigenvalues[1])
-    return packed if team.directed else with_eigenvalues(packed, *team.dirichlet.eigenvalues)
-
-
-def _with_amounts(packed: TermArrays, terms: Terms) -> TermArrays:
-    """The terms with those that are on; without is how `packed` has them."""
     if terms.feedforward:
         packed = packed._replace(
             feedforward=terms.feedforward.rounds,
-            measured=_share(packed.period, terms.feedforward.filter),
+            measured=_share(period, terms.feedforward.filter),
             lead=np.full(packed.agents, float(terms.feedforward.extrapolate)),
         )
     if terms.newton:
         packed = packed._replace(newton=terms.newton.rounds)
     if terms.drift:
-        packed = packed._replace(drift=_share(packed.period, terms.drift.filter))
+        packed = packed._replace(drift=_share(period, terms.drift.filter))
     if terms.integral:
         packed = packed._replace(integral=terms.integral.gain, largest=terms.integral.limit)
-    return packed
+    if not (packed.feedforward or packed.newton):
+        return packed
+    packed = packed._replace(rounds=rounds or RoundArrays())
+    if slopes is not None:
+        packed = packed._replace(steepest=slopes.steepest, fresh=slopes.free)
+        if packed.newton and packed.fresh and packed.rounds.imperfect:
+            raise InputError(
+                "controller.newton: range and bearing edges leave motions free, so its rounds begin anew at every "
+                "sample; expected no links.rounds and no range of communication links, or targets that hold every "
+                "agent's place"
+            )
+        return with_eigenvalues(packed, slopes.low, slopes.bound.dirichlet.eigenvalues[1])
+    return packed if team.directed else with_eigenvalues(packed, *team.dirichlet.eigenvalues)
 
 
 def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:
@@ -505,10 +495,18 @@ def add_terms(present, law, x, everything):
     if len(present) == 0:
         return
     terms, memory, command = law.terms, everything.terms, everything.command
-    if terms.newton > 0:
-        _ascend(law, x, everything, command, memory)
+    if terms.newton > 0:  # k1 delta in place of -k1 eta, where H delta = -eta
+        for v in range(terms.agents):
+            for i in range(3):
+                memory.right[v, i] = -everything.residual[v, i]
+                if terms.fresh:
+                    memory.delta[v, i] = 0.0
+        _exchange(terms.rounds.present, law, NEWTON, x, memory.right, everything.y, memory.delta, memory)
+        for v in range(terms.agents):
+            for i in range(3):
+                command[v, i] = law.gain[v] * memory.delta[v, i]
     if terms.feedforward > 0:
-        _feed_forward(law, x, everything.y, command, memory, everything.links)
+        _feed_forward(law, x, everything.y, command, memory)
     if terms.drift > 0.0 and memory.clock[0] > 0.0:
         share = terms.drift if memory.clock[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
         for v in range(terms.agents):
@@ -535,26 +533,11 @@ def _exchange(imperfect, law, term, x, b, y, found, memory):
 
 
 @inline_jit
-def _ascend(law, x, everything, command, memory):
-    """Put k1 delta in place of -k1 eta, where H delta = -eta."""
-    terms = law.terms
-    for v in range(terms.agents):
-        for i in range(3):
-            memory.right[v, i] = -everything.residual[v, i]
-            if terms.fresh:
-                memory.delta[v, i] = 0.0
-    _exchange(law.terms.rounds.present, law, NEWTON, x, memory.right, everything.y, memory.delta, memory)
-    for v in range(terms.agents):
-        for i in range(3):
-            command[v, i] = law.gain[v] * memory.delta[v, i]
-
-
-@inline_jit
-def _feed_forward(law, x, y, command, memory, links):
+def _feed_forward(law, x, y, command, memory):
     """Add the velocity of q*: v, and ahead of that by how it changed."""
     terms = law.terms
     if memory.clock[0] > 0.0:
-        _sense_targets(law, y, memory, links)
+        _sense_targets(law, y, memory)
         for v in range(terms.agents):
             if memory.since[v] > terms.settled:
                 for i in range(3):
@@ -570,10 +553,10 @@ def _feed_forward(law, x, y, command, memory, links):
 
 
 @inline_jit
-def _sense_targets(law, y, memory, links):
+def _sense_targets(law, y, memory):
     """Write B p', filtered, into memory.right, from how measurements of targets changed and how agents moved.
 
-    Links filter their measurements themselves, as these may arrive at unlike times (see `mjsheaf.law.links`).
+    What arrives over links may do so at unlike times, and is filtered as it arrives (see `mjsheaf.law.links`).
     """
     edges, terms, measured, linked = law.edges, law.terms, memory.right, law.links.of.shape[0] > 0
     for v in range(terms.agents):
@@ -584,11 +567,14 @@ def _sense_targets(law, y, memory, links):
         a, b = slope(edges.kinds, terms.steepest, edges, y, e)
         along = 0.0
         for r in range(edges.first[e], edges.first[e + 1]):
-            _filter_rate(edges, terms, y, memory, has_link, i, r)
+            if not has_link and memory.age[r] > 0.0:  # update F p' from how y changed and the agent moved
+                F, share = edges.F_tail[r], terms.measured if memory.age[r] > 1.0 else 1.0  # nothing before the first
+                own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
+                memory.rate[r] += share * ((y[r] - memory.y[r] + own) / terms.period - memory.rate[r])
             if b != 0.0:
-                along += (y[r] + edges.b[r]) * _velocity_of(edges, memory, links, has_link, i, r)
+                along += (y[r] + edges.b[r]) * _velocity_of(edges, memory, has_link, i, r)
         for r in range(edges.first[e], edges.first[e + 1]):
-            velocity = _velocity_of(edges, memory, links, has_link, i, r)
+            velocity = _velocity_of(edges, memory, has_link, i, r)
             if len(edges.kinds) > 0:
                 velocity = a * velocity + b * along * (y[r] + edges.b[r])
             for c in range(3):
@@ -596,22 +582,9 @@ def _sense_targets(law, y, memory, links):
 
 
 @inline_jit
-def _filter_rate(edges, terms, y, memory, has_link, i, r):
-    """Update row r of F p' of a target from how its measurement changed and agent i moved, without a link."""
-    if has_link or memory.age[r] == 0.0:
-        return
-    F = edges.F_tail[r]
-    own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
-    share = terms.measured if memory.age[r] > 1.0 else 1.0  # the first has nothing to be mixed with
-    memory.rate[r] += share * ((y[r] - memory.y[r] + own) / terms.period - memory.rate[r])
-
-
-@inline_jit
-def _velocity_of(edges, memory, links, has_link, i, r):
+def _velocity_of(edges, memory, has_link, i, r):
     """Return row r of F p' as agent i measures it, m/s."""
-    if has_link:
-        return links.velocity[r]
-    if memory.age[r] == 0.0:  # nothing is measured yet: the target is taken to move as v says
+    if not has_link and memory.age[r] == 0.0:  # nothing is measured yet: the target is taken to move as v says
         F = edges.F_tail[r]
         return F[0] * memory.v[i, 0] + F[1] * memory.v[i, 1] + F[2] * memory.v[i, 2]
     return memory.rate[r]

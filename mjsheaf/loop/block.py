@@ -357,36 +357,6 @@ def _sense(kind, b, i):
 
 
 @inline_jit
-def _limit_thrust(kind, lanes, b):
-    """Write the share of the force that is within the limits of thrust: 1 but for few vehicles."""
-    beyond = 0
-    for i in range(lanes):
-        b.share[i] = 1.0
-        beyond += 0 if is_within_thrust(kind, at(b.push, i)) else 1
-    if beyond > 0:
-        for i in range(lanes):
-            b.share[i] = share_within_thrust(kind, at(b.push, i))
-
-
-@inline_jit
-def _steer_hand_point(kind, b, i):
-    """Write the wrenches that actuators are to make for a hand point."""
-    R, s = attitude(b, i), at(b.through, i)
-    surge, yaw = steer_hand_point(kind, s, at(b.rates, i), to_body(R, at(b.command, i)), b.push[0, i])
-    _want(kind, b, i, upward(R, kind.supported_weight), (0.0, 0.0, 0.0), (surge, 0.0, 0.0), (0.0, 0.0, yaw))
-
-
-@inline_jit
-def _steer_attitude(kind, b, i):
-    """Write the wrenches that actuators are to make, of which one holds an attitude."""
-    q, R, heading = b.quaternion, attitude(b, i), (b.heading[0, i], b.heading[1, i])
-    sensed = Sensed(R, (q[0, i], q[1, i], q[2, i], q[3, i]), at(b.through, i), at(b.rates, i))
-    weight = upward(R, kind.supported_weight)
-    weight, turning, push, couple = steer_attitude(kind, heading, sensed, at(b.push, i), b.share[i], weight)
-    _want(kind, b, i, weight, turning, push, couple)
-
-
-@inline_jit
 def _want(kind, b, i, weight, turning, push, couple):
     """Write wrenches for the actuators, and their sum."""
     force, moment = add(weight, push), add(cross(triple(kind.com), weight), add(turning, couple))
@@ -412,14 +382,26 @@ def _command(fleet, ctrl, first, last, lanes, b, effort):
     """
     kind = fleet.kinds[fleet.bodies[first].kind]
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    beyond = 0
     if kind.steering == THRUST_VECTOR:
-        _limit_thrust(kind, lanes, b)
+        for i in range(lanes):
+            b.share[i] = 1.0
+            beyond += 0 if is_within_thrust(kind, at(b.push, i)) else 1
+        if beyond > 0:  # few vehicles are
+            for i in range(lanes):
+                b.share[i] = share_within_thrust(kind, at(b.push, i))
     if kind.steering == HAND_POINT:
         for i in range(lanes):
-            _steer_hand_point(kind, b, i)
+            R, s = attitude(b, i), at(b.through, i)
+            surge, yaw = steer_hand_point(kind, s, at(b.rates, i), to_body(R, at(b.command, i)), b.push[0, i])
+            _want(kind, b, i, upward(R, kind.supported_weight), (0.0, 0.0, 0.0), (surge, 0.0, 0.0), (0.0, 0.0, yaw))
     else:
         for i in range(lanes):
-            _steer_attitude(kind, b, i)
+            q, R, heading = b.quaternion, attitude(b, i), (b.heading[0, i], b.heading[1, i])
+            sensed = Sensed(R, (q[0, i], q[1, i], q[2, i], q[3, i]), at(b.through, i), at(b.rates, i))
+            weight = upward(R, kind.supported_weight)
+            weight, turning, push, couple = steer_attitude(kind, heading, sensed, at(b.push, i), b.share[i], weight)
+            _want(kind, b, i, weight, turning, push, couple)
     for i in range(lanes):
         b.within[i] = 0.0 if kind.turning else 1.0  # thrust and angle have no limits of each effort alone
     beyond = kind.turning
@@ -579,34 +561,15 @@ def advance_alone(loop, rigid, first, last, step, count, log, row, bad):
 
 
 @inline_jit
-def _is_steady(medium, first, last):
-    """Return True if one steady flow and harmonics of few frequencies are all that moves the vehicles."""
-    steady = (len(medium.parts) == 0) & (medium.harmonics.amplitude.shape[1] <= _HARMONICS)
-    for v in range(first, last):
-        steady &= medium.rows[v, 0] == medium.rows[first, 0]
-    return steady
-
-
-@inline_jit
-def _gather_waves(harmonics, v, waves, i):
-    """Read the harmonics of a vehicle's disturbance."""
-    D, K = harmonics.amplitude.shape[0], harmonics.amplitude.shape[1]
-    for k in range(K):
-        waves.rate[k, i] = harmonics.rate[v * K + k] if v < D else 0.0
-        waves.phase[k, i] = harmonics.phase[v * K + k] if v < D else 0.0
-        put(waves.amplitude[k], i, triple(harmonics.amplitude[v, k]) if v < D else (0.0, 0.0, 0.0))
-
-
-@inline_jit
 def _read_steady(medium, first, t, lanes, waves, b):
     """Write the velocity of a steady medium with disturbances at each vehicle; see `medium.medium_velocity`.
 
     Args:
-        medium: Medium for which `_is_steady` holds.
+        medium: Medium of one steady flow and few harmonics.
         first: Number of the first vehicle.
         t: Time, s.
         lanes: Number of lanes in use.
-        waves: Harmonics of the disturbances, from `_gather_waves`.
+        waves: Harmonics of the disturbances, one lane a vehicle.
         b: Block of the vehicles.
     """
     table = medium.kernels[medium.rows[first, 0] : medium.rows[first, 1]]
@@ -658,7 +621,11 @@ def advance_lanes(loop, rigid, first, last, step, count, log, row, bad):
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     b, waves = on_stack(_WIDE), on_stack(_WAVES)
     effort, activation = on_stack(_ROWS).row, on_stack(_ROWS).row
-    lanes, steady, all_good = lanes_for(last - first), _is_steady(medium, first, last), True
+    lanes, amplitude, all_good = lanes_for(last - first), medium.harmonics.amplitude, True
+    # One steady flow and harmonics of few frequencies are all that moves the vehicles.
+    steady, D, K = (len(medium.parts) == 0) & (amplitude.shape[1] <= _HARMONICS), amplitude.shape[0], amplitude.shape[1]
+    for v in range(first, last):
+        steady &= medium.rows[v, 0] == medium.rows[first, 0]
     for i in range(lanes):
         v = first + i if first + i < last else first  # lanes beyond the last repeat the first
         _gather(fleet.bodies[v], state.qpos, state.qvel, state.memory.command[v], b, i)
@@ -666,8 +633,10 @@ def advance_lanes(loop, rigid, first, last, step, count, log, row, bad):
             channel = thrusters[j]
             if channel.late:
                 activation[channel.state, i] = state.act[fleet.bodies[v].state + channel.state]
-        if steady:
-            _gather_waves(medium.harmonics, v, waves, i)
+        for j in range(K if steady else 0):
+            waves.rate[j, i] = medium.harmonics.rate[v * K + j] if v < D else 0.0
+            waves.phase[j, i] = medium.harmonics.phase[v * K + j] if v < D else 0.0
+            put(waves.amplitude[j], i, triple(amplitude[v, j]) if v < D else (0.0, 0.0, 0.0))
     for k in range(step, step + count):
         t, recorded = params.start + k * h, k == step and row >= 0
         if recorded or not steady:

@@ -206,7 +206,8 @@ def pack_fleet(
         channels["direction"], channels["moment"] = vehicle.gears[:, :3], vehicle.gears[:, 3:]
         channels["row"] = vehicle.allocation
         channels["low"], channels["high"] = vehicle.limits.T
-        channels["planar"] = _planar_wrenches(vehicle, kind["row_norm"])
+        W, norms = vehicle.W[_PLANAR], kind["row_norm"][:, None]
+        channels["planar"] = np.divide(W, norms, out=np.zeros_like(W), where=norms > 0.0).T
         for actuator, own in zip(vehicle.actuators, vehicle.by_actuator(channels), strict=True):
             actuator.pack(own, timestep, vehicle.mass * GRAVITY)
         channels["state"] = np.cumsum(channels["late"]) - channels["late"]
@@ -281,12 +282,6 @@ def _pack(vehicle: Vehicle, kind: np.void) -> None:
     kind["row_norm"][[_PLANAR.index(row) for row in rows]] = norms
     if turning := turning_of(vehicle):
         kind["forward_only"], kind["turning_price"], kind["turning_speed"] = True, *turning
-
-
-def _planar_wrenches(vehicle: Vehicle, norms: Array) -> Array:
-    """Wrenches of efforts of 1 on the rows surge, sway and yaw, over the norms (3,) of those rows, shape (s, 3)."""
-    W = vehicle.W[_PLANAR]
-    return np.divide(W, norms[:, None], out=np.zeros_like(W), where=norms[:, None] > 0.0).T
 
 
 @inline_jit
@@ -395,28 +390,13 @@ def desired_force(kind, R, s, wanted):
         wanted: Desired one.
     """
     K = kind.gain
-    force = drag_force(kind, wanted)
+    x, y, z = drag_force(kind, wanted)
     if kind.planar:
-        force = carried_by_water(R, force)
-    return (
-        force[0] + K[0] * (wanted[0] - s[0]),
-        force[1] + K[1] * (wanted[1] - s[1]),
-        force[2] + K[2] * (wanted[2] - s[2]),
-    )
-
-
-@inline_jit
-def carried_by_water(R, force):
-    """Return a force on a hull without its vertical part, unless the hull has tipped over; body axes, (3,).
-
-    A hull that is not quite level also drags along its own z axis, where it has no thrusters. Water that carries the
-    hull, and thrust, replace that part with the same horizontal force.
-    """
-    upwards = force[2] / R[8]
-    level = R[8] > _TIPPED
-    x = force[0] - upwards * R[6]
-    y = force[1] - upwards * R[7]
-    return x if level else force[0], y if level else force[1], force[2]
+        # A hull that is not quite level also drags along its own z axis, where it has no thrusters. Water that carries
+        # the hull, and thrust, replace that part with the same horizontal force, unless it has tipped over.
+        upwards, level = z / R[8], R[8] > _TIPPED
+        x, y = x - upwards * R[6] if level else x, y - upwards * R[7] if level else y
+    return x + K[0] * (wanted[0] - s[0]), y + K[1] * (wanted[1] - s[1]), z + K[2] * (wanted[2] - s[2])
 
 
 @inline_jit

@@ -393,9 +393,7 @@ class Engine(ABC):
         kept = memory.flat.copy()
         if not self._commanded:
             memory.supplied[:] = 0.0
-        self._look()
-        with self._naming_terms():
-            self._evaluate_law()
+        self._sample()
         x = self.positions()
         displacement = self._displaced(x[: len(self.system.team.agents)])
         moved = displacement, self._velocity(displacement)
@@ -417,6 +415,12 @@ class Engine(ABC):
         memory = self.memory
         if memory.kept[0] == self.steps_taken + 1:
             memory.held[:] = memory.kept[1:]
+
+    def _sample(self) -> None:
+        """Evaluate the law at the present step, which counts once."""
+        self._look()
+        with self._naming_terms():
+            self._evaluate_law()
 
     def _naming_terms(self) -> AbstractContextManager[None]:
         """Return a context that names the registered term whose exception ends it."""

@@ -30,7 +30,7 @@ from mjsheaf.compile.tiers import Tiered
 from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes, pack_rigid
 from mjsheaf.loop.bodies import kinds_of
 from mjsheaf.loop.engine import Recorder
-from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, begin_span, first_bad
+from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, begin_span
 from mjsheaf.media.medium import advance as advance_medium
 
 _MOST_NUMBERS = 50_000  # of a loop whose vehicles Python commands: some 150 vehicles
@@ -178,7 +178,8 @@ class Fused(ClosedLoop):
             finally:
                 moving.result()
         self._count[0] = step + count  # also where a vehicle is bad and its span does not count
-        return first_bad(self._bad)
+        vehicle = int(np.argmin(self._bad))
+        return None if self._bad[vehicle] == NEVER else (vehicle, int(self._bad[vehicle]) // 2)
 
     def _move_in_parts(self, pool: ThreadPoolExecutor, end: int, recorder: Recorder) -> None:
         """Do what `advance` does up to step `end`; each thread moves a part of the vehicles."""

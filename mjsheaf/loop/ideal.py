@@ -23,7 +23,7 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory, no_station
 from mjsheaf.loop.engine import Engine, Recorder
 from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
-from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state, unknown_flow
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
 from mjsheaf.system import System
 from mjsheaf.vehicles.allocation import EffectivenessArrays, allocate
 
@@ -187,27 +187,6 @@ def take_step(follow, run, t, h, x, first, last):
 
 
 @inline_jit
-def _next_step(h, error, rejected):
-    """Return the step to try after one of h with this error; it does not grow where the one before was rejected."""
-    if not error < 1.0:
-        return h * max(0.2, 0.9 * error**-0.2)
-    factor = 10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2)
-    return h * (min(1.0, factor) if rejected else factor)
-
-
-@inline_jit
-def _take_over(run, x, first, last):
-    """Take over the positions and slopes of a step that passed; return False if a position is huge."""
-    for v in range(first, last):
-        for i in range(3):
-            x[v, i] = run.state[v, i]
-            run.slope[0, v, i] = run.slope[6, v, i]
-            if abs(x[v, i]) > _HUGE:
-                return False
-    return True
-
-
-@inline_jit
 def _advance(follow, run, t, x, first, last):
     """Integrate the vehicles from first to last over one period, in place; False where the solution blows up.
 
@@ -228,12 +207,18 @@ def _advance(follow, run, t, x, first, last):
         error = take_step(follow, run, t + done, h, x, first, last)
         if not np.isfinite(error):
             return False
-        step = _next_step(h, error, rejected)
-        rejected = not error < 1.0
-        if not rejected:
-            done = period if h >= period - done else done + h
-            if not _take_over(run, x, first, last):
-                return False
+        factor = 10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2)
+        if not error < 1.0:
+            step, rejected = h * max(0.2, factor), True
+            continue
+        step, rejected = h * (min(1.0, factor) if rejected else factor), False  # not larger after a rejected one
+        done = period if h >= period - done else done + h
+        for v in range(first, last):
+            for i in range(3):
+                x[v, i] = run.state[v, i]
+                run.slope[0, v, i] = run.slope[6, v, i]
+                if abs(x[v, i]) > _HUGE:
+                    return False
     if steps < _USUAL_STEPS:
         run.surplus[first] = max(run.surplus[first] - (_USUAL_STEPS - steps), 0.0)
     return True
@@ -391,12 +376,9 @@ class Ideal(Engine):
         if self._surplus.max(initial=0) > _MOST_STEPS:
             field = "controller.record_period" if grid.continuous else "controller.control_period"
             detail = f" takes more than {_USUAL_STEPS} steps of the integrator for each {field} of {grid.period:g} s"
-        cause = ""
-        if self.controller:
-            cause = self.controller.cause_of_blow_up(self.system.team, vehicle, self.memory.command)
-        cause = unknown_flow(self.system.moving, self._integrator.medium_state.parts, vehicle) or cause
         speed = f"commanded {float(np.linalg.norm(self.memory.command[vehicle])):.3g} m/s"
-        return blow_up_message(self.system, vehicle, detail, grid.start + step * grid.period, speed, cause)
+        time, medium = grid.start + step * grid.period, self._integrator.medium_state
+        return blow_up_message(self.system, vehicle, detail, time, speed, self.memory, medium, self.controller)
 
     def _velocity(self, displacement: Array) -> Array:
         return np.hstack([displacement / self._timestep, np.zeros_like(displacement)])

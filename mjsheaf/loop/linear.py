@@ -12,7 +12,7 @@ and shows as an eigenvalue of 1 that no position sees.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -73,12 +73,7 @@ class LinearVehicle(NamedTuple):
     D: Array
 
 
-def _linear_key(points: Sequence[HeldPoint], control: ControlArrays, timestep: float, steps: int) -> tuple[Any, ...]:
-    """Of the vehicles and where they are; not the law, which is not evaluated."""
-    return list(points), timestep, steps
-
-
-@remember_last(_linear_key)
+@remember_last(lambda points, control, timestep, steps: (list(points), timestep, steps))  # not the law
 @quiet()
 def linearise(
     points: Sequence[HeldPoint], control: ControlArrays, timestep: float, steps: int
@@ -207,7 +202,8 @@ class _Bench:
         self.mass = np.array([vehicle.mass for vehicle in vehicles])
         self.still = np.zeros((V, 12 + lagging.max()))
         self.qpos = np.hstack([np.zeros((V, 3)), quaternions_of(heading)])
-        self.qvel, self.act = np.zeros((V, 6)), arena.trim
+        trim = np.concatenate([vehicle.trim for vehicle in vehicles])  # of level vehicles
+        self.qvel, self.act = np.zeros((V, 6)), trim[self.model.actuator_actadr >= 0]
         self.command = -np.array([point.medium for point in points]).reshape(V, 3) * self.controlled
 
     def settle(self) -> list[str]:

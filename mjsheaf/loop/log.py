@@ -9,7 +9,9 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.compile.parts import for_each
-from mjsheaf.law.law import LawArrays
+from mjsheaf.law.in_python import Controller
+from mjsheaf.law.law import LawArrays, Memory
+from mjsheaf.media.medium import MediumState, unknown_flow
 from mjsheaf.system import Phase, System
 
 _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
@@ -192,7 +194,16 @@ def pieces_of(phases: Sequence[Phase], samples: int, end: int, first: int = 0) -
             yield phase.system, begin, min(begin + samples, stop, end)
 
 
-def blow_up_message(system: System, vehicle: int, detail: str, time: float, speed: str, cause: str = "") -> str:
+def blow_up_message(
+    system: System,
+    vehicle: int,
+    detail: str,
+    time: float,
+    speed: str,
+    memory: Memory,
+    medium: MediumState,
+    controller: Controller | None = None,
+) -> str:
     """Name the vehicle, the time and the speed of a blow-up, and the cause, or where to find it.
 
     Args:
@@ -201,11 +212,15 @@ def blow_up_message(system: System, vehicle: int, detail: str, time: float, spee
         detail: What is added to its name.
         time: Time, s.
         speed: Its speed, in words.
-        cause: Cause, if it is known.
+        memory: Memory of the law.
+        medium: State of the medium.
+        controller: Law in Python that is in control, which may be the cause.
     """
     gain = "the law, with a controller.gain"
     if vehicle >= len(system.team.agents):
         gain = "the targets' consensus or pull, with a target_formation.gain or motion.pull"
+    cause = controller.cause_of_blow_up(system.team, vehicle, memory.command) if controller else ""
+    cause = unknown_flow(system.moving, medium.parts, vehicle) or cause
     cause = cause or (
         f"likely cause: {gain} that is too high for the control period, the links or the bodies, or a flow or motion "
         "too strong to integrate; mjsheaf check names the margin"

@@ -26,7 +26,6 @@ from mjsheaf.media.medium import (
     hold,
     medium_velocity,
     new_state,
-    unknown_flow,
 )
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import ANGLE
@@ -193,14 +192,6 @@ def place_targets(fleet, qpos, x, recorder):
 
 
 @inline_jit
-def is_at_limit(kind, thruster, command):
-    """Return True if a thruster's command is at a limit; one that cannot reverse is at rest at 0."""
-    if command == 0.0 and kind.one_sided:
-        return False
-    return command <= thruster.low or command >= thruster.high
-
-
-@inline_jit
 def record(loop, log, k, first, last):
     """Write the state and the commands just made for it of vehicles from first up to last as sample k.
 
@@ -226,7 +217,8 @@ def record(loop, log, k, first, last):
             log.thruster_command[k, n] = command
             late = state.act[body.state + thruster.state] if thruster.late else command
             log.thruster_output[k, n] = late if thruster.code == ANGLE else params.gain[n, 0] * late
-            at_limit += is_at_limit(kind, thruster, command)
+            if command != 0.0 or not kind.one_sided:  # one that cannot reverse is at rest at 0
+                at_limit += command <= thruster.low or command >= thruster.high
         log.saturation[k, v] = at_limit / max(kind.count, 1)
 
 
@@ -246,12 +238,6 @@ def begin_span(loop, k, recorder):
     if k % params.per_law == 0:
         run_law(loop, params.start + k * params.timestep)
     return row
-
-
-def first_bad(bad: IntArray) -> tuple[int, int] | None:
-    """Return the vehicle that was bad first and the number of its step, from `Fused._bad`; None if none was."""
-    vehicle = int(np.argmin(bad))
-    return None if bad[vehicle] == NEVER else (vehicle, int(bad[vehicle]) // 2)
 
 
 def new_loop(params: Params, bodies: Callable[[Room], Bodies], room: Room) -> Loop:
@@ -275,10 +261,8 @@ def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: 
     commanded = np.linalg.norm(loop.state.memory.command[vehicle])
     detail = f" (body '{system.vehicles[vehicle].name}')"
     time = system.grid.start + step * system.timestep
-    cause = controller.cause_of_blow_up(system.team, vehicle, loop.state.memory.command) if controller else ""
-    cause = unknown_flow(loop.params.medium.parts, loop.state.medium.parts, vehicle) or cause
     seen = f"speed {speed:.3g} m/s, commanded {commanded:.3g} m/s"
-    return blow_up_message(system, vehicle, detail, time, seen, cause)
+    return blow_up_message(system, vehicle, detail, time, seen, loop.state.memory, loop.state.medium, controller)
 
 
 # Python calls them once for a run or a sample; compiled loops call the functions themselves.
@@ -331,9 +315,7 @@ class ClosedLoop(Engine):
         self._lay_out()
         self._unrecorded = self._recorder(0)
         self.place()
-        self._look()
-        with self._naming_terms():
-            self._evaluate_law()
+        self._sample()
         self._command()
 
     def new_loop(self, room: Room) -> Loop:
@@ -433,9 +415,7 @@ class ClosedLoop(Engine):
             sample = self.steps_taken % self._loop.params.per_law == 0
         if sample:
             self._consult()
-            self._look()
-            with self._naming_terms():
-                self._evaluate_law()
+            self._sample()
         self._command()
 
     @property

@@ -197,17 +197,15 @@ class World(ClosedLoop):
     @quiet()
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         bad = _advance(self._loop, self._arrays, step, count, recorder)
-        return None if bad < 0 else (self._first_bad_vehicle(), bad)
-
-    def _first_bad_vehicle(self) -> int:
-        """Return the number of the first vehicle whose state or command is bad."""
+        if bad < 0:
+            return None
         data = self.data
         motion = np.hstack([data.qpos.reshape(-1, 7), data.qvel.reshape(-1, 6), data.qacc.reshape(-1, 6)])
         counts = self._fleet.kinds["count"][self._fleet.bodies["kind"]]
         owners = np.repeat(np.arange(len(counts)), counts)
         moved = np.flatnonzero(~(np.abs(motion) < HUGE).all(axis=1))
         commanded = owners[~(np.abs(data.ctrl) < HUGE)]
-        return int(min([*moved, *commanded]))
+        return int(min([*moved, *commanded])), bad
 
     def actuators(self, id: str) -> IntArray:
         """Return indices of a vehicle's actuators in `model` and `data.ctrl`, in the order of thrusters in `result.nc`.

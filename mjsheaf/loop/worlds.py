@@ -16,7 +16,7 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.law import look, unlook
-from mjsheaf.loop.fused import Fused, advance_blocks, command_vehicles
+from mjsheaf.loop.fused import Fused, advance_blocks
 from mjsheaf.loop.log import new_log
 from mjsheaf.loop.loop import NEVER, Params, blow_up_of, map_seeded, run_law
 from mjsheaf.team import Team
@@ -41,20 +41,6 @@ def take_periods(loop, row, rigid, nothing, values, alive, bad):
         for k in range(row.shape[0]):
             row[k] = values[w, k]
         take_period(loop, rigid, nothing, bad[w])
-        for k in range(row.shape[0]):
-            values[w, k] = row[k]
-
-
-@jit
-def begin_periods(loop, row, values, which):
-    """Evaluate the law at the start, and command, in the worlds `which`; other arguments as for `take_periods`."""
-    start = loop.params.start
-    for w in which:
-        for k in range(row.shape[0]):
-            row[k] = values[w, k]
-        look(0.0, loop.state.memory.held, loop.state.memory.kept)
-        run_law(loop, start)
-        command_vehicles(loop, start)
         for k in range(row.shape[0]):
             values[w, k] = row[k]
 
@@ -144,8 +130,7 @@ class Worlds:
         self._starts = self.values.copy()
         self._bad = np.full((W, len(system.team.members)), NEVER)
         self.squares = np.zeros((W, len(system.team.agents)))
-        self.step(np.zeros(W, dtype=np.bool_))  # compiles, as does the next line
-        begin_periods(self._loop, self._row, self.values, np.zeros(0, dtype=np.int64))
+        self.step(np.zeros(W, dtype=np.bool_))  # compiles
 
     @property
     def steps(self) -> IntArray:
@@ -170,8 +155,7 @@ class Worlds:
             for own, value in zip(_seeded(self._loops[w].params), _seeded(params), strict=True):
                 own[...] = value
             run.place()
-        if len(new):
-            begin_periods(self._loop, self._row, self.values, new)
+            run.close_loop(sample=True)
         self._starts[new] = self.values[new]
         self.values[which] = self._starts[which]
         self._bad[which] = NEVER
@@ -211,7 +195,7 @@ class SquareErrors:
         self.team = team
         agents = int(team.first_state[-1])
         targets = len(team.slots) - agents
-        self._linear = team.plain and agents * targets <= _MOST_NUMBERS
+        self._linear = team.plain and agents * targets <= _MAX_CARRIED
         if self._linear:
             self._rest = team.extend(np.zeros(targets))
             self._carry = team.extend(np.eye(targets)) - self._rest
@@ -223,4 +207,4 @@ class SquareErrors:
         return np.add.reduceat((goal - q) ** 2, self.team.first_state[:-1], axis=-1)
 
 
-_MOST_NUMBERS = 12_000_000  # of what carries targets to q*
+_MAX_CARRIED = 12_000_000  # of what carries targets to q*

@@ -220,7 +220,7 @@ def _choose(data: "xr.Dataset", asked: Request) -> _Pair:
     pairs = _pairs(data)
     fits = [pair for pair in pairs if asked.medium is None or pair.medium in (None, asked.medium)]
     shown = [f"[{', '.join(pair.names)}]" for pair in fits or pairs]
-    speeds = {str(n): v for n, v in data.data_vars.items() if _converts(v, "m s-1")}
+    speeds = {str(n): v for n, v in data.data_vars.items() if converts(v.attrs.get("units"), "m s-1")}
     left = [f"{name} ({_statistic(v)})" for name, v in speeds.items() if _statistic(v)]
     bare = {str(n): v for n, v in data.data_vars.items() if "units" not in v.attrs and v.ndim > 1}
     speeds = {name: v for name, v in (speeds | bare).items() if not _meaning(v) and not _statistic(v)}
@@ -252,7 +252,7 @@ def _named(data: "xr.Dataset", asked: Request) -> _Pair:
     Raises:
         InputError: One does not exist, or is no flow of the medium.
     """
-    known = [str(name) for name, variable in data.data_vars.items() if _converts(variable, "m s-1")]
+    known = [str(name) for name, variable in data.data_vars.items() if converts(variable.attrs.get("units"), "m s-1")]
     meanings = []
     for k, name in enumerate(asked.variables):
         if name not in data.data_vars:
@@ -376,11 +376,11 @@ def _is_vertical(part: "xr.DataArray", axis: "xr.DataArray") -> bool:
         or axis.dtype.kind not in "fiu"
     ):
         return False
-    return _converts(axis, "Pa") or _converts(axis, "m") or _HEIGHTS.fullmatch(str(axis.name)) is not None
-
-
-def _converts(axis: Any, unit: str) -> bool:
-    return "units" in axis.attrs and converts(axis.attrs["units"], unit)
+    return (
+        converts(axis.attrs.get("units"), "Pa")
+        or converts(axis.attrs.get("units"), "m")
+        or _HEIGHTS.fullmatch(str(axis.name)) is not None
+    )
 
 
 def _at_depth(part: "xr.DataArray", depth: float, medium: Medium | None, notes: list[str]) -> "xr.DataArray":
@@ -430,7 +430,7 @@ def _distances(axis: "xr.DataArray", medium: Medium | None) -> Array | None:
     if standard and standard not in _LENGTHS:
         return None
     if "units" in axis.attrs:
-        if not _converts(axis, "m"):
+        if not converts(axis.attrs.get("units"), "m"):
             return None
         values = factor(axis.attrs["units"], "m") * np.atleast_1d(axis.values).astype(np.float64)
     elif standard or (named and named[1]):
@@ -462,7 +462,7 @@ def _read_part(
     Raises:
         InputError: It is not understood, or has values that no flow has.
     """
-    if not _converts(part, "m s-1"):
+    if not converts(part.attrs.get("units"), "m s-1"):
         unit = shortened(text_of(part, "units"), 50)
         why = f"the unit is {unit!r}; expected m s-1 or what converts to it" if unit else "has no units"
         fix = f"ncatted -a units,{part.name},o,c,'m s-1' {asked.path}"

@@ -65,9 +65,25 @@ class GriddedFlow(FlowField):
         return fields
 
     def recorded(self, name: str, met: Exposure) -> tuple[list[Any], Array]:
-        """Return the grid, and the velocity of the medium where and when each vehicle begins, shape (V, 3), m/s."""
-        grid = pack_grid(self, _MEDIA.get(name), met.met.astype(np.int64), met)
-        return [grid], met.wind + flow_at_start(grid, met)
+        """Return the grid, and the velocity of the medium where and when each vehicle begins, shape (V, 3), m/s.
+
+        Raises:
+            InputError: The file does not cover the run's time, or where a vehicle begins.
+        """
+        grid = self.read(_MEDIA.get(name)).grid
+        slack = _ROUNDING * (1.0 + abs(met.end))
+        if len(grid.time) > 1 and not grid.time[0] - slack <= met.start <= met.end <= grid.time[-1] + slack:
+            raise InputError(
+                f"path: the file covers {grid.time[0]:.6g} to {grid.time[-1]:.6g} s of the scenario's time; expected "
+                f"{met.start:.6g} to {met.end:.6g} s: choose another start, time.end or file"
+            )
+        arrays = GridArrays(met.met.astype(np.int64), *grid, not np.array_equal(grid.turn, np.eye(2)))
+        state, found = arrays.new_state(), np.zeros(met.positions.shape)
+        for v, place in enumerate(met.positions.tolist()):
+            found[v] = grid_velocity(arrays, state, met.start, v, *place)
+            if why := describe_unknown(arrays, state, v):
+                raise InputError(f"path: {met.ids[v]} begins where no flow is known: {why}")
+        return [arrays], met.wind + found
 
     def read(self, medium: Medium | None) -> Reading:
         """Return the file's data in the scenario's coordinates and time.
@@ -200,38 +216,6 @@ class GridArrays(NamedTuple):
 
 
 COMPILED[GridArrays] = Compiled(grid_velocity)
-
-
-def pack_grid(flow: GriddedFlow, medium: Medium | None, met: IntArray, exposed: Exposure) -> GridArrays:
-    """Pack a gridded flow of a medium for compiled code.
-
-    Raises:
-        InputError: The file does not cover the run's time, or where a vehicle begins.
-    """
-    grid = flow.read(medium).grid
-    first, last = exposed.start, exposed.end
-    if len(grid.time) > 1:
-        slack = _ROUNDING * (1.0 + abs(last))
-        if first < grid.time[0] - slack or last > grid.time[-1] + slack:
-            raise InputError(
-                f"path: the file covers {grid.time[0]:.6g} to {grid.time[-1]:.6g} s of the scenario's time; expected "
-                f"{first:.6g} to {last:.6g} s: choose another start, time.end or file"
-            )
-    return GridArrays(met, *grid, not np.array_equal(grid.turn, np.eye(2)))
-
-
-def flow_at_start(grid: GridArrays, exposed: Exposure) -> Array:
-    """Return the velocity that each vehicle meets where and when it begins, shape (V, 3), m/s.
-
-    Raises:
-        InputError: It is not known.
-    """
-    state, found = grid.new_state(), np.zeros((len(grid.met), 3))
-    for v, place in enumerate(exposed.positions.tolist()):
-        found[v] = grid_velocity(grid, state, exposed.start, v, *place)
-        if why := describe_unknown(grid, state, v):
-            raise InputError(f"path: {exposed.ids[v]} begins where no flow is known: {why}")
-    return found
 
 
 def describe_unknown(grid: GridArrays, state: GridState, v: int) -> str:

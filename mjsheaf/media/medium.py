@@ -45,11 +45,6 @@ WITHOUT_MEAN = (GustArrays, FrozenArrays, WaveArrays)
 """Kinds whose velocity at a fixed place has no mean."""
 
 
-def new_states(parts: Parts, take: Take) -> Parts:
-    """Return states of all parts."""
-    return tuple(part.new_state(take) if hasattr(part, "new_state") else () for part in parts)
-
-
 def bounds_of(parts: Parts, vehicles: int) -> Bounds:
     """Return the bounds of all parts together."""
     total = Bounds(np.zeros(vehicles), np.zeros(vehicles), np.zeros(vehicles), 0.0)
@@ -186,7 +181,11 @@ def undisturbed(medium: MediumArrays, without: tuple[type, ...] = ()) -> MediumA
 
 def new_state(medium: MediumArrays, take: Take = np.zeros) -> MediumState:
     """Return a state for `advance` to write to."""
-    return MediumState(take(len(medium.harmonics.rate)), take(len(medium.planar)), new_states(medium.parts, take))
+    return MediumState(
+        take(len(medium.harmonics.rate)),
+        take(len(medium.planar)),
+        tuple(part.new_state(take) if hasattr(part, "new_state") else () for part in medium.parts),
+    )
 
 
 @inline_jit

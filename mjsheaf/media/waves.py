@@ -130,7 +130,10 @@ class Waves(Moving):
         phases = rng.uniform(0.0, 2.0 * np.pi, self.components)
         directions = np.full(self.components, math.radians(self.direction))
         if self.spreading == "cos2":
-            directions += _cos2(rng.uniform(0.0, 1.0, self.components))
+            # Their distribution about it is 1/2 + x / pi + sin(2 x) / (2 pi) for x within a quarter of a turn.
+            angles = np.linspace(-_HALF_PI, _HALF_PI, 20_001)
+            share = 0.5 + angles / np.pi + np.sin(2.0 * angles) / (2.0 * np.pi)
+            directions += np.interp(rng.uniform(0.0, 1.0, self.components), share, angles)
         amplitude = np.full(self.components, self.significant_height / math.sqrt(8.0 * self.components))
         return Components(amplitude, rates, wave_numbers(rates, self.depth), directions, phases, self.depth)
 
@@ -187,12 +190,6 @@ def _quadrature(enhancement: object) -> tuple[Array, Array, Array]:
     second = np.exp(-1.25 * s**2) * enhancement(s)  # type: ignore[operator]
     sums = [np.append(0.0, np.cumsum(half * (values @ _GAUSS[1]))) for values in (s * second, second)]
     return edges, sums[0], sums[1]
-
-
-def _cos2(share: Array) -> Array:
-    """Return the angles, rad, below which shares of cos^2 lie: the distribution is 1/2 + x / pi + sin(2 x) / (2 pi)."""
-    angles = np.linspace(-_HALF_PI, _HALF_PI, 20_001)
-    return np.interp(share, 0.5 + angles / np.pi + np.sin(2.0 * angles) / (2.0 * np.pi), angles)
 
 
 def wave_numbers(rate: Array, depth: float | None) -> Array:
@@ -256,29 +253,19 @@ class WaveState(NamedTuple):
 
 
 @jit
-def _find_phases(waves, x, y, t, found):
-    """Write cosines, sines and phases of the waves at a place and time into found (3, N).
-
-    Each is a loop of its own: only that becomes vector instructions.
-    """
-    w = table_of(waves)
-    cosine, sin, angle = found[0], found[1], found[2]
-    for j in range(angle.shape[0]):
-        angle[j] = _TURNS * (w.number_x[j] * x + w.number_y[j] * y - w.rate[j] * t + w.phase[j])
-    for j in range(angle.shape[0]):
-        cosine[j] = sine(angle[j] + 0.25)
-    for j in range(angle.shape[0]):
-        sin[j] = sine(angle[j])
-
-
-@jit
 def _meet(waves, state, t, v, x, y):
     """Compute what vehicle v meets at the undisturbed surface, unless it is known."""
     place = state.place[v]
     if place[0] == t and place[1] == x and place[2] == y and place[3] == 0.0:
         return
-    w, met, cosine, sin = table_of(waves.waves), state.met[v], state.waves[v, 0], state.waves[v, 1]
-    _find_phases(waves.waves, x, y, t, state.waves[v])
+    w, met = table_of(waves.waves), state.met[v]
+    cosine, sin, angle = state.waves[v, 0], state.waves[v, 1], state.waves[v, 2]
+    for j in range(angle.shape[0]):  # each a loop of its own: only that becomes vector instructions
+        angle[j] = _TURNS * (w.number_x[j] * x + w.number_y[j] * y - w.rate[j] * t + w.phase[j])
+    for j in range(angle.shape[0]):
+        cosine[j] = sine(angle[j] + 0.25)
+    for j in range(angle.shape[0]):
+        sin[j] = sine(angle[j])
     east, north, height, slope_x, slope_y, rise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(cosine.shape[0]):
         east += w.east[j] * cosine[j]

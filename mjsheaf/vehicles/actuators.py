@@ -28,7 +28,7 @@ without MuJoCo.
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,11 +179,6 @@ class Thruster:
         return [Channel(self.name, "N", *self.thrust)]
 
     @property
-    def limited(self) -> bool:
-        """True if its efforts are limited."""
-        return bool(np.isfinite([(channel.low, channel.high) for channel in self.channels]).any())
-
-    @property
     def lag(self) -> float:
         """Time constant with which efforts follow commands, s."""
         return self.time_constant if self.law != "none" else 0.0
@@ -252,8 +247,6 @@ class Mount(NamedTuple):
 
 class Azimuth(Section):
     """Rotation of a thruster of the MJCF file about the vertical axis through its site."""
-
-    surface_only: ClassVar[bool] = False
 
     kind: Literal["azimuth"] = Field(description="always azimuth")
     angle: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
@@ -355,11 +348,6 @@ class AzimuthThruster(Thruster):
         return np.column_stack([np.cos(_NORMALS), np.sin(_NORMALS)]), self._reach(_NORMALS)
 
     @property
-    def limited(self) -> bool:
-        """True if its thrust, angle or rate is limited."""
-        return super().limited or bool(np.isfinite(self.rate))
-
-    @property
     def lag(self) -> float:
         """Time constant of the slower one of thrust and angle, s."""
         return max(super().lag, self.angle_lag)
@@ -406,8 +394,6 @@ class AzimuthThruster(Thruster):
 
 class Rudder(Section):
     """A rudder behind a propeller of the MJCF file that pushes ahead; see the module."""
-
-    surface_only: ClassVar[bool] = True
 
     kind: Literal["rudder"] = Field(description="always rudder")
     angle: Annotated[float, Field(gt=0, lt=90)] = Field(description="largest deflection to either side [degrees]")

@@ -91,12 +91,6 @@ class Arena:
     body: IntArray
     thruster: IntArray
 
-    @property
-    def trim(self) -> Array:
-        """Activations with which thrusters carry the weight of level vehicles, shape (na,)."""
-        commands = np.concatenate([vehicle.trim for vehicle in self.vehicles])
-        return np.asarray(commands[self.model.actuator_actadr >= 0])
-
 
 def compose(
     vehicles: Sequence[Vehicle],

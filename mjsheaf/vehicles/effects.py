@@ -156,7 +156,7 @@ def has_effects(vehicle: Vehicle) -> Effects:
     return Effects(
         inertia=vehicle.rate > 0.0 or bool(vehicle.added_mass.any()),
         drag_law=bool(vehicle.quadratic_drag.any()),
-        limits=any(actuator.limited for actuator in vehicle.actuators),
+        limits=bool(np.isfinite(vehicle.limits).any()),
         lag=vehicle.lag > 0.0,
         underactuation=vehicle.steering.underactuated,
     )

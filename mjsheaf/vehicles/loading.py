@@ -515,8 +515,6 @@ def _check(vehicle: Vehicle) -> None:
         raise InputError(
             f"{path}: the thrusters cannot produce every required wrench; {lacking} is missing (Assumption 2){steering}"
         )
-    if fault := vehicle.steering.fault(vehicle):
-        raise InputError(f"{path}: {fault}")
     trim, (low, high) = vehicle.trim, vehicle.limits.T
     rounding = 1e-9 * np.abs(trim).max(initial=0.0)
     short = np.flatnonzero((trim < low - rounding) | (trim > high + rounding))

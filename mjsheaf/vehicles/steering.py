@@ -92,10 +92,6 @@ class Steering(Section, ABC):
         """Return the same steering without limits."""
         return self
 
-    def fault(self, body: "Body") -> str:
-        """Explain why a vehicle cannot be steered in this way; empty if it can."""
-        return ""
-
     def pack(self, body: "Body", kind: np.void) -> None:
         """Write the parameters of the branch into the vehicle's KIND."""
         kind["steering"], kind["hand"] = self.code, self.hand
@@ -146,12 +142,6 @@ class HandPoint(Steering):
     def g_inverse(self, body: "Body", R: Array) -> Array:
         """Compute the right inverse of g, which is the inverse if there are two efforts."""
         return np.asarray(self.allocation(body)[:, [0, 5]] / self._gain(body) @ R[:2, :2].T)
-
-    def fault(self, body: "Body") -> str:
-        """Report a yaw drag of zero, which would make g infinite."""
-        if body.angular_drag[2] > 0.0:
-            return ""
-        return "a hand point needs a positive drag.angular in yaw, as g divides by it"
 
 
 class ThrustVector(Steering):

@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, freeze
 from mjsheaf.errors import InputError
 from mjsheaf.section import Section
-from mjsheaf.vehicles.actuators import AnyActuator, Channel, Thruster
+from mjsheaf.vehicles.actuators import AnyActuator, Channel, Rudder, Thruster
 from mjsheaf.vehicles.steering import AnySteering, HandPoint, Steering, ThrustVector
 
 GRAVITY = 9.81  # m/s^2
@@ -282,17 +282,15 @@ class VehicleDescription(Section):
     drifts: bool = Field(False, description="true for a buoy without thrusters, which can only be a target")
 
     @model_validator(mode="after")
-    def _rudders_float(self) -> "VehicleDescription":
-        if self.domain != "surface" and any(actuator.surface_only for actuator in self.actuators.values()):
-            raise ValueError("a rudder steers a vehicle on the surface")
-        return self
-
-    @model_validator(mode="after")
     def _fits_together(self) -> "VehicleDescription":
+        if self.domain != "surface" and any(isinstance(actuator, Rudder) for actuator in self.actuators.values()):
+            raise ValueError("a rudder steers a vehicle on the surface")
         if (self.domain == "surface") != (self.hydrostatics is not None):
             raise ValueError("a surface vehicle needs hydrostatics, and other vehicles must not have them")
         if isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint):
             raise ValueError("steering needs a hand_point on the surface, and a largest_tilt in a volume")
+        if isinstance(self.steering, HandPoint) and self.drag.angular[2] == 0.0:
+            raise ValueError("a hand point needs a positive drag.angular in yaw, as g divides by it")
         if self.drifts and (self.domain != "surface" or self.steering or self.autopilot or self.actuators):
             raise ValueError("a drifting vehicle must be on the surface, without steering, autopilot and actuators")
         return self

@@ -158,7 +158,7 @@ def test_what_has_no_thrusters_or_limits_is_refused() -> None:
         Session(scenario, "ideal", commanded="thrust")
     drones = fleet(["quadrotor"])
     with refused(InputError, "action of quadrotor", "4 finite commands of its actuators"):
-        parallel_env(drones, action="thrust").episode.act_flat({"quadrotor": np.zeros(3)})
+        parallel_env(drones, action="thrust").episode.act({"quadrotor": np.zeros(3)}, normalized=True)
     with Session(drones, commanded="thrust") as session:
         session.step([3.0, 3.0, 3.0, 3.0])
         with refused(InputError, "(4,) finite commands of actuators"):

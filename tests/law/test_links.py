@@ -342,7 +342,7 @@ def test_feedforward_knows_the_velocity_of_a_target_from_two_old_samples(lossy: 
             evaluate_law(system.control, n * H, x, None, memory)
         count += memory.links.heard == 2.0
         for k, target in enumerate((1, 0, 0)):
-            found = memory.links.velocity[first[k] : first[k + 1]]
+            found = memory.terms.rate[first[k] : first[k + 1]]
             wanted = velocity[target, : len(found)] * (count[k] >= 2)
             np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9)
         x[:3] += rng.normal(0, 0.1, (3, 3)) * [[1, 1, 0], [1, 1, 1], [1, 1, 1]]
@@ -580,7 +580,7 @@ def test_nothing_from_before_arrives_over_a_link_that_is_back(how: dict[str, Any
         evaluate_law(now.control, n * H, x, None, memory)
         if n >= 23:
             rows = slice(*now.law.edges.first[len(now.team.communication) + 2 :][:2])
-            assert (np.abs(memory.links.velocity[rows]).max() > 0.0) == (n > 28)
+            assert (np.abs(memory.terms.rate[rows]).max() > 0.0) == (n > 28)
 
 
 def test_a_term_that_begins_later_changes_nothing_of_what_is_heard() -> None:
@@ -603,7 +603,7 @@ def test_a_term_that_begins_later_changes_nothing_of_what_is_heard() -> None:
             evaluate_law(now.control, n * H, x, None, memory)
         for k, target in enumerate((1, 0)):
             begin, end = now.law.edges.first[2 + k : 4 + k]
-            found = memory.links.velocity[begin:end]
+            found = memory.terms.rate[begin:end]
             if found.any():
                 np.testing.assert_allclose(found, velocity[target, : len(found)], rtol=0, atol=1e-9)
                 assert n >= 26
