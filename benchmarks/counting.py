@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import advance_block
-from mjsheaf.loop.log import Log
 from mjsheaf.loop.loop import Loop, run_law
 
 _STEPS = 20  # physics steps while operations are counted

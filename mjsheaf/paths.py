@@ -31,7 +31,7 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.recordings import read_positions
-from mjsheaf.recordings.selection import Selection
+from mjsheaf.recordings.tables import Selection
 from mjsheaf.section import NonNegative, Number, Point, Positive, Tagged
 
 if TYPE_CHECKING:

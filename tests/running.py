@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from mjsheaf.arrays import Array
 from mjsheaf.law.in_python import Controller, Law
-from mjsheaf.loop.log import Trajectory
+from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.session import engine_of
 from mjsheaf.system import Phase, System
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from mjsheaf.arrays import Array
-from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.compile.parts import for_each, has_any
+from mjsheaf.compile.jit import for_each, has_any, inline_jit, jit
 
 
 class Scaled(NamedTuple):

@@ -12,8 +12,7 @@ import numpy as np
 import replays
 
 import mjsheaf
-from mjsheaf.vehicles.authority import authority_of
-from mjsheaf.vehicles.effects import capability_of
+from mjsheaf.vehicles.effects import authority_of, capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
 from mjsheaf.video.camera import View

@@ -16,7 +16,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.errors import InputError, NotUniqueError, RankError
-from mjsheaf.loop.log import samples_in_piece
+from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import engine_of, prepare_run
 from mjsheaf.results.dataset import join, make_datasets, of_phase
 from mjsheaf.results.ending import MIN_DURATION, MIN_SPEED, ROUNDING, find_stuck_at_end

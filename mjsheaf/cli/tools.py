@@ -74,8 +74,7 @@ def list_(
 
 def _list_vehicles(files: list[str]) -> None:
     from mjsheaf.scenario.slips import slips_of_vehicle
-    from mjsheaf.vehicles.authority import authority_of
-    from mjsheaf.vehicles.effects import capability_of
+    from mjsheaf.vehicles.effects import authority_of, capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
     numbers = ("mass\n(kg)", "size\n(m)", "thrust-\ners", "thrust\n(N)", "tau\n(s)", "forward\n(m/s)", "all-way\n(m/s)")

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.comparing.variants import inertial_tau, without_links, without_terms
-from mjsheaf.loop.log import Trajectory
+from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.session import engine_of
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.section import FiniteRecord

@@ -54,7 +54,7 @@ from mjsheaf.comparing.measures import (
     series_of,
     whole_run,
 )
-from mjsheaf.law.links import LinkArrays
+from mjsheaf.law.edges import LinkArrays
 from mjsheaf.loop.session import engine_of
 from mjsheaf.results.ending import Ending, settling_time
 from mjsheaf.runs.simulate import Progress, dataset_of, no_progress

@@ -12,16 +12,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mjsheaf.envs.control_suite import dm_env
     from mjsheaf.envs.episode import Episode
-    from mjsheaf.envs.gym import env
+    from mjsheaf.envs.gym import env, vector_env
     from mjsheaf.envs.petting_zoo import parallel_env
-    from mjsheaf.envs.vector import vector_env
 
 _HOME = {
     "Episode": "mjsheaf.envs.episode",
     "dm_env": "mjsheaf.envs.control_suite",
     "env": "mjsheaf.envs.gym",
     "parallel_env": "mjsheaf.envs.petting_zoo",
-    "vector_env": "mjsheaf.envs.vector",
+    "vector_env": "mjsheaf.envs.gym",
 }
 _EXTRAS = ("gymnasium", "pettingzoo")
 

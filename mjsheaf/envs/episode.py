@@ -19,9 +19,9 @@ from mjsheaf.arguments import real_numbers, require_choice, require_scenario, re
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.loop.engine import Commanded
+from mjsheaf.loop.fused import SquareErrors
 from mjsheaf.loop.loop import ClosedLoop
 from mjsheaf.loop.session import Session
-from mjsheaf.loop.worlds import SquareErrors
 from mjsheaf.noise import next_seed
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario

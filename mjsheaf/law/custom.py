@@ -32,8 +32,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, Take
-from mjsheaf.compile.jit import INTERPRETED, NumbaError, inline_jit, types, user_jit
-from mjsheaf.compile.parts import for_each
+from mjsheaf.compile.jit import INTERPRETED, NumbaError, for_each, inline_jit, types, user_jit
 from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.files import describe, digest_of, execute_file
 from mjsheaf.law.terms import Terms

@@ -1,6 +1,7 @@
-"""Range and bearing edges in the law: a stage between measurement and pullback.
+"""Edges in the law: what range and bearing edges compare, and what links and sensors deliver.
 
-Let z = y + b be the relative position of an edge and g = z / |z|. The vector pulled back instead of z is
+Range and bearing edges are a stage between measurement and pullback. Let z = y + b be the relative position of an edge
+and g = z / |z|. The vector pulled back instead of z is
 
     range      (1 - r / |z|) z
     bearing    (g . g*) g - g*
@@ -16,6 +17,19 @@ q*, and 0 if z is 0. Projections are between 0 and I, so 0 <= M <= a I with a = 
 
 whose largest eigenvalue is the upper bound that Chebyshev's iteration takes. Its polynomial is between 0 and 1 from 0
 to the lower bound: a lower bound that is too large for the present H slows the rounds down, and no error grows in them.
+
+Links and sensors are the stage after `measure`, which replaces the truth by what agents receive. Of every edge with a
+link, at sample n, in this order:
+
+    loss       the link's chain changes state, and the measurement is lost with the probability of that state
+    range      beyond its range the link receives nothing
+    sensor     the tail's errors are added to y_e: white noise and bias, or those of range and bearing in its body frame
+    delay      what was measured d periods ago arrives, if it was sent
+    hold       without an arrival the last measurement is held for a limited time; then y_e = -b_e, which has no effect
+
+Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks.
+
+Numbers that agents send each other in rounds have links of their own: see `mjsheaf.law.terms`.
 """
 
 from collections.abc import Sequence
@@ -23,11 +37,14 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray
-from mjsheaf.compile.jit import inline_jit
-from mjsheaf.noise import normal_of
+from mjsheaf.arrays import Array, IntArray, Take
+from mjsheaf.compile.jit import as_records, inline_jit, jit
+from mjsheaf.errors import InputError, in_field
+from mjsheaf.noise import normal_of, stream_of, uniforms
 from mjsheaf.team import Edge, Team
+from mjsheaf.team.links import KINDS, WHOLE, LinkModel, Links, perceive, require_bearing, whole_periods
 
 POSITION, RANGE, BEARING = 0, 1, 2
 """Kinds of edges."""
@@ -199,3 +216,457 @@ def disturb(kinds, link, edges, first, end, draw, y):
         n = normal_of(draw[1 + (r - first) % 3]) - along * z / square
         y[r] = np.cos(angle) * z + turned * n - edges.b[r]
     return True
+
+
+SILENT, HELD, NEW = 0.0, 1.0, 2.0
+"""Reception of an edge at a sample: nothing, the last measurement held, or a new one."""
+
+_MOST_NUMBERS = 100_000_000  # in delay lines
+_STILL = 1e-9  # m in a period: no direction of motion
+
+LINK = np.dtype(
+    [
+        ("edge", "i8"),  # number of the edge
+        ("place", "i8"),  # index in LinkMemory.line where the delay line begins
+        ("width", "i8"),  # numbers of a sample in the delay line
+        ("moves", "i8"),  # 1 if the displacement of the agent goes with a sample: feedforward's, of sensing
+        ("random", "i8"),  # 1 if the link takes random numbers
+        ("lossy", "i8"),  # 1 if anything is lost at random
+        ("bursts", "i8"),  # 1 if losses depend on the state of a chain
+        ("stream", "i8", 2),  # stream of random numbers, the same wherever the edge stands
+        *((name, "i8" if name in WHOLE else "f8") for name in LinkModel._fields),
+    ],
+    align=True,
+)
+"""A link for compiled code: the fields of a `LinkModel`, with `delay` and `hold` in periods, and those of its place."""
+
+
+class LinkArrays(NamedTuple):
+    """The links of a team of V vehicles: L edges of E have one that changes anything; by default none has.
+
+    Attributes:
+        present: (1,) if any edge of the run has one; (), another type, leaves them out of the compiled code.
+        table: the links, of the type LINK, shape (L,).
+        of: the link of each edge, or -1, shape (E,); empty without links.
+        lift: what is added to z for the distance between bodies, shape (V,), m.
+        facing: initial attitudes where a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
+        size: Length of LinkMemory.line.
+        odometry: True if agents store how they moved since they sensed a target, for feedforward.
+        start, period: time of sample 0 and between samples, s.
+        record: True if measurements are recorded.
+    """
+
+    present: tuple[int, ...] = ()
+    table: NDArray[np.void] = as_records(np.zeros(0, dtype=LINK))
+    of: IntArray = np.zeros(0, dtype=np.int64)
+    lift: Array = np.zeros(0)
+    facing: Array = np.zeros((0, 4))
+    size: int = 0
+    odometry: bool = False
+    start: float = 0.0
+    period: float = 1.0
+    record: bool = False
+
+    def selected(self, rows: IntArray) -> "LinkArrays":
+        """The links among some of the vehicles, by number."""
+        facing = self.facing[rows] if len(self.facing) else self.facing
+        return self._replace(lift=self.lift[rows], facing=facing) if len(self.table) else self
+
+
+class LinkMemory(NamedTuple):
+    """State of the links between samples: views of the law's memory, of size 0 without links.
+
+    Attributes:
+        heard: Reception on each link at the present sample, SILENT, HELD or NEW, shape (L,).
+        state: State of the chain of losses of each link: 0 before it begins, 1 good, 2 bad, shape (L,).
+        last: 1 + the number of the sample at which something last arrived on each link, 0 before that, shape (L,).
+        y: Last received measurement on each edge that has a link, shape (m,), m.
+        walked: F times the displacement of the agent up to when it took that measurement, of sensing edges, shape (m,),
+            m; empty without feedforward.
+        attitude: Attitudes of the vehicles, shape (V, 4), if a sensor needs them.
+        before: Positions at the last sample, shape (V, 3), m, if a sensor needs attitudes.
+        line: Delay line of each link, with a slot for each sample in transit: 1 + its number (0 if lost), y, and F
+            times the agent's displacement up to it. A slot is written once.
+    """
+
+    heard: Array
+    state: Array
+    last: Array
+    y: Array
+    walked: Array
+    attitude: Array
+    before: Array
+    line: Array
+
+
+def new_link_memory(links: LinkArrays, m: int, line: Array, take: Take) -> LinkMemory:
+    """Return what links of edges with m numbers hold before the first sample, with a delay line for all of them."""
+    L, V, m = len(links.table), len(links.facing), m if len(links.of) else 0
+    walked = take(m * links.odometry)
+    return LinkMemory(take(L), take(L), take(L), take(m), walked, take((V, 4)), take((V, 3)), line)
+
+
+class LinkedRows(NamedTuple):
+    """A link in the memory of a phase.
+
+    Attributes:
+        memory: Memory of the links.
+        number: Number of the link.
+        link: The link, of the type LINK.
+        rows: Rows of the edge's numbers y_e.
+    """
+
+    memory: LinkMemory
+    number: int
+    link: Any
+    rows: slice
+
+    @property
+    def line(self) -> Array:
+        """The delay line, shape (delay + 1, width)."""
+        size = (self.link["delay"] + 1) * self.link["width"]
+        return self.memory.line[self.link["place"] :][:size].reshape(-1, self.link["width"])
+
+
+def carry_link(old: LinkedRows, new: LinkedRows, sample: int) -> None:
+    """Copy what is under way and what was received last to the same edge's link in the phase that begins at a sample.
+
+    Feedforward needs the displacement of every sample: nothing is copied from a line without it to one with it.
+    """
+    if new.link["moves"] > old.link["moves"]:
+        return
+    delays = [int(one.link["delay"]) for one in (old, new)]
+    under_way = old.line[old.line[:, 0] > sample - min(delays)]
+    new.line[(under_way[:, 0].astype(np.int64) - 1) % len(new.line)] = under_way[:, : new.link["width"]]
+    before, now = old.memory, new.memory
+    now.state[new.number] = before.state[old.number]
+    if before.last[old.number] > 0.0:
+        now.last[new.number] = before.last[old.number] + delays[1] - delays[0]  # the age counts from the arrival
+    now.y[new.rows] = before.y[old.rows]
+    if new.link["moves"]:
+        now.walked[new.rows] = before.walked[old.rows]
+
+
+class LinkedEdge(NamedTuple):
+    """An edge of communication or sensing: the `number`th of its kind, the `nth` of it between the same ends."""
+
+    kind: str
+    number: int
+    nth: int
+    edge: Edge
+    link: LinkModel
+
+    @property
+    def stream(self) -> tuple[int, int]:
+        """Stream of its random numbers, by its ends: the same wherever the edge stands."""
+        return stream_of(self.kind, self.edge.tail, self.edge.head, self.nth)
+
+    @property
+    def turns(self) -> bool:
+        """True if measurements depend on the attitude of the tail."""
+        return self.link.bearing and not self.link.exact and len(self.edge.F_tail) == 3
+
+
+def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
+    """The edges of communication and sensing with their links, in the order of the law.
+
+    Raises:
+        InputError: sections do not fit together; the message begins with the field.
+    """
+    found, plain, met = list[LinkedEdge](), dict[str, LinkModel](), dict[tuple[str, ...], int]()
+    for kind in KINDS:
+        with in_field(f"links.{kind}"):
+            plain[kind] = links.resolve(kind)
+    for kind, edges in zip(KINDS, (team.communication, team.sensing), strict=True):
+        for k, edge in enumerate(edges):
+            ends, link = (kind, *edge.between), plain[kind]
+            met[ends] = met.get(ends, -1) + 1
+            if edge.link is not None:
+                with in_field(f"{kind}.{k}"):
+                    link = links.resolve(kind, edge.link)
+            if edge.measures != "position":
+                with in_field(f"{kind}.{k}, {edge}"):
+                    link = _of_curved(edge, link)
+            found.append(LinkedEdge(kind, k, met[ends], edge, link))
+    return found
+
+
+def _of_curved(edge: Edge, link: LinkModel) -> LinkModel:
+    """Return the link of a range or bearing edge, with noise in its unit: rad for a bearing, given in degrees.
+
+    Raises:
+        InputError: a sensor of positions, or a bias of a bearing.
+    """
+    if link.bearing:
+        raise InputError(
+            f"sensor range_bearing measures positions, and the edge a {edge.measures}; expected noise, or "
+            "sensor: {kind: exact}"
+        )
+    if edge.measures == "range":
+        return link
+    if link.bias:
+        raise InputError("bias: expected none on an edge that measures a bearing, which has no number to add it to")
+    return link._replace(noise=float(np.deg2rad(link.noise)))
+
+
+def pack_links(
+    team: Team,
+    links: Links,
+    *,
+    period: float,
+    start: float = 0.0,
+    height: float = 0.0,
+    heading: Array | None = None,
+    feedforward: bool = False,
+    run: Team | None = None,
+) -> LinkArrays:
+    """The links of a team for compiled code.
+
+    Args:
+        team: the team; its edges have their own link fields.
+        links: those of all and of each kind.
+        period: the control period, s; 0 where the law is continuous.
+        start: Start of the run, s.
+        height: Height of the surface on which planar vehicles move, m.
+        heading: initial, of all vehicles, shape (V,), rad.
+        feedforward: True if the law has feedforward, in any phase of the run.
+        run: the team with all edges that it has in any phase; it has no others unless given.
+
+    Raises:
+        InputError: a delay is no whole number of periods, the period is 0, or a sensor does not fit an edge's maps; the
+            message begins with the field.
+    """
+    _require_delays(team, links, period)
+    present = linked_edges(team, links)
+    ever = linked_edges(run or team, links)
+    if all(one.link.exact for one in ever):
+        return LinkArrays(record=bool(links.record))
+    if period == 0.0:
+        raise InputError(
+            "links: controller.control_period is 0; expected a positive one with noise, delay, loss or range"
+        )
+    table, size = _pack_table(present, period, feedforward)
+    of = np.full(len(present) + len(team.target_edges) + len(team.anchors), -1)
+    of[table["edge"]] = np.arange(len(table))
+    half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
+    facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
+    return LinkArrays(
+        present=(1,),
+        table=as_records(table),
+        of=of,
+        lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
+        facing=facing if any(one.turns for one in ever) else np.zeros((0, 4)),
+        size=size,
+        odometry=feedforward,
+        start=start,
+        period=period,
+        record=bool(links.record),
+    )
+
+
+def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -> tuple[NDArray[np.void], int]:
+    """Return the links that change anything, of the type LINK, and the size of their delay lines; see `pack_links`."""
+    rows: list[tuple[Any, ...]] = []
+    size = 0
+    for e, one in enumerate(edges):
+        link, edge = one.link, one.edge
+        if link.exact:
+            continue
+        if link.bearing:
+            with in_field(f"{one.kind}.{one.number}, {edge}"):
+                require_bearing(edge.F_tail, edge.F_head)
+        moves = int(feedforward and one.kind == "sensing")
+        width = 1 + len(edge.F_tail) * (1 + moves)
+        delay = whole_periods(link.delay, period)
+        fields = link._asdict() | {
+            "edge": e,
+            "place": size,
+            "width": width,
+            "moves": moves,
+            "random": link.random,
+            "lossy": link.lossy,
+            "bursts": link.bursts,
+            "stream": one.stream,
+            "delay": delay,
+            "hold": int(min(link.hold / period + 1e-6, 1e9)),
+        }
+        rows.append(tuple(fields[name] for name in LINK.names or ()))
+        size += (delay + 1) * width
+        with in_field("links"):
+            require_held(size)
+    return np.array(rows, dtype=LINK), size
+
+
+def require_held(numbers: int) -> None:
+    """Raise an InputError if delay lines cannot store this many numbers."""
+    if numbers > _MOST_NUMBERS:
+        raise InputError(f"delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
+
+
+def _require_delays(team: Team, links: Links, period: float) -> None:
+    """Raise an InputError that names the section whose delay is no whole number of periods."""
+    sections = [(f"links.{name}", getattr(links, name)) for name in ("all", *KINDS)]
+    for kind in KINDS:
+        edges: Sequence[Edge] = getattr(team, kind)
+        sections += [(f"{kind}.{k}", edge.link) for k, edge in enumerate(edges)]
+    for field, section in sections:
+        if section is not None and section.delay and period > 0.0:
+            with in_field(f"{field}.delay"):
+                whole_periods(section.delay, period)
+
+
+@jit
+def deliver(present, law, t, x, bodies, y, terms, memory):
+    """Turn true measurements y (m,) of time t, s, into those that arrive now; y = -b where nothing does.
+
+    Args:
+        present: `law.links.present`; see `terms.navigate`.
+        law: Law of the team.
+        t: Time, s.
+        x: Positions, shape (V, 3), m.
+        bodies: True if memory.attitude has the true attitudes; otherwise vehicles face where they move.
+        y: Measurements, in place.
+        terms: Memory of the terms.
+        memory: Memory of the links.
+    """
+    if len(present) == 0:
+        return
+    links = law.links
+    n = int(np.rint((t - links.start) / links.period))
+    if memory.attitude.shape[0] > 0 and not bodies:
+        face_along(links, x, n, memory)
+    delay, ring, oldest = -1, 0, 0
+    for k in range(links.table.shape[0]):
+        link = links.table[k]
+        if link.delay != delay:
+            delay = link.delay
+            ring, oldest = n % (delay + 1), (n + 1) % (delay + 1)
+        send(law, link, k, n, memory.line[link.place + ring * link.width :], x, y, terms, memory)
+        memory.heard[k] = take_in(law, link, k, n, memory.line[link.place + oldest * link.width :], y, terms, memory)
+
+
+@inline_jit
+def send(law, link, k, n, slot, x, y, terms, memory):
+    """Measure the numbers of an edge with link k at sample n and put them, unless lost, into a slot of the delay line.
+
+    The chain of losses takes a step.
+    """
+    links, first, end = law.links, law.edges.first[link.edge], law.edges.first[link.edge + 1]
+    tail, head = law.edges.tail[link.edge], law.edges.head[link.edge]
+    lost, draw = False, (0.5, 0.5, 0.5, 0.5)
+    if link.random:
+        draw = uniforms(law.seed[0], link.stream, n, 0)
+    if link.bursts:
+        chance = uniforms(law.seed[0], link.stream, n, 1)[0]
+        memory.state[k] = next_state(memory.state[k], chance, link.to_bad, link.to_good, link.bad)
+    if link.lossy:
+        lost = draw[0] < (link.loss_bad if memory.state[k] == 2.0 else link.loss_good)
+    if link.range < np.inf:
+        lost |= distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
+    slot[0] = 0.0 if lost else n + 1.0
+    if not lost:
+        edges, moved = law.edges, terms.walked
+        if not disturb(edges.kinds, link, edges, first, end, draw, y):  # of `draw`, errors take the last three
+            perceive(law.seed[0], link, n, draw, edges.F_tail[first:end], memory.attitude, tail, y[first:end])
+        for r in range(first, end):
+            slot[1 + r - first] = y[r]
+        if link.moves > 0 and law.terms.agents > 0:
+            for r in range(first, end):
+                F = edges.F_tail[r]
+                slot[1 + end - first + r - first] = (
+                    F[0] * moved[tail, 0] + F[1] * moved[tail, 1] + F[2] * moved[tail, 2]
+                )
+
+
+@inline_jit
+def take_in(law, link, k, n, slot, y, terms, memory):
+    """Write the measurement of an edge at sample n to y and, with its velocity, to the memory.
+
+    Args:
+        law: Law of the team.
+        link: Link of the edge.
+        k: Number of the link.
+        n: Number of the sample.
+        slot: Sample of the delay line that is due.
+        y: Measurements, in place.
+        terms: Memory of the terms.
+        memory: Memory of the links.
+
+    Returns:
+        Reception: NEW, HELD or SILENT.
+    """
+    edges, first, end = law.edges, law.edges.first[link.edge], law.edges.first[link.edge + 1]
+    last, heard, periods = memory.last[k], SILENT, 0.0
+    if n >= link.delay and slot[0] == n - link.delay + 1.0:
+        heard = NEW
+    elif 0.0 < last <= n and n + 1.0 - last <= link.hold:  # above n: the delay has grown
+        heard = HELD
+    if heard == NEW:
+        if link.moves > 0:
+            if law.terms.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
+                periods = n + 1.0 - last  # odometry has gone on since the last was measured
+            receive_velocity(law, first, end, slot, periods, terms.rate, memory)
+        for r in range(first, end):
+            memory.y[r] = slot[1 + r - first]
+        memory.last[k] = n + 1.0
+    for r in range(first, end):
+        y[r] = -edges.b[r] if heard == SILENT else memory.y[r]
+    return heard
+
+
+@inline_jit
+def next_state(state, chance, to_bad, to_good, begins_bad):
+    """The state of a chain of losses at a sample, 1 good or 2 bad, from that before, 0 at the first, and a number."""
+    if state == 0.0:
+        return 2.0 if chance < begins_bad else 1.0
+    if state == 2.0:
+        return 1.0 if chance < to_good else 2.0
+    return 2.0 if chance < to_bad else 1.0
+
+
+@inline_jit
+def receive_velocity(law, first, end, slot, periods, rate, memory):
+    """Mix the velocity that a sample implies over the given periods into the old one; 0 periods begin the filter anew.
+
+    It has that many periods' share in the filter, which begins at rest: else noise, which cancels in the sum of
+    differences, would add up. The sample also has the displacement up to it, which the next one needs.
+    """
+    share = 1.0 - (1.0 - law.terms.measured) ** periods
+    for r in range(first, end):
+        y, walked = slot[1 + r - first], slot[1 + end - first + r - first]
+        if periods > 0.0:
+            moved = (y + walked) - (memory.y[r] + memory.walked[r])
+            rate[r] += share * (moved / (periods * law.links.period) - rate[r])
+        elif law.terms.agents > 0:
+            rate[r] = 0.0
+        memory.walked[r] = walked
+
+
+@inline_jit
+def distance(x, x_lift, y, y_lift):
+    """Between bodies at x and y (3,), m, whose z is taken so much higher."""
+    dx, dy, dz = y[0] - x[0], y[1] - x[1], y[2] + y_lift - x[2] - x_lift
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@jit
+def face_along(links, x, n, memory):
+    """Let every vehicle face where it moved since the sample before, its first axis ahead and its second level.
+
+    One that does not move stays as it was; at the first sample, and where sensors need attitudes only from some phase
+    on, the initial headings hold.
+    """
+    for v in range(memory.attitude.shape[0]):
+        attitude, last = memory.attitude[v], memory.before[v]
+        dx, dy, dz = x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2]
+        if n == 0 or (attitude[0] == 0.0 and attitude[1] == 0.0 and attitude[2] == 0.0 and attitude[3] == 0.0):
+            for i in range(4):
+                attitude[i] = links.facing[v, i]
+        elif dx * dx + dy * dy + dz * dz > _STILL * _STILL:
+            level = np.sqrt(dx * dx + dy * dy)
+            yaw = 0.5 * np.arctan2(dy, dx) if level > 0.0 else 0.0
+            pitch = -0.5 * np.arctan2(dz, level)
+            attitude[0], attitude[1] = np.cos(yaw) * np.cos(pitch), -np.sin(yaw) * np.sin(pitch)
+            attitude[2], attitude[3] = np.cos(yaw) * np.sin(pitch), np.sin(yaw) * np.cos(pitch)
+        for i in range(3):
+            memory.before[v, i] = x[v, i]

@@ -5,7 +5,7 @@ control period is 0), and what it leaves in `Memory` is what runs record. On an 
 and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
-    deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.law.links`)
+    deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.law.edges`)
     compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.edges`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python commands
@@ -34,16 +34,16 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.custom import add_custom, carry_custom, names_of, new_custom_memory
-from mjsheaf.law.edges import compare, pack_kinds
-from mjsheaf.law.links import (
+from mjsheaf.law.edges import (
     LinkArrays,
     LinkedRows,
     LinkMemory,
     carry_link,
+    compare,
     deliver,
     new_link_memory,
+    pack_kinds,
 )
-from mjsheaf.law.rounds import new_lines
 from mjsheaf.law.safety import SafetyMemory, is_restrained, keep_apart, new_safety_memory
 from mjsheaf.law.terms import (
     TermArrays,
@@ -53,6 +53,7 @@ from mjsheaf.law.terms import (
     integrate,
     limit_speed,
     navigate,
+    new_lines,
     new_term_memory,
     remember,
     require_symmetric,

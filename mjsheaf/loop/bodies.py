@@ -50,7 +50,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import apart_jit, as_records, inline_jit, jit
-from mjsheaf.loop.log import quaternions_of
+from mjsheaf.loop.engine import quaternions_of
 from mjsheaf.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.actuators import CHANNEL, FIXED, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest

@@ -21,8 +21,16 @@ import numpy as np
 from mjsheaf.arrays import Array, Room, lay_out
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory, no_station
-from mjsheaf.loop.engine import Engine, Recorder
-from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
+from mjsheaf.loop.engine import (
+    Engine,
+    Log,
+    Recorder,
+    blow_up_message,
+    new_log,
+    quaternions_of,
+    record_links,
+    record_vehicle,
+)
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
 from mjsheaf.system import System
 from mjsheaf.vehicles.allocation import EffectivenessArrays, allocate

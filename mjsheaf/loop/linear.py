@@ -21,7 +21,7 @@ from mjsheaf.compile.remember import remember_last
 from mjsheaf.law import ControlArrays
 from mjsheaf.law.law import no_station
 from mjsheaf.loop.bodies import pack_fleet
-from mjsheaf.loop.log import quaternions_of
+from mjsheaf.loop.engine import quaternions_of
 from mjsheaf.loop.loop import AUTOPILOT, Params, controlled_positions, new_loop
 from mjsheaf.loop.mujoco_engine import evaluate_forces, mujoco_arrays
 from mjsheaf.media import FlowField

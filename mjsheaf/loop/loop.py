@@ -17,8 +17,16 @@ from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller
 from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory
 from mjsheaf.loop.bodies import Fleet, pack_fleet
-from mjsheaf.loop.engine import Engine, Recorder
-from mjsheaf.loop.log import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
+from mjsheaf.loop.engine import (
+    Engine,
+    Log,
+    Recorder,
+    blow_up_message,
+    new_log,
+    quaternions_of,
+    record_links,
+    record_vehicle,
+)
 from mjsheaf.media.medium import (
     MediumArrays,
     MediumState,

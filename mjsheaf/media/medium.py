@@ -6,7 +6,7 @@ depends on time. A loop calls `hold` at each sample, `advance` once for each tim
 changes. Vehicles are advanced in ranges by several threads at once, so that the state of each vehicle is its own. It is
 a function of time alone: at any time, a run can continue with a new state.
 
-What moves is a tuple of parts, each a named tuple: see `mjsheaf.media.varying.Moving` and `mjsheaf.compile.parts`.
+What moves is a tuple of parts, each a named tuple: see `mjsheaf.media.varying.Moving` and `mjsheaf.compile.jit`.
 
 `medium` returns the medium of a scenario, to be looked at: velocities and surface at any times and places, as a run
 meets them.
@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike
 
 from mjsheaf.arguments import require_scenario
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
-from mjsheaf.compile.jit import inline_jit, jit
-from mjsheaf.compile.parts import for_each, has_any
+from mjsheaf.compile.jit import for_each, has_any, inline_jit, jit
 from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.media.gridded import GridArrays, describe_unknown

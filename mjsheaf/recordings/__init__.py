@@ -12,8 +12,7 @@ from typing import Any
 
 from mjsheaf.errors import InputError, shortened
 from mjsheaf.recordings.logs import read_bag, read_mcap
-from mjsheaf.recordings.selection import Rows, Selection
-from mjsheaf.recordings.tables import read_netcdf, read_table
+from mjsheaf.recordings.tables import Rows, Selection, read_netcdf, read_table
 
 MAX_ROWS = 200_000
 """Maximum number of rows; a scenario with more could not be read again."""

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.law.edges import NEW, SILENT
 from mjsheaf.law.law import disagreement
-from mjsheaf.law.links import NEW, SILENT
 from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.law.terms import traffic_of
-from mjsheaf.loop.log import READERS, Log, Trajectory
+from mjsheaf.loop.engine import READERS, Log, Trajectory
 from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
 from mjsheaf.system import Phase, System
 from mjsheaf.team import Edge

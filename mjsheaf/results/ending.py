@@ -30,8 +30,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import pieces_of
 from mjsheaf.system import Phase, System
-from mjsheaf.vehicles.authority import authority_of
-from mjsheaf.vehicles.effects import capability_of, turning_of
+from mjsheaf.vehicles.effects import authority_of, capability_of, turning_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -31,7 +31,7 @@ from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.export import require_installed, sinks_of
 from mjsheaf.files import SUFFIXES, digest, dump_yaml, naming, write_whole
 from mjsheaf.law.in_python import Controller
-from mjsheaf.loop.log import samples_in_piece
+from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.page import page_of, require_shown

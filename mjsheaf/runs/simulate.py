@@ -10,7 +10,7 @@ import xarray as xr
 from mjsheaf.arguments import require_scenario, require_whole
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.law.in_python import Controller, Law, controller_of
-from mjsheaf.loop.log import Trajectory, samples_in_piece
+from mjsheaf.loop.engine import Trajectory, samples_in_piece
 from mjsheaf.loop.session import Session, engine_of, require_engine
 from mjsheaf.progress import shown
 from mjsheaf.results.dataset import in_pieces, make_datasets

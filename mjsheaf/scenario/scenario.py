@@ -21,12 +21,10 @@ from mjsheaf.arguments import require_seed
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.law.custom import CustomTerm, pack_custom
-from mjsheaf.law.edges import bound_slopes
+from mjsheaf.law.edges import bound_slopes, pack_links
 from mjsheaf.law.law import ControlArrays, LawArrays, Station, pack_law, with_seed
-from mjsheaf.law.links import pack_links
-from mjsheaf.law.rounds import pack_rounds
 from mjsheaf.law.safety import Safety
-from mjsheaf.law.terms import Terms, pack_terms
+from mjsheaf.law.terms import Terms, pack_rounds, pack_terms
 from mjsheaf.media import Disturbance, FlowField, varying
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of

@@ -11,7 +11,7 @@ from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.paths import Adrift, Motion, Recorded, Static
 from mjsheaf.scenario.scenario import Scenario
-from mjsheaf.vehicles.authority import shortfalls_of
+from mjsheaf.vehicles.effects import shortfalls_of
 from mjsheaf.vehicles.vehicle import Vehicle
 
 

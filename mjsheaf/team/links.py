@@ -139,7 +139,7 @@ class Links(Section):
 
 
 class LinkModel(NamedTuple):
-    """A link with every field, in SI units; compiled code has the same fields (`mjsheaf.law.links.LINK`).
+    """A link with every field, in SI units; compiled code has the same fields (`mjsheaf.law.edges.LINK`).
 
     Attributes:
         noise: Standard deviation of white noise on each measured number, m.

@@ -11,10 +11,9 @@ import pytest
 import mjsheaf
 from mjsheaf.checking import examine
 from mjsheaf.checking.loop.linear_law import unmodelled_parts
+from mjsheaf.law.edges import LINK, LinkArrays
 from mjsheaf.law.law import EdgeArrays, LawArrays
-from mjsheaf.law.links import LINK, LinkArrays
-from mjsheaf.law.rounds import RoundArrays
-from mjsheaf.law.terms import Integral, Newton, TermArrays, Terms
+from mjsheaf.law.terms import Integral, Newton, RoundArrays, TermArrays, Terms
 from mjsheaf.system import System
 
 SCENARIO = "steady_current"

@@ -23,9 +23,9 @@ import mjsheaf
 from mjsheaf import World, check, load_scenario, simulate, simulate_many
 from mjsheaf.errors import InputError
 from mjsheaf.law import pack_law
+from mjsheaf.law.edges import linked_edges, pack_links
 from mjsheaf.law.in_python import LocalSample, PerAgent
 from mjsheaf.law.law import carry, evaluate_law, look, new_memory
-from mjsheaf.law.links import linked_edges, pack_links
 from mjsheaf.noise import LARGEST_NORMAL, normal_of, stream_of, uniforms
 from mjsheaf.results.dataset import join
 from mjsheaf.results.store import dataset_bytes, write_dataset

@@ -18,11 +18,10 @@ from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.arrays import Room
 from mjsheaf.errors import InputError
 from mjsheaf.law import ControlArrays
+from mjsheaf.law.edges import new_link_memory
 from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.law.law import Memory, evaluate_law, new_memory
-from mjsheaf.law.links import new_link_memory
-from mjsheaf.law.rounds import new_lines
-from mjsheaf.law.terms import TermArrays, contraction, new_term_memory, solve
+from mjsheaf.law.terms import TermArrays, contraction, new_lines, new_term_memory, solve
 from mjsheaf.loop.session import Session
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario

@@ -8,7 +8,7 @@ import pytest
 from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from mjsheaf.vehicles.authority import authority_of
+from mjsheaf.vehicles.effects import authority_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import POWERED, altered
 

@@ -21,8 +21,8 @@ from mjsheaf.compile.tiers import _as_records, in_python
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.loop import block
 from mjsheaf.loop.bodies import pack_fleet
+from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, advance_block
-from mjsheaf.loop.log import Log
 from mjsheaf.loop.mujoco_engine import apply_forces
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios

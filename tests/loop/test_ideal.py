@@ -14,7 +14,7 @@ from scipy.linalg import expm
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.checking.loop.held_law import loop_of
-from mjsheaf.loop.log import Trajectory
+from mjsheaf.loop.engine import Trajectory
 from mjsheaf.results import make_dataset
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System

@@ -10,8 +10,8 @@ import pytest
 
 from mjsheaf.compile.jit import user_jit
 from mjsheaf.loop.block import advance_lanes
+from mjsheaf.loop.engine import new_log
 from mjsheaf.loop.fused import Fused
-from mjsheaf.loop.log import new_log
 from mjsheaf.loop.loop import NEVER
 from mjsheaf.scenario import load_scenario
 from mjsheaf.system import on_engine

@@ -23,8 +23,7 @@ from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.actuators import Thruster
 from mjsheaf.vehicles.allocation import allocate_nearest
-from mjsheaf.vehicles.authority import authority_of, may_lack
-from mjsheaf.vehicles.effects import Effects, embody, is_one_sided, turning_of
+from mjsheaf.vehicles.effects import Effects, authority_of, embody, is_one_sided, may_lack, turning_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle

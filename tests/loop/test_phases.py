@@ -8,9 +8,8 @@ import pytest
 
 from mjsheaf import World, load_scenario
 from mjsheaf.errors import InputError
-from mjsheaf.loop.fused import Fused
-from mjsheaf.loop.log import Log
-from mjsheaf.loop.worlds import Worlds
+from mjsheaf.loop.engine import Log
+from mjsheaf.loop.fused import Fused, Worlds
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import Phase, System, on_engine, phases_of

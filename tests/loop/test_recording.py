@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mjsheaf import Session, World, load_scenario, simulate, simulate_many
 from mjsheaf.live.live import Recorder
-from mjsheaf.loop.log import Log
+from mjsheaf.loop.engine import Log
 from mjsheaf.loop.loop import ClosedLoop
 from mjsheaf.results.dataset import make_datasets
 from mjsheaf.system import System

@@ -9,8 +9,7 @@ import pytest
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.scenario.slips import slips_of_vehicle
-from mjsheaf.vehicles.authority import shortfalls_of
-from mjsheaf.vehicles.effects import Effects, embody
+from mjsheaf.vehicles.effects import Effects, embody, shortfalls_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import AttitudeHold
 from tests.commands import answer_of

@@ -9,7 +9,7 @@ import pytest
 from mjsheaf import check, simulate
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError
-from mjsheaf.loop.log import Log
+from mjsheaf.loop.engine import Log
 from mjsheaf.media import FlowField
 from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario

@@ -16,7 +16,7 @@ import mjsheaf
 from mjsheaf import simulate
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
-from mjsheaf.loop.log import READERS
+from mjsheaf.loop.engine import READERS
 from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
 from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, reference
 from mjsheaf.results.store import Memory, send

@@ -31,9 +31,9 @@ from mjsheaf.compile.jit import jit
 from mjsheaf.compile.tiers import tiered
 from mjsheaf.errors import UndecidedError, listed, select_true
 from mjsheaf.law.custom import names_of
+from mjsheaf.law.edges import LinkArrays
 from mjsheaf.law.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_memory
-from mjsheaf.law.links import LinkArrays
-from mjsheaf.law.rounds import RoundArrays
+from mjsheaf.law.terms import RoundArrays
 from mjsheaf.paths import MotionArrays
 from mjsheaf.system import System
 

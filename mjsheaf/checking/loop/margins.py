@@ -16,8 +16,14 @@ from mjsheaf.law import disagreement
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.section import Finite, Record
 from mjsheaf.system import System
-from mjsheaf.vehicles.authority import authority_of, describe_consequences, may_lack, shortfalls_of
-from mjsheaf.vehicles.effects import capability_of, of_each
+from mjsheaf.vehicles.effects import (
+    authority_of,
+    capability_of,
+    describe_consequences,
+    may_lack,
+    of_each,
+    shortfalls_of,
+)
 
 MOST_ROWS = 20
 """Largest number of agents that are listed with their speeds."""

@@ -37,8 +37,8 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered
 from mjsheaf.errors import listed
+from mjsheaf.law.edges import LinkArrays
 from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges, with_seed
-from mjsheaf.law.links import LinkArrays
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
 from mjsheaf.media import varying
 from mjsheaf.media.medium import MediumArrays, moving_velocity, of_kind
