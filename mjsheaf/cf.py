@@ -301,7 +301,7 @@ def _require_all_round(axis: "xr.DataArray", lon: Array, lon0: float) -> None:
     steps = np.append(np.diff(turned), turned[0] + 360.0 - turned[-1])
     if steps.max() > 1.5 * np.sort(steps)[-2]:
         raise InputError(
-            f"{axis.name} goes on further than half a turn from longitude {lon0:g}; expected an origin in its middle"
+            f"{axis.name} extends further than half a turn from longitude {lon0:g}; expected an origin in its middle"
         )
 
 

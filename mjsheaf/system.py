@@ -362,7 +362,7 @@ class System:
 
     @cached_property
     def without_margin(self) -> BoolArray:
-        """True for agents with neither a velocity limit nor a top speed, for which no margin suffices, shape (V,)."""
+        """True for agents with neither a velocity limit nor a top speed: no margin suffices for them, shape (V,)."""
         return ~np.isfinite(self._top_speeds)
 
     @cached_property

@@ -249,10 +249,10 @@ def _lower_on_stack(context: Any, builder: Any, signature: Any, _: Any) -> Any:
 
 
 def lanes_for(count: int) -> int:
-    """Return the number of lanes that `count` vehicles need, a multiple of 4, of which LLVM knows nothing else.
+    """Return the number of lanes that `count` vehicles need, a multiple of 4 whose size is hidden from LLVM.
 
-    It makes vector instructions of a loop over so many lanes, with no remainder. It would unroll a short loop over a
-    number that it knows before it tries.
+    It makes vector instructions of a loop over this number of lanes, with no remainder. It would unroll a short loop
+    over a number that it knows before it tries.
     """
     return (count + 3) // 4 * 4
 

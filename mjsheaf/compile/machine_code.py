@@ -4,7 +4,7 @@ numba caches machine code next to the source. It notices when that source change
 that it calls in another file changes. So the name of each file has a hash of the function's source and of all sources
 that it imports, directly or indirectly: an edit recompiles only its callers, and two versions of the package have files
 side by side. Sources are read as they are imported. A process that runs while its sources change neither reads nor
-writes machine code of what it imports from then on, of which it cannot know what it has in memory.
+writes machine code of what it imports from then on, because it cannot know which text it has in memory.
 
 Files that are damaged, by a full disk, a power cut or a bad block, count as missing. Each begins with a hash of the
 rest.

@@ -23,7 +23,7 @@ from mjsheaf.compile.jit import INTERPRETED, Dispatcher
 from mjsheaf.compile.machine_code import source_hash
 
 _MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
-_PROCESSES = 4  # Python may take so many times the limit of a process in all of them together
+_PROCESSES = 4  # Python may take this multiple of the limit of a process in all processes together
 _NOTICEABLE = 0.1  # s: a process writes down its time in steps of this size
 _MAX_NUMBERS = 10_000  # in the arrays of a call that Python carries out
 
@@ -100,7 +100,7 @@ class Tiered:
         return result
 
     def _take(self, kinds: Any, seconds: float) -> None:
-        """Take a time in s from what is left to Python."""
+        """Subtract a time in s from the time that Python may still take."""
         before = self._left[kinds] // _NOTICEABLE
         self._left[kinds] -= seconds
         steps = before - self._left[kinds] // _NOTICEABLE
@@ -174,7 +174,7 @@ def _numbers_in(tree: Any) -> int:
 
 
 def _kinds_of(tree: Any) -> Any:
-    """Return the types of arguments, by which numba compiles; layouts of arrays do not count."""
+    """Return the types of arguments as numba compiles for them; layouts of arrays do not count."""
     if isinstance(tree, tuple):
         return type(tree), *map(_kinds_of, tree)
     return (tree.dtype, tree.ndim) if isinstance(tree, np.ndarray) else type(tree)

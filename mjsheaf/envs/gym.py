@@ -38,7 +38,7 @@ LARGEST = 1e9
 """Bound of every number of an observation: a larger position is a blow-up."""
 RENDER_MODES = ["rgb_array"]
 _PICTURE = (480, 640)  # px
-_ROOM = 1.6  # of the team's size, at which the camera stands
+_ROOM = 1.6  # distance of the camera over the team's size
 
 
 class FlatEpisode(Episode):

@@ -19,7 +19,7 @@ class TeamParallelEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo's type va
     Attributes:
         episode: The core.
         possible_agents: Ids of all agents, those included that join later.
-        agents: Ids of the agents whose episode goes on.
+        agents: Ids of the agents whose episode has not ended.
     """
 
     def __init__(self, episode: FlatEpisode) -> None:

@@ -122,7 +122,7 @@ class LawArrays(NamedTuple):
         return self.terms.names + names_of(self.custom)
 
     def selected(self, rows: IntArray, agents: int) -> "LawArrays":
-        """The law of some vehicles, of which the first `agents` are agents; all edges are between them."""
+        """Return the law of some vehicles, the first `agents` of them agents; all edges are between them."""
         number = np.zeros(len(self.gain), dtype=np.int64)
         number[rows] = np.arange(len(rows))
         return self._replace(
@@ -375,7 +375,7 @@ def look(step, held, kept):
 def unlook(step, held, kept):
     """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was.
 
-    A sample counts once, however often the law is evaluated there before the run goes on.
+    A sample counts once, however often the law is evaluated there before the next step.
     """
     if kept[0] == step + 1.0:
         for k in range(held.shape[0]):

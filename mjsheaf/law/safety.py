@@ -165,7 +165,7 @@ def sort_into_cells(cells, reach):
 
     Args:
         cells: The grid, with the present places.
-        reach: Distance within which every vehicle's neighbours are wanted, m.
+        reach: Distance within which neighbours are to be found, m.
 
     Returns:
         False if a position is not a number or huge.

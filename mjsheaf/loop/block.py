@@ -9,7 +9,7 @@ neighbours of one kind in the former, and all other vehicles one after the other
 Lanes do not mix, so that a vehicle's bits are the same in both.
 
 Most loops over lanes are straight arithmetic, without calls and branches, and LLVM makes vector instructions of them.
-What happens rarely is done afterwards, lane by lane: efforts beyond their limits, large turns in a step. Vehicles that
+Rare cases are handled afterwards, lane by lane: efforts beyond their limits, large turns in a step. Vehicles that
 turn their thrusters, have rudders, are lost, or are commanded from outside are always alone.
 
 A rigid body on a free joint takes the step that MuJoCo takes: see `fused`.

@@ -140,7 +140,7 @@ class Fleet(NamedTuple):
         bodies: a BODY for each vehicle, shape (V,).
         thrusters: CHANNELs of each kind in turn.
         blocks: First vehicle of each block of vehicles that move together, and V, shape (B + 1,).
-        lanes: Empty if all vehicles move alone: a type of its own, for which no code for lanes is compiled.
+        lanes: Empty if all vehicles move alone: no code for lanes is compiled for the type of ().
     """
 
     kinds: NDArray[np.void]
@@ -227,7 +227,7 @@ def pack_fleet(
 
 
 def split_into_blocks(kind: IntArray) -> IntArray:
-    """Split vehicles into blocks of neighbours, of one kind where as many as MIN_ALIKE lie side by side.
+    """Split vehicles into blocks of neighbours, of one kind where at least MIN_ALIKE lie side by side.
 
     Args:
         kind: Number of the kind of each vehicle, shape (V,).
@@ -293,7 +293,7 @@ def add_buoyancy(kind, height, normal, R, force, moment):
         height: Height of the origin above the surface, m.
         normal: The surface's, along the body's x and y axes.
         R: Attitude, (9,).
-        force, moment: Wrench so far, body axes, (3,) each, N and N m.
+        force, moment: Wrench without buoyancy, body axes, (3,) each, N and N m.
 
     A moment K (b_z x n) rights the hull; its height and its tilt to the surface's normal n are small.
     """

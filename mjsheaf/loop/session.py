@@ -220,7 +220,7 @@ def prepare_run(
     *,
     allow_drift: bool = False,
 ) -> "tuple[Phase, ...]":
-    """Return the phases of a run on an engine and threads, of which MuJoCo takes one; see `simulate`.
+    """Return the phases of a run on an engine and threads; MuJoCo takes one. See `simulate`.
 
     What cannot be simulated is refused, the same on both backends, before anything is simulated or written.
 

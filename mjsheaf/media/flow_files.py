@@ -77,7 +77,7 @@ class Grid(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What is read of a file; see the fields of `mjsheaf.media.gridded.GriddedFlow`.
+    """Parameters of reading a file; see the fields of `mjsheaf.media.gridded.GriddedFlow`.
 
     Attributes:
         sha256: Digest of the content that is meant; None for the present one.

@@ -427,7 +427,7 @@ def _of_trajectory(
     index = next((v for v in variables if "instance_dimension" in v.attrs and v.dims == dims), None)
     ids = [dataset[name] for name in dataset.cf.cf_roles.get("trajectory_id", ())]
     apart = [v for v in ids if v.ndim == 1 and v.dims[0] not in dims]
-    if counts is None and index is None and apart:  # CF asks for an attribute; others only count
+    if counts is None and index is None and apart:  # CF requires an attribute; some files have counts alone
         length = found["time"].size
         counts = next(
             (v for v in variables if v.dims == apart[0].dims and v.dtype.kind in "iu" and v.sum() == length), None

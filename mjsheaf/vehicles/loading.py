@@ -2,7 +2,7 @@
 
 A description names an MJCF file, which may include others and refer to meshes, textures and height fields. None of
 these files may lie outside the description's directory. All are checked before MuJoCo opens any of them. Plugins are
-refused, because they are code. Nothing else protects MuJoCo from a file that is made to harm it.
+refused, because they are code. Nothing else protects MuJoCo from a malicious file.
 """
 
 import os
@@ -367,7 +367,7 @@ def _shown(value: Any) -> str:
 
 
 def _move_to_origin(world: mujoco.MjsBody) -> list[str]:
-    """Put the vehicle's body at the origin, level: its pose is where it stands; return the name of what is left out.
+    """Put the vehicle's body at the origin, level: its pose is where it stands; return the name of what is omitted.
 
     Raises:
         InputError: Several elements in the world are the vehicle, none of them at the origin.
@@ -419,7 +419,7 @@ def _take_gravity(spec: mujoco.MjSpec) -> list[str]:
 
 
 def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
-    """Compile a vehicle's file alone; also return what is left out, as `read_spec` does."""
+    """Compile a vehicle's file alone; also return the names of omitted elements, as `read_spec` does."""
     spec, left_out = read_spec(path)
     with refusing(str(path)):
         spec.compiler.fusestatic = False  # fusing would merge the vehicle into the world, which has no mass

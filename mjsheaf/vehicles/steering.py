@@ -305,7 +305,7 @@ def is_within_thrust(kind, force):
 
 @inline_jit
 def share_within_thrust(kind, force):
-    """Return the largest share of a force, world axes, (3,), N, for which `is_within_thrust` holds, at most 1."""
+    """Return the largest share of a force, world axes, (3,), N, that satisfies `is_within_thrust`, at most 1."""
     lift, slope, most = kind.supported_weight, kind.tan_max_tilt, kind.most_thrust
     x, y, z = force
     share = 1.0
