@@ -163,7 +163,7 @@ class Team:
 
     def pack(self, positions: Array) -> Array:
         """Stack padded positions (..., V, 3) into (..., n); the z of planar vehicles is left out."""
-        flat = np.asarray(positions).reshape(*np.shape(positions)[:-2], -1)
+        flat = np.asarray(positions).reshape(*np.shape(positions)[:-2], 3 * np.shape(positions)[-2])
         return flat[..., self.slots]
 
     def split(self, positions: Array) -> tuple[Array, Array]:

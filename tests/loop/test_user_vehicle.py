@@ -137,7 +137,7 @@ def still_yaw(name: str) -> dict[str, Any]:
             ("hexarotor.xml", "weight", 3.776),
         ),
         ("quadrotor", weak, {}, ("quadrotor.xml", "weight", "0 to 3")),
-        ("otter", None, "yaw", ("otter.xml", "drag.angular", "yaw")),
+        ("otter", None, "yaw", ("otter.yaml", "drag.angular", "yaw")),
         (
             "otter",
             None,

@@ -451,7 +451,7 @@ def test_longitudes_on_both_sides_of_a_gap_are_no_neighbours(place: Path) -> Non
         file = current().set("lon", np.asarray(lon, np.float64))
         return file.values(lambda w: np.full((3, 4, len(lon)), w[0, 0, 0]))
 
-    lat, words = LATITUDE, "lon goes on further than half a turn"
+    lat, words = LATITUDE, "lon extends further than half a turn"
     decide(around(np.arange(20, 341)), place, words, origin=[lat, 0.0])
     decide(around(np.arange(0, 201)), place, words, origin=[lat, 0.0])
     decide(around(np.arange(0, 201)), place, UNCHANGED, origin=[lat, 100.0])
