@@ -647,7 +647,7 @@ class Delivery:
 
 
 def gather(samples: Samples, phase: Coordinate, only: Collection[str] | None = None) -> xr.Dataset:
-    """Read the variables of a run, or `only` some of them, and the coordinates of their dimensions, from its samples."""
+    """Read a run's variables, or `only` some of them, and the coordinates of their dimensions, from its samples."""
     time = "time", samples.trajectory.time, {"long_name": "time", "units": "s"}
     # Collected first, because adding variables one by one aligns all of them each time.
     coordinates: dict[str, Coordinate] = {"time": time}
