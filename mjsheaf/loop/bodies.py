@@ -403,7 +403,8 @@ def desired_force(kind, R, s, wanted):
         # A hull that is not quite level also drags along its own z axis, where it has no thrusters. Water that carries
         # the hull, and thrust, replace that part with the same horizontal force, unless it has tipped over.
         upwards, level = z / R[8], R[8] > _TIPPED
-        x, y = x - upwards * R[6] if level else x, y - upwards * R[7] if level else y
+        ahead, aside = x - upwards * R[6], y - upwards * R[7]
+        x, y = ahead if level else x, aside if level else y  # selections, no branch: also for lanes
     return x + K[0] * (wanted[0] - s[0]), y + K[1] * (wanted[1] - s[1]), z + K[2] * (wanted[2] - s[2])
 
 
