@@ -230,7 +230,7 @@ def _drive(
         raise UndecidedError(f"the targets' path is not known: {path.warning}")
     if path.stride > 1 or len(path.samples) * n_q > most:
         raise UndecidedError("the run has too many samples")
-    carrier = Carrier(system, certificate.spectrum)
+    carrier = Carrier(system)
     q_star, K = carrier.extend(path.samples), len(path.samples) - 1
     W, middle = np.diff(q_star, axis=0) / h, 0.5 * (q_star[1:] + q_star[:-1])
     unsure = 2.0 * float(np.linalg.norm(carrier.reach(np.full(len(team.targets), path.error)))) / h
@@ -284,14 +284,9 @@ def _amplified(
 
     The largest of each power, as errors may come in another eigenvector at each sample.
     """
-    share, slowest, found = np.abs(1.0 - c), float(np.abs(c).max()), 0.0
-    for _ in range(samples):
-        largest = float(share.max())
-        found += largest
-        share = share * np.abs(c)
-        if largest < _NOTHING:
-            break
-    return found + float(share.max()) / (1.0 - slowest)
+    kept, powers = np.abs(c), np.arange(samples + 1)[:, None]
+    largest = (np.abs(1.0 - c) * kept**powers).max(axis=1)
+    return float(largest[:-1].sum() + largest[-1] / (1.0 - kept.max()))
 
 
 def _odometry(system: System, *, sensed: bool) -> float:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import eigen_of, loop_of
 from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import UndecidedError
@@ -172,16 +171,6 @@ class LinkedLaw:
         return total
 
 
-def linked_law(system: System, path: TargetPath) -> LinkedLaw:
-    """The law of a system over its links.
-
-    Raises:
-        UndecidedError: the law is continuous, H has no known eigenvectors, or bodies are beyond a link's range.
-    """
-    loop, vectors = loop_of(system), eigen_of(system)[1]
-    return LinkedLaw(loop, vectors, measured_edges(system.team), links_of(system, path), system.law.terms)
-
-
 def links_of(
     system: System,
     path: TargetPath,
@@ -221,7 +210,9 @@ def links_of(
             bias[e] = link["bias"] * z / np.linalg.norm(z)
             noise[e] = link["noise"] ** 2 * range_bearing_covariance(z[None], float(ranged), float(not ranged))
         if link["bearing"]:
-            y = _relative_positions(system, e, x[few])
+            law = system.law.edges
+            rows = slice(law.first[e], law.first[e + 1])
+            y = x[few][:, law.head[e]] @ law.F_head[rows].T - x[few][:, law.tail[e]] @ law.F_tail[rows].T
             noise[e] = range_bearing_covariance(y, float(link["range_noise"]), float(link["bearing_noise"]))
     return replace(
         links,
@@ -245,13 +236,6 @@ def _require_in_range(system: System, e: int, x: Array, reach: float) -> None:
         when = "at the start" if apart[0] > reach else "at q* at times"
         ends = f"{system.team.members[tail].id} and {system.team.members[head].id}"
         raise UndecidedError(f"{ends} are beyond range {when}")
-
-
-def _relative_positions(system: System, e: int, x: Array) -> Array:
-    """Return what an edge compares at positions (T, V, 3), m: the head less the tail, shape (T, m), m."""
-    edges = system.law.edges
-    rows = slice(edges.first[e], edges.first[e + 1])
-    return x[:, edges.head[e]] @ edges.F_head[rows].T - x[:, edges.tail[e]] @ edges.F_tail[rows].T
 
 
 def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float) -> Array:
@@ -319,27 +303,23 @@ def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple
     n, r, d = vectors.shape[1], feedback.C.shape[1], int(delay.max(initial=0))
     if (size := n * (d + 1 + r)) > most:
         raise UndecidedError(f"with unlike delays, or losses, the loop has {size} states; up to {most} are looked at")
-    m, begin = sum(len(edge.D) for edge in law.edges), 0
-    free = n < len(vectors)
+    Q = vectors if n < len(vectors) else np.eye(n)
+    rows = np.split(np.arange(sum(len(edge.D) for edge in law.edges)), np.cumsum([len(edge.D) for edge in law.edges]))
+    m = sum(map(len, rows))
     C, pulled = np.zeros((m, size)), np.zeros((len(vectors), m))
-    for edge, age in zip(law.edges, delay.tolist(), strict=True):
-        rows = slice(begin, begin := begin + len(edge.D))
-        if free:
-            C[rows, n * age : n * (age + 1)] = edge.D @ vectors[edge.slots]
-        else:
-            C[rows, n * age + edge.slots] = edge.D
-        pulled[edge.slots, rows] = edge.pull
+    for edge, own, age in zip(law.edges, rows, delay.tolist(), strict=False):
+        C[own, n * age : n * (age + 1)] = edge.D @ Q[edge.slots]
+        pulled[np.ix_(edge.slots, own)] = edge.pull
     M, L = np.zeros((size, size)), np.zeros((size, m))
     M[n : n * (d + 1), : n * d] = np.eye(n * d)
     M[:n, :n] += np.eye(n)
+    modes = Q.T @ vectors
     eta = vectors.T @ pulled  # in eigenvectors of H, where e has eta = lambda e
-    if free:
-        pulled = eta
-        vectors = np.eye(n)
-    L[:n] = -h * law.loop.gain * pulled if law.loop.is_papers else h * (vectors * (feedback.D[:, 0] / values)) @ eta
+    papers = -h * law.loop.gain * Q.T @ pulled
+    L[:n] = papers if law.loop.is_papers else h * (modes * (feedback.D[:, 0] / values)) @ eta
     kept = [slice(n * (d + 1 + i), n * (d + 2 + i)) for i in range(r)]
     for i, row in enumerate(kept):
-        M[:n, row] = h * vectors * feedback.C[:, i]
+        M[:n, row] = h * modes * feedback.C[:, i]
         L[row] = (feedback.B[:, i, 0] / values)[:, None] * eta
         for k, column in enumerate(kept):
             M[row, column] = np.diag(feedback.A[:, i, k])
@@ -425,6 +405,12 @@ def largest_delay(
     raise UndecidedError(f"the loop is stable with any delay up to {known} periods; more are not looked at")
 
 
+def _is_below_limit(loop: Loop, delay: int) -> bool:
+    """Return True if a loop is stable with any delays up to this one, in periods."""
+    papers = loop.is_papers and not np.iscomplexobj(loop.values) and loop.radius < 1.0 - _ROUNDING
+    return papers and delay <= limit_from_eigenvalues(loop.values, loop.gain * loop.period)
+
+
 def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Callable[[IntArray], float]) -> DelayAnswer:
     """Decide a loop with a delay of each edge's measurements, in periods, shape (E,); see `largest_delay`."""
     limit = radius = None
@@ -440,9 +426,9 @@ def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Call
         stable = is_stable(radius)
     except UndecidedError as error:
         # Of unlike delays, the limit decides only for the paper's law and a symmetric H, and only that it is stable.
-        sufficient = loop.is_papers and not np.iscomplexobj(loop.values)
-        decides = limit is not None and ((delay == d).all() or (sufficient and d <= limit))
-        stable = limit is not None and d <= limit if decides else None
+        stable = True if _is_below_limit(loop, d) else None
+        if limit is not None and (delay == d).all():
+            stable = d <= limit
         reason = reason or (str(error) if stable is None else "")
     return DelayAnswer(
         delay=d * loop.period,
@@ -451,15 +437,3 @@ def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Call
         margin=None if limit is None else limit * loop.period,
         reason=reason,
     )
-
-
-def answer_of_large_team(gain: float, period: float, largest: float, delay: IntArray, linked: BoolArray) -> DelayAnswer:
-    """Answer for the paper's law from lambda_max alone, 1/s and s, with a delay in periods for each edge."""
-    d = int(delay.max(initial=0))
-    holds = 0.0 < gain * period * largest < 2.0 - _ROUNDING
-    limit = limit_from_eigenvalues(np.array([largest]), gain * period) if holds else None
-    enough = limit is not None and d <= limit
-    decided = enough or bool((delay == d).all())
-    reason = "" if decided and linked.all() else "edges have unlike delays, anchors none, and H is large"
-    margin = None if limit is None or not linked.all() else limit * period
-    return DelayAnswer(delay=d * period, stable=enough if decided else None, margin=margin, reason=reason)

@@ -11,25 +11,23 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import IntArray
-from mjsheaf.checking.loop.held_law import common_delay, loop_of
-from mjsheaf.checking.loop.linear_law import require_model
+from mjsheaf.checking.loop.held_law import common_delay, eigen_of, loop_of
+from mjsheaf.checking.loop.linear_law import model_of, require_model
 from mjsheaf.checking.loop.linked_law import (
     DelayAnswer,
     LinkedLaw,
     LinkParameters,
     MeasuredEdge,
-    answer_of_large_team,
     continuous_delay_margin,
     delay_answer,
-    linked_law,
     links_of,
     measured_edges,
     perfect_links,
     spectral_radius,
 )
 from mjsheaf.checking.loop.moments import LossAnswer, NoiseAnswer, loss_answer, noise_answer
-from mjsheaf.checking.loop.sampled_loop import largest_gain
-from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
+from mjsheaf.checking.loop.sampled_loop import Loop, largest_gain
+from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues, spectrum_of
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.terms import TermArrays
@@ -71,44 +69,36 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
         system: the system.
         path: Path of its targets.
     """
-    found = _answers(system, path)
-    if found is None or found.delay.delay is None:
-        return found
-    delay = found.delay.model_copy(update={"largest_gain": _largest_gain(system)})
-    return found.model_copy(update={"delay": delay})
-
-
-def _largest_gain(system: System) -> float | None:
-    """Return the controller.gain from which on the held law is unstable over its links, 1/s.
-
-    It is None if it is not known: where a term changes it, and where measurements are not equally old.
-    """
-    law, team, delay = system.law, system.local.team, common_delay(system)
-    changed = law.terms.newton or law.terms.integral or law.custom or (law.extended and not team.symmetric)
-    if system.grid.continuous or changed or delay is None:
-        return None
-    values = np.array([system.largest_eigenvalue]) if team.symmetric else held_eigenvalues(team)
-    return largest_gain(values, system.grid.period, delay)
-
-
-def _answers(system: System, path: TargetPath) -> LinkRecord | None:
-    team = system.team
+    team, terms = system.team, system.law.terms
     try:
         require_model(system)
         edges, links = measured_edges(team), links_of(system, path)
+        size = team.dirichlet.H.shape[0]
         if not team.symmetric:
             why = "H is not symmetric: only a delay of all measurements alike is decided"
-            return _record(_delay_of_directed_team(system, links, why), edges, links, system.law.terms, why=why)
-        size = team.dirichlet.H.shape[0]
-        if size > DENSE_STATES and not (system.grid.continuous or system.law.terms.newton):
+        elif size > DENSE_STATES and not (system.grid.continuous or terms.newton):
             why = f"H has {size} rows; all its eigenvalues are found up to {DENSE_STATES}"
-            return _record(_delay_of_large_team(system, edges, links, why), edges, links, system.law.terms, why=why)
-        return answers_for(linked_law(system, path), team)
+        else:
+            law = LinkedLaw(loop_of(system), eigen_of(system)[1], edges, links, terms)
+            return _with_gain(answers_for(law, team), system)
+        found = _record(_delay_alone(system, edges, links, why), edges, links, terms, why=why)
+        return _with_gain(found, system)
     except UndecidedError as error:
         if not len(system.law.links.table):
             return None
         why = str(error)
-        return _record(DelayAnswer(reason=why), [], perfect_links([]), system.law.terms, why=why, unknown=True)
+        return _record(DelayAnswer(reason=why), [], perfect_links([]), terms, why=why, unknown=True)
+
+
+def _with_gain(record: LinkRecord, system: System) -> LinkRecord:
+    """Add the controller.gain from which on the held law is unstable over its links, where it is known."""
+    law, team, delay = system.law, system.local.team, common_delay(system)
+    changed = law.terms.newton or law.terms.integral or law.custom or (law.extended and not team.symmetric)
+    if system.grid.continuous or changed or delay is None:
+        return record
+    values = np.array([system.largest_eigenvalue]) if team.symmetric else held_eigenvalues(team)
+    gain = largest_gain(values, system.grid.period, delay)
+    return record.model_copy(update={"delay": record.delay.model_copy(update={"largest_gain": gain})})
 
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
@@ -117,33 +107,42 @@ def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
     return _record(delay, law.edges, law.links, law.terms, law=law, team=team)
 
 
-def _delay_of_directed_team(system: System, links: LinkParameters, why: str) -> DelayAnswer:
-    """Answer for the delay that all measurements share; `why` is the reason where they do not."""
-    if system.grid.continuous:
-        margin = continuous_delay_margin(held_eigenvalues(system.team), system.gain)
+def _delay_alone(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
+    """Answer for the delay that all measurements share, of a team whose eigenvectors are not known.
+
+    Of a large team the largest and smallest eigenvalues decide: the spectral radius falls and then rises in between.
+
+    Args:
+        system: The system.
+        edges: Its edges.
+        links: Theirs.
+        why: Reason why nothing is known of unlike delays.
+
+    Raises:
+        UndecidedError: The harmonic extension is not unique, or the law has an integral.
+    """
+    team, gain, period = system.team, system.gain, system.grid.period
+    linked = np.array([edge.linked for edge in edges])
+    if not team.symmetric and system.grid.continuous:
+        margin = continuous_delay_margin(held_eigenvalues(team), gain)
         return DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
-    loop = loop_of(system)
+    if not team.symmetric:
+        loop = loop_of(system)
+        linked[:] = True
+    elif not team.dirichlet.unique:
+        raise UndecidedError("the harmonic extension is not unique")
+    elif system.law.terms.integral or system.law.custom:
+        raise UndecidedError(why)
+    else:
+        values = np.array([spectrum_of(team).smallest[0], system.largest_eigenvalue])
+        loop = Loop(model_of(system.law, period), values, gain, period)
 
     def radius_of(delay: IntArray) -> float:
         if np.ptp(delay) > 0:
             raise UndecidedError(why)
         return loop.radius_at(int(delay.max()))
 
-    return delay_answer(loop, links.delay, np.ones(len(links.delay), dtype=np.bool_), radius_of)
-
-
-def _delay_of_large_team(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
-    """Answer from lambda_max, for a team whose other eigenvalues are not known.
-
-    Raises:
-        UndecidedError: The harmonic extension is not unique, or the law has an integral.
-    """
-    if not system.team.dirichlet.unique:
-        raise UndecidedError("the harmonic extension is not unique")
-    if system.law.terms.integral or system.law.custom:
-        raise UndecidedError(why)
-    linked = np.array([edge.linked for edge in edges])
-    return answer_of_large_team(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
+    return delay_answer(loop, links.delay, linked, radius_of)
 
 
 def _record(

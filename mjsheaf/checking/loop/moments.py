@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
+from scipy import sparse
 from scipy.linalg import block_diag, schur
-from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gmres
 
 from mjsheaf.arrays import Array
@@ -101,22 +101,15 @@ class SecondMoments:
         self._mean = M + L * self._arrives @ C
         self._law = law
         self._L = L
-        self._lost: list[tuple[Array, Array, Array]] = []  # alike in size: C, L^T (E, m, n), weight (E, 1, 1)
-        for m in set(sizes.tolist()):
-            chosen = np.flatnonzero((sizes == m) & (p * (1.0 - p) > 0.0))
-            rows = (np.cumsum(sizes) - sizes)[chosen, None] + np.arange(m)
-            if len(chosen):
-                self._lost.append((C[rows], L.T[rows], (p * (1.0 - p))[chosen, None, None]))
+        self._around = sparse.csr_array(C)
+        self._back = sparse.csr_array(L)
+        weights = [weight * np.ones((m, m)) for weight, m in zip(p * (1.0 - p), sizes, strict=True)]
+        self._lost = sparse.csr_array(sparse.block_diag(weights))
 
     def _apply(self, X: Array) -> Array:
         """Return the moments a period after X, shape (n, n)."""
-        out = self._mean @ X @ self._mean.T
-        for C, L, weight in self._lost:
-            n = len(X)
-            around, back = csr_array(C.reshape(-1, n)), csr_array(L.reshape(-1, n).T)
-            block = weight * ((around @ X).reshape(C.shape) @ C.swapaxes(1, 2))
-            out += back @ (block @ L).reshape(-1, n)
-        return np.asarray(out)
+        lost = self._lost.multiply((self._around @ X) @ self._around.T)
+        return np.asarray(self._mean @ X @ self._mean.T + (self._back @ lost @ self._back.T).toarray())
 
     @property
     def bound(self) -> float | None:
