@@ -1,4 +1,4 @@
-"""What `mjsheaf check` prints: one screen with the verdict, each problem with its fix and the numbers that matter.
+"""Answer of `mjsheaf check`: one screen with the verdict, each problem with its fix and the numbers that matter.
 
 `--full` prints a page: the answer, then every number of the record under its name in `--json`.
 

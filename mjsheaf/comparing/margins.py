@@ -1,4 +1,4 @@
-"""How far gain and speeds are from their limits: ringing, runs at higher gains, commanded speeds, the velocity limit.
+"""Margins of gain and speed: ringing, runs at higher gains, commanded speeds, the velocity limit.
 
 Ringing is the least damped mode of the vehicles' loop of `check` (see `body_loop`), in the mean flow along the ideal
 run. Losses of links are left out, and so is their noise; delays are part of the loop. The usable gain is that up to

@@ -506,8 +506,7 @@ def _answer(control, t, start, cells, size, points, weights, still, memory, ends
 #
 # The response of the law's stages to their measurements is computed from them, so a new term needs nothing here. The
 # rest of the analysis knows what edges measure, what links do to it, and who has which gain. A test names the fields of
-# these structures, one by one: whoever adds a field decides whether `check` models it, and adds to `unmodelled_parts`
-# where it does not.
+# these structures, one by one: a new field is either modelled by `check`, or added to `unmodelled_parts`.
 
 _SENSORS = (0, 1)  # values of `bearing`: the exact sensor, and range and bearing
 

@@ -273,7 +273,7 @@ def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float)
 # z = exp(i theta) of the team's loop, with vector x and w_e = k1 h x* H_e x >= 0, satisfies
 # sum w_e cos(theta (d_e + 1/2)) = 0 and sum w_e sin(theta (d_e + 1/2)) = 2 sin(theta / 2). The first equation requires
 # theta >= pi / (2 d + 1), so the second gives sum w_e >= 2 sin(pi / (2 (2 d + 1))). But sum w_e <= k1 h lambda_max. So
-# no root crosses the circle as the gain rises from a small value, for which the loop is stable.
+# no root crosses the circle as the gain rises from a small value. There the loop is stable.
 
 MOST_STATES = 900  # of a matrix whose eigenvalues are found
 MOST_WORK = 3e10  # modes times states cubed, of eigenvalues or of covariances

@@ -69,7 +69,7 @@ def driven(plant: LinearVehicle, law: LinearController) -> LinearController:
 
 
 def delayed(plant: LinearVehicle, periods: int) -> LinearVehicle:
-    """Return a vehicle whose position is measured some periods late: its state ends with the motions not yet seen."""
+    """Return a vehicle whose position is measured with a delay: its state ends with the motions not yet measured."""
     n, s = plant.C.shape
     d = n * periods
     if not d:
