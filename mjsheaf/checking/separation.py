@@ -169,6 +169,8 @@ def standoffs(
     c = pd.concat(each, ignore_index=True)
     gamma, room = safety.rate, c.away**2 - c.keep**2
     misfit = (c.closing > gamma * room / (2.0 * c.away) + _ROUNDING) & (c.away >= c.least - _ROUNDING)
+    if not misfit.any():
+        return []
     c["kept"] = np.minimum((c.closing + np.hypot(c.closing, gamma * c.keep)) / gamma, safety.reach)
     c["rate"] = (2.0 * c.away * c.closing / room.where(room > 0.0)).fillna(np.inf)
     if not system.grid.continuous:
@@ -178,7 +180,7 @@ def standoffs(
     worst = c.drop_duplicates(["agent", "other"]).sort_index().sort_values("rate", ascending=False, kind="stable")
     return [
         Standoff(
-            pair=[names[int(one.agent)], names[int(one.other)]],
+            pair=[names[one.agent], names[one.other]],
             time=one.time,
             desired=one.away,
             kept=one.kept,

@@ -158,19 +158,16 @@ def levers_of(record: CompareRecord, phase: PhaseRecord) -> list[str]:
 
 def verdict_of(record: CompareRecord) -> list[str]:
     """Compose the sentences of the verdict, the most important first."""
-    harmful = _harmful_terms(record)  # they come first, as they explain why a team does not converge
-    return [*harmful, *(sentence for part in (_unsettled, _errors, _gain, _speeds) for sentence in part(record))]
-
-
-def _unsettled(record: CompareRecord) -> list[str]:
-    """Report a team whose error grows in the scenario as given, or whose loop is unstable."""
+    sentences = _harmful_terms(record)  # they come first, as they explain why a team does not converge
     causes = ["its error DIVERGES"] if record.rung("all").ending == "diverging" else []
     loop = record.ringing
     if loop is not None and loop.stable is False:
         largest = loop.largest_gain
         limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
         causes.append(f"the loop of its vehicles is unstable{limit}")
-    return [f"the team does not converge: {'; '.join(causes)}"] if causes else []
+    if causes:
+        sentences = [*sentences, f"the team does not converge: {'; '.join(causes)}"]
+    return [*sentences, *_errors(record), *_gain(record), *_speeds(record)]
 
 
 def _errors(record: CompareRecord) -> list[str]:

@@ -23,6 +23,7 @@ SCREEN_WIDTH = 100
 """Maximum width of a line of that answer, characters."""
 
 _LABEL_WIDTH = 17
+_BUDGET_WIDTH = 62  # maximum width of the budget's first three columns, characters
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 
 _WORSE = {
@@ -205,7 +206,12 @@ def _cells(rung: RungRecord) -> list[Text | str | None]:
 
 def _budget(record: CompareRecord) -> Group:
     team, *groups = (record.budget(scope, record.measure, "late") for scope in record.scopes)
-    budgets = [team, record.budget(TEAM, record.measure, "final"), *_that_fit(groups)]
+    widths = [
+        max(map(len, [b.scope, *map(_alone_and_back, b.effects), _millimetres(b.ideal_m), _millimetres(b.all_m)])) + 2
+        for b in groups
+    ]
+    fitting = [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - _BUDGET_WIDTH]
+    budgets = [team, record.budget(TEAM, record.measure, "final"), *fitting]
     table = _table("", "team", "team, at the end", *(b.scope for b in budgets[2:]))
 
     def rows(labels: dict[str, str]) -> None:
@@ -232,19 +238,6 @@ def _budget(record: CompareRecord) -> Group:
 
 def _alone_and_back(item: ItemRecord) -> str:
     return f"{_millimetres(item.alone_m)} / {_millimetres(item.give_back_m)}"
-
-
-def _that_fit(
-    groups: list[BudgetRecord],
-    *,
-    of_team: int = 62,  # maximum width of the budget's first three columns, characters
-) -> list[BudgetRecord]:
-    """Return the first groups whose columns fit next to those of the team."""
-    widths = [
-        max(map(len, [b.scope, *map(_alone_and_back, b.effects), _millimetres(b.ideal_m), _millimetres(b.all_m)])) + 2
-        for b in groups
-    ]
-    return [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - of_team]
 
 
 def _worse_without(

@@ -431,7 +431,18 @@ def _bounded(
     fed = _driven(ask_start * start, ask, d)[:K] + drive.unsure + drive.observed(apart + change)
     command = np.linalg.norm(system.team.unpack(drive.asked), axis=2) + fed[:, None]
     integral = system.law.terms.integral * float(_driven(kept_start * start, kept, d).max())
-    return Envelope(samples, within, command, integral, _parts_of_d(system, drive, apart, change), "")
+    terms = system.law.terms
+    odometry = " and of odometry" if (terms.noise or terms.bias) and (terms.feedforward or terms.drift) else ""
+    parts = {
+        "targets' motion" + (", less feedforward" if terms.feedforward else ""): np.linalg.norm(drive.left, axis=1),
+        "flow and disturbance along q*" + (", less the observed drift" if terms.drift else ""): np.linalg.norm(
+            drive.met, axis=1
+        ),
+        "flow at q instead of q*, by its slope": apart + drive.observed(apart),
+        "flow within a period": change + drive.observed(change),
+        "errors of the targets' path" + odometry: np.full(len(drive.left), drive.unsure),
+    }
+    return Envelope(samples, within, command, integral, parts, "")
 
 
 def _driven(free: Array, response: Array, d: Array) -> Array:
@@ -439,21 +450,6 @@ def _driven(free: Array, response: Array, d: Array) -> Array:
     K, size = len(d), next_fast_len(2 * len(d) - 1, real=True)
     free[1:] += irfft(rfft(response[:K], size) * rfft(d, size), size)[:K] * (1.0 + _ROUNDING)
     return free
-
-
-def _parts_of_d(system: System, drive: _Drive, apart: Array, change: Array) -> dict[str, Array]:
-    """Return the sizes of the parts of d by name, from bounds on f(q) - f(q*) and on how f changes in a period."""
-    terms = system.law.terms
-    odometry = " and of odometry" * bool((terms.noise or terms.bias) and (terms.feedforward or terms.drift))
-    return {
-        "targets' motion" + ", less feedforward" * bool(terms.feedforward): np.linalg.norm(drive.left, axis=1),
-        "flow and disturbance along q*" + ", less the observed drift" * bool(terms.drift): np.linalg.norm(
-            drive.met, axis=1
-        ),
-        "flow at q instead of q*, by its slope": apart + drive.observed(apart),
-        "flow within a period": change + drive.observed(change),
-        "errors of the targets' path" + odometry: np.full(len(drive.left), drive.unsure),
-    }
 
 
 def law_loop(system: System, certificate: Certificate, *, carried: bool = False) -> LawLoop:

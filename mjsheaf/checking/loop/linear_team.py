@@ -3,7 +3,7 @@
 See `mjsheaf.loop.linear` for a vehicle. Of many vehicles some stand for all, if these behave alike.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -71,7 +71,13 @@ def linear_vehicles(
         keys.append((id(point.vehicle), np.round([*point.medium, point.heading], 4).tobytes()))
         points.setdefault(keys[-1], point)
     many = len(points) > most_points
-    chosen = _extreme_points(points) if many else list(points)
+    chosen = list(points)
+    if many:
+        if len({vehicle for vehicle, _ in points}) > 1:
+            raise UndecidedError("too many unlike vehicles")
+        flows = np.array([point.medium for point in points.values()])  # its extremes, and some between
+        extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
+        chosen = [chosen[k] for k in sorted(int(k) for k in extreme)]
     try:
         period = period_of_law(system)
         steps = whole_ratio(period, system.bodies.timestep)
@@ -116,20 +122,6 @@ def _require_linear(
             f"turns round for a target behind it unless it makes {way * turning.speed:.3g} m/s"
         )
     return model
-
-
-def _extreme_points(points: Mapping[PointKey, HeldPoint]) -> list[PointKey]:
-    """Choose points at the extremes of the flow, and some between.
-
-    Raises:
-        UndecidedError: They are not all of one vehicle.
-    """
-    if len({vehicle for vehicle, _ in points}) > 1:
-        raise UndecidedError("too many unlike vehicles")
-    flows = np.array([point.medium for point in points.values()])
-    extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
-    keys = list(points)
-    return [keys[k] for k in sorted(int(k) for k in extreme)]
 
 
 def _held_point(

@@ -613,11 +613,19 @@ def targets_loop(
     system: System,
     *,
     limit: float = 2.0 - 1e-9,  # of h lambda_max(S): what decays stays below it
+    dense: int = 600,  # rows of S, up to which all eigenvalues are computed; of more the largest alone
     involved: float = 0.5,  # of the largest motion in the fastest mode: a target that moves as much is named
 ) -> TargetsLoop:
     """Decide whether the targets' own law decays on ideal kinematics."""
     N, h = len(system.team.agents), system.grid.period
-    values, vector = _modes(stiffness(system))
+    S = stiffness(system)
+    values, vector = np.zeros(0), np.zeros(S.shape[0])
+    if S.nnz and S.shape[0] <= dense:
+        values, vectors = np.linalg.eigh(S.toarray())
+        values, vector = values[values > max(1e-12 * values[-1], 0.0)], vectors[:, -1]
+    elif S.nnz:
+        values, vectors = eigsh(S, k=1, which="LA", v0=np.ones(S.shape[0]))
+        vector = vectors[:, 0]
     rate = float(values[-1]) if len(values) else 0.0
     held = rate > 0.0 and not system.grid.continuous
     stable = not held or h * rate < limit
@@ -653,18 +661,3 @@ def stiffness(system: System) -> sparse.csr_array:
     gain = float(system.law.gain[N:].max(initial=0.0))
     acts = sparse.diags_array(np.repeat(system.law.gain[N:] > 0.0, [target.dimension for target in team.targets]) * 1.0)
     return sparse.csr_array(gain * (acts @ team.target_sheaf.laplacian() @ acts) + sparse.diags_array(pull))
-
-
-def _modes(
-    S: sparse.csr_array,
-    *,
-    dense: int = 600,  # of S, whose eigenvalues are all computed
-) -> tuple[Array, Array]:
-    """Return the eigenvalues of S above zero, 1/s, of many targets the largest alone; and the eigenvector of that."""
-    if not S.nnz:
-        return np.zeros(0), np.zeros(S.shape[0])
-    if S.shape[0] <= dense:
-        values, vectors = np.linalg.eigh(S.toarray())
-        return values[values > max(1e-12 * values[-1], 0.0)], vectors[:, -1]
-    top, vector = eigsh(S, k=1, which="LA", v0=np.ones(S.shape[0]))
-    return top, vector[:, 0]
