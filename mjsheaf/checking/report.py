@@ -89,7 +89,8 @@ def _rows(
         lines = [_text(value)] if _text(value) else []
         if isinstance(value, list) and value and isinstance(value[0], BaseModel):
             lines = [
-                ", ".join(f"{row.path}: {'; '.join(row.lines)}" for row in _rows(one, " ")) for one in value[:most]
+                ", ".join(f"{row.path.strip()}: {'; '.join(row.lines)}" for row in _rows(one, " "))
+                for one in value[:most]
             ]
             lines += [f"and {len(value) - most} more"] if len(value) > most else []
         elif getattr(record, name + _RMS, None) is not None:
