@@ -13,11 +13,13 @@ import numpy as np
 from mjsheaf.arguments import require_number
 from mjsheaf.arrays import Array
 from mjsheaf.checking.fragility import fragility
-from mjsheaf.checking.loop.body_loop import loop_on_path, medium_on_path, with_bodies
-from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop, loop_of
+from mjsheaf.checking.loop.body_loop import loop_on_path, with_bodies
+from mjsheaf.checking.loop.disturbance import predict_rms
+from mjsheaf.checking.loop.held_law import envelope, law_loop, loop_of
+from mjsheaf.checking.loop.linear_team import medium_on_path
 from mjsheaf.checking.loop.links import link_answers
 from mjsheaf.checking.loop.margins import margins
-from mjsheaf.checking.loop.prediction import predict_rms, steady_error
+from mjsheaf.checking.loop.prediction import steady_error
 from mjsheaf.checking.problems import problems_of
 from mjsheaf.checking.record import (
     CheckRecord,
@@ -98,7 +100,8 @@ def examine(
         old = phases[k - 1].system
         path = before.certificate.constants.path
         targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
-        jumps = _jumps(old, phase.system, targets)
+        away = np.linalg.norm(_q_star(phase.system, targets) - _q_star(old, targets), axis=1)
+        jumps = {id: float(x) for id, x in zip(old.team.agent_ids, away, strict=True) if np.isfinite(x)}
         beyond = beyond or bool(old.law.extended or before.record.law.unmodelled)
         joining = _distances_of_joining(phases[: k + 1], targets)
         known = phase.system.law.extended or not beyond
@@ -129,7 +132,7 @@ def _phase_record(phase: Phase, record: CheckRecord, jumps: dict[str, float] | N
         events=list(phase.events),
         absent=sorted(phase.system.team.absent, key=phase.system.team.index.__getitem__),
         jump=None if jumps is None else math.hypot(*jumps.values()),
-        jumps=dict(jumps or {}),
+        jumps=jumps or {},
         **{name: getattr(record, name) for name in PartRecord.model_fields},
     )
 
@@ -148,12 +151,6 @@ def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
 def _q_star(system: System, targets: Array) -> Array:
     """q* of targets (M, 3), padded, shape (N, 3), m; NaN for absent agents."""
     return system.team.harmonic_extension(np.concatenate([system.initial[: len(system.team.agents)], targets]))
-
-
-def _jumps(old: System, new: System, targets: Array) -> dict[str, float]:
-    """|q*_new - q*_old| of each agent that is present before and after, m."""
-    away = np.linalg.norm(_q_star(new, targets) - _q_star(old, targets), axis=1)
-    return {id: float(x) for id, x in zip(new.team.agent_ids, away, strict=True) if np.isfinite(x)}
 
 
 def _distances_of_joining(phases: Sequence[Phase], targets: Array) -> list[float]:
@@ -185,7 +182,7 @@ def _carried_error(system: System, error: float) -> float:
     system = system.local
     if not (error > 0.0 and system.team.dirichlet.unique):
         return 0.0
-    reach = Carrier(system, spectrum_of(system.team)).reach(np.full(len(system.team.targets), error))
+    reach = Carrier(system).reach(np.full(len(system.team.targets), error))
     return float(np.linalg.norm(reach))
 
 
@@ -198,46 +195,47 @@ def _examine_one(
     search = Search(system, rate, rho, start)
     certificate = certificate_of(search)
     path = certificate.constants.path
-    practice = margins(system, certificate)
+    region = certificate.region
+    low, high = region.tube.corners()
     law = law_loop(system, certificate, carried=start is not None)
-    links = link_answers(system, path)
-    targets = with_bodies(targets_loop(system), system, path)
-    rigidity = _rigidity(system, original)
     mending = None if system.team.free or system.team.stressed else plan_augmentation(system.team, system.initial)
     edges = suggest_edges(system.team, system.initial)
     record = CheckRecord(
         scenario=system.name,
         ok=True,
-        region=_region(certificate),
+        region=RegionSummary(
+            source=region.source,
+            verified=region.verified and not certificate.obstacle,
+            agents_low=low.tolist(),
+            agents_high=high.tolist(),
+            start=float(path.time[0]),
+            end=float(path.time[-1] if path.cells is None else path.cells.end[-1]),
+            samples=len(path.time if path.cells is None else path.cells.begin),
+            path_error=path.error,
+        ),
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=mending),
-        rigidity=rigidity,
+        rigidity=_rigidity(system, original),
         safety=safety_record(system, certificate),
         theorem=_theorem(search, certificate, radius),
         law=law,
-        links=links,
+        links=link_answers(system, path),
         topology_fix=describe_edges(edges),
         topology_edges=edges,
         steady=steady_error(system, certificate, law.rate),
         proposals=propose(system, certificate, radius),
-        targets=targets,
-        margins=practice,
-        disturbance=predict_rms(system, search.spectrum, medium_on_path(system, certificate.constants.path)),
+        targets=with_bodies(targets_loop(system), system, path),
+        margins=margins(system, certificate),
+        disturbance=predict_rms(system, search.spectrum, medium_on_path(system, path)),
         fragility=fragility(system.team),
     )
-    problems = problems_of(record, stable=_is_stable(system, law))
+    stable = law.stable is True
+    if system.grid.continuous and not (law.unmodelled or len(system.law.links.table)):
+        with suppress(UndecidedError):
+            stable = bool((held_eigenvalues(system.team).real > 0.0).all())
+    problems = problems_of(record, stable=stable)
     record = record.model_copy(update={"ok": not problems, "problems": problems})
     return Examination(record, certificate, system)
-
-
-def _is_stable(system: System, law: LawLoop) -> bool:
-    """Return True if the law of a team of linear edges is known to be stable, also where it is continuous."""
-    if not system.grid.continuous or law.unmodelled or len(system.law.links.table):
-        return law.stable is True
-    try:
-        return bool((held_eigenvalues(system.team).real > 0.0).all())
-    except UndecidedError:
-        return False
 
 
 def _rigidity(system: System, original: Team) -> Rigidity:
@@ -253,22 +251,6 @@ def _rigidity(system: System, original: Team) -> Rigidity:
     return rigidity_of(team, original, x[:n_q], system.gain, values[~zero])
 
 
-def _region(certificate: Certificate) -> RegionSummary:
-    region, path = certificate.region, certificate.constants.path
-    low, high = region.tube.corners()
-    time, cells = path.time, path.cells
-    return RegionSummary(
-        source=region.source,
-        verified=region.verified and not certificate.obstacle,
-        agents_low=low.tolist(),
-        agents_high=high.tolist(),
-        start=float(time[0]),
-        end=float(time[-1] if cells is None else cells.end[-1]),
-        samples=len(time if cells is None else cells.begin),
-        path_error=path.error,
-    )
-
-
 def _theorem(search: Search, certificate: Certificate, radius: float) -> TheoremSummary:
     rate = search.rate
     theorem = certificate.theorem
@@ -276,6 +258,7 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
     constants = certificate.constants
     agents = len(search.system.team.agents)
     holds = theorem.applies and certificate.region.verified
+    weaker = certificate.weaker.radius if certificate.region.verified and not certificate.obstacle else None
     wanted_gain, no_gain = gain_for_wanted_radius(search, certificate, radius)
     sets: dict[str, Any] = {
         "chi": theorem.chi,
@@ -309,7 +292,11 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         wanted_radius=radius,
         gain_for_wanted_radius=wanted_gain,
         gain_for_wanted_radius_reason=no_gain,
-        weaker=_weaker(certificate, agents),
+        weaker=WeakerBound(
+            f_bar=certificate.weaker.f_bar if certificate.region.verified else None,
+            radius=weaker,
+            radius_per_agent=per_agent(weaker, agents),
+        ),
     )
 
 
@@ -325,16 +312,6 @@ def _slope(search: Search, certificate: Certificate) -> dict[str, Any]:
     part = f"; {moving:.3g} 1/s of it is the slope of what moves in the medium" if moving else ""
     loose = "" if slope.exact else " (an upper bound, not tight)"
     return {"rho": slope.upper + moving, "rho_seen": slope.seen, "rho_source": source + part + loose}
-
-
-def _weaker(certificate: Certificate, agents: int) -> WeakerBound:
-    proven = certificate.region.verified
-    radius = certificate.weaker.radius if proven and not certificate.obstacle else None
-    return WeakerBound(
-        f_bar=certificate.weaker.f_bar if proven else None,
-        radius=radius,
-        radius_per_agent=per_agent(radius, agents),
-    )
 
 
 # -- a better law ------------------------------------------------------------------------------------------------------
@@ -387,23 +364,16 @@ def propose(
             for r in (rounds if kind else [1])
         ]
         for gain in (factor * system.gain for factor in gains):
-            laws = [_law(system, gain, each) for each in terms]
+            own = system.law.gain.copy()
+            own[: len(system.team.agents)] = gain
+            packed = [pack_terms(each, system.team, system.grid.period) for each in terms]
+            laws = [replace(system, gain=gain, law=system.law._replace(gain=own, terms=each)) for each in packed]
             # More rounds leave less, or nearly so: the first number that does it is found by halves.
             first = bisect_left(laws, True, key=lambda law: _keeps(law, certificate, radius))
             if first < len(laws):
-                on_bodies = loop_on_path(laws[first], certificate).stable
-                found = law_loop(laws[first], certificate)
-                proposals.append(_proposal(gain, terms[first], system.law.term_names, found, on_bodies))
+                proposals.append(_proposal(terms[first], laws[first], certificate, system.law.term_names))
                 break
     return proposals
-
-
-def _law(system: System, gain: float, terms: Terms) -> System:
-    """The system under another law."""
-    gains = system.law.gain.copy()
-    gains[: len(system.team.agents)] = gain
-    packed = pack_terms(terms, system.team, system.grid.period)
-    return replace(system, gain=gain, law=system.law._replace(gain=gains, terms=packed))
 
 
 def _keeps(system: System, certificate: Certificate, radius: float, *, reserve: float = 2.0) -> bool:
@@ -416,22 +386,20 @@ def _keeps(system: System, certificate: Certificate, radius: float, *, reserve: 
         return False
 
 
-def _proposal(gain: float, terms: Terms, present: Sequence[str], found: LawLoop, on_bodies: bool | None) -> Proposal:
-    """The law of these terms in place of one that has those that are present."""
+def _proposal(terms: Terms, system: System, certificate: Certificate, present: Sequence[str]) -> Proposal:
+    """The law of these terms, under which a system is, in place of one that has those that are present."""
     fields = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
     sections = {
         name: section and section.model_dump() for name, section in fields.items() if section or name in present
     }
+    found = law_loop(system, certificate)
     assert found.unlimited is not None  # of a loop that is within a radius
     assert found.unlimited_per_agent is not None
     return Proposal(
-        controller={"gain": gain, **sections},
+        controller={"gain": system.gain, **sections},
         bound=found.unlimited,
         bound_per_agent=found.unlimited_per_agent,
         certified=found.radius is not None,
-        command=found.command,
-        stable_on_bodies=on_bodies,
-        exchanges=found.exchanges,
-        numbers=found.numbers,
-        noise=found.noise,
+        stable_on_bodies=loop_on_path(system, certificate).stable,
+        **{name: getattr(found, name) for name in ("command", "exchanges", "numbers", "noise")},
     )

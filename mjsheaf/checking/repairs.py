@@ -547,24 +547,25 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
     if n > MAX_STATES:
         return Rigidity(rank=None, needed=None, rigid=None, localizable=localizable, rate=rate)
     held_by_stress = team.free and team.stressed
-    D = team.law_problem.H.toarray() if held_by_stress else _coboundary(team, n)
+    if held_by_stress:
+        D = team.law_problem.H.toarray()
+    else:
+        D = team.sheaf.coboundary()[: sum(len(edge.F_tail) for edge in team.communication), :n].toarray()
+        length = np.linalg.norm(D, axis=1, keepdims=True)
+        D = D / np.where(length > 0.0, length, 1.0)  # the tolerance is relative
     tolerance = SOLVED_RANK_TOLERANCE if team.linearised_at is not None else RANK_TOLERANCE
     rank = int(np.linalg.matrix_rank(D, rtol=tolerance)) if len(D) else 0
+    motions = _motions(team, positions)
+    _, singular, combinations = np.linalg.svd(D @ motions)
+    seen = int(np.count_nonzero(singular > max(_UNSEEN, tolerance) * np.sqrt(len(D))))
     # One agent has no turn and no scale.
-    unseen = linalg.orth(_unseen(D, _motions(team, positions), tolerance), rcond=_UNSEEN)
+    unseen = linalg.orth(motions @ combinations[seen:].T, rcond=_UNSEEN)
     needed = n - unseen.shape[1]
     rigid = rank >= needed
     bracing = (
         None if rigid or held_by_stress or not team.free else plan_bracing(team, original, positions, unseen, D, gain)
     )
     return Rigidity(rank=rank, needed=needed, rigid=rigid, localizable=localizable, rate=rate, bracing=bracing)
-
-
-def _coboundary(team: Team, n: int) -> Array:
-    """Return the coboundary of the communication edges, rows scaled to length 1, shape (m, n)."""
-    D = team.sheaf.coboundary()[: sum(len(edge.F_tail) for edge in team.communication), :n].toarray()
-    length = np.linalg.norm(D, axis=1, keepdims=True)
-    return np.asarray(D / np.where(length > 0.0, length, 1.0))
 
 
 def _motions(team: Team, positions: Array) -> Array:
@@ -582,13 +583,6 @@ def _motions(team: Team, positions: Array) -> Array:
     motions.append(x / size)
     flat = np.array([motion.reshape(-1) for motion in motions])
     return np.asarray(flat[:, team.slots[: len(positions)]].T)
-
-
-def _unseen(D: Array, motions: Array, tolerance: float) -> Array:
-    """Return independent combinations of motions (n, count) that edges do not measure, shape (n, unseen)."""
-    _, singular, combinations = np.linalg.svd(D @ motions)
-    seen = int(np.count_nonzero(singular > max(_UNSEEN, tolerance) * np.sqrt(len(D))))
-    return np.asarray(motions @ combinations[seen:].T)
 
 
 # -- connection --------------------------------------------------------------------------------------------------------

@@ -22,13 +22,14 @@ include the velocities that the filter adds.
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from pydantic import Field
 from scipy.spatial import cKDTree
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.errors import select_true
@@ -140,24 +141,6 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
     )
 
 
-class _Constraints(NamedTuple):
-    """Constraints of agents in their places, at one sample.
-
-    Attributes:
-        agent, other: Number of the agent, and of the vehicle, or of the obstacle after the vehicles.
-        away: Distance in q*, m.
-        keep, least: Distance to keep, with and without margins, m.
-        closing: s, m/s.
-    """
-
-    agent: IntArray
-    other: IntArray
-    away: Array
-    keep: Array
-    least: Array
-    closing: Array
-
-
 def standoffs(
     system: System,
     safety: SafetyArrays,
@@ -182,40 +165,40 @@ def standoffs(
     velocity = np.gradient(places, times, axis=0) if T > 1 else np.zeros_like(places)
     count = min(T, most, max(2, 4_000_000 // V**2))
     rows = np.unique(np.linspace(0, T - 1, count).astype(np.int64))
-    each = [_constraints(system, safety, least, times[k], places[k], velocity[k]) for k in rows]
-    sample = np.repeat(rows, [len(found.agent) for found in each])
-    c = _Constraints._make(np.concatenate(parts) for parts in zip(*each, strict=True))
+    each = [_constraints(system, safety, least, times[k], places[k], velocity[k]).assign(time=times[k]) for k in rows]
+    c = pd.concat(each, ignore_index=True)
     gamma, room = safety.rate, c.away**2 - c.keep**2
     misfit = (c.closing > gamma * room / (2.0 * c.away) + _ROUNDING) & (c.away >= c.least - _ROUNDING)
     if not misfit.any():
         return []
-    c = _Constraints._make(part[misfit] for part in c)
-    sample = sample[misfit]
-    room = room[misfit]
-    kept = np.minimum((c.closing + np.hypot(c.closing, gamma * c.keep)) / gamma, safety.reach)
-    rate = np.divide(2.0 * c.away * c.closing, room, out=np.full(len(room), np.inf), where=room > 0.0)
+    c["kept"] = np.minimum((c.closing + np.hypot(c.closing, gamma * c.keep)) / gamma, safety.reach)
+    c["rate"] = (2.0 * c.away * c.closing / room.where(room > 0.0)).fillna(np.inf)
     if not system.grid.continuous:
-        rate[rate * system.grid.period > 1.0] = np.inf
-    order = np.lexsort((c.away - kept, -rate))
-    keys = c.agent * len(names) + c.other
-    _, first, shares = np.unique(keys[order], return_index=True, return_counts=True)
+        c.loc[c.rate * system.grid.period > 1.0, "rate"] = np.inf
+    c = c[misfit].assign(short=c.away - c.kept).sort_values(["rate", "short"], ascending=[False, True])
+    c["fraction"] = c.groupby(["agent", "other"]).time.transform("size") / len(rows)
+    worst = c.drop_duplicates(["agent", "other"]).sort_index().sort_values("rate", ascending=False, kind="stable")
     return [
         Standoff(
-            pair=[names[c.agent[k]], names[c.other[k]]],
-            time=times[sample[k]],
-            desired=c.away[k],
-            kept=kept[k],
-            rate=rate[k],
-            fraction=share / len(rows),
+            pair=[names[one.agent], names[one.other]],
+            time=one.time,
+            desired=one.away,
+            kept=one.kept,
+            rate=one.rate,
+            fraction=one.fraction,
         )
-        for k, share in sorted(zip(order[first], shares, strict=True), key=lambda row: (-rate[row[0]], row[0]))
-    ][:_MOST_PAIRS]
+        for one in worst.head(_MOST_PAIRS).itertuples()
+    ]
 
 
 def _constraints(
     system: System, safety: SafetyArrays, least: SafetyArrays, time: float, places: Array, velocity: Array
-) -> _Constraints:
-    """Return the constraints of all agents within range of something, at places and velocities (V, 3)."""
+) -> pd.DataFrame:
+    """Return the constraints of all agents within range of something, at places and velocities (V, 3).
+
+    Columns are the numbers of the agent and of the other vehicle, or of the obstacle after the vehicles; the distance
+    `away` in q*, and those to `keep` with and `least` without margins, m; and `closing`, s in m/s.
+    """
     N, V = safety.agents, len(places)
     own = (places - safety.lift)[:N]
     wind = np.zeros((N, 3))
@@ -250,13 +233,15 @@ def _constraints(
         pair = arrays.radius[agent] + arrays.radius[other]
         return np.concatenate([pair, arrays.clearance[near]])[acts]
 
-    return _Constraints(
-        agent=agent_of[acts],
-        other=other_of[acts],
-        away=away[acts],
-        keep=distance_of(safety),
-        least=distance_of(least),
-        closing=parting[acts] - towards / weight[acts],
+    return pd.DataFrame(
+        {
+            "agent": agent_of[acts],
+            "other": other_of[acts],
+            "away": away[acts],
+            "keep": distance_of(safety),
+            "least": distance_of(least),
+            "closing": parting[acts] - towards / weight[acts],
+        }
     )
 
 
@@ -268,7 +253,7 @@ def _places(system: System, certificate: Certificate) -> tuple[Array, Array]:
     times: Array = start + system.grid.period * path.stride * np.arange(len(samples), dtype=np.float64)
     if not len(samples):
         times, samples = np.array([start]), system.initial[None, len(team.agents) :]
-    q_star: Array = team.unpack(Carrier(system, certificate.spectrum).extend(samples))
+    q_star: Array = team.unpack(Carrier(system).extend(samples))
     lift = np.zeros((len(system.planar), 3))
     lift[system.planar, 2] = system.bodies.surface_height
     return times, np.concatenate([q_star, samples], axis=1) + lift
@@ -323,42 +308,30 @@ def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places:
 
 def _reasons(system: System, safety: SafetyArrays, names: list[str]) -> list[str]:
     """Return the requirements of the theorem that are not met."""
-    N = safety.agents
-    grid = system.grid
+    N, period = safety.agents, system.grid.period
+    held = not system.grid.continuous
     agents = [v for v in range(N) if safety.yields[v]]
     unlimited = next((names[v] for v in agents if not np.isfinite(system.law.limit[v])), "")
-    product = safety.rate * grid.period
+    product = safety.rate * period
     moved = len(system.team.target_edges) and (system.law.gain[N:] > 0.0).any()
-    of_law = {
-        "the law is continuous: the theorem is about commands that are held for a period": grid.continuous,
-        f"rate times the control period is {product:.3g}, above 1: take a smaller safety.rate": not grid.continuous
-        and product > 1.0,
-        f"{unlimited} has no velocity_limit": unlimited,
-    }
-    of_targets = {"the targets' own consensus moves them at a speed for which there is no bound here": moved}
-    if not grid.continuous:
-        of_targets |= {
-            f"motion.pull of {name} times the control period is {pull * grid.period:.3g}, not below 2: nothing bounds "
-            "its distance from its path": pull * grid.period >= 2.0
-            for name, pull in zip(names[N:], system.motion.pull[N:].tolist(), strict=False)
-        }
-    return [
-        *select_true(of_law),
-        *_of_medium(system, names),
-        *select_true(of_targets),
-        *_of_speeds(system, safety, agents, names),
-    ]
-
-
-def _of_medium(system: System, ids: list[str]) -> Iterator[str]:
-    """Yield why no speed bounds the medium."""
     kernels = np.array([system.flows[k].kernel_speed for k in system.field])
-    for speeds, why in (
-        (kernels, "the flow about {} has a source or vortex without a core, of unbounded speed"),
-        (system.largest_disturbance, "the gusts that {} meets are Gaussian, which no speed bounds"),
-    ):
-        if not np.isfinite(speeds).all():
-            yield why.format(ids[int(np.isinf(speeds).argmax())])
+    unbounded = np.isinf([kernels, system.largest_disturbance])
+    steep, gusty = (names[v] for v in unbounded.argmax(axis=1))
+    found = {
+        "the law is continuous: the theorem is about commands that are held for a period": not held,
+        f"rate times the control period is {product:.3g}, above 1: take a smaller safety.rate": held and product > 1.0,
+        f"{unlimited} has no velocity_limit": unlimited,
+        f"the flow about {steep} has a source or vortex without a core, of unbounded speed": unbounded[0].any(),
+        f"the gusts that {gusty} meets are Gaussian, which no speed bounds": unbounded[1].any(),
+        "the targets' own consensus moves them at a speed for which there is no bound here": moved,
+    }
+    for name, pull in zip(names[N:], system.motion.pull[N:].tolist(), strict=False):
+        why = (
+            f"motion.pull of {name} times the control period is {pull * period:.3g}, not below 2: nothing bounds its "
+            "distance from its path"
+        )
+        found[why] = held and pull * period >= 2.0
+    return [*select_true(found), *_of_speeds(system, safety, agents, names)]
 
 
 def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], names: list[str]) -> Iterator[str]:
@@ -382,24 +355,19 @@ def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], names: l
             f"{ids[too_fast[0]]} may come at {relative[too_fast[0]]:.3g} m/s relative to the medium about "
             f"{names[slowest]}, which commands at most {limit[slowest]:.3g} m/s"
         )
-    yield from _of_flows(safety, own, limit, names)
+    # Another agent that a different flow carries may come faster than an agent can make way for it.
+    carried, unsteady, share = safety.carried[own], safety.unsteady[own], safety.pairing[own, 1]
+    apart = np.linalg.norm(carried[:, None] - np.unique(carried, axis=0), axis=2).max(axis=1)
+    speed = (apart + unsteady + unsteady.max()) * share / (share + share.min())
+    slow = np.flatnonzero(speed >= limit[own])
+    if len(slow) and len(own) > 1:
+        v = own[slow[0]]
+        yield (
+            f"the flow may carry another agent towards {names[v]}, which then has to command up to "
+            f"{speed[slow[0]]:.3g} m/s against its limit of {limit[v]:.3g} m/s"
+        )
     fastest = float(limit[own].max())
     closing = fastest + max(fastest, *speeds, 0.0) + 2.0 * float(about.max())
     D = max(2.0 * float(safety.radius.max()), float(safety.clearance.max()))
     if safety.reach < D + closing * period:
         yield f"safety.range is {safety.reach:.3g} m; expected at least {D + closing * period:.3g} m, a period ahead"
-
-
-def _of_flows(safety: SafetyArrays, agents: list[int], limit: Array, ids: list[str]) -> Iterator[str]:
-    """Yield why an agent may be too slow to stay away from another one that a different flow carries."""
-    carried, unsteady, share = safety.carried[agents], safety.unsteady[agents], safety.pairing[agents, 1]
-    kinds = np.unique(carried, axis=0)
-    apart = np.linalg.norm(carried[:, None] - kinds, axis=2).max(axis=1)
-    speed = (apart + unsteady + unsteady.max()) * share / (share + share.min())
-    slow = np.flatnonzero(speed >= limit[agents])
-    if len(slow) and len(agents) > 1:
-        v = agents[slow[0]]
-        yield (
-            f"the flow may carry another agent towards {ids[v]}, which then has to command up to {speed[slow[0]]:.3g} "
-            f"m/s against its limit of {limit[v]:.3g} m/s"
-        )

@@ -55,7 +55,6 @@ class Spectrum:
         nullity: how many eigenvalues are zero, the dimension of the relative cohomology.
         smallest: the smallest eigenvalues above zero, ascending, shape (k,).
         vectors: their orthonormal eigenvectors in the order of the stacked q, shape (n, k).
-        method: how they were found, in words.
     """
 
     lambda_min: float
@@ -64,7 +63,6 @@ class Spectrum:
     nullity: int
     smallest: Array
     vectors: Array
-    method: str
 
 
 def spectrum_of(team: Team, count: int = 6) -> Spectrum:
@@ -82,38 +80,24 @@ _spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # 
 
 
 def _spectrum(team: Team, count: int) -> Spectrum:
-    if isinstance(team.dirichlet, StationaryProblem):
-        return _of_law(team.dirichlet, count)
-    (_, D), null = agent_coboundary(team), team.dirichlet.sparse_null_basis
-    smallest, vectors, largest_component = _above_zero(D, null, count)
-    nullity = null.shape[1]
+    problem = team.dirichlet
+    if isinstance(problem, StationaryProblem):  # edges do not fit together: real parts where H is not symmetric
+        nullity = problem.null_basis.shape[1]
+        values, every = problem.eigenvectors
+        largest = float(values.max(initial=0.0))
+        smallest, vectors = values[nullity : nullity + count], every[:, nullity : nullity + count]
+    else:
+        (_, D), null = agent_coboundary(team), problem.sparse_null_basis
+        nullity = null.shape[1]
+        largest = largest_singular_value(D) ** 2
+        smallest, vectors = _above_zero(D, null, count)
     return Spectrum(
         lambda_min=0.0 if nullity or not smallest.size else float(smallest[0]),
-        lambda_max=largest_singular_value(D) ** 2,
-        sigma_max_B=largest_singular_value(team.dirichlet.B),
+        lambda_max=largest,
+        sigma_max_B=largest_singular_value(problem.B),
         nullity=nullity,
         smallest=smallest,
         vectors=vectors,
-        method="dense"
-        if largest_component <= DENSE_STATES
-        else f"shift-invert Lanczos to {EIGENVALUE_TOLERANCE:g} on components over {DENSE_STATES} states "
-        f"(the largest has {largest_component}), dense on the others",
-    )
-
-
-def _of_law(problem: StationaryProblem, count: int) -> Spectrum:
-    """Return the spectrum of a law whose edges do not fit together, by real parts where H is not symmetric."""
-    nullity = problem.null_basis.shape[1]
-    values, vectors = problem.eigenvectors
-    above = values[nullity:]
-    return Spectrum(
-        lambda_min=0.0 if nullity or not above.size else float(above[0]),
-        lambda_max=float(values.max(initial=0.0)),
-        sigma_max_B=largest_singular_value(problem.B),
-        nullity=nullity,
-        smallest=above[:count],
-        vectors=vectors[:, nullity : nullity + count],
-        method="dense, of the law's Jacobian: edges do not fit together at q*",
     )
 
 
@@ -138,14 +122,14 @@ def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
 
 
-def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tuple[Array, Array, int]:
-    """The `count` smallest eigenvalues of D^T D above zero, their vectors, and the size of the largest component.
+def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tuple[Array, Array]:
+    """The `count` smallest eigenvalues of D^T D above zero, and their vectors.
 
     D has shape (m, n); `null` is an orthonormal basis of the null space of delta, shape (n, r).
     """
-    null_rows, pieces = null.tocsr(), list(parts(sparser_rows(D)))
+    null_rows = null.tocsr()
     found: list[tuple[float, IntArray, Array]] = []
-    for _, members, part in pieces:
+    for _, members, part in parts(sparser_rows(D)):
         known = null_rows[members]
         known = known[:, np.unique(known.indices)].toarray()
         wanted = min(count, len(members) - known.shape[1])
@@ -153,10 +137,10 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
             values, vectors = _of_component(part, known, wanted)
             found += [(float(value), members, vector) for value, vector in zip(values, vectors.T, strict=True)]
     found = sorted(found, key=lambda pair: pair[0])[:count]
-    largest, vectors = max((len(members) for _, members, _ in pieces), default=0), np.zeros((D.shape[1], len(found)))
+    vectors = np.zeros((D.shape[1], len(found)))
     for k, (_, members, vector) in enumerate(found):
         vectors[members, k] = vector
-    return np.array([value for value, _, _ in found]), vectors, largest
+    return np.array([value for value, _, _ in found]), vectors
 
 
 def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array, Array]:

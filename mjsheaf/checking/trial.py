@@ -19,7 +19,16 @@ from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import engine_of, prepare_run
 from mjsheaf.results.dataset import join, make_datasets, of_phase
-from mjsheaf.results.ending import MIN_DURATION, MIN_SPEED, ROUNDING, find_stuck_at_end
+from mjsheaf.results.ending import (
+    MIN_DURATION,
+    MIN_SPEED,
+    ROUNDING,
+    Stuck,
+    find_stuck_at_end,
+    is_undriven,
+    swing_at_end,
+    undecayed_swing,
+)
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
@@ -110,7 +119,8 @@ def try_mission(
     data = run.data
     finished = data.attrs["status"] == "finished"
     late = late_errors(phases[0].system.team, data)["tracking_error"]
-    problems = list(_problems(scenario, phases, run))
+    stuck = find_stuck_at_end(phases, data) if finished else []
+    problems = list(_problems(scenario, phases, run, stuck))
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
     return TrialRecord(
@@ -118,7 +128,7 @@ def try_mission(
         seconds=float(data["time"][-1] - data["time"][0]),
         complete=run.complete,
         tracking_error=late,
-        ending=ending_of_run(phases, data) if finished else None,
+        ending=ending_of_run(phases, data, stuck) if finished else None,
         problems=problems,
     )
 
@@ -161,11 +171,9 @@ def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, i
         for piece in make_datasets(recorded, "physics", scenario.seed, phases):
             part = piece.isel(time=slice(0, samples - done))
             if "separation" in part:
-                if not done:
-                    initial = too_close_in(system, part.isel(time=[0]))
-                for pair, worst in too_close_in(system, part).items():
-                    if pair not in closest or worst.gap < closest[pair].gap:
-                        closest[pair] = worst
+                initial = initial if done else too_close_in(system, part.isel(time=[0]))
+                nearer = too_close_in(system, part)
+                closest |= {p: w for p, w in nearer.items() if p not in closest or w.gap < closest[p].gap}
             length = part.sizes["time"]
             ends = done + length == samples or part.attrs["status"] != "finished"
             chosen = sorted({*range(-done % stride, length, stride), *([length - 1] if ends else [])})
@@ -180,7 +188,13 @@ def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, i
 
 
 def _problems(
-    scenario: Scenario, phases: Sequence[Phase], run: _Run, *, closer: float = 1.1, rounding: float = 1e-6
+    scenario: Scenario,
+    phases: Sequence[Phase],
+    run: _Run,
+    stuck: Sequence[Stuck],
+    *,
+    closer: float = 1.1,
+    rounding: float = 1e-6,
 ) -> Iterator[TrialProblem]:
     """Yield why a run fails, the most important first.
 
@@ -188,6 +202,7 @@ def _problems(
         scenario: The scenario.
         phases: Its phases.
         run: The run.
+        stuck: Agents that do not move at its end.
         closer: A pair fails that comes closer by more than this times the distance that it lacks at the start.
         rounding: Error of distances, m.
     """
@@ -209,7 +224,6 @@ def _problems(
     deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else [])
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
-    stuck = find_stuck_at_end(phases, data)
     if stuck:
         first = team.agent_ids[stuck[0].agent]
         text = (
@@ -361,43 +375,18 @@ def _without_headway(
     yield from _failing("stuck", ids, failed, fourth, end, words, commanded=commanded, towards=towards)
 
 
-def _circling(
-    system: System,
-    last: "xr.Dataset",
-    *,
-    still: float = 0.05,
-    undecayed: float = 0.95,
-    resonance: float = 3.0,
-    least: int = 4,
-) -> Iterator[TrialProblem]:
-    """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing drives them.
-
-    A bounded disturbance of d m/s moves an agent by d / omega m at a frequency of omega rad/s.
-
-    Args:
-        system: System of the last phase.
-        last: Its data.
-        still: RMS motion of q* over that of an agent about it, below which q* rests.
-        undecayed: Amplitude of the last quarter over that of the third, above which an oscillation does not decay.
-        resonance: Times the motion by a disturbance alone, below which an oscillation may be due to it.
-        least: Reversals in the second half from which on a motion is an oscillation.
-    """
-    if last.sizes["time"] < _MIN_SAMPLES or system.moving:
+def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
+    """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing drives them."""
+    if last.sizes["time"] < _MIN_SAMPLES:
         return
     q_star = np.nan_to_num(last["harmonic_extension"].values)
     offsets = q_star - np.nan_to_num(last["agent_position"].values)
-    third, fourth = (np.sqrt(part.var(axis=0).sum(axis=1)) for part in np.array_split(offsets, 4)[2:])
-    half = offsets[len(offsets) // 2 :] - offsets[len(offsets) // 2 :].mean(axis=0)
-    widest = np.take_along_axis(half, half.var(axis=0).argmax(axis=1)[None, :, None], axis=2)[..., 0]
-    reversals = (np.diff(np.sign(widest), axis=0) != 0.0).sum(axis=0)
-    span = 0.5 * float(last["time"][-1] - last["time"][0])
-    shaken = system.largest_disturbance[: len(fourth)] * span / (np.pi * np.maximum(reversals, 1))
-    driven = np.sqrt(q_star[-len(half) :].var(axis=0).sum(axis=1)) > still * fourth
-    driven |= fourth < resonance * shaken
-    failed = (fourth > _FAR_BY) & (fourth > undecayed * third) & (reversals >= least) & ~driven
+    each = [(q_star[:, [i]], offsets[:, [i]]) for i in range(offsets.shape[1])]
+    swing = np.array([swing_at_end(own) for _, own in each])
+    failed = np.array([undecayed_swing(own, _FAR_BY) is not None and is_undriven(system, q, own) for q, own in each])
     words = "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and nothing "
     words += "drives it"
-    yield from _failing("limit_cycle", system.team.agent_ids, failed, fourth, float(last["time"][-1]), words)
+    yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(last["time"][-1]), words)
 
 
 def _fallen(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:

@@ -30,7 +30,6 @@ from mjsheaf.cli.run import describe_files
 from mjsheaf.errors import UnstableError, in_field
 
 if TYPE_CHECKING:
-    from mjsheaf.comparing.causes import CompareRecord
     from mjsheaf.comparing.compare import Published
     from mjsheaf.runs.overlay import RunsRecord
 
@@ -67,6 +66,7 @@ def compare(
     """
     with progress_bars() as bars:
         from mjsheaf.comparing.compare import publish
+        from mjsheaf.comparing.page import report, summary
         from mjsheaf.scenario.load import find_law
 
         figures = figure_options(formats, title)
@@ -84,23 +84,16 @@ def compare(
                 progress=bars,
             )
     record = published.comparison.record
-    _print_comparison(record, full=full)
+    if full:
+        make_console(_WIDTH).print(report(record))
+    else:
+        print_lines(*summary(record))
     print_lines(*filter(None, [published.replaced]), *describe_files(directory, _FILES))
     if video:
         _draw_video(published, quality)
     for rung in map(record.rung, ("ideal", "all")):
         if rung.status != "finished":
             raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")
-
-
-def _print_comparison(record: "CompareRecord", *, full: bool) -> None:
-    """Print one screen, or the whole report."""
-    from mjsheaf.comparing.page import report, summary
-
-    if full:
-        make_console(_WIDTH).print(report(record))
-    else:
-        print_lines(*summary(record))
 
 
 def _draw_video(published: "Published", quality: str) -> None:

@@ -5,15 +5,15 @@ from a run that blew up. Each part is defined by the module that computes it.
 """
 
 from math import floor, log10
-from typing import NamedTuple
 
 from pydantic import Field
 
 from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.margins import (
+    MIN_DAMPING,
     DemandRecord,
     FastestRecord,
-    GainRecord,
+    GainTrialRecord,
     RingingRecord,
     VelocityLimitRecord,
 )
@@ -40,7 +40,6 @@ LIMITED_BY = {
     "underactuation": "vehicles that turn before they push",
     "hold": "the hold of the law over controller.control_period",
     "links": "the age of measurements (links.delay)",
-    "loop": "the loop of the vehicles",
 }
 """What limits the gain, in words."""
 
@@ -48,14 +47,6 @@ _RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitu
 _MIN_BODY_FRACTION = 0.05  # of the error; bodies that add less are not reported as its cause
 _MIN_NAMED_FRACTION = 0.01  # of the error; smaller parts are named together
 _MIN_Q_STAR_FRACTION = 0.5  # of the error; if q* itself has more, the sheaf is the cause
-
-
-class LoopRecord(FiniteRecord):
-    """Stability of the vehicles' loop for small motions, as `check` reports it."""
-
-    stable: bool | None = Field(description="null where undecided")
-    largest_gain: float | None = Field(description="gain above which the loop is unstable, 1/s")
-    reason: str = Field(description="why it is undecided, or empty")
 
 
 class PhaseRecord(FiniteRecord):
@@ -89,17 +80,14 @@ class CompareRecord(FiniteRecord):
     harm: list[str] = Field(
         default_factory=list, description="warnings about the terms in the scenario as given, as `run` notes them"
     )
-    usable_gain: float | None = Field(
-        description="largest k1 at which the vehicles' loop neither rings nor is unstable, 1/s; null if every gain is "
-        "usable, or if the loop is undecided, or if the law is in Python"
+    gains: list[GainTrialRecord] = Field(
+        default_factory=list, description="runs at the present gain, then at higher ones; none where none is worth it"
     )
-    gains: GainRecord | None = Field(None, description="what limits the gain; null under a law in Python")
-    loop: LoopRecord | None = Field(None, description="loop in the worst phase; null under a law in Python")
     time_s: float = Field(description="length of the run")
     formation_size_m: Finite = Field(description="RMS over edges inside groups of their desired length")
     ladder: list[RungRecord]
     budgets: list[BudgetRecord]
-    ringing: RingingRecord | None = Field(description="null where the loop is undecided, or under a law in Python")
+    ringing: RingingRecord | None = Field(description="loop in the worst phase; null under a law in Python")
     ringing_phase: int | None = Field(None, description="number of the phase of `ringing`; null without events")
     convergence: ConvergenceRecord
     velocity_limit: VelocityLimitRecord | None = Field(None, description="null where no agent has one")
@@ -118,6 +106,14 @@ class CompareRecord(FiniteRecord):
         """Return the budget of one error."""
         wanted = (scope, measure, statistic)
         return next(b for b in self.budgets if (b.scope, b.measure, b.statistic) == wanted)
+
+    @property
+    def usable_gain(self) -> float | None:
+        """Largest k1 at which the vehicles' loop neither rings nor is unstable, 1/s; None where every gain is usable.
+
+        None too where the loop is undecided, and under a law in Python.
+        """
+        return None if self.ringing is None else self.ringing.usable_gain
 
     @property
     def law_in_words(self) -> str:
@@ -152,51 +148,35 @@ class CompareRecord(FiniteRecord):
 
 
 def levers_of(record: CompareRecord, phase: PhaseRecord) -> list[str]:
-    """Return the sentences about a phase, the most important first."""
-    return _errors(phase_alone(record, phase))
-
-
-def phase_alone(record: CompareRecord, phase: PhaseRecord) -> CompareRecord:
-    """Return the comparison restricted to the errors of one phase."""
+    """Return the sentences about the errors of a phase, the most important first."""
     ladder = [rung.model_copy(update={"errors": phase.errors[rung.key], "ending": None}) for rung in record.ladder]
     if phase.errors["all"][TEAM].final.tracking_error is not None:  # the run reached the phase's end
         ladder = [rung.model_copy(update={"status": "finished"}) for rung in ladder]
     own = {"ladder": ladder, "budgets": phase.budgets, "velocity_limit": phase.velocity_limit}
-    return record.model_copy(update=own)
-
-
-class _Cause(NamedTuple):
-    """Cause of an error: its name with its size, and a fix, which may be empty."""
-
-    name: str
-    fix: str
-
-    def __str__(self) -> str:
-        return f"{self.name}: {self.fix}" if self.fix else self.name
+    return _errors(record.model_copy(update=own))
 
 
 def verdict_of(record: CompareRecord) -> list[str]:
     """Compose the sentences of the verdict, the most important first."""
-    harmful = _harmful_terms(record)  # they come first, as they explain why a team does not converge
-    return [*harmful, *(sentence for part in (_unsettled, _errors, _gain, _speeds) for sentence in part(record))]
-
-
-def _unsettled(record: CompareRecord) -> list[str]:
-    """Report a team whose error grows in the scenario as given, or whose loop is unstable."""
-    loop = record.loop
-    causes = ["its error DIVERGES" if record.rung("all").ending == "diverging" else ""]
+    sentences = _harmful_terms(record)  # they come first, as they explain why a team does not converge
+    causes = ["its error DIVERGES"] if record.rung("all").ending == "diverging" else []
+    loop = record.ringing
     if loop is not None and loop.stable is False:
         largest = loop.largest_gain
         limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
         causes.append(f"the loop of its vehicles is unstable{limit}")
-    told = "; ".join(filter(None, causes))
-    return [f"the team does not converge: {told}"] if told else []
+    if causes:
+        sentences = [*sentences, f"the team does not converge: {'; '.join(causes)}"]
+    return [*sentences, *_errors(record), *_gain(record), *_speeds(record)]
 
 
 def _errors(record: CompareRecord) -> list[str]:
     """Report each error of the team as the sum of its parts, with its dominant cause and a fix."""
     if record.rung("all").status != "finished":
-        return _blown_up(record)
+        stable = [r for r in record.ladder if r.kind == "without" and r.status == "finished"]
+        names = " or without ".join(display_name(r.effect or "") for r in stable)
+        cause = f"dominant cause: it is stable without {names}" if stable else "no single effect is the cause"
+        return [f"the scenario as given blows up ({record.rung('all').message})", cause]
     if record.budget(TEAM, record.measure, "late").ideal_m is None:
         return ["the ideal run blows up, so nothing can be compared with it"]
     sentences = []
@@ -229,21 +209,13 @@ def _sum_of_parts(budget: BudgetRecord) -> str:
     return f"{' '.join(terms).removeprefix('+ ')} = {whole:.{max(decimals, 0)}f} m on bodies"
 
 
-def _blown_up(record: CompareRecord) -> list[str]:
-    """Report a scenario that blows up, and the effects without which it does not."""
-    stable = [r for r in record.ladder if r.kind == "without" and r.status == "finished"]
-    names = " or without ".join(display_name(r.effect or "") for r in stable)
-    cause = f"dominant cause: it is stable without {names}" if stable else "no single effect is the cause"
-    return [f"the scenario as given blows up ({record.rung('all').message})", cause]
-
-
 def _cause(
     record: CompareRecord,
     measure: Measure,
     *,
     cause_fraction: float = 0.25,  # of the error, or of the part that bodies add; a smaller part is not a cause
-) -> _Cause | None:
-    """Return the dominant cause of an error of the team; None if the error is unknown or zero.
+) -> str:
+    """Return the dominant cause of an error of the team, and a fix; empty if the error is unknown or zero.
 
     It is the sheaf if q* itself has half of the error; else what removes the most of it: perfect links, the paper's law
     alone or no velocity limit, if that is a quarter of the error, or an effect of bodies, if that is a quarter of what
@@ -251,12 +223,12 @@ def _cause(
     """
     budget = record.budget(TEAM, measure, "late")
     if budget.ideal_m is None or budget.all_m is None or budget.all_m <= ROUNDING:
-        return None
+        return ""
     if (budget.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * budget.all_m:
         return _cause_in_sheaf(record, budget)
     added = budget.all_m - budget.ideal_m
     least = cause_fraction * budget.all_m
-    changes = _changes(record)
+    ignored = _LOWER_GAIN if record.gain is None else ""
     better = "better links (links.noise, loss, delay)"
     causes = [(record.saved_by("all-links", TEAM, measure), least, "imperfect links", better)]
     if record.terms:
@@ -271,22 +243,23 @@ def _cause(
     if added > _MIN_BODY_FRACTION * budget.all_m:
         for item in budget.effects:
             least_of_bodies = cause_fraction * added
-            causes.append((item.give_back_m or 0.0, least_of_bodies, display_name(item.effect), changes[item.effect]))
+            change = _CHANGE[item.effect].removesuffix(ignored)
+            causes.append((item.give_back_m or 0.0, least_of_bodies, display_name(item.effect), change))
     ranked = sorted((cause for cause in causes if cause[0] >= max(cause[1], ROUNDING)), reverse=True)
     if ranked:
         saved, _, name, fix = ranked[0]
         others = [cause for cause in ranked[1:2] if cause[0] >= 0.5 * saved]
         then = "".join(f"; or {_without(budget, x, other)}: {remedy}" for x, _, other, remedy in others)
-        return _Cause(_without(budget, saved, name), f"{fix}{then}")
+        return f"{_without(budget, saved, name)}: {fix}{then}"
     if added <= _MIN_BODY_FRACTION * budget.all_m:
-        return _Cause("the law, not the vehicles", _change_of_law(record))
+        return f"the law, not the vehicles: {_change_of_law(record)}"
     part, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
     if part >= cause_fraction * added:
-        return _Cause(f"the time constant tau of the {who}, which add {part:.2g} m with ideal thrusters", "")
-    return _Cause(f"no single effect, as bodies add {added:.2g} m together", "see the interaction in the budget")
+        return f"the time constant tau of the {who}, which add {part:.2g} m with ideal thrusters"
+    return f"no single effect, as bodies add {added:.2g} m together: see the interaction in the budget"
 
 
-def _cause_in_sheaf(record: CompareRecord, budget: BudgetRecord) -> _Cause:
+def _cause_in_sheaf(record: CompareRecord, budget: BudgetRecord) -> str:
     """Blame the sheaf for an error that q* itself has, and name the groups that are out of formation."""
     groups = []
     for scope in record.scopes[1:]:
@@ -294,21 +267,15 @@ def _cause_in_sheaf(record: CompareRecord, budget: BudgetRecord) -> _Cause:
         if (own.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * max(own.all_m or 0.0, ROUNDING):
             groups.append(scope)
     where = f" in {listed(groups)}" if 0 < len(groups) < len(record.scopes) - 1 else ""
-    return _Cause(
-        f"the sheaf, not the law or the vehicles, as q* itself is {budget.at_q_star_m:.3g} m out of formation{where}",
-        "give the edges between groups an `offset`, or increase the weights of sensing and formation edges",
+    return (
+        f"the sheaf, not the law or the vehicles, as q* itself is {budget.at_q_star_m:.3g} m out of formation{where}: "
+        "give the edges between groups an `offset`, or increase the weights of sensing and formation edges"
     )
 
 
 def _without(budget: BudgetRecord, saved: float, name: str) -> str:
     """Name a cause, and the error that is left without it: such parts overlap and do not add up."""
     return f"{name} ({max((budget.all_m or 0.0) - saved, 0.0):.3g} m without)"
-
-
-def _changes(record: CompareRecord) -> dict[str, str]:
-    """Return a fix for each effect, without a gain that the law ignores."""
-    ignored = _LOWER_GAIN if record.gain is None else ""
-    return {effect: change.removesuffix(ignored) for effect, change in _CHANGE.items()}
 
 
 def _change_of_law(
@@ -343,23 +310,21 @@ def _gain(
     least_damping: float = 0.2,  # damping ratio below which the team rings
 ) -> list[str]:
     """Report what limits the gain; and how the team rings, if it does."""
-    if record.gain is None or record.gains is None or not record.gains.limits:
+    ringing = record.ringing
+    if ringing is None or ringing.usable_gain is None or ringing.least_damped is None:
         return []
-    limit = record.gains.limits[0]
-    mode = record.ringing.least_damped if record.ringing else None
-    rings = mode is not None and mode.damping < least_damping
+    mode = ringing.least_damped
+    about = f" of the mode about {mode.agent}" if mode.agent else ""
+    limit = (
+        f"above {ringing.usable_gain:.2g} 1/s the damping ratio is below {MIN_DAMPING}, limited by "
+        f"{LIMITED_BY[ringing.effect]}"
+    )
+    cure = f"lower controller.gain, or {_RINGING_CURES[ringing.effect]}" if ringing.effect in _RINGING_CURES else ""
     now = f"gain {record.gain:g} 1/s: "
-    if mode is not None and rings:
-        who = f" of the mode about {mode.agent}" if mode.agent else ""
-        now += f"the team rings, with the damping ratio {mode.damping:.2g}{who}; "
-    if limit.kind == "unstable":
-        return [f"{now}the vehicles' loop is unstable above {limit.gain:.2g} 1/s"]
-    about = f", mode about {limit.agent}" if limit.agent and not rings else ""
-    cure = f"; lower controller.gain, or {_RINGING_CURES[limit.effect]}" if limit.effect in _RINGING_CURES else ""
-    return [
-        f"{now}above {limit.gain:.2g} 1/s the damping ratio is below 0.3, limited by {LIMITED_BY[limit.effect]}{about}"
-        + (cure or "; lower controller.gain" if rings else "")
-    ]
+    if mode.damping < least_damping:
+        cure = cure or "lower controller.gain"
+        now += f"the team rings, with the damping ratio {mode.damping:.2g}{about}; "
+    return ["; ".join(filter(None, [now + limit, cure]))]
 
 
 def _speeds(record: CompareRecord) -> list[str]:

@@ -7,18 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.loop.body_loop import loop_along
-from mjsheaf.comparing.causes import CompareRecord, LoopRecord, PhaseRecord, levers_of, verdict_of
+from mjsheaf.comparing.causes import CompareRecord, PhaseRecord, levers_of, verdict_of
 from mjsheaf.comparing.convergence import ConvergenceRecord, converge
 from mjsheaf.comparing.margins import (
     JUDGED,
-    Way,
     demands_of,
-    examine_gain,
     fastest_vehicles,
     find_ringing,
+    try_gains,
     velocity_limit_of,
-    ways_of,
 )
 from mjsheaf.comparing.measures import (
     Series,
@@ -26,10 +23,10 @@ from mjsheaf.comparing.measures import (
     errors_by_scope,
     formation_size,
     series_at_q_star,
-    whole_run,
+    span_of,
 )
 from mjsheaf.comparing.page import report_text
-from mjsheaf.comparing.variants import Run, ladder_of, run_ablation, span_of_phase
+from mjsheaf.comparing.variants import Run, ladder_of, run_ablation
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.results import summarize
@@ -94,8 +91,8 @@ def compare(
         formation_size_m=formation_size(system),
         ladder=[run.record(ideal) for run in runs.values()],
         budgets=budgets_of(
-            {key: run.errors for key, run in runs.items()},
-            errors_by_scope(at_q_star, whole_run(system), complete=ideal.finished),
+            {key: run.errors() for key, run in runs.items()},
+            errors_by_scope(at_q_star, span_of(phases), complete=ideal.finished),
         ),
         convergence=_convergence(phases, law, progress),
         velocity_limit=velocity_limit_of(runs),
@@ -115,32 +112,29 @@ def _about_law(
 ) -> dict[str, Any]:
     """Return the fields of a `CompareRecord` about the law; a law in Python has only a name."""
     if law is not None:
-        return {"law": law.label, "controller": law.label, "gain": None, "usable_gain": None, "ringing": None}
+        return {"law": law.label, "controller": law.label, "gain": None, "ringing": None}
     system = phases[0].system
-    ways = ways_of(phases, runs["ideal"])
     progress("closing the vehicles' loop", 0, 1)
-    number, ringing = find_ringing(ways)
-    loop = _loop(ways)
+    number, ringing = find_ringing(phases, runs["ideal"].dataset)
     progress("closing the vehicles' loop", 1, 1)
-    gains = examine_gain(phases, runs, ringing, loop.largest_gain, progress)
+    terms = examine_terms(phases, runs["all"].dataset) if any(phase.system.law.extended for phase in phases) else None
+    harm = [] if terms is None else list(terms.warnings)
     return {
         "law": law_of(system),
         "gain": system.gain,
         "terms": list(system.law.term_names),
-        "harm": _harm(phases, runs["all"]),
-        "usable_gain": min((limit.gain for limit in gains.limits), default=None),
-        "gains": gains,
-        "loop": loop,
+        "harm": harm,
+        "gains": try_gains(phases, runs["all"], None if ringing is None else ringing.largest_gain, progress),
         "ringing": ringing,
-        "ringing_phase": number if ringing and len(phases) > 1 else None,
+        "ringing_phase": None if ringing is None or len(phases) == 1 else number,
     }
 
 
 def _phase(phases: Sequence[Phase], k: int, runs: dict[str, Run], at_q_star: Series) -> PhaseRecord:
     """Return the errors of a phase, by its number; those of runs that did not reach it are null."""
-    span = span_of_phase(phases, k)
-    there = errors_by_scope(at_q_star, span, complete=runs["ideal"].finished_phase(k))
-    errors = {key: run.errors_in_phase(k) for key, run in runs.items()}
+    span = span_of(phases, k)
+    there = errors_by_scope(at_q_star, span, complete=runs["ideal"].completes(k))
+    errors = {key: run.errors(k) for key, run in runs.items()}
     return PhaseRecord(
         start=phases[k].time,
         end=float(phases[k].system.grid.span(span.end - 1, span.end)[0]),
@@ -159,27 +153,6 @@ def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Progres
     grid = phases[0].system.grid
     why = f"the law is {law.label}, and the theory covers only the paper's law"
     return ConvergenceRecord(points=[], start_s=grid.start, end_s=grid.start, slope=None, constant=None, reason=why)
-
-
-def _loop(ways: Sequence[Way]) -> LoopRecord:
-    """Analyse the loop of the scenario's bodies in the mean flow along the ideal run, in the worst of all phases."""
-    loops = [loop_along(way.system, way.time, way.q_star) for way in ways]
-    stable = {loop.stable for loop in loops}
-    gains = [loop.largest_gain for loop in loops if loop.largest_gain is not None]
-    reasons = [*(loop.reason for loop in loops), "" if loops else "the run is too short"]
-    return LoopRecord(
-        stable=next((verdict for verdict in (False, None, True) if verdict in stable), None),
-        largest_gain=min(gains, default=None),
-        reason=next(filter(None, reasons), ""),
-    )
-
-
-def _harm(phases: Sequence[Phase], run: Run) -> list[str]:
-    """Return warnings about the law's terms in the run of the scenario as given."""
-    if not any(phase.system.law.extended for phase in phases):
-        return []
-    found = examine_terms(phases, run.dataset)
-    return list(found.warnings) if found else []
 
 
 # -- the directory of a comparison -------------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """Figures of a comparison: errors of the variants over time, the error budget, convergence in the time constant."""
 
-from operator import attrgetter
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -30,8 +29,8 @@ from mjsheaf.show.style import AS_USUAL, BLUE, RED, FigureOptions, line_style
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # colours of the first three variants, which have no effect yet
-_line_of = attrgetter("status", "errors", "distance")  # the fields that determine the line of a variant
-_MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 1500, 4
+_DRAWN = ("part", "base", "alone", "law", "links", "all")  # kinds of variants that have a line
+_MOST_POINTS, _MOST_PANELS = 1500, 4
 
 
 def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options: FigureOptions = AS_USUAL) -> None:
@@ -48,9 +47,9 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
     if np.isnan(ideal.series[TEAM][FORMATION]).all():  # a team without formations
         del drawn[FORMATION]
     title = f"{record.scenario}: what each effect does, {record.law_in_words}"
-    figure = new_figure(WIDTH, 1.1 + 2.1 * len(drawn), title, options)
+    rungs = choose_rungs(record)
+    figure = new_figure(WIDTH, 1.1 + max(2.1, 0.2 * len(rungs)) * len(drawn), title, options)
     panels = figure.subplots(len(drawn), 1, sharex=True)
-    rungs, footnote = choose_rungs(record)
     start = float(ideal.time[0])
     end = start + record.time_s
     eventful = [phase for phase in record.phases if phase.events]
@@ -63,8 +62,7 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
         label_ends(axis, ends)
     happened = [f"{k}: {', '.join(phase.events)} ({phase.start:.6g} s)" for k, phase in enumerate(eventful, 1)]
     shaded = "time (s); the error budget of the whole run covers the shaded half"
-    words = f"{shaded}\n{fill(footnote, 80)}\n{fill('   '.join(happened), 100)}"
-    panels[-1].set_xlabel(words.strip(), fontsize=NORMAL)
+    panels[-1].set_xlabel(f"{shaded}\n{fill('   '.join(happened), 100)}".strip(), fontsize=NORMAL)
     figure.align_ylabels(panels)
     settle(figure)
     for axis in panels:
@@ -144,36 +142,10 @@ def plot_convergence(record: CompareRecord, path: Path, options: FigureOptions =
     save_figure(figure, path, options)
 
 
-def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
-    """Return the variants that are drawn, and a footnote on the others.
-
-    Variants with one effect are drawn, except those with the same line as ideal thrusters. If there would be more than
-    10 lines, those closest to the ideal run are left out.
-    """
-    rungs = {rung.key: rung for rung in record.ladder}
-    begin = [rungs[key] for key in ("targets", "agents", "base")]
-    end = [rungs[key] for key in ("all-terms", "all-links", "all", "ideal") if key in rungs]
-    alone = [rung for rung in record.ladder if rung.kind == "alone"]
-    base = _line_of(rungs["base"])
-    distinct = [rung for rung in alone if _line_of(rung) != base]
-    largest = sorted(distinct, key=_weight, reverse=True)[: _MOST_LINES - len(begin) - len(end)]
-    missing = _named([rung for rung in alone if rung not in distinct], "as ideal thrusters")
-    missing += _named([rung for rung in distinct if rung not in largest], "little")
-    if "without" in {rung.kind for rung in record.ladder}:
-        missing.append("all but one")
-    footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
-    return [*begin, *(rung for rung in distinct if rung in largest), *end], footnote
-
-
-def _weight(rung: RungRecord) -> float:
-    """Return the largest distance of a variant to the ideal run, m; infinite if it blew up."""
-    return np.inf if rung.distance is None or rung.status != "finished" else rung.distance.distance_m
-
-
-def _named(rungs: list[RungRecord], reason: str) -> list[str]:
-    """Describe the effects of variants that are not drawn, with the reason; empty if there are none."""
-    effects = [display_name(rung.effect or "") for rung in rungs]
-    return [f"{', '.join(effects)} ({reason})"] if effects else []
+def choose_rungs(record: CompareRecord) -> list[RungRecord]:
+    """Return the variants that are drawn: bodies with one effect, all effects, other laws and links, and ideal ones."""
+    bodies = [rung for rung in record.ladder if rung.kind in _DRAWN and not rung.key.startswith("ideal")]
+    return [*bodies, record.rung("ideal")]
 
 
 def _style(rung: RungRecord, k: int) -> dict[str, Any]:
@@ -201,13 +173,11 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
     axis.axvline(0.0, color="black", linewidth=0.8)
     ideal, whole = ("blew up" if v is None else f"{v:.3g} m" for v in (budget.ideal_m, budget.all_m))
     title = "the whole team" if scope == TEAM else f"group {scope}"
-    low, high = min([0.0, *axis.dataLim.intervalx]), max([0.0, *axis.dataLim.intervalx])
-    reach = max(high - low, 1.0)
     label_axes(axis, "", "part of the error (mm)")
     axis.grid(False, axis="y")
     axis.set_title(f"{title}\nideal {ideal}\nas given {whole}", fontsize=TICK)
-    room = 0.35 * reach  # for the numbers next to the bars
-    axis.set(xlim=(low - (room if low < 0.0 else 0.1 * reach), high + room), ylim=(-0.6, 3.6 + len(order)))
+    axis.set_ylim(-0.6, 3.6 + len(order))
+    axis.margins(x=0.3)  # room for the numbers next to the bars
     axis.locator_params(axis="x", nbins=4)
 
 

@@ -11,7 +11,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.results import metrics
 from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
-from mjsheaf.system import Phase, System
+from mjsheaf.system import Phase, System, phases_of
 
 Role = Literal["agents", "targets"]
 ROLES: tuple[Role, Role] = ("agents", "targets")
@@ -109,9 +109,14 @@ class Span:
         return np.asarray((number >= 0.5 * (self.first + self.end - 1)) & (number < self.end))
 
 
-def whole_run(system: System) -> Span:
-    """Return the span of the requested run."""
-    return Span(0, system.grid.steps + 1)
+def span_of(run: System | Sequence[Phase], number: int | None = None) -> Span:
+    """Return the span of a phase, by its number, or of the whole run as requested."""
+    phases = phases_of(run)
+    end = phases[0].system.grid.steps + 1
+    if number is None:
+        return Span(0, end)
+    following = phases[number + 1 :]
+    return Span(phases[number].start, following[0].start if following else end)
 
 
 def errors_by_scope(series: Series, span: Span, *, complete: bool) -> dict[str, ScopeRecord]:

@@ -23,6 +23,7 @@ SCREEN_WIDTH = 100
 """Maximum width of a line of that answer, characters."""
 
 _LABEL_WIDTH = 17
+_BUDGET_WIDTH = 62  # maximum width of the budget's first three columns, characters
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 
 _WORSE = {
@@ -47,7 +48,12 @@ _SECTIONS = [("ideal", "part"), ("base", "alone"), ("all", "without"), ("law",),
 
 def summary(record: CompareRecord) -> list[str]:
     """Return the answer as lines of text, with the sentences of the verdict that fit, the most important first."""
-    lines = [*wrap(_title(record), SCREEN_WIDTH)[:2], *_both_errors(record), *_phase_lines(record.phases)]
+    lines = wrap(_title(record), SCREEN_WIDTH)[:2]
+    for name in dict.fromkeys((TRACKING, record.measure)):
+        ideal, bodies = (record.rung(key).error_in_words(name) for key in ("ideal", "all"))
+        where = f"{ideal} on ideal kinematics, {bodies} on bodies ({RMS_OVER[name]}, second half)"
+        lines.append(f"{display_name(name):<{_LABEL_WIDTH}}{where}")
+    lines += _phase_lines(record.phases)
     shown = 0
     for sentence in record.verdict:
         wrapped = wrap(sentence, SCREEN_WIDTH, initial_indent="- ", subsequent_indent="  ", break_on_hyphens=False)
@@ -60,25 +66,6 @@ def summary(record: CompareRecord) -> list[str]:
         noun = "sentence" if left == 1 else "sentences"
         lines.append(f"  and {left} more {noun} in report.txt")
     return lines
-
-
-def _both_errors(record: CompareRecord) -> list[str]:
-    """Return a line on the tracking error, and one on the formation error where there are formations."""
-    ideal = record.rung("ideal")
-    bodies = record.rung("all")
-    names = [TRACKING] if record.measure == TRACKING else [TRACKING, FORMATION]
-    return [
-        f"{display_name(name):<{_LABEL_WIDTH}}{_error(ideal, name)} on ideal kinematics, "
-        f"{_error(bodies, name)} on bodies ({RMS_OVER[name]}, second half)"
-        for name in names
-    ]
-
-
-def _error(rung: RungRecord, name: str) -> str:
-    if rung.status != "finished":
-        return "blows up"
-    value = rung.errors[TEAM].error(name)
-    return "-" if value is None else f"{value:.3g} m"
 
 
 def _phase_lines(
@@ -156,21 +143,16 @@ def _phases(
 
 def _gains(record: CompareRecord) -> list[Group]:
     """Tabulate the runs at higher gains."""
-    if record.gains is None or len(record.gains.trials) < 2:
+    if not record.gains:
         return []
     table = _table("gain (1/s)", "tracking", "formation", "thrusters at a limit", "ends")
-    for trial in record.gains.trials:
-        finished = trial.status == "finished"
+    for trial in record.gains:
         errors = [_number(trial.late.tracking_error), _number(trial.late.formation_error)]
         saturated = "" if trial.saturated is None else f"{100 * trial.saturated:.1f}%"
-        table.add_row(f"{trial.gain:.4g}", *errors, saturated, (trial.ending or "") if finished else "BLOWS UP")
-    notes = [
-        f"above {limit.gain:.3g} 1/s {'the team rings' if limit.kind == 'rings' else 'the loop is unstable'}"
-        f": {LIMITED_BY[limit.effect]}{f', mode about {limit.agent}' if limit.agent else ''}"
-        for limit in record.gains.limits
-    ]
+        ends = (trial.ending or "") if trial.status == "finished" else "BLOWS UP"
+        table.add_row(f"{trial.gain:.4g}", *errors, saturated, ends)
     title = "gain: runs of the bodies as given at the gain and above it; errors in m, RMS over the second half"
-    return [_under(title, table, *notes)]
+    return [_under(title, table)]
 
 
 def _ladder(record: CompareRecord) -> Group:
@@ -181,10 +163,6 @@ def _ladder(record: CompareRecord) -> Group:
             table.add_row(rung.label, *_cells(rung), style="bold" if bold else None)
         table.add_section()
     title = "ladder: errors in m, over the second half / at the end; largest distance to the ideal run in m"
-    return _under(title, table, *_notes_on_ladder(record))
-
-
-def _notes_on_ladder(record: CompareRecord) -> list[str]:
     usual = record.rung("all").timestep_s
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
     telling = record.measure.removesuffix("_error")
@@ -193,7 +171,7 @@ def _notes_on_ladder(record: CompareRecord) -> list[str]:
         f"paper's law: at the scenario's gain, instead of {record.controller}": record.controller,
         f"with a tenth of the timestep, as it blows up otherwise: {finer}": finer,
     }
-    return [
+    notes = [
         "tracking: RMS over agents; formation: RMS over edges; over the second half: RMS over time too",
         f"settles: time from which the team's {telling} error stays below 1.25 times its maximum over the second half;",
         "not settled: the error still changes, the team is in a limit cycle, or an agent does not move",
@@ -201,33 +179,39 @@ def _notes_on_ladder(record: CompareRecord) -> list[str]:
         *select_true(special),
         *(f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"),
     ]
+    return _under(title, table, *notes)
 
 
 def _cells(rung: RungRecord) -> list[Text | str | None]:
     """Return the cells of a variant in the table of the ladder."""
     if rung.status != "finished":
         return [Text("BLOWS UP", style="bold red"), *[""] * 6]
+    team = rung.errors[TEAM]
+    errors = [
+        " / ".join(_number(team.error(name, of), ".3f") for of in ("late", "final")).replace("- / -", "-")
+        for name in (TRACKING, FORMATION)
+    ]
     near = rung.distance_late
     distances: list[str | None] = [""] * 3
     if rung.kind != "ideal":
         who = f"{near.agent}, {near.time_s:.4g}" if near else ""
         distances = [*(_number(d.distance_m if d else None) for d in (rung.distance, near)), who]
     return [
-        *(_late_and_final(rung, name) for name in (TRACKING, FORMATION)),
+        *errors,
         _number(rung.settling_time_s) if rung.ending in ("settled", None) else rung.ending,
         *distances,
         f"{100 * rung.saturation[0].share:.1f}%" if rung.saturation else "",
     ]
 
 
-def _late_and_final(rung: RungRecord, measure: str) -> str:
-    team = rung.errors[TEAM]
-    return " / ".join(_number(team.error(measure, of), ".3f") for of in ("late", "final")).replace("- / -", "-")
-
-
 def _budget(record: CompareRecord) -> Group:
     team, *groups = (record.budget(scope, record.measure, "late") for scope in record.scopes)
-    budgets = [team, record.budget(TEAM, record.measure, "final"), *_that_fit(groups)]
+    widths = [
+        max(map(len, [b.scope, *map(_alone_and_back, b.effects), _millimetres(b.ideal_m), _millimetres(b.all_m)])) + 2
+        for b in groups
+    ]
+    fitting = [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - _BUDGET_WIDTH]
+    budgets = [team, record.budget(TEAM, record.measure, "final"), *fitting]
     table = _table("", "team", "team, at the end", *(b.scope for b in budgets[2:]))
 
     def rows(labels: dict[str, str]) -> None:
@@ -256,19 +240,6 @@ def _alone_and_back(item: ItemRecord) -> str:
     return f"{_millimetres(item.alone_m)} / {_millimetres(item.give_back_m)}"
 
 
-def _that_fit(
-    groups: list[BudgetRecord],
-    *,
-    of_team: int = 62,  # maximum width of the budget's first three columns, characters
-) -> list[BudgetRecord]:
-    """Return the first groups whose columns fit next to those of the team."""
-    widths = [
-        max(map(len, [b.scope, *map(_alone_and_back, b.effects), _millimetres(b.ideal_m), _millimetres(b.all_m)])) + 2
-        for b in groups
-    ]
-    return [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - of_team]
-
-
 def _worse_without(
     budgets: list[BudgetRecord],
     *,
@@ -293,8 +264,8 @@ def _millimetres(value: float | None) -> str:
 def _ringing(record: CompareRecord) -> Group | Text:
     ringing = record.ringing
     if ringing is None or ringing.least_damped is None:
-        why = f"the law is {record.law}" if record.controller else record.loop.reason if record.loop else "undecided"
-        return Text(f"\nringing: not examined; {why}")
+        reason = "the run is too short" if ringing is None else ringing.reason
+        return Text(f"\nringing: not examined; {f'the law is {record.law}' if record.controller else reason}")
     mode = ringing.least_damped
     table = _table("vehicles' loop", "usable gain (1/s)")
     gains = {"as given": ringing.usable_gain} | {f"without {name}": gain for name, gain in ringing.without.items()}
@@ -304,7 +275,8 @@ def _ringing(record: CompareRecord) -> Group | Text:
     about = f"about {mode.agent or 'all agents'}{when}"
     title = f"ringing: the least damped mode ({about}) has the damping ratio {mode.damping:.3f} at {mode.frequency:.3g}"
     note = f"the gain is usable while every mode has a damping ratio of {MIN_DAMPING}: it overshoots by 37% at most"
-    return _under(f"{title} rad/s", table, note)
+    limit = f"limited by {LIMITED_BY[ringing.effect]}; unstable above {_number(ringing.largest_gain)} 1/s"
+    return _under(f"{title} rad/s", table, note, limit)
 
 
 def _speeds(record: CompareRecord) -> Group:

@@ -46,13 +46,12 @@ from mjsheaf.comparing.measures import (
     SaturationRecord,
     ScopeRecord,
     Series,
-    Span,
     errors_by_scope,
     largest_distance,
     middle_of,
     saturation_of,
     series_of,
-    whole_run,
+    span_of,
 )
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.loop.session import engine_of
@@ -97,6 +96,13 @@ class RungRecord(FiniteRecord):
     distance_late: DistanceRecord | None = Field(description="largest distance to the ideal run over the second half")
     saturation: list[SaturationRecord]
 
+    def error_in_words(self, measure: str) -> str:
+        """Return the team's error over the second half, or that the run blows up."""
+        if self.status != "finished":
+            return "blows up"
+        value = self.errors[TEAM].error(measure)
+        return "-" if value is None else f"{value:.3g} m"
+
 
 @dataclass(frozen=True)
 class Setup:
@@ -129,10 +135,6 @@ class Setup:
         changed = changed if self.terms else without_terms(changed)
         changed = changed if self.links else without_links(changed)
         return changed if self.limited else _without_limits(changed)
-
-    def apply_to_all(self, phases: Sequence[Phase]) -> tuple[Phase, ...]:
-        """Apply the setup to the phases of a run; phases that share a system still share one."""
-        return changed_systems(phases, self.apply)
 
 
 @dataclass(frozen=True)
@@ -202,19 +204,14 @@ class Run:
         """Errors over time."""
         return series_of(self.system, self.dataset)
 
-    @property
-    def errors(self) -> dict[str, ScopeRecord]:
-        """Errors at the end and over the second half, by scope."""
-        return errors_by_scope(self.series, whole_run(self.system), complete=self.finished)
+    def completes(self, number: int | None = None) -> bool:
+        """Return True if the run reached the end of a phase, or its own."""
+        reached = number is not None and self.dataset.sizes["time"] >= span_of(self.phases, number).end
+        return self.finished or reached
 
-    def finished_phase(self, number: int) -> bool:
-        """Return True if the run reached the end of a phase."""
-        return self.finished or self.dataset.sizes["time"] >= span_of_phase(self.phases, number).end
-
-    def errors_in_phase(self, number: int) -> dict[str, ScopeRecord]:
-        """Measure the errors over a phase, by scope; they are null if the run did not reach its end."""
-        span = span_of_phase(self.phases, number)
-        return errors_by_scope(self.series, span, complete=self.finished_phase(number))
+    def errors(self, number: int | None = None) -> dict[str, ScopeRecord]:
+        """Measure the errors over a phase, or the whole run, by scope; they are null if the run did not complete it."""
+        return errors_by_scope(self.series, span_of(self.phases, number), complete=self.completes(number))
 
     def record(self, ideal: "Run") -> RungRecord:
         """Return the record of the run for compare.json.
@@ -225,6 +222,13 @@ class Run:
         system, variant = self.system, self.variant
         bodies = [role for role in ROLES if getattr(variant.setup, role)]
         ending = self.ending()
+        settles = None
+        if ending == "settled":
+            number = self.dataset["phase"].values
+            last = slice(int(np.searchsorted(number, number[-1])), None)
+            team = {name: values[last] for name, values in self.series[TEAM].items()}
+            error = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
+            settles = settling_time(self.time[last], error)
         return RungRecord(
             key=variant.key,
             label=variant.label,
@@ -233,9 +237,9 @@ class Run:
             status=self.dataset.attrs["status"],
             message=self.dataset.attrs["message"],
             timestep_s=system.bodies.timestep if bodies else None,
-            errors=self.errors,
+            errors=self.errors(),
             ending=ending,
-            settling_time_s=self._settling_time() if ending == "settled" else None,
+            settling_time_s=settles,
             distance=largest_distance(self.dataset, ideal.dataset, system.grid.start),
             distance_late=largest_distance(self.dataset, ideal.dataset, middle_of(system)),
             saturation=saturation_of(system, self.dataset, bodies),
@@ -244,24 +248,6 @@ class Run:
     def ending(self) -> Ending | None:
         """Classify the end of the run, or of its last phase if it has events; None if it blew up."""
         return ending_of_run(self.phases, self.dataset) if self.finished else None
-
-    @property
-    def _last_phase(self) -> slice:
-        """Samples of the last phase that the run reached."""
-        number = self.dataset["phase"].values
-        return slice(int(np.searchsorted(number, number[-1])), None)
-
-    def _settling_time(self) -> float | None:
-        """Return the time from the start of the last phase until the error stays near its final level, s."""
-        team = {name: values[self._last_phase] for name, values in self.series[TEAM].items()}
-        settles = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
-        return settling_time(self.time[self._last_phase], settles)
-
-
-def span_of_phase(phases: Sequence[Phase], number: int) -> Span:
-    """Return the samples of a phase."""
-    following = phases[number + 1 :]
-    return Span(phases[number].start, following[0].start if following else phases[0].system.grid.steps + 1)
 
 
 def changed_systems(phases: Sequence[Phase], change: Callable[[System], System]) -> tuple[Phase, ...]:
@@ -403,7 +389,7 @@ def run_ablation(
 
     @cache
     def record(setup: Setup) -> tuple[tuple[Phase, ...], xr.Dataset, Array]:
-        here = setup.apply_to_all(phases)
+        here = changed_systems(phases, setup.apply)
         controlling = law if setup.terms else None
         dataset, asked = _simulate(here, setup, record, controlling, seed)
         if dataset.attrs["status"] == "unstable" and setup not in whole and (setup.agents or setup.targets):
@@ -419,12 +405,9 @@ def run_ablation(
     return runs
 
 
-def _with_finer_timestep(
-    system: System,
-    *,
-    divisor: int = 10,  # of the second attempt with bodies that blow up
-) -> System:
-    return replace(system, bodies=replace(system.bodies, timestep=system.bodies.timestep / divisor))
+def _with_finer_timestep(system: System) -> System:
+    """Return the system with a tenth of its timestep."""
+    return replace(system, bodies=replace(system.bodies, timestep=system.bodies.timestep / 10))
 
 
 def _simulate(

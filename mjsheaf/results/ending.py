@@ -28,8 +28,8 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.store import pieces_of
-from mjsheaf.system import Phase, System
+from mjsheaf.results.store import thinned
+from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import authority_of, capability_of, turning_of
 
 if TYPE_CHECKING:
@@ -60,17 +60,27 @@ _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows 
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
 
 
-def ending_of_motion(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Ending | None:
-    """Judge the end of a finished run, as `simulate` gives it; with events, of the last phase; None below 8 samples."""
+def ending_of_motion(
+    run: System | Sequence[Phase], dataset: "xr.Dataset", stuck: Sequence["Stuck"] | None = None
+) -> Ending | None:
+    """Judge the end of a finished run, as `simulate` gives it; with events, of the last phase; None below 8 samples.
+
+    `stuck` are the agents that `find_stuck_at_end` finds, if they are known.
+    """
     system, last = of_phase(run, dataset, -1)
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
     offsets = q_star - positions
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
-    swing = _swing(_quarters(offsets)[-1])
-    still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * swing
-    ending = judge(error, offsets if still and swing > _MAX_OF_NOISE * _noise_of(system) else None)
-    phases = [Phase(0, run)] if isinstance(run, System) else run
-    return "not settled" if ending == "settled" and find_stuck_at_end(phases, dataset) else ending
+    ending = judge(error, offsets if is_undriven(system, q_star, offsets) else None)
+    if ending == "settled" and stuck is None:
+        stuck = find_stuck_at_end(phases_of(run), dataset)
+    return "not settled" if ending == "settled" and stuck else ending
+
+
+def is_undriven(system: System, q_star: Array, offsets: Array) -> bool:
+    """Return True if nothing drives the motion of agents about q*, both shape (T, N, 3), m, over the last quarter."""
+    swing = swing_at_end(offsets)
+    return swing_at_end(q_star) <= _STILL_SHARE * swing and swing > _MAX_OF_NOISE * _noise_of(system)
 
 
 def _noise_of(system: System) -> float:
@@ -95,17 +105,24 @@ def judge(error: Array, offsets: Array | None = None) -> Ending | None:
     """
     if not _is_judgeable(error):
         return None
-    if offsets is not None:
-        third, fourth = _quarters(offsets)[-2:]
-        size = _swing(fourth)
-        ratio = size / max(_swing(third), 1e-300)
-        oscillates = size > max(_FAINT_SWING * float(np.ptp(error)), ROUNDING) and _reversals(fourth) >= _MIN_REVERSALS
-        if oscillates and ratio >= 1.0 - _STEADY_SWING:
-            return "not settled" if ratio <= 1.0 + _STEADY_SWING else "diverging"
+    swing = None if offsets is None else undecayed_swing(offsets, max(_FAINT_SWING * float(np.ptp(error)), ROUNDING))
+    if swing is not None:
+        return "not settled" if swing <= 1.0 + _STEADY_SWING else "diverging"
     if is_level(error):
         return "settled"
     first, before, last = (_mean(quarter)[0] for quarter in _quarters(error))
     return "diverging" if before > first and last - before > _SLOWING * (before - first) else "not settled"
+
+
+def undecayed_swing(offsets: Array, least: float) -> float | None:
+    """Return the amplitude of an oscillation in the last quarter over that in the quarter before.
+
+    None if offsets (T, N, 3), m, do not oscillate at the end by more than `least`, m, or if that decays.
+    """
+    third, fourth = _quarters(offsets)[-2:]
+    ratio = _swing(fourth) / max(_swing(third), 1e-300)
+    oscillates = _swing(fourth) > least and _reversals(fourth) >= _MIN_REVERSALS
+    return ratio if oscillates and ratio >= 1.0 - _STEADY_SWING else None
 
 
 def _is_judgeable(error: Array) -> bool:
@@ -168,6 +185,11 @@ def _swing(offsets: Array) -> float:
     return float(np.sqrt(offsets.var(axis=0).sum(axis=-1).mean())) if len(offsets) else 0.0
 
 
+def swing_at_end(offsets: Array) -> float:
+    """RMS over the last quarter and agents of the distance from the mean, (T, N, 3), m."""
+    return _swing(_quarters(offsets)[-1])
+
+
 def _reversals(values: Array) -> int:
     """Count how often the component that varies most crosses its mean, (T, ...)."""
     flat = values.reshape(len(values), -1)
@@ -222,33 +244,34 @@ class _Blocks:
 
     Attributes:
         time: Begin of each block and end of the last, shape (B + 1,), s.
-        asked: Commanded velocity relative to the medium, shape (B, N, 3), m/s.
-        spread: RMS deviation of that from its mean, shape (B, N), m/s.
-        made: Velocity relative to the medium, shape (B, N, 3), m/s.
-        speed: RMS of that, shape (B, N), m/s.
+        asked: Mean of the commanded velocity relative to the medium, shape (B, N, 3), m/s.
+        speed: RMS of the velocity relative to the medium, shape (B, N), m/s.
         flow: Speed of the medium, shape (B, N), m/s.
         saturation: Fraction of thrusters at a limit, shape (B, N).
         error: Tracking error, shape (B, N), m.
+        still: True for agents that are commanded to move and do not, shape (B, N).
     """
 
     time: Array
     asked: Array
-    spread: Array
-    made: Array
     speed: Array
     flow: Array
     saturation: Array
     error: Array
+    still: BoolArray
 
 
 def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
-    """Find the agents of a run on bodies that are stuck, the longest first; it is read in pieces."""
+    """Find the agents of a run on bodies that are stuck, the longest first."""
     time = dataset["time"].values
     if dataset.attrs["backend"] != "physics" or len(time) < 2 or time[-1] - time[0] < MIN_DURATION:
         return []
     system = phases[0].system
-    blocks = _average(dataset, len(system.team.agents))
-    still = _is_still(blocks) & _is_present(phases, blocks.time)
+    blocks = _average(dataset)
+    present = np.array([phase.system.team.present for phase in phases])
+    begin = [phase.time for phase in phases]
+    number = np.clip(np.searchsorted(begin, blocks.time, side="right") - 1, 0, None)
+    still = blocks.still & present[number[:-1]] & present[number[1:]]
     for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command
         still[:, v] &= blocks.speed[:, v] < _MAX_MADE * capability_of(system.vehicles[v]).least_speed
     found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]
@@ -261,58 +284,38 @@ def find_stuck_at_end(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[St
     return [stuck for stuck in find_stuck(phases, dataset) if stuck.end >= end and stuck.error > ROUNDING]
 
 
-def _average(dataset: "xr.Dataset", agents: int) -> _Blocks:
-    """Average a run over blocks of time."""
-    time = dataset["time"].values
-    span = float(time[-1] - time[0])
-    count = min(len(time) - 1, max(1, int(span / _BLOCK)), _MAX_BLOCKS)
-    edges = np.linspace(time[0], time[-1], count + 1)
-    number, done = np.zeros(count), 0
-    sums = {
-        **{name: np.zeros((count, agents, 3)) for name in ("asked", "made")},
-        **{name: np.zeros((count, agents)) for name in ("spread", "speed", "flow", "saturation", "error")},
-    }
+def _average(dataset: "xr.Dataset") -> _Blocks:
+    """Average a run over blocks of time; of a long run some samples stand for all."""
     names = ["velocity_command", "agent_velocity", "agent_flow", "agent_saturation", "tracking_error"]
-    for piece in pieces_of(dataset, names):
-        command, velocity, flow, saturation, error = (np.nan_to_num(piece[name].values) for name in names)
-        block = np.clip(np.searchsorted(edges, time[done : done + len(error)], side="right") - 1, 0, count - 1)
-        planar = np.isnan(piece["velocity_command"].values[..., 2])
-        through = np.where(planar[..., None] & np.array([False, False, True]), 0.0, velocity - flow)
-        each = {
-            "asked": command,
-            "made": through,
-            "spread": (command**2).sum(axis=2),
-            "speed": (through**2).sum(axis=2),
-            "flow": np.linalg.norm(flow, axis=2),
-            "saturation": saturation,
-            "error": error,
-        }
-        for name, values in each.items():
-            np.add.at(sums[name], block, values)
-        np.add.at(number, block, 1.0)
-        done += len(error)
-    mean = {
-        name: np.moveaxis(np.moveaxis(total, 0, -1) / np.maximum(number, 1.0), -1, 0) for name, total in sums.items()
-    }
-    square = mean["spread"] - (mean["asked"] ** 2).sum(axis=2)
-    return _Blocks(edges, **{**mean, "spread": np.sqrt(np.maximum(square, 0.0)), "speed": np.sqrt(mean["speed"])})
+    data = thinned(dataset[["agent_position", *names]])
+    time = data["time"].values
+    command, velocity, flow, saturation, error = (np.nan_to_num(data[name].values) for name in names)
+    through = velocity - flow
+    through[..., 2][np.isnan(data["velocity_command"].values[..., 2])] = 0.0  # of vehicles in the plane
+    count = min(len(time) - 1, max(1, int((time[-1] - time[0]) / _BLOCK)), _MAX_BLOCKS)
+    edges = np.linspace(time[0], time[-1], count + 1)
+    first = np.searchsorted(time, edges[:-1])
+    size = np.maximum(np.diff(np.append(first, len(time))), 1)
 
+    def mean(values: Array) -> Array:
+        return (np.add.reduceat(values, first).T / size).T
 
-def _is_still(blocks: _Blocks) -> BoolArray:
-    """Return True for agents that are commanded to move and do not, shape (B, N)."""
-    asked = np.linalg.norm(blocks.asked, axis=2)
-    gained = np.zeros_like(asked)
-    gained[1:] = np.linalg.norm(np.diff(blocks.made, axis=0), axis=2)
-    wanted = (asked > MIN_SPEED) & (blocks.spread < asked)
-    return np.asarray(wanted & (blocks.speed < _MAX_MADE * asked) & (gained < _MAX_GAIN * asked))
-
-
-def _is_present(phases: Sequence[Phase], edges: Array) -> BoolArray:
-    """Return True for agents that belong to the team in each block, shape (B, N)."""
-    present = np.array([phase.system.team.present for phase in phases])
-    begin = np.array([phase.time for phase in phases])
-    first, last = (np.clip(np.searchsorted(begin, when, side="right") - 1, 0, None) for when in (edges[:-1], edges[1:]))
-    return np.asarray(present[first] & present[last])
+    asked = mean(command)
+    wanted = np.linalg.norm(asked, axis=2)
+    speed = np.sqrt(mean((through**2).sum(axis=2)))
+    gained = np.zeros_like(wanted)
+    gained[1:] = np.linalg.norm(np.diff(mean(through), axis=0), axis=2)
+    steady = mean((command**2).sum(axis=2)) < 2.0 * wanted**2  # the command varies by less than its mean
+    still = (wanted > MIN_SPEED) & steady & (speed < _MAX_MADE * wanted) & (gained < _MAX_GAIN * wanted)
+    return _Blocks(
+        time=edges,
+        asked=asked,
+        speed=speed,
+        flow=mean(np.linalg.norm(flow, axis=2)),
+        saturation=mean(saturation),
+        error=mean(error),
+        still=still,
+    )
 
 
 def _longest(system: System, blocks: _Blocks, still: BoolArray, v: int) -> Stuck | None:

@@ -16,6 +16,7 @@ import pytest
 import mjsheaf
 from mjsheaf.checking.loop import body_loop as bodies
 from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop
+from mjsheaf.checking.loop.linear_team import mean_medium
 from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System
@@ -316,4 +317,4 @@ def test_mean_medium_is_relative_to_what_the_team_follows() -> None:
     time = np.linspace(0.0, 10.0, 50)
     start = system.team.pack(system.initial)[: system.team.dirichlet.H.shape[0]]
     q_star = start + np.outer(time, np.tile([0.0, 1.0], 2))
-    assert bodies.mean_medium(system, time, q_star) == pytest.approx(np.tile([1.0, -1.0, 0.0], (2, 1)))
+    assert mean_medium(system, time, q_star) == pytest.approx(np.tile([1.0, -1.0, 0.0], (2, 1)))

@@ -19,17 +19,19 @@ from numpy.typing import NDArray
 
 from mjsheaf import check, simulate
 from mjsheaf.checking.loop.held_law import loop_of
-from mjsheaf.checking.loop.linked_law import (
+from mjsheaf.checking.loop.links import (
     LinkedLaw,
+    LinkRecord,
+    SecondMoments,
+    answers_for,
     largest_delay,
+    link_answers,
     measured_edges,
     perfect_links,
     range_bearing_covariance,
     spectral_radius,
     team_loop,
 )
-from mjsheaf.checking.loop.links import LinkRecord, answers_for, link_answers
-from mjsheaf.checking.loop.moments import SecondMoments
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.cli.check import check as check_command
 from mjsheaf.cli.options import NotHeldError

@@ -10,7 +10,7 @@ from mjsheaf import simulate
 from mjsheaf.arrays import Array
 from mjsheaf.checking import check
 from mjsheaf.checking.loop.held_law import loop_of
-from mjsheaf.checking.loop.linked_law import limit_from_eigenvalues
+from mjsheaf.checking.loop.links import limit_from_eigenvalues
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
 from tests.builders import make_scenario

@@ -105,7 +105,7 @@ def test_nothing_that_moves_in_the_medium_exceeds_what_it_adds_to_the_constants(
     """|K w(p) - w(q)| <= f_bar + omega_bar + rho |e|, along the path and at any error e."""
     system, rng, n = SHARED[name]().system, np.random.default_rng(0), 20_000
     team, spectrum, path = system.team, spectrum_of(system.team), follow_targets(system)
-    carrier, N = Carrier(system, spectrum), len(team.agents)
+    carrier, N = Carrier(system), len(team.agents)
     assert path.cells is not None
     cells = np.sort(rng.integers(0, len(path.cells.begin), n))
     share = rng.uniform(0.0, 1.0, n)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem import targets
 from mjsheaf.checking.theorem.constants import coarser, difference_along
 from mjsheaf.checking.theorem.flow_bounds import bound_slopes
@@ -62,7 +61,7 @@ def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
 def test_the_bound_on_the_difference_is_never_exceeded_and_is_tight(seed: int) -> None:
     raw = adversarial_scenario(seed)
     system, truth = scenario_from_mapping(raw).system, solve(raw)
-    carrier = Carrier(system, spectrum_of(system.team))
+    carrier = Carrier(system)
     difference = difference_along(system, follow_targets(system), carrier)
     drift = truth.target_velocities - evaluate(system.harmonics[len(system.team.agents) :], truth.time)
     q_star = system.team.unpack(carrier.extend(truth.targets))
@@ -81,7 +80,7 @@ def test_the_bound_on_the_difference_is_tight_where_agents_meet_what_targets_do_
         flow={"targets": {"dimension": 2, "drift": [5.0, 0.0]}, "agents": {"dimension": 2, "channels": [jet]}},
     )
     system = scenario_from_mapping(raw).system
-    bound = difference_along(system, follow_targets(system), Carrier(system, spectrum_of(system.team))).bound
+    bound = difference_along(system, follow_targets(system), Carrier(system)).bound
     largest = np.hypot(5.0, 2.0)  # at the jet's centre, across the drift
     assert largest <= bound <= 1.002 * largest
 

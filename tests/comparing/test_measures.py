@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjsheaf.comparing.measures import budget_of, root_mean_square, whole_run
+from mjsheaf.comparing.measures import budget_of, root_mean_square, span_of
 from mjsheaf.comparing.variants import ladder_of
 from tests.builders import two_boats
 
@@ -16,7 +16,7 @@ from tests.builders import two_boats
 def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:
     system = two_boats("hull", "hull").system
     time = system.grid.samples
-    chosen = whole_run(system).last_half(len(time))
+    chosen = span_of(system).last_half(len(time))
     assert time[chosen][0] == pytest.approx(1.5)
     assert root_mean_square(np.full(len(time), 3.0), chosen) == 3.0
     assert np.isnan(root_mean_square(time[:10], chosen[:10]))  # it blew up before

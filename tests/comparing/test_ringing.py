@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjsheaf.comparing.convergence import converge
-from mjsheaf.comparing.margins import RingingRecord, Way, find_ringing
+from mjsheaf.comparing.margins import RingingRecord, find_ringing
 from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.loop.session import engine_of
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import System
+from mjsheaf.system import System, phases_of
 from tests.builders import approx, two_aircraft, two_boats
 
 HULLS = {"agents": "hull", "targets": "hull"}
@@ -33,7 +34,11 @@ def with_tau(tau: float, gain: float, terms: dict[str, Any] | None = None, **fie
 def ringing_at_rest(system: System) -> RingingRecord:
     """Return the ringing of a team that stays at its harmonic extension."""
     rest = positions_at_q_star(system, system.initial[None])[:, : len(system.team.agents)]
-    _, found = find_ringing([Way(0, system, np.array([0.0, 1.0]), np.repeat(rest, 2, axis=0))])
+    data = xr.Dataset(
+        {"harmonic_extension": (("time", "agent", "axis"), np.repeat(rest, 2, axis=0)), "phase": ("time", [0, 0])},
+        coords={"time": [0.0, 1.0]},
+    )
+    _, found = find_ringing(phases_of(system), data)
     assert found is not None
     assert found.least_damped is not None
     return found

@@ -37,7 +37,7 @@ def test_the_runs_without_it_are_plain_runs(record: CompareRecord) -> None:
     assert found.lowest_m_s == found.highest_m_s == 0.4
     for run, backend in (("ideal", "ideal"), ("all", "physics")):
         free = late_tracking(limited(None), backend)
-        assert approx(found.run(run).errors_without["team"].late.tracking_error, rel=1e-12) == free
+        assert approx(record.rung(f"{run}-limit").errors["team"].late.tracking_error, rel=1e-12) == free
         cost = late_tracking(limited(0.4), backend) - free
         now, then = (record.error(key, "team", "tracking_error") for key in (run, f"{run}-limit"))
         assert now is not None
@@ -51,8 +51,8 @@ def test_the_share_at_the_limit_is_that_of_the_commands(record: CompareRecord) -
     half = speed[-(len(speed) // 2 + 1) :]
     found = record.velocity_limit
     assert found is not None
-    assert found.run("ideal").share_at_limit == pytest.approx((half >= 0.4 * (1 - 1e-9)).mean(), abs=2e-3)
-    assert found.run("ideal").share_at_limit > 0.5
+    assert found.share_at_limit["ideal"] == pytest.approx((half >= 0.4 * (1 - 1e-9)).mean(), abs=2e-3)
+    assert found.share_at_limit["ideal"] > 0.5
 
 
 def test_the_limit_that_is_said_to_do_does(record: CompareRecord) -> None:
@@ -76,7 +76,7 @@ def test_the_verdict_names_it(record: CompareRecord) -> None:
 def test_a_limit_that_is_not_met_costs_nothing_and_is_not_spoken_of() -> None:
     record = compare(limited(30.0)).record
     assert record.velocity_limit is not None
-    assert record.velocity_limit.run("ideal").share_at_limit == 0.0
+    assert record.velocity_limit.share_at_limit["ideal"] == 0.0
     assert record.saved_by("all-limit", "team", "tracking_error") == pytest.approx(0.0, abs=1e-12)
     assert "velocity" not in " ".join(record.verdict)
     assert compare(limited(None)).record.velocity_limit is None

@@ -72,8 +72,7 @@ def test_what_terms_bring_is_in_the_ladder() -> None:
     assert record.harm == []
     assert "WARNING" not in " ".join(record.verdict)
     assert "without feedforward and drift" in report_text(record)
-    drawn, _ = choose_rungs(record)
-    assert [rung.key for rung in drawn][-3:] == ["all-terms", "all", "ideal"]
+    assert [rung.key for rung in choose_rungs(record)][-3:] == ["all", "all-terms", "ideal"]
 
 
 @pytest.mark.slow
@@ -145,7 +144,9 @@ def test_where_the_law_lags_the_tracking_error_is_told() -> None:
     assert record.usable_gain is not None
     assert record.gain is not None
     assert record.usable_gain > record.gain
-    poor = record.model_copy(update={"usable_gain": 0.5 * record.gain})
+    assert record.ringing is not None
+    ringing = record.ringing.model_copy(update={"usable_gain": 0.5 * record.gain})
+    poor = record.model_copy(update={"ringing": ringing})
     (told,) = [s for s in verdict_of(poor) if s.startswith("tracking error:")]
     assert "(a higher gain rings, above" in told
     assert "a higher controller.gain" not in " ".join(verdict_of(poor))
@@ -247,19 +248,9 @@ def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRec
         assert words in report_text(torn)
 
 
-def test_every_rung_is_drawn_or_named() -> None:
+def test_every_variant_with_one_effect_is_drawn() -> None:
     record = compare(two_boats("otter", "hull", time={"end": 1.0})).record
-    told, note = choose_rungs(record)
-    keys = [rung.key for rung in told]
+    keys = [rung.key for rung in choose_rungs(record)]
     assert {"ideal", "targets", "agents", "base", "all"} <= set(keys)
-    assert len(set(keys)) == len(keys) <= 10
-    for rung in record.ladder:
-        if rung.kind == "alone":
-            assert (rung.key in keys) != ((rung.effect or "").replace("_", " ") in note)
-    assert note.endswith("all but one")
-    same = record.rung("base")
-    twin = [r.model_copy(update={"errors": same.errors, "distance": same.distance}) if r.key == "+lag" else r
-            for r in record.ladder]  # fmt: skip
-    told, note = choose_rungs(record.model_copy(update={"ladder": twin}))
-    assert "+lag" not in [rung.key for rung in told]
-    assert "lag (as ideal thrusters)" in note
+    assert {rung.key for rung in record.ladder if rung.kind == "alone"} <= set(keys)
+    assert len(set(keys)) == len(keys)

@@ -346,7 +346,7 @@ def test_the_report_of_a_phase_says_what_is_free_and_what_mends_it() -> None:
     terminal.print(report(record))
     before, after = terminal.file.getvalue().split("From 0.3 s on: lose T2")  # type: ignore[attr-defined]
     assert ["dimension", "2", "before:", "0"] in [line.split() for line in after.splitlines()]
-    for words in ("  basis ", "relative_cohomology.mending.repairs", "A2"):
+    for words in ("  basis ", "  mending.repairs", "A2"):
         assert words in after
     assert "  basis " not in before
 

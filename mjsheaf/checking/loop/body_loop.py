@@ -13,7 +13,7 @@ In large motions thrusters meet their limits. The loop leaves out how the flow c
 so feedforward and the drift's observer, which see no error, do not show in it.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -27,23 +27,27 @@ from scipy.sparse.linalg import eigsh
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay, loop_of
 from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
-from mjsheaf.checking.loop.sampled_loop import closed, delayed, ideal_vehicle
-from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
+from mjsheaf.checking.loop.linear_team import (
+    are_alike,
+    difference_of,
+    linear_vehicles,
+    mean_medium,
+    medium_about_targets,
+    medium_on_path,
+    period_of_law,
+    response_of,
+)
+from mjsheaf.checking.loop.sampled_loop import closed, delayed
+from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
-from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness, targets_loop
+from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
-from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
-from mjsheaf.media.medium import WITHOUT_MEAN
+from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.ending import Ending, ending_of_motion
+from mjsheaf.results.ending import Ending, Stuck, ending_of_motion
 from mjsheaf.section import Record
 from mjsheaf.system import Phase, System, whole_ratio
 from mjsheaf.threads import one_thread
-from mjsheaf.vehicles.effects import is_one_sided, turning_of
-
-PointKey = tuple[int, bytes]
-"""Number of a vehicle; medium and heading in which it holds its place: equal for those that share a linear vehicle."""
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
@@ -99,14 +103,12 @@ class BodyLoop(Record):
 
 def held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
     """Eigenvalues of H other than zero, ascending, and their vectors, shape (n, m)."""
-    if system.team.stressed:
-        values, vectors = system.team.dirichlet.eigenvectors
-        return values[spectrum.nullity :], vectors[:, spectrum.nullity :]
-    values, vectors = linalg.eigh(system.team.dirichlet.H.toarray())
+    values, vectors = system.team.dirichlet.eigenvectors
     return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
 
 
 _OF_LOOP = ("stable", "spectral_radius", "largest_gain", "least_damped")  # null where the loop is undecided
+_OBSTACLES: dict[type[Exception], Obstacle] = {OverpoweredError: "overpowered", NoModelError: "no model"}
 
 
 class Modes(NamedTuple):
@@ -123,11 +125,6 @@ class Modes(NamedTuple):
     agent: IntArray
     moves: BoolArray
     shown: Array
-
-    def taking_part(self, neutral: float) -> "Modes":
-        """Return those that move a position or grow, by more than `neutral` in the logarithm of their factor."""
-        size = np.hypot(self.factor.real, self.factor.imag)
-        return Modes(*(x[self.moves | (size > np.exp(neutral))] for x in self))
 
     @property
     def radius(self) -> float:
@@ -191,12 +188,9 @@ class Block(NamedTuple):
             agent = np.broadcast_to(agent, factors.shape)
             yield Modes(factors.ravel().astype(np.complex128), agent.ravel(), moves.ravel(), shown.ravel())
 
-    def growth(self, gain: float, *, known: bool = False) -> float:
-        """Return the growth over a period of the fastest growing mode; if `known`, at eigenvalues that H surely has."""
-        each = np.array([np.abs(np.linalg.eigvals(M)).max(axis=-1) for _, M in self.matrices(gain)])
-        if known and not len(self.owner):
-            each = each[:, self.agent >= 0]
-        return float(np.log(each.max()))
+    def growth(self, gain: float) -> float:
+        """Return the growth over a period of the fastest growing mode."""
+        return float(np.log(max(np.abs(np.linalg.eigvals(M)).max() for _, M in self.matrices(gain))))
 
 
 class TeamLoop(NamedTuple):
@@ -216,15 +210,15 @@ class TeamLoop(NamedTuple):
         return NEUTRAL_RATE * self.period
 
     def modes(self, gain: float) -> Modes:
-        """Return all modes that take part at a gain, 1/s."""
+        """Return the modes at a gain, 1/s, that move a position, or grow by more than `neutral`."""
         found = [modes for block in self.blocks for modes in block.modes(gain)]
-        return Modes(*(np.concatenate(x) for x in zip(*found, strict=True))).taking_part(self.neutral)
+        every = Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
+        counts = every.moves | (np.hypot(every.factor.real, every.factor.imag) > np.exp(self.neutral))
+        return Modes(*(x[counts] for x in every))
 
-    def is_stable(self, gain: float, modes: Modes) -> bool | None:
-        """Return True if modes decay; None where only eigenvalues do not that H need not have."""
-        if np.log(modes.radius) < self.neutral:
-            return True
-        return None if max(block.growth(gain, known=True) for block in self.blocks) < self.neutral else False
+    def is_stable(self, modes: Modes) -> bool:
+        """Return True if modes decay."""
+        return bool(np.log(modes.radius) < self.neutral)
 
     def largest_gain(
         self,
@@ -267,9 +261,12 @@ def body_loop(
     this damping ratio; see `TeamLoop.largest_gain`.
     """
     period = system.grid.period
-    lost = _unlike_or_lost(system)
+    links = system.law.links.table
+    lost = UNKNOWN_ROUNDS if system.law.terms.rounds.imperfect else ""
+    if common_delay(system) is None or links["lossy"].any() or np.isfinite(links["range"]).any():
+        lost = "measurements are delayed or lost"  # the loop would have to remember what is under way
     try:
-        period, timestep, steps = sampling_of(system)
+        period = period_of_law(system)
         require_model(system)
         if not system.team.symmetric and system.law.extended:
             raise UndecidedError("H is not symmetric, and the law has terms")
@@ -279,77 +276,53 @@ def body_loop(
             raise UndecidedError("the gain is 0")
         if not spectrum.smallest.size:
             raise UndecidedError("nothing is held")
-        models = _models(system, range(len(medium)), medium, timestep, steps)
+        models = linear_vehicles(system, range(len(medium)), medium)
         loop = exact = _close(system, spectrum, models, period)
         age = 0 if lost else (common_delay(system) or 0) * whole_ratio(system.grid.period, period)
         if age:
+            late = {id(model): delayed(model, age) for model in models}
             try:
-                loop = _with_delay(system, spectrum, models, period, age)
+                loop = _close(system, spectrum, [late[id(model)] for model in models], period)
+                if sum(len(b.agent) * len(b.plant.A) ** 3 for b in loop.blocks) > LARGEST_WHOLE**3:
+                    raise UndecidedError("measurements are delayed by too many periods")
             except UndecidedError as error:
                 lost = str(error)
-    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
-        reason = f"the vehicles cannot be linearised: {error}" if stiff else str(error)
-        obstacle: Obstacle = (
-            "overpowered"
-            if isinstance(error, OverpoweredError)
-            else "no model"
-            if isinstance(error, NoModelError)
-            else ""
-        )
-        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost or reason, obstacle=obstacle)
+    except (UndecidedError, InputError) as error:
+        obstacle = _OBSTACLES.get(type(error), "")
+        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost or str(error), obstacle=obstacle)
     modes = loop.modes(system.gain)
-    stable = loop.is_stable(system.gain, modes)
+    stable = loop.is_stable(modes)
     if lost:
         return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost, stable_over_exact_links=stable)
     number, damping, size = modes.least_damped()
     agent = system.team.agent_ids[modes.agent[number]] if modes.agent[number] >= 0 else None
-    perhaps = "only eigenvalues between the smallest and the largest would be unstable, if H has them"
     return BodyLoop(
         stable=stable,
         spectral_radius=modes.radius,
         period=period,
         largest_gain=loop.largest_gain(system.gain, least_damping) if gain else None,
         least_damped=Swing(damping=damping, frequency=size / period, agent=agent),
-        reason=perhaps if stable is None else "",
-        stable_over_exact_links=exact.is_stable(system.gain, exact.modes(system.gain)) if age else None,
+        reason="",
+        stable_over_exact_links=exact.is_stable(exact.modes(system.gain)) if age else None,
     )
 
 
-def sampling_of(system: System) -> tuple[float, float, int]:
-    """Return the time between evaluations of the law, the physics timestep, both s, and the steps between evaluations.
-
-    Raises:
-        InputError: The timestep does not divide the period.
-    """
-    ratio = whole_ratio(system.grid.period, system.bodies.timestep)
-    timestep = system.grid.period / ratio
-    return (timestep, timestep, 1) if system.grid.continuous else (system.grid.period, timestep, ratio)
-
-
-def _unlike_or_lost(system: System) -> str:
-    """Return how links keep the loop from being closed: it would have to remember what is under way; or empty."""
-    links = system.law.links.table
-    if common_delay(system) is None or links["lossy"].any() or np.isfinite(links["range"]).any():
-        return "measurements are delayed or lost"
-    return UNKNOWN_ROUNDS if system.law.terms.rounds.imperfect else ""
-
-
-def loop_along(
-    system: System, time: Array, q_star: Array, *, gain: bool = True, least_damping: float | None = None
-) -> BodyLoop:
-    """The loop in the mean flow along harmonic extensions, padded, shape (T, N, 3), m, at times (T,), s."""
-    path = q_star.reshape(len(time), -1)[:, system.team.slots[: system.team.first_state[-1]]]
-    medium = mean_medium(system, time, path)
+def loop_in_run(system: System, data: xr.Dataset, *, gain: bool = True, least_damping: float | None = None) -> BodyLoop:
+    """The loop in the mean flow along q* in the data of a run under a system."""
+    time = data["time"].values
+    path = np.nan_to_num(data["harmonic_extension"].values).reshape(len(time), -1)
+    medium = mean_medium(system, time, path[:, system.team.slots[: system.team.first_state[-1]]])
     return body_loop(system, spectrum_of(system.team), medium, gain=gain, least_damping=least_damping)
 
 
-def ending_of_run(run: System | Sequence[Phase], dataset: xr.Dataset) -> Ending | None:
+def ending_of_run(
+    run: System | Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[Stuck] | None = None
+) -> Ending | None:
     """Judge the end of a run, as `ending_of_motion`; a team whose loop is unstable has not settled.
 
     Where something drives a team, its motion alone does not tell a forced oscillation from the team's own.
     """
-    ending = ending_of_motion(run, dataset)
+    ending = ending_of_motion(run, dataset, stuck)
     if ending != "settled" or "controller" in dataset.attrs:
         return ending
     system, last = of_phase(run, dataset, -1)
@@ -358,8 +331,7 @@ def ending_of_run(run: System | Sequence[Phase], dataset: xr.Dataset) -> Ending 
         if dataset.attrs["backend"] == "ideal":
             unstable = loop_of(system).radius > 1.0
         else:
-            q_star = np.nan_to_num(last["harmonic_extension"].values)
-            loop = loop_along(system, last["time"].values, q_star, gain=False)
+            loop = loop_in_run(system, last, gain=False)
             unstable = loop.stable is False or (loop.stable is None and loop.stable_over_exact_links is False)
     except (UndecidedError, InputError):
         return ending
@@ -371,52 +343,6 @@ def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     return body_loop(system, certificate.spectrum, medium_on_path(system, certificate.constants.path))
 
 
-def medium_on_path(system: System, path: TargetPath) -> Array:
-    """Return the mean velocity of the medium along the targets' path, see `mean_medium`; NaN where none is known.
-
-    Under gusts, which leave no certain path, it is that of targets that stay where they begin.
-    """
-    gusts = not np.isfinite(system.moving_bounds.speed).all()
-    known = (path.cells is not None or gusts) and targets_loop(system).stable
-    return mean_medium(system, path.time, path.q_star) if known else np.full((len(system.team.agents), 3), np.nan)
-
-
-def mean_medium(
-    system: System,
-    time: Array,
-    q_star: Array,
-    *,
-    most_samples: int = 200,  # of the path, for the mean flow
-) -> Array:
-    """Mean velocity of the medium relative to each agent's q*, along its path, shape (N, 3), m/s; no disturbance.
-
-    The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
-    """
-    stride = max(1, len(q_star) // most_samples)
-    w = agent_flow(system, q_star[::stride])
-    w += agent_motion(system, time[::stride], q_star[::stride], WITHOUT_MEAN)
-    mean = np.trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
-    return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
-
-
-def linear_team(system: System, medium: Array) -> tuple[list[LinearVehicle], float]:
-    """Return the linear vehicle of every agent in the medium that it meets, (N, 3), m/s, and the law's period, s.
-
-    Raises:
-        UndecidedError: One has none.
-    """
-    try:
-        period, timestep, steps = sampling_of(system)
-        return _models(system, range(len(medium)), medium, timestep, steps), period
-    except (InputError, np.linalg.LinAlgError) as error:
-        raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
-
-
-def ideal_team(system: System) -> list[LinearVehicle]:
-    """Return every agent on ideal kinematics."""
-    return [ideal_vehicle(system.grid.period, agent.dimension) for agent in system.team.agents]
-
-
 def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> tuple[Array, Array]:
     """Return the matrix of the closed loop, on held positions, states and the law's memory, and the positions' basis.
 
@@ -425,152 +351,6 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
     """
     block = _whole(system, spectrum, models)
     return closed(block.plant, block.law(system.gain)), block.places
-
-
-def _models(
-    system: System,
-    numbers: Sequence[int],
-    medium: Array,
-    timestep: float,
-    steps: int,
-    *,
-    most_points: int = 200,
-) -> list[LinearVehicle]:
-    """Return the linear vehicle of each of some vehicles of a system; those that are alike share one.
-
-    Of many vehicles those that meet the extremes of the flow are linearised, and stand for all if they behave alike.
-
-    Args:
-        system: The system.
-        numbers: Numbers of the vehicles, length n.
-        medium: Velocity of the medium relative to the place that each holds, shape (n, 3), m/s.
-        timestep: Timestep of the physics, s.
-        steps: Timesteps between evaluations of the law.
-        most_points: Largest number of vehicles that are linearised one by one.
-
-    Raises:
-        UndecidedError: One has none, or they do not behave alike.
-    """
-    if not np.isfinite(medium).all():
-        raise UndecidedError("the mean flow along q* is not known")
-    names = [system.team.members[v].id for v in numbers]
-    points = dict[PointKey, HeldPoint]()
-    keys = []
-    for v, name, met in zip(numbers, names, medium, strict=True):
-        speed = float(np.linalg.norm(met))
-        if speed > system.law.limit[v]:
-            raise OverpoweredError(
-                f"{name}: the mean flow, {speed:.3g} m/s relative to its place, is beyond its velocity limit"
-            )
-        point = _held_point(system, v, met)
-        keys.append((id(point.vehicle), np.round([*point.medium, point.heading], 4).tobytes()))
-        points.setdefault(keys[-1], point)
-    many = len(points) > most_points
-    chosen = _extreme_points(points) if many else list(points)
-    models = {}
-    for key, model in zip(chosen, linearise([points[k] for k in chosen], system.control, timestep, steps), strict=True):
-        models[key] = _require_linear(names[keys.index(key)], points[key], model)
-    if not many:
-        return [models[key] for key in keys]
-    if not _alike(list(models.values()), timestep * steps):
-        raise UndecidedError("too many vehicles that behave differently in the flows that they meet")
-    return [models[chosen[0]]] * len(keys)
-
-
-def _require_linear(
-    name: str,
-    point: HeldPoint,
-    model: LinearVehicle | str,
-    *,
-    still: float = 1e-3,  # m/s: a slower medium is at rest
-    way: float = 1.5,  # over the speed from which a boat that cannot go astern turns round: it then has a model
-) -> LinearVehicle:
-    """Return the linear vehicle of a member about a point.
-
-    Raises:
-        UndecidedError: It has none; the model then says why.
-    """
-    speed = float(np.linalg.norm(point.medium))
-    if isinstance(model, str):
-        why = f"{model} (some push one way only)" if is_one_sided(point.vehicle) else model
-        if speed < still:
-            raise NoModelError(f"{name} has no linear model at rest: {why}")
-        raise OverpoweredError(
-            f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place: {why}"
-        )
-    turning = turning_of(point.vehicle)
-    if turning is not None and speed < way * turning.speed:
-        raise NoModelError(
-            f"{name} has no linear model at {speed:.3g} m/s through the medium: its vehicle cannot go astern, and "
-            f"turns round for a target behind it unless it makes {way * turning.speed:.3g} m/s"
-        )
-    return model
-
-
-def _extreme_points(points: Mapping[PointKey, HeldPoint]) -> list[PointKey]:
-    """Choose points at the extremes of the flow, and some between.
-
-    Raises:
-        UndecidedError: They are not all of one vehicle.
-    """
-    if len({vehicle for vehicle, _ in points}) > 1:
-        raise UndecidedError("too many unlike vehicles")
-    flows = np.array([point.medium for point in points.values()])
-    extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
-    keys = list(points)
-    return [keys[k] for k in sorted(int(k) for k in extreme)]
-
-
-def _held_point(
-    system: System,
-    number: int,
-    medium: Array,
-    *,
-    time_constants: float = 3.0,  # l / |w| of turning into the current, that a run must last to turn a boat
-) -> HeldPoint:
-    """Return where a vehicle holds its place; one that holds no heading turns into the current if the run lasts."""
-    vehicle, heading = system.vehicles[number], float(system.bodies.heading[number])
-    if vehicle.steering.attitude:
-        return HeldPoint(vehicle, medium, heading)
-    span = system.grid.period * system.grid.steps
-    if float(np.hypot(medium[0], medium[1])) * span < time_constants * vehicle.steering.hand:
-        return HeldPoint(vehicle, np.zeros(3), heading)
-    return HeldPoint(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
-
-
-def _response(
-    model: LinearVehicle,
-    period: float,
-    *,
-    span: float = 10.0,  # s, over which responses are compared
-) -> Array:
-    """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
-    s, n = model.B.shape
-    count = int(np.clip(span / period, 20, 400))
-    stride = max(1, round(span / period / count))
-    step = power(model, stride)
-    state, found = np.vstack([np.zeros((s + n, n)), np.eye(n)]), []
-    for k in range(count):
-        state = step @ state
-        found.append(state[s : s + n] - (k + 1) * stride * period * np.eye(n))
-    return np.array(found)
-
-
-def _difference(one: Array, other: Array) -> float:
-    """Largest difference of two responses, as a share of the larger of them."""
-    return float(np.abs(one - other).max() / max(np.abs(one).max(), np.abs(other).max()))
-
-
-def _alike(
-    models: list[LinearVehicle],
-    period: float,
-    *,
-    difference: float = 0.02,  # largest difference between representatives of a large team, of a vehicle's response
-) -> bool:
-    """Return True if vehicles respond to a command in nearly the same way."""
-    first = _response(models[0], period)
-    responses = (_response(model, period) for model in models[1:])
-    return all(r.shape == first.shape and _difference(r, first) <= difference for r in responses)
 
 
 def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> TeamLoop:
@@ -584,24 +364,11 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
         try:
             return TeamLoop([_whole(system, spectrum, models)], period)
         except UndecidedError:
-            if not _alike(kinds, period):
+            if not are_alike(kinds, period):
                 raise
     plain = system.team.symmetric and not system.team.stressed
     parts = _parts(system, spectrum, kinds[0], period) if plain else []
     return TeamLoop(parts or [_whole(system, spectrum, models)], period)
-
-
-def _with_delay(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float, age: int) -> TeamLoop:
-    """Return the loop with measurements that are `age` evaluations of the law old.
-
-    Raises:
-        UndecidedError: It is too large.
-    """
-    late = {id(model): delayed(model, age) for model in models}
-    loop = _close(system, spectrum, [late[id(model)] for model in models], period)
-    if sum(len(b.agent) * len(b.plant.A) ** 3 for b in loop.blocks) > LARGEST_WHOLE**3:
-        raise UndecidedError("measurements are delayed by too many periods")
-    return loop
 
 
 def _parts(
@@ -620,7 +387,7 @@ def _parts(
     H = sparse.csr_array(system.team.dirichlet.H)
     law = model_of(system.law, system.grid.period)
     n = model.D.shape[0]
-    response = _response(model, period)
+    response = response_of(model, period)
     by_vehicle = np.abs(response).max(axis=0) > negligible * np.abs(response).max()
     by_sheaf = np.zeros((n, n), dtype=bool)
     rows, columns = H.nonzero()
@@ -635,7 +402,7 @@ def _parts(
             part = blocks[first]
             agents = np.arange(H.shape[0] // n)
         elif not _couples(by_vehicle, axes) and all(
-            _difference(response[:, a, a], response[:, first, first]) <= negligible for a in axes
+            difference_of(response[:, a, a], response[:, first, first]) <= negligible for a in axes
         ):
             held = np.flatnonzero(np.isin(np.arange(H.shape[0]) % n, axes))
             part = H[held][:, held]
@@ -683,53 +450,47 @@ def _whole(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> B
     """
     team = system.team
     owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
-    if not team.symmetric:
-        H = matrix_of(team)
-        Q = np.eye(len(H)) if team.law_problem.unique else linalg.null_space(team.law_problem.null_basis.T)
-        return joined(models, lambda gain: without_memory(-gain * H @ Q), Q, owner, commands=np.eye(len(H)))
-    Q, held = np.eye(team.dirichlet.H.shape[0]), team.dirichlet.H.toarray()
-    if spectrum.nullity:
-        values, Q = held_modes(system, spectrum)
-        held = np.diag(values)
-    law = model_of(system.law, system.grid.period)
-    if law.plain:
-        return joined(models, lambda gain: without_memory(-gain * held), Q, owner)
-    values, vectors = np.linalg.eigh(held)
-    return joined(models, lambda gain: law.feedback(gain, values).of_team(vectors), Q, owner)
+    problem = team.law_problem
+    Q = np.eye(problem.H.shape[0]) if problem.unique else linalg.null_space(problem.null_basis.T)
+    if not system.law.extended:
+        H = problem.H.toarray()
+        return joined(models, lambda gain: without_memory(-gain * H), Q, owner)
+    values, vectors = held_modes(system, spectrum)
+    model = model_of(system.law, system.grid.period)
+    return joined(models, lambda gain: model.feedback(gain, values).of_team(vectors), Q, owner)
 
 
 def joined(
-    models: Sequence[LinearVehicle],
-    law: Callable[[float], LinearController],
-    Q: Array,
-    owner: IntArray,
-    commands: Array | None = None,
+    models: Sequence[LinearVehicle], law: Callable[[float], LinearController], Q: Array, owner: IntArray
 ) -> Block:
     """Return the loop of unlike vehicles together.
 
     Args:
         models: Linear vehicle of each.
-        law: Law at a gain, from coordinates of their positions in the basis Q to commands.
+        law: Law at a gain, from their positions to their commands.
         Q: Basis of the positions, shape (n, k).
         owner: Vehicle of each of n coordinates, shape (n,).
-        commands: Basis of the commands; None if it is Q.
 
     Raises:
         UndecidedError: More than LARGEST_WHOLE states act on one another.
     """
-    P = Q if commands is None else commands
     states = len(Q) + sum(len(model.A) for model in models)
     if states > 10 * LARGEST_WHOLE:
         raise UndecidedError(f"too many unlike vehicles: {states} states")
     A, B, C, D = (linalg.block_diag(*matrices) for matrices in zip(*models, strict=True))
-    plant = LinearVehicle(A, B @ P, Q.T @ C, Q.T @ D @ P)
-    acts = closed(plant, law(1.0)) != 0.0
+    plant = LinearVehicle(A, B, Q.T @ C, Q.T @ D)
+
+    def in_basis(gain: float) -> LinearController:
+        found = law(gain)
+        return found._replace(B=found.B @ Q, D=found.D @ Q)
+
+    acts = closed(plant, in_basis(1.0)) != 0.0
     count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
     sets = [np.flatnonzero(which == k) for k in range(count)]
     largest = max(map(len, sets))
     if largest > LARGEST_WHOLE:
         raise UndecidedError(f"too many unlike vehicles: {largest} states act on one another")
-    return Block(plant, law, np.zeros(1, dtype=np.int64), Q, owner, sets)
+    return Block(plant, in_basis, np.zeros(1, dtype=np.int64), Q, owner, sets)
 
 
 # -- the targets' own law ----------------------------------------------------------------------------------------------
@@ -750,27 +511,11 @@ def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
     S = stiffness(system).toarray()
     owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
     try:
-        period, timestep, steps = sampling_of(system)
         numbers = range(len(system.team.agents), len(system.team.members))
-        models = _models(system, numbers, _medium_on_path_of_targets(system, path), timestep, steps)
+        models = linear_vehicles(system, numbers, medium_about_targets(system, path))
         block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
-        loop = TeamLoop([block], period)
+        loop = TeamLoop([block], period_of_law(system))
         modes = loop.modes(1.0)
-    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+    except UndecidedError as error:
         return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
-    return TargetsOnBodies(stable=loop.is_stable(1.0, modes), spectral_radius=modes.radius, reason="")
-
-
-def _medium_on_path_of_targets(system: System, path: TargetPath) -> Array:
-    """Return the mean velocity of the medium relative to each target's path, shape (M, 3), m/s.
-
-    If the path is unknown or diverges, it is that where the target begins.
-    """
-    N = len(system.team.agents)
-    span = float(path.time[-1] - path.time[0])
-    bounded = path.cells is not None and targets_loop(system).stable
-    positions = path.positions[:, N:] if bounded else system.initial[None, N:]
-    medium = -(positions[-1] - positions[0]) / span
-    for k in range(len(medium)):
-        medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
-    return medium
+    return TargetsOnBodies(stable=loop.is_stable(modes), spectral_radius=modes.radius, reason="")

@@ -230,7 +230,7 @@ def _drive(
         raise UndecidedError(f"the targets' path is not known: {path.warning}")
     if path.stride > 1 or len(path.samples) * n_q > most:
         raise UndecidedError("the run has too many samples")
-    carrier = Carrier(system, certificate.spectrum)
+    carrier = Carrier(system)
     q_star, K = carrier.extend(path.samples), len(path.samples) - 1
     W, middle = np.diff(q_star, axis=0) / h, 0.5 * (q_star[1:] + q_star[:-1])
     unsure = 2.0 * float(np.linalg.norm(carrier.reach(np.full(len(team.targets), path.error)))) / h
@@ -284,14 +284,9 @@ def _amplified(
 
     The largest of each power, as errors may come in another eigenvector at each sample.
     """
-    share, slowest, found = np.abs(1.0 - c), float(np.abs(c).max()), 0.0
-    for _ in range(samples):
-        largest = float(share.max())
-        found += largest
-        share = share * np.abs(c)
-        if largest < _NOTHING:
-            break
-    return found + float(share.max()) / (1.0 - slowest)
+    kept, powers = np.abs(c), np.arange(samples + 1)[:, None]
+    largest = (np.abs(1.0 - c) * kept**powers).max(axis=1)
+    return float(largest[:-1].sum() + largest[-1] / (1.0 - kept.max()))
 
 
 def _odometry(system: System, *, sensed: bool) -> float:
@@ -436,7 +431,18 @@ def _bounded(
     fed = _driven(ask_start * start, ask, d)[:K] + drive.unsure + drive.observed(apart + change)
     command = np.linalg.norm(system.team.unpack(drive.asked), axis=2) + fed[:, None]
     integral = system.law.terms.integral * float(_driven(kept_start * start, kept, d).max())
-    return Envelope(samples, within, command, integral, _parts_of_d(system, drive, apart, change), "")
+    terms = system.law.terms
+    odometry = " and of odometry" if (terms.noise or terms.bias) and (terms.feedforward or terms.drift) else ""
+    parts = {
+        "targets' motion" + (", less feedforward" if terms.feedforward else ""): np.linalg.norm(drive.left, axis=1),
+        "flow and disturbance along q*" + (", less the observed drift" if terms.drift else ""): np.linalg.norm(
+            drive.met, axis=1
+        ),
+        "flow at q instead of q*, by its slope": apart + drive.observed(apart),
+        "flow within a period": change + drive.observed(change),
+        "errors of the targets' path" + odometry: np.full(len(drive.left), drive.unsure),
+    }
+    return Envelope(samples, within, command, integral, parts, "")
 
 
 def _driven(free: Array, response: Array, d: Array) -> Array:
@@ -444,21 +450,6 @@ def _driven(free: Array, response: Array, d: Array) -> Array:
     K, size = len(d), next_fast_len(2 * len(d) - 1, real=True)
     free[1:] += irfft(rfft(response[:K], size) * rfft(d, size), size)[:K] * (1.0 + _ROUNDING)
     return free
-
-
-def _parts_of_d(system: System, drive: _Drive, apart: Array, change: Array) -> dict[str, Array]:
-    """Return the sizes of the parts of d by name, from bounds on f(q) - f(q*) and on how f changes in a period."""
-    terms = system.law.terms
-    odometry = " and of odometry" * bool((terms.noise or terms.bias) and (terms.feedforward or terms.drift))
-    return {
-        "targets' motion" + ", less feedforward" * bool(terms.feedforward): np.linalg.norm(drive.left, axis=1),
-        "flow and disturbance along q*" + ", less the observed drift" * bool(terms.drift): np.linalg.norm(
-            drive.met, axis=1
-        ),
-        "flow at q instead of q*, by its slope": apart + drive.observed(apart),
-        "flow within a period": change + drive.observed(change),
-        "errors of the targets' path" + odometry: np.full(len(drive.left), drive.unsure),
-    }
 
 
 def law_loop(system: System, certificate: Certificate, *, carried: bool = False) -> LawLoop:

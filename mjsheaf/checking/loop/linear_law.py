@@ -112,8 +112,14 @@ class LinearLaw:
 
     def alike(self, axes: int) -> LinearController:
         """Return the law of one vehicle that acts along some axes alike, for each eigenvalue; shapes begin with L."""
-        parts = (self.A, self.B, self.C[:, None], self.D[:, None])
-        return LinearController(*(_repeat(part, axes) for part in parts))
+        return LinearController(
+            *(
+                (part[:, :, None, :, None] * np.eye(axes)[:, None]).reshape(
+                    len(part), part.shape[1] * axes, part.shape[2] * axes
+                )
+                for part in (self.A, self.B, self.C[:, None], self.D[:, None])
+            )
+        )
 
     def of_team(self, vectors: Array) -> LinearController:
         """Return the law of a whole team, whose state is n times L numbers.
@@ -131,12 +137,6 @@ class LinearLaw:
             np.einsum("kl,ln->knl", vectors, self.C).reshape(N, n * L),
             np.einsum("kl,lm,jl->kmj", vectors, self.D, vectors).reshape(N, m * N),
         )
-
-
-def _repeat(part: Array, axes: int) -> Array:
-    """Return Kronecker products of matrices, shape (L, m, n), with the identity, shape (L, m axes, n axes)."""
-    L, m, n = part.shape
-    return (part[:, :, None, :, None] * np.eye(axes)[:, None]).reshape(L, m * axes, n * axes)
 
 
 def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
@@ -284,13 +284,15 @@ class LawModel:
         Raises:
             UndecidedError: Registered terms keep changing.
         """
-        self._end = np.zeros_like(self._memory.flat)
         none = np.zeros(0, dtype=np.int64)
-        for self._sample in range(most):
-            self._rest = self._end
-            self._end = self._answers(self._control, none, _STILL, _GENERIC)[0][0, 0]
-            same = np.array_equal(self._rest[self._registered], self._end[self._registered])
-            if self._sample >= settling and same:
+        end = np.zeros_like(self._memory.flat)
+        for sample in range(most):
+            rest = end
+            end = self._answers(self._control, none, _STILL, _GENERIC, rest, sample)[0][0, 0]
+            if sample >= settling and np.array_equal(rest[self._registered], end[self._registered]):
+                self._rest = rest
+                self._end = end
+                self._sample = sample
                 return
         raise UndecidedError(f"the law changes with time ({self._terms})")
 
@@ -298,14 +300,18 @@ class LawModel:
     def _terms(self) -> str:
         return listed([f"term {name}" for name in self._control.law.term_names])
 
-    def _answers(self, control: ControlArrays, cells: IntArray, points: Array, weights: Array) -> tuple[Array, Array]:
-        """Evaluate the law once with each of some numbers moved from rest, then once with agent and points moved.
+    def _answers(
+        self, control: ControlArrays, cells: IntArray, points: Array, weights: Array, start: Array, sample: int
+    ) -> tuple[Array, Array]:
+        """Evaluate the law once with each of some numbers moved, then once with agent and points moved.
 
         Args:
             control: The law.
             cells: Numbers of the memory, shape (n,).
             points: Positions of the agent and of the points, shape (K, 3, 3), m.
             weights: Weights of the two edges, shape (L, 2).
+            start: Memory before, shape (m,).
+            sample: Number of the sample.
 
         Returns:
             Memories, shape (L, n + K, m), and commands, shape (L, n + K, 3), m/s.
@@ -314,19 +320,19 @@ class LawModel:
             UndecidedError: A registered term raises an exception.
         """
         cases = len(cells) + len(points)
-        ends = np.empty((len(weights), cases, len(self._rest)))
+        ends = np.empty((len(weights), cases, len(start)))
         commands = np.empty((len(weights), cases, 3))
-        time = self._sample * self._period
+        time = sample * self._period
         still = _STILL[0]
         try:
-            _answer(control, time, self._rest, cells, _MOTION, points, weights, still, self._memory, ends, commands)
+            _answer(control, time, start, cells, _MOTION, points, weights, still, self._memory, ends, commands)
         except Exception as error:  # of a registered term
             raise UndecidedError(f"the law cannot be evaluated ({self._terms}): {error}") from error
         return ends, commands
 
     def _columns(self, points: Array, weights: Array) -> Array:
         """Return how the state and, last, the command answer to a unit of each motion, shape (L, n + K, n + 1)."""
-        ends, commands = self._answers(self._control, self._cells, points, weights)
+        ends, commands = self._answers(self._control, self._cells, points, weights, self._rest, self._sample)
         return np.dstack([(ends - self._end)[:, :, self._cells], commands[:, :, 0]]) / _MOTION
 
     def _led_astray_by(self, weights: Array, sensing: tuple[int, int] = (0, 1)) -> Array:
@@ -336,7 +342,7 @@ class LawModel:
         """
         law = self._led_astray.law
         control = self._led_astray._replace(law=law._replace(terms=law.terms._replace(sensing=sensing)))
-        ends, commands = self._answers(control, self._cells[:0], _STILL, weights)
+        ends, commands = self._answers(control, self._cells[:0], _STILL, weights, self._rest, self._sample)
         return np.column_stack([(ends - self._end)[:, 0, self._cells], commands[:, 0, 0]]) / _MOTION
 
     def _cells_in_loop(self) -> IntArray:
@@ -358,21 +364,14 @@ class LawModel:
         seen = breadth_first_order(sparse.csr_array(graph.T), n + 1, return_predecessors=False)
         excited = excited[excited < n]
         kept = np.setdiff1d(self._registered, self._cells[excited])
-        if (self._after_a_start()[kept] != self._end[kept]).any():
+        # What the law remembers where the agent and both points have been away from rest since the start.
+        points = _MOTION * np.random.default_rng(1).uniform(-1.0, 1.0, (1, 3, 3))
+        state = np.zeros_like(self._rest)
+        for sample in range(self._sample + 1):
+            state = self._answers(self._control, self._cells[:0], points, _GENERIC, state, sample)[0][0, 0]
+        if (state[kept] != self._end[kept]).any():
             raise UndecidedError(f"the law keeps what it met at the start ({self._terms})")
         return np.asarray(self._cells[np.intersect1d(excited, seen)])
-
-    def _after_a_start(self) -> Array:
-        """Return what the law remembers where the agent and both points have been away from rest since the start."""
-        rest = self._rest
-        last = self._sample
-        points = _MOTION * np.random.default_rng(1).uniform(-1.0, 1.0, (1, 3, 3))
-        self._rest = np.zeros_like(rest)
-        for self._sample in range(last + 1):
-            self._rest = self._answers(self._control, self._cells[:0], points, _GENERIC)[0][0, 0]
-        found = self._rest
-        self._rest = rest
-        return found
 
     def _require_linear(
         self,
@@ -405,18 +404,15 @@ class LawModel:
 
     def _follow(self, control: ControlArrays, points: Array) -> tuple[Array, Array]:
         """Follow motions (3, T, 3), m, from rest; return commands (T, 3) and how registered terms' memory differs."""
-        rest = self._rest
-        last = self._sample
+        state = self._rest
         commands = np.zeros(points.shape[1:])
         memories = np.zeros((len(commands), len(self._registered)))
         for k, moved in enumerate(np.ascontiguousarray(points.swapaxes(0, 1))):  # the layout that other calls have
-            ends, command = self._answers(control, self._cells[:0], moved[None], _GENERIC)
-            self._rest = ends[0, 0]
-            self._sample += 1
+            sample = self._sample + k
+            ends, command = self._answers(control, self._cells[:0], moved[None], _GENERIC, state, sample)
+            state = ends[0, 0]
             commands[k] = command[0, 0]
-            memories[k] = (self._rest - rest)[self._registered]
-        self._rest = rest
-        self._sample = last
+            memories[k] = (state - self._rest)[self._registered]
         return commands, memories
 
 
@@ -510,8 +506,7 @@ def _answer(control, t, start, cells, size, points, weights, still, memory, ends
 #
 # The response of the law's stages to their measurements is computed from them, so a new term needs nothing here. The
 # rest of the analysis knows what edges measure, what links do to it, and who has which gain. A test names the fields of
-# these structures, one by one: whoever adds a field decides whether `check` models it, and adds to `unmodelled_parts`
-# where it does not.
+# these structures, one by one: a new field is either modelled by `check`, or added to `unmodelled_parts`.
 
 _SENSORS = (0, 1)  # values of `bearing`: the exact sensor, and range and bearing
 
@@ -525,20 +520,14 @@ def unmodelled_parts(system: System) -> list[str]:
         "law in Python": law.supplied,
         "gains that differ between agents": (law.gain[: len(system.team.agents)] != system.gain).any(),
     }
-    return select_true(others) + _terms_without_model(system)
-
-
-def _terms_without_model(system: System) -> list[str]:
-    """Return the terms of a law that is not linear, or that is continuous with a term that `check` does not know."""
-    law = system.law
     new = terms_without_bound(law)
-    if system.grid.continuous or not law.extended:
-        return new
-    try:
-        model_of(law, system.grid.period)
-    except UndecidedError:
-        return new or [f"term {name}" for name in law.term_names]
-    return []
+    if law.extended and not system.grid.continuous:
+        try:
+            model_of(law, system.grid.period)
+            new = []
+        except UndecidedError:
+            new = new or [f"term {name}" for name in law.term_names]
+    return select_true(others) + new
 
 
 def terms_without_bound(law: LawArrays) -> list[str]:

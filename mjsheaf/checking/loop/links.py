@@ -1,42 +1,767 @@
-"""Effects of links on the held law on ideal kinematics: delay, noise and loss, exact where an exact answer is known.
+"""A law over its links, linear about q*: what each edge measures, and what delay, noise and loss do to the law.
 
-All of it is linear about q*: within limits of speed, while bodies are within range of one another, without the slope of
-the flow. See `linked_law` for what each edge measures and for delay, and `moments` for noise and loss.
+All of it is about the held law on ideal kinematics: within limits of speed, while bodies are within range of one
+another, without the slope of the flow. Answers are exact where an exact one is known.
+
+Range and bearing have an error along the line of sight and one across it. In space azimuth and elevation have the noise
+s each, in a body frame that faces along the last displacement of the tail. With b the third axis of that frame, r the
+range and l the line of sight, azimuth moves the measured point by s r |l x b| along b x l, and elevation by s r across
+both. The covariance is at most that with |l x b| = 1, s^2 r^2 (1 - l l^T), which depends on no frame.
 """
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
+from scipy import sparse
+from scipy.linalg import block_diag, schur
+from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gmres
 
-from mjsheaf.arrays import IntArray
-from mjsheaf.checking.loop.held_law import common_delay, loop_of
-from mjsheaf.checking.loop.linear_law import require_model
-from mjsheaf.checking.loop.linked_law import (
-    DelayAnswer,
-    LinkedLaw,
-    LinkParameters,
-    MeasuredEdge,
-    answer_of_large_team,
-    continuous_delay_margin,
-    delay_answer,
-    linked_law,
-    links_of,
-    measured_edges,
-    perfect_links,
-    spectral_radius,
-)
-from mjsheaf.checking.loop.moments import LossAnswer, NoiseAnswer, loss_answer, noise_answer
-from mjsheaf.checking.loop.sampled_loop import largest_gain
-from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues
+from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.loop.held_law import common_delay, eigen_of, loop_of
+from mjsheaf.checking.loop.linear_law import model_of, require_model
+from mjsheaf.checking.loop.sampled_loop import Loop, largest_gain, stationary
+from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues, spectrum_of
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.terms import TermArrays
-from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
+from mjsheaf.section import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Finite, Norm, Record, per_agent
 from mjsheaf.system import System
-from mjsheaf.team import Team
+from mjsheaf.team import Edge, Team
 from mjsheaf.team.links import KINDS
+
+
+class MeasuredEdge(NamedTuple):
+    """An edge that agents listen to: D q + (what targets add) is measured.
+
+    Attributes:
+        slots: states of q that it touches, shape (k,).
+        D: shape (m, k).
+        K: the inner product, shape (m, m); of an edge that does not fit, the derivative of its pull.
+        kind: communication, sensing or anchor.
+        z: relative position of an edge that does not fit, which is what D measures then, shape (m,), m; None else.
+    """
+
+    slots: IntArray
+    D: Array
+    K: Array
+    kind: str
+    z: Array | None = None
+
+    @property
+    def sensing(self) -> bool:
+        """Return True if feedforward learns a target's velocity from it."""
+        return self.kind == "sensing"
+
+    @property
+    def linked(self) -> bool:
+        """Return True if it has a link; anchors measure at once, without error."""
+        return self.kind != "anchor"
+
+    @property
+    def pull(self) -> Array:
+        """Matrix from its numbers to a part of eta on its slots, D^T K, shape (k, m)."""
+        return self.D.T @ self.K
+
+    @property
+    def H(self) -> Array:  # noqa: N802 - the paper's symbol
+        """Its part of H on its slots, shape (k, k)."""
+        return self.pull @ self.D
+
+
+def measured_edges(team: Team) -> list[MeasuredEdge]:
+    """The edges that agents listen to: communication, sensing, anchors, in order."""
+    first = dict(zip(team.agent_ids, team.first_state, strict=False))
+
+    def measured(edge: Edge, kind: str) -> MeasuredEdge:
+        F_tail, F_head, K, z = edge.slope or (edge.F_tail, edge.F_head, edge.weight, None)
+        ends = [(id, sign * F) for id, F, sign in ((edge.head, F_head, 1.0), (edge.tail, F_tail, -1.0))]
+        own = [(first[id] + np.arange(F.shape[1]), F) for id, F in ends if id in first]
+        return MeasuredEdge(np.concatenate([s for s, _ in own]), np.hstack([F for _, F in own]), K, kind, z)
+
+    kinds = (("communication", team.communication), ("sensing", team.sensing), ("anchor", team.anchors))
+    return [measured(edge, kind) for kind, edges in kinds for edge in edges]
+
+
+@dataclass(frozen=True)
+class LinkParameters:
+    """The links of E edges, in the order of `measured_edges`.
+
+    Attributes:
+        delay: ages of measurements in whole periods, shape (E,).
+        noise: covariance of each edge's numbers, shapes (m_e, m_e), m^2.
+        bias: Bias of each edge's numbers, shapes (m_e,), m.
+        loss: probabilities a sample to turn bad and to turn good, and of loss while good and while bad, shape (E, 4);
+            without bursts (0, 1, p, p).
+        held: True where a lost sample is replaced by an older one, shape (E,).
+        linearised: True if a covariance is that of range and bearing.
+        ranged: True if a link receives nothing beyond some range.
+    """
+
+    delay: IntArray
+    noise: tuple[Array, ...]
+    bias: tuple[Array, ...]
+    loss: Array
+    held: BoolArray
+    linearised: bool = False
+    ranged: bool = False
+
+    @property
+    def lossy(self) -> BoolArray:
+        """True for each edge that loses measurements, shape (E,)."""
+        return np.asarray((self.loss[:, 2:] > 0.0).any(axis=1))
+
+    @property
+    def bursty(self) -> bool:
+        """Return True if losses of an edge depend on earlier ones."""
+        to_bad, to_good, good, bad = self.loss.T
+        memoryless = (good == bad) | (to_bad == 0.0) | (to_good == 0.0) | (to_bad + to_good == 1.0)
+        return not memoryless.all()
+
+    @property
+    def noisy(self) -> bool:
+        """Return True if an edge has noise or bias."""
+        return any(x.any() for x in (*self.noise, *self.bias))
+
+    @property
+    def exact(self) -> bool:
+        """Return True if everything is measured at once, without error."""
+        return not (self.lossy.any() or self.delay.any() or self.noisy or self.ranged)
+
+    @property
+    def delivered(self) -> Array:
+        """The share of an edge's measurements that arrive in the long run, shape (E,)."""
+        to_bad, to_good, good, bad = self.loss.T
+        total = to_bad + to_good
+        share = np.where(total > 0.0, to_bad / np.where(total > 0.0, total, 1.0), 0.0)
+        return np.asarray(1.0 - share * bad - (1.0 - share) * good)
+
+
+def perfect_links(edges: Sequence[MeasuredEdge]) -> LinkParameters:
+    """Links without delay, noise and loss."""
+    E = len(edges)
+    noise = tuple(np.zeros((len(edge.D),) * 2) for edge in edges)
+    bias = tuple(np.zeros(len(edge.D)) for edge in edges)
+    loss = np.tile([0.0, 1.0, 0.0, 0.0], (E, 1))
+    return LinkParameters(np.zeros(E, dtype=np.int64), noise, bias, loss, np.zeros(E, dtype=np.bool_))
+
+
+@dataclass(frozen=True)
+class LinkedLaw:
+    """A law over its links, linear about q*, on ideal kinematics.
+
+    Attributes:
+        loop: Loop of the law as if its links were exact.
+        vectors: Eigenvectors of H in the order of the loop's L eigenvalues, shape (n, L); of a free team L < n.
+        edges: that agents listen to.
+        links: theirs.
+        terms: Terms of the law.
+    """
+
+    loop: Loop
+    vectors: Array
+    edges: list[MeasuredEdge]
+    links: LinkParameters
+    terms: TermArrays
+
+    @property
+    def linked(self) -> BoolArray:
+        """True for each edge that has a link, shape (E,)."""
+        return np.array([edge.linked for edge in self.edges])
+
+    def spread(self, parts: Sequence[Array]) -> Array:
+        """The sum of matrices on each edge's slots, shape (n, n)."""
+        total = np.zeros((len(self.vectors), len(self.vectors)))
+        for edge, part in zip(self.edges, parts, strict=True):
+            total[np.ix_(edge.slots, edge.slots)] += part
+        return total
+
+
+def links_of(
+    system: System,
+    path: TargetPath,
+    *,
+    instants: int = 200,  # along q* at which noise of range and bearing is linearised
+) -> LinkParameters:
+    """The links of a system; noise of range and bearing is the mean of its linearisations along q*.
+
+    Raises:
+        UndecidedError: bodies are beyond a link's range at the start, or at q* at times.
+    """
+    team = system.team
+    table = system.law.links.table
+    of = system.law.links.of
+    edges = measured_edges(team)
+    links = perfect_links(edges)
+    if not len(table):
+        return links
+    noise = list(links.noise)
+    bias = list(links.bias)
+    x = path.positions.copy()
+    x[:, : len(team.agents)] = team.unpack(path.q_star)
+    everywhere = np.concatenate([system.initial[None], x]) + system.law.links.lift[None, :, None] * [0.0, 0.0, 1.0]
+    few = slice(None, None, max(1, len(x) // instants))
+    for e in [e for e, edge in enumerate(edges) if edge.linked and of[e] >= 0]:
+        link = table[of[e]]
+        _require_in_range(system, e, everywhere, link["range"])
+        links.delay[e] = link["delay"]
+        links.held[e] = link["hold"] > 0
+        if link["lossy"]:
+            links.loss[e] = link[["to_bad", "to_good", "loss_good", "loss_bad"]].tolist()
+        m = len(edges[e].D)
+        bias[e] = np.full(m, link["bias"])
+        noise[e] = link["noise"] ** 2 * np.eye(m)
+        if (z := edges[e].z) is not None:  # the error of a range is along z, that of a bearing turns z
+            ranged = team.measuring_edges[e].F_tail.shape[0] == 1 and m > 1
+            bias[e] = link["bias"] * z / np.linalg.norm(z)
+            noise[e] = link["noise"] ** 2 * range_bearing_covariance(z[None], float(ranged), float(not ranged))
+        if link["bearing"]:
+            law = system.law.edges
+            rows = slice(law.first[e], law.first[e + 1])
+            y = x[few][:, law.head[e]] @ law.F_head[rows].T - x[few][:, law.tail[e]] @ law.F_tail[rows].T
+            noise[e] = range_bearing_covariance(y, float(link["range_noise"]), float(link["bearing_noise"]))
+    return replace(
+        links,
+        noise=tuple(noise),
+        bias=tuple(bias),
+        linearised=bool(table["bearing"].any()),
+        ranged=bool(np.isfinite(table["range"]).any()),
+    )
+
+
+def _require_in_range(system: System, e: int, x: Array, reach: float) -> None:
+    """Refuse an edge whose ends are beyond the reach of its link, m, at the first or at later positions (T, V, 3), m.
+
+    Raises:
+        UndecidedError: They are.
+    """
+    tail = system.law.edges.tail[e]
+    head = system.law.edges.head[e]
+    apart = np.linalg.norm(x[:, head] - x[:, tail], axis=1)
+    if apart.max() > reach:
+        when = "at the start" if apart[0] > reach else "at q* at times"
+        ends = f"{system.team.members[tail].id} and {system.team.members[head].id}"
+        raise UndecidedError(f"{ends} are beyond range {when}")
+
+
+def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float) -> Array:
+    """Return the mean covariance of y as measured by range and bearing, linearised, shape (m, m), m^2.
+
+    In the plane it is exact to first order, and in space at least what it is there.
+
+    Args:
+        y: Relative positions, shape (T, m), m; m is 2 or 3.
+        range_noise, bearing_noise: Standard deviations, m and rad. In space azimuth and elevation have it each.
+    """
+    square = (y**2).sum(axis=1)[:, None, None]
+    outer = y[:, :, None] * y[:, None]
+    along = outer / np.where(square > 0.0, square, 1.0)  # a range of zero has no direction
+    across = square * np.eye(y.shape[1]) - outer
+    return np.asarray((range_noise**2 * along + bearing_noise**2 * across).mean(axis=0))
+
+
+# -- delayed measurements ----------------------------------------------------------------------------------------------
+#
+# For the paper's law with one delay of d periods the condition is k1 h lambda < 2 sin(pi / (2 (2 d + 1))). With other
+# laws each number of periods is tried.
+#
+# If the edges of the paper's law have different delays up to d, the condition at lambda_max suffices. A root
+# z = exp(i theta) of the team's loop, with vector x and w_e = k1 h x* H_e x >= 0, satisfies
+# sum w_e cos(theta (d_e + 1/2)) = 0 and sum w_e sin(theta (d_e + 1/2)) = 2 sin(theta / 2). The first equation requires
+# theta >= pi / (2 d + 1), so the second gives sum w_e >= 2 sin(pi / (2 (2 d + 1))). But sum w_e <= k1 h lambda_max. So
+# no root crosses the circle as the gain rises from a small value. There the loop is stable.
+
+MOST_STATES = 900  # of a matrix whose eigenvalues are found
+MOST_WORK = 3e10  # modes times states cubed, of eigenvalues or of covariances
+_ROUNDING = 1e-9  # of a spectral radius: closer to 1 nothing is decided
+
+
+class DelayAnswer(Record):
+    """The loop with measurements as old as they are, all of which arrive."""
+
+    delay: Finite = Field(None, description="of the oldest measurements, s; null where not known")
+    stable: bool | None = Field(None, description="null where undecided: see reason")
+    spectral_radius: Finite = Field(None, description="of a period, with these delays; null where not computed")
+    margin: Finite = Field(
+        None,
+        description="largest delay of all links alike, in whole periods, up to which the loop is stable, s; null where "
+        "it is unstable without delay, or undecided",
+    )
+    largest_gain: Finite = Field(
+        None,
+        description="from which on the law is unstable with these delays if nothing is lost, 1/s; null where a term "
+        "changes it, edges have unlike delays, or it is unstable at any gain",
+    )
+    reason: str = Field(description="why a number is missing, or empty")
+
+
+def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple[Array, Array, Array]:
+    """The loop of the whole team with a delay for each edge, in periods: x+ = (M + L C) x, m rows of C for m numbers.
+
+    The states are e_k, e_{k-1}, ..., then what the law remembers in eigenvectors of H; C x is D_e e_{k-d} of each edge.
+    Of a team that is free to move e is in eigenvectors of H too, without those of zero eigenvalues.
+
+    Raises:
+        UndecidedError: it has more than `most` states.
+    """
+    vectors, h = law.vectors, law.loop.period
+    feedback, values = law.loop.feedback, law.loop.values
+    n, r, d = vectors.shape[1], feedback.C.shape[1], int(delay.max(initial=0))
+    if (size := n * (d + 1 + r)) > most:
+        raise UndecidedError(f"with unlike delays, or losses, the loop has {size} states; up to {most} are looked at")
+    Q = vectors if n < len(vectors) else np.eye(n)
+    rows = np.split(np.arange(sum(len(edge.D) for edge in law.edges)), np.cumsum([len(edge.D) for edge in law.edges]))
+    m = sum(map(len, rows))
+    C, pulled = np.zeros((m, size)), np.zeros((len(vectors), m))
+    for edge, own, age in zip(law.edges, rows, delay.tolist(), strict=False):
+        C[own, n * age : n * (age + 1)] = edge.D @ Q[edge.slots]
+        pulled[np.ix_(edge.slots, own)] = edge.pull
+    M, L = np.zeros((size, size)), np.zeros((size, m))
+    M[n : n * (d + 1), : n * d] = np.eye(n * d)
+    M[:n, :n] += np.eye(n)
+    modes = Q.T @ vectors
+    eta = vectors.T @ pulled  # in eigenvectors of H, where e has eta = lambda e
+    papers = -h * law.loop.gain * Q.T @ pulled
+    L[:n] = papers if law.loop.is_papers else h * (modes * (feedback.D[:, 0] / values)) @ eta
+    kept = [slice(n * (d + 1 + i), n * (d + 2 + i)) for i in range(r)]
+    for i, row in enumerate(kept):
+        M[:n, row] = h * modes * feedback.C[:, i]
+        L[row] = (feedback.B[:, i, 0] / values)[:, None] * eta
+        for k, column in enumerate(kept):
+            M[row, column] = np.diag(feedback.A[:, i, k])
+    return M, L, C
+
+
+def spectral_radius(law: LinkedLaw, delay: IntArray) -> float:
+    """Compute the spectral radius of the loop with a delay for each edge, in periods.
+
+    Raises:
+        UndecidedError: It has too many states.
+    """
+    d = int(delay.max(initial=0))
+    if (delay == d).all():
+        if len(law.vectors) * (d + 3.0) ** 3 > MOST_WORK / 25.0 or d + 3 > MOST_STATES:
+            raise UndecidedError(f"with {d} periods of delay each of {len(law.vectors)} modes has too many states")
+        return law.loop.radius_at(d)
+    M, L, C = team_loop(law, delay)
+    return float(np.abs(np.linalg.eigvals(M + L @ C)).max())
+
+
+def is_stable(radius: float) -> bool | None:
+    """Return True if a spectral radius is stable; None where it is too close to 1."""
+    return None if abs(radius - 1.0) < _ROUNDING else radius < 1.0
+
+
+def limit_from_eigenvalues(values: NDArray[Any], product: float) -> int:
+    """Return the largest delay, in periods, up to which the paper's held law is stable; it is stable without.
+
+    A root z = exp(i theta) of z^m (z - 1) + k1 h lambda has 2 sin(theta / 2) = k1 h |lambda| and
+    theta (m + 1/2) = pi / 2 - |arg lambda|. The first such m of all eigenvalues is the limit.
+
+    Args:
+        values: Eigenvalues of H, real parts above zero, shape (L,).
+        product: k1 h.
+    """
+    theta = 2.0 * np.arcsin(np.minimum(0.5 * product * np.abs(values), 1.0))
+    limit = float(((0.5 * np.pi - np.abs(np.angle(values))) / theta).min()) - 0.5
+    return int(np.ceil(limit - _ROUNDING)) - 1
+
+
+def continuous_delay_margin(values: NDArray[Any], gain: float) -> float | None:
+    """Return the delay of all measurements up to which x' = -k1 H x is stable, s; None if it is not without.
+
+    A root i w of s + k1 lambda exp(-s T) has w = k1 |lambda| and w T = pi / 2 - |arg lambda|.
+    """
+    stable = len(values) and (values.real > 0.0).all()
+    return float(((0.5 * np.pi - np.abs(np.angle(values))) / (gain * np.abs(values))).min()) if stable else None
+
+
+def largest_delay(
+    loop: Loop,
+    linked: BoolArray,
+    radius_of: Callable[[IntArray], float],
+    *,
+    most: int = 200,
+) -> int | None:
+    """Return the largest delay of all links, in periods, up to which a loop is stable; None if it is unstable without.
+
+    Args:
+        loop: Loop of the law.
+        linked: True for each edge that has a link, shape (E,); the others measure at once.
+        radius_of: Spectral radius with a delay for each edge, in periods.
+        most: Periods of delay that are tried one by one.
+
+    Raises:
+        UndecidedError: It is not known.
+    """
+    if not is_stable(loop.radius):
+        return None
+    known = limit_from_eigenvalues(loop.values, loop.gain * loop.period) if loop.is_papers else 0
+    if loop.is_papers and linked.all():
+        return known
+    work = 0.0
+    n = len(loop.values)
+    for d in range(known + 1, most):
+        work += n * (d + 3.0) ** 3 if linked.all() else (n * (d + 3.0)) ** 3
+        if work > MOST_WORK:
+            break
+        if not is_stable(radius_of(d * linked)):
+            return d - 1
+        known = d
+    raise UndecidedError(f"the loop is stable with any delay up to {known} periods; more are not looked at")
+
+
+def _is_below_limit(loop: Loop, delay: int) -> bool:
+    """Return True if a loop is stable with any delays up to this one, in periods."""
+    papers = loop.is_papers and not np.iscomplexobj(loop.values) and loop.radius < 1.0 - _ROUNDING
+    return papers and delay <= limit_from_eigenvalues(loop.values, loop.gain * loop.period)
+
+
+def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Callable[[IntArray], float]) -> DelayAnswer:
+    """Decide a loop with a delay of each edge's measurements, in periods, shape (E,); see `largest_delay`."""
+    limit = radius = None
+    reason = ""
+    d = int(delay.max(initial=0))
+    try:
+        limit = largest_delay(loop, linked, radius_of)
+        reason = "the loop is unstable without delay" if limit is None else ""
+    except UndecidedError as error:
+        reason = str(error)
+    try:
+        radius = radius_of(delay)
+        stable = is_stable(radius)
+    except UndecidedError as error:
+        # Of unlike delays, the limit decides only for the paper's law and a symmetric H, and only that it is stable.
+        stable = True if _is_below_limit(loop, d) else None
+        if limit is not None and (delay == d).all():
+            stable = d <= limit
+        reason = reason or (str(error) if stable is None else "")
+    return DelayAnswer(
+        delay=d * loop.period,
+        stable=stable,
+        spectral_radius=radius,
+        margin=None if limit is None else limit * loop.period,
+        reason=reason,
+    )
+
+
+# -- losses ------------------------------------------------------------------------------------------------------------
+#
+# Second moments of a law over its links: the decay rate while measurements are lost, and the errors that noise makes.
+#
+# A lost measurement is skipped. E[x x^T] goes to E[A x x^T A^T], a linear operator on matrices that keeps the
+# positive semidefinite ones, so that its spectral radius is an eigenvalue. For the paper's law without delay, where x
+# is e, it is self-adjoint: its largest eigenvalue, by Lanczos, is within the norm of the residual of the one that is
+# stated. With delay, newton or integral x is more than e, and the operator T is not self-adjoint; the eigenvalue may
+# be multiple, and its eigenvector badly conditioned. The verdict then rests on X - T(X) = I. T maps the cone of
+# positive semidefinite matrices into itself, hence:
+#
+# - If a solution has X > 0, then T(X) = X - I <= (1 - 1 / lambda_max(X)) X, so that the spectral radius is below 1.
+# - If the spectral radius is below 1, then X = I + T(I) + T(T(I)) + ... > 0. So a solution with a negative eigenvalue
+#   shows that it is not.
+#
+# Both hold of any right side that is positive definite, and so of the computed one, X - T(X), which is close to I.
+#
+# Feedforward and drift do not depend on e, whichever samples they miss. With losses in bursts (Gilbert and Elliott)
+# nothing is claimed.
+
+_MOST_MOMENTS = 60_000  # numbers in the second moments with delay, newton or integral
+_FEW = 40  # second moments whose eigenvalue is found of a dense matrix
+_TOLERANCE = 1e-10  # of eigenvalues and of covariances, relative
+
+
+class LossAnswer(Record):
+    """Decay rate of the mean square error under packet loss; the law skips lost measurements.
+
+    If edges disagree at q*, or if e does not converge to zero, each loss moves agents. The resulting errors are not
+    counted.
+    """
+
+    stable: bool | None = Field(None, description="E|e|^2 falls; null where undecided: see reason")
+    factor: Finite = Field(None, description="by which E|e|^2 falls in a period, in the long run")
+    accuracy: Finite = Field(
+        None,
+        description="norm of the residual of the factor's eigenvector: an error bound of the factor of the paper's law "
+        "without delay, else an estimate",
+    )
+    bound: Finite = Field(
+        None, description="of E|e|^2 in any one period, at most; null where e is not all that the loop remembers"
+    )
+    rate: Finite = Field(None, description="at which the root of E|e|^2 decays, 1/s; negative where it grows")
+    reason: str = Field(description="why a number is missing, or empty")
+
+
+def loss_answer(law: LinkedLaw) -> LossAnswer:
+    """Compute the decay rate of E|e|^2."""
+    found: dict[str, Any] = {}
+    try:
+        moments = SecondMoments(law)
+        found["bound"] = moments.bound
+        factor, accuracy = found["factor"], found["accuracy"] = moments.factor
+        found["stable"] = factor < 1.0 if abs(factor - 1.0) > max(accuracy, _ROUNDING) else moments.stable
+        found["rate"] = -np.log(factor) / (2.0 * law.loop.period) if factor > 0.0 else None
+    except UndecidedError as error:
+        return LossAnswer(reason=str(error), **found)
+    return LossAnswer(reason="the factor is too close to 1" if found["stable"] is None else "", **found)
+
+
+class SecondMoments:
+    """Map of the second moments of the states x of `team_loop`, x+ = (M + L C) x, over a period, under losses.
+
+    Where the numbers of edges arrive with probabilities r, with B = M + L r C,
+
+        X -> B X B^T + L (r (1 - r) C X C^T) L^T, of C X C^T each edge's own block.
+    """
+
+    def __init__(self, law: LinkedLaw) -> None:
+        """Prepare it.
+
+        Raises:
+            UndecidedError: Lost samples are held, losses come in bursts, or the loop is too large.
+        """
+        links = law.links
+        if (links.held & links.lossy).any():
+            raise UndecidedError("lost samples are held")
+        if links.bursty:
+            raise UndecidedError("undecided with bursts")
+        p = 1.0 - links.delivered
+        self._symmetric = law.loop.is_papers and not links.delay.any()
+        M, L, C = team_loop(law, links.delay, MOST_STATES if self._symmetric else int(_MOST_MOMENTS**0.5))
+        sizes = np.array([len(edge.D) for edge in law.edges])
+        self._arrives = np.repeat(1.0 - p, sizes)
+        self._mean = M + L * self._arrives @ C
+        self._law = law
+        self._L = L
+        self._around = sparse.csr_array(C)
+        self._back = sparse.csr_array(L)
+        weights = [weight * np.ones((m, m)) for weight, m in zip(p * (1.0 - p), sizes, strict=True)]
+        self._lost = sparse.csr_array(sparse.block_diag(weights))
+
+    def _apply(self, X: Array) -> Array:
+        """Return the moments a period after X, shape (n, n)."""
+        lost = self._lost.multiply((self._around @ X) @ self._around.T)
+        return np.asarray(self._mean @ X @ self._mean.T + (self._back @ lost @ self._back.T).toarray())
+
+    @property
+    def bound(self) -> float | None:
+        """By which E|e|^2 falls in any one period, at most; None where e is not all that the loop remembers."""
+        return float(np.linalg.eigvalsh(self._apply(np.eye(len(self._mean)))).max()) if self._symmetric else None
+
+    def covariances(self) -> Array:
+        """Stationary covariances of e, m^2, and of the command, m^2/s^2, shape (2, n, n), by the noise of links.
+
+        Raises:
+            UndecidedError: the loop is unstable, or the iteration did not converge.
+        """
+        if not self.factor[0] < 1.0:
+            raise UndecidedError("the loop is unstable")
+        noise = block_diag(*self._law.links.noise)
+        X = self._solve(self._L * self._arrives @ noise @ self._L.T)
+        command = 2.0 * (X - self._mean @ X)  # of h u = e_k - e_{k+1}
+        vectors = self._law.vectors
+        n = vectors.shape[1]
+        error, asked = X[:n, :n], command[:n, :n]
+        if n < len(vectors):  # a team that is free to move: from the coordinates of `team_loop`
+            error, asked = (vectors @ x @ vectors.T for x in (error, asked))
+        return np.stack([error, 0.5 * (asked + asked.T) / self._law.loop.period**2])
+
+    def _operator(self, *, less: bool = False) -> LinearOperator:
+        """X -> the moments a period later, or X less those, on flat vectors."""
+
+        def apply(flat: Array) -> Array:
+            after = self._apply(flat.reshape(self._mean.shape)).ravel()
+            return flat.ravel() - after if less else after
+
+        return LinearOperator((self._mean.size,) * 2, matvec=apply, dtype=np.float64)
+
+    @cached_property
+    def factor(self) -> tuple[float, float]:
+        """By which E|e|^2 falls in the long run, and the norm of its eigenvector's residual.
+
+        Raises:
+            UndecidedError: the iteration did not converge.
+        """
+        operator = self._operator()
+        start = np.eye(len(self._mean)).ravel()
+        if len(start) <= _FEW:
+            # A Schur form scales nothing: the scaling of the usual routine spoils multiple eigenvalues.
+            matrix = operator @ np.eye(len(start))
+            value = float(np.abs(np.diagonal(schur(matrix, output="complex")[0])).max())
+            return value, float(np.linalg.svd(matrix - value * np.eye(len(start)), compute_uv=False)[-1])
+        try:
+            lanczos = {"A": operator, "k": 1, "v0": start, "tol": _TOLERANCE}
+            values, vectors = eigsh(**lanczos, which="LA") if self._symmetric else eigs(**lanczos, which="LM")
+        except ArpackError:
+            raise UndecidedError("the second moments' eigenvalue did not converge") from None
+        value, vector = values[0], vectors[:, 0]
+        after = operator @ vector.real + 1j * (operator @ vector.imag)
+        return float(abs(value)), float(np.linalg.norm(after - value * vector))
+
+    @cached_property
+    def stable(self) -> bool | None:
+        """Return True if E|e|^2 falls, by the solution of X - T(X) = I (see the module); None if rounding decides.
+
+        Raises:
+            UndecidedError: the iteration did not converge.
+        """
+        X = self._solve(np.eye(len(self._mean)))
+        smallest, size = float(np.linalg.eigvalsh(X).min()), float(np.abs(X).max())
+        drop = X - self._apply(X)
+        known = np.linalg.eigvalsh(drop).min() > 0.5 and abs(smallest) >= _ROUNDING * size
+        return smallest > 0.0 if known else None
+
+    def _solve(self, added: Array) -> Array:
+        """Solve X - T(X) = added for symmetric matrices, shape (n, n)."""
+        less, right = self._operator(less=True), added.ravel()
+        solve = partial(cg, maxiter=2000) if self._symmetric else partial(gmres, restart=100, maxiter=20)
+        found, failed = solve(less, right, rtol=_TOLERANCE)
+        if failed:
+            raise UndecidedError("the covariance under loss did not converge")
+        X = found.reshape(self._mean.shape)
+        return np.asarray(0.5 * (X + X.T))
+
+
+# -- noise of links and of odometry ------------------------------------------------------------------------------------
+#
+# Noise is white in time, so that the covariance of the states P = M P M^T + G U G^T, between each pair of modes of
+# `Loop.with_noise`: summed up by doubling. Where delays are unlike or measurements are lost, that of the whole team.
+
+_CHUNK = 4_000_000  # numbers of covariances at once
+
+
+class AgentNoise(Record):
+    """Effect of noise alone on an agent."""
+
+    agent: str
+    error: float = Field(description="RMS in time of |e_i| about its mean, m")
+    norm: Norm = Field(PER_AGENT_RMS, description="which norm `error` is: of this agent alone")
+    command: float = Field(description="RMS of the command, m/s")
+
+
+class NoiseAnswer(Record):
+    """The stationary errors that noise and bias of links and of odometry make, at samples.
+
+    They add to those of targets' motion, flow and losses: means to means, and squares of the RMS to squares.
+    """
+
+    mean: Finite = Field(None, description="|mean of e| of the team, by biases, m; null: see reason")
+    error: Finite = Field(None, description="RMS in time of |e| of the team about its mean, m; null: see reason")
+    mean_per_agent: Finite = Field(None, description="`mean` as RMS over agents, mean / sqrt(N), m")
+    error_per_agent: Finite = Field(None, description="`error` as RMS over agents, error / sqrt(N), m")
+    norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
+    command: Finite = Field(None, description="RMS of the commands of the team, 2-norm, m/s; null: see reason")
+    agents: list[AgentNoise] = Field(description="each agent, in order; empty where there is no answer")
+    linearised: bool = Field(
+        description="noise of range and bearing is linearised along q*; in space this makes an upper estimate, "
+        "by 1 % where lines of sight are level in the bodies' frames, by a factor sqrt(2) at most"
+    )
+    reason: str = Field(description="why a number is missing, or empty")
+
+
+def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
+    """Compute the effect of noise of measurements and odometry in the long run, without saturation."""
+    linearised = law.links.linearised
+    try:
+        mean = mean_error(law)
+        error, command = map(np.diagonal, noise_covariances(law))
+    except UndecidedError as why:
+        return NoiseAnswer(agents=[], linearised=linearised, reason=str(why))
+    first = team.first_state
+    error, command = np.maximum(error, 0.0), np.maximum(command, 0.0)
+    each = np.sqrt(np.add.reduceat([error, command], first[:-1], axis=1))
+    offset, size, agents = float(np.linalg.norm(mean)), float(np.sqrt(error.sum())), len(team.agents)
+    return NoiseAnswer(
+        mean=offset,
+        error=size,
+        mean_per_agent=per_agent(offset, agents),
+        error_per_agent=per_agent(size, agents),
+        command=np.sqrt(command.sum()),
+        agents=[
+            AgentNoise(agent=id, error=e, command=u) for id, (e, u) in zip(team.agent_ids, each.T.tolist(), strict=True)
+        ],
+        linearised=linearised,
+        reason="",
+    )
+
+
+def mean_error(law: LinkedLaw) -> Array:
+    """The mean of e that biases make, shape (n,), m: where neither eta nor the command has a mean.
+
+    Raises:
+        UndecidedError: measurements with a bias are lost.
+    """
+    vectors, links, terms = law.vectors, law.links, law.terms
+    if links.lossy.any() and any(bias.any() for bias in links.bias):
+        raise UndecidedError("measurements with a bias are lost")
+    eta, sensed_motion = np.zeros((2, len(vectors)))
+    own_motion = np.full(len(vectors), terms.bias * law.loop.period)
+    for edge, bias in zip(law.edges, links.bias, strict=True):
+        eta[edge.slots] += edge.pull @ bias
+        sensed_motion[edge.slots] += edge.sensing * edge.H @ own_motion[edge.slots]
+    M, G, _ = law.loop.with_noise(0)
+    inputs = np.stack([eta, 0.0 * eta, sensed_motion, own_motion], axis=1)
+    q = np.linalg.solve(np.eye(M.shape[1]) - M, G @ (vectors.T @ inputs)[:, :, None])[:, 0, 0]
+    return np.asarray(-vectors @ q)
+
+
+def noise_covariances(law: LinkedLaw) -> Array:
+    """Stationary covariances of e, m^2, and of the command, m^2/s^2, over the states of q, shape (2, n, n).
+
+    Raises:
+        UndecidedError: they are not known, and why.
+    """
+    links = law.links
+    lossy = links.lossy.any()
+    if lossy or (links.delay != links.delay[:1]).any():
+        if law.terms.feedforward or law.terms.drift > 0.0:
+            what = "measurements are lost" if lossy else "delays are unlike"
+            raise UndecidedError(f"{what}, and the law has feedforward or drift")
+        return SecondMoments(law).covariances()
+    delay = int(links.delay.max(initial=0))
+    M, G, command = law.loop.with_noise(delay)
+    n = len(M)
+    states, inputs = G.shape[1:]
+    if n * n * states**3 > MOST_WORK:
+        raise UndecidedError(f"{n} modes of {states} states each have too many covariances")
+    if not law.loop.radius_at(delay) < 1.0:
+        raise UndecidedError("the loop is unstable")
+    U = _input_covariances(law, inputs)
+    of_state = command[:, :states]
+    of_input = command[:, states:]
+    moments = np.zeros((2, n, n))
+    step = max(1, _CHUNK // (n * states * states))
+    for begin in range(0, n, step):
+        rows = slice(begin, begin + step)
+        P = stationary(M[rows, None], M, np.einsum("aik,abkl,bjl->abij", G[rows], U[rows], G, optimize=True))
+        moments[0, rows] = P[..., 0, 0]
+        moments[1, rows] = np.einsum("ai,abij,bj->ab", of_state[rows], P, of_state, optimize=True)
+        moments[1, rows] += np.einsum("ai,abij,bj->ab", of_input[rows], U[rows], of_input, optimize=True)
+    return np.asarray(law.vectors @ moments @ law.vectors.T)
+
+
+def _input_covariances(law: LinkedLaw, inputs: int) -> Array:
+    """Covariances of the noise that enters the loops of two of n modes, shape (n, n, inputs, inputs)."""
+    Q = law.vectors
+    n = Q.shape[1]
+    variance = law.terms.noise**2
+    pulled = [edge.pull @ noise @ edge.pull.T for edge, noise in zip(law.edges, law.links.noise, strict=True)]
+    rate = Q.T @ law.spread([edge.sensing * part for edge, part in zip(law.edges, pulled, strict=True)]) @ Q
+    S = Q.T @ law.spread([edge.sensing * edge.H for edge in law.edges]) @ Q
+    U = np.zeros((n, n, inputs, inputs))
+    U[..., 0, 0] = Q.T @ law.spread(pulled) @ Q
+    U[..., 1, 1] = rate
+    U[..., 0, 1] = U[..., 1, 0] = -rate  # a sensing agent is the tail: -F^T K in eta, F^T K in B p'
+    U[..., 2, 2] = variance * S @ S
+    U[..., 3, 3] = variance * np.eye(n)
+    U[..., 2, 3] = U[..., 3, 2] = variance * S
+    return U
+
+
+# -- the record --------------------------------------------------------------------------------------------------------
 
 UNSTABLE_LINKS = "over its links the law is unstable"
 
@@ -71,44 +796,36 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
         system: the system.
         path: Path of its targets.
     """
-    found = _answers(system, path)
-    if found is None or found.delay.delay is None:
-        return found
-    delay = found.delay.model_copy(update={"largest_gain": _largest_gain(system)})
-    return found.model_copy(update={"delay": delay})
-
-
-def _largest_gain(system: System) -> float | None:
-    """Return the controller.gain from which on the held law is unstable over its links, 1/s.
-
-    It is None if it is not known: where a term changes it, and where measurements are not equally old.
-    """
-    law, team, delay = system.law, system.local.team, common_delay(system)
-    changed = law.terms.newton or law.terms.integral or law.custom or (law.extended and not team.symmetric)
-    if system.grid.continuous or changed or delay is None:
-        return None
-    values = np.array([system.largest_eigenvalue]) if team.symmetric else held_eigenvalues(team)
-    return largest_gain(values, system.grid.period, delay)
-
-
-def _answers(system: System, path: TargetPath) -> LinkRecord | None:
-    team = system.team
+    team, terms = system.team, system.law.terms
     try:
         require_model(system)
         edges, links = measured_edges(team), links_of(system, path)
+        size = team.dirichlet.H.shape[0]
         if not team.symmetric:
             why = "H is not symmetric: only a delay of all measurements alike is decided"
-            return _record(_delay_of_directed_team(system, links, why), edges, links, system.law.terms, why=why)
-        size = team.dirichlet.H.shape[0]
-        if size > DENSE_STATES and not (system.grid.continuous or system.law.terms.newton):
+        elif size > DENSE_STATES and not (system.grid.continuous or terms.newton):
             why = f"H has {size} rows; all its eigenvalues are found up to {DENSE_STATES}"
-            return _record(_delay_of_large_team(system, edges, links, why), edges, links, system.law.terms, why=why)
-        return answers_for(linked_law(system, path), team)
+        else:
+            law = LinkedLaw(loop_of(system), eigen_of(system)[1], edges, links, terms)
+            return _with_gain(answers_for(law, team), system)
+        found = _record(_delay_alone(system, edges, links, why), edges, links, terms, why=why)
+        return _with_gain(found, system)
     except UndecidedError as error:
         if not len(system.law.links.table):
             return None
         why = str(error)
-        return _record(DelayAnswer(reason=why), [], perfect_links([]), system.law.terms, why=why, unknown=True)
+        return _record(DelayAnswer(reason=why), [], perfect_links([]), terms, why=why, unknown=True)
+
+
+def _with_gain(record: LinkRecord, system: System) -> LinkRecord:
+    """Add the controller.gain from which on the held law is unstable over its links, where it is known."""
+    law, team, delay = system.law, system.local.team, common_delay(system)
+    changed = law.terms.newton or law.terms.integral or law.custom or (law.extended and not team.symmetric)
+    if system.grid.continuous or changed or delay is None:
+        return record
+    values = np.array([system.largest_eigenvalue]) if team.symmetric else held_eigenvalues(team)
+    gain = largest_gain(values, system.grid.period, delay)
+    return record.model_copy(update={"delay": record.delay.model_copy(update={"largest_gain": gain})})
 
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
@@ -117,33 +834,42 @@ def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
     return _record(delay, law.edges, law.links, law.terms, law=law, team=team)
 
 
-def _delay_of_directed_team(system: System, links: LinkParameters, why: str) -> DelayAnswer:
-    """Answer for the delay that all measurements share; `why` is the reason where they do not."""
-    if system.grid.continuous:
-        margin = continuous_delay_margin(held_eigenvalues(system.team), system.gain)
+def _delay_alone(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
+    """Answer for the delay that all measurements share, of a team whose eigenvectors are not known.
+
+    Of a large team the largest and smallest eigenvalues decide: the spectral radius falls and then rises in between.
+
+    Args:
+        system: The system.
+        edges: Its edges.
+        links: Theirs.
+        why: Reason why nothing is known of unlike delays.
+
+    Raises:
+        UndecidedError: The harmonic extension is not unique, or the law has an integral.
+    """
+    team, gain, period = system.team, system.gain, system.grid.period
+    linked = np.array([edge.linked for edge in edges])
+    if not team.symmetric and system.grid.continuous:
+        margin = continuous_delay_margin(held_eigenvalues(team), gain)
         return DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
-    loop = loop_of(system)
+    if not team.symmetric:
+        loop = loop_of(system)
+        linked[:] = True
+    elif not team.dirichlet.unique:
+        raise UndecidedError("the harmonic extension is not unique")
+    elif system.law.terms.integral or system.law.custom:
+        raise UndecidedError(why)
+    else:
+        values = np.array([spectrum_of(team).smallest[0], system.largest_eigenvalue])
+        loop = Loop(model_of(system.law, period), values, gain, period)
 
     def radius_of(delay: IntArray) -> float:
         if np.ptp(delay) > 0:
             raise UndecidedError(why)
         return loop.radius_at(int(delay.max()))
 
-    return delay_answer(loop, links.delay, np.ones(len(links.delay), dtype=np.bool_), radius_of)
-
-
-def _delay_of_large_team(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
-    """Answer from lambda_max, for a team whose other eigenvalues are not known.
-
-    Raises:
-        UndecidedError: The harmonic extension is not unique, or the law has an integral.
-    """
-    if not system.team.dirichlet.unique:
-        raise UndecidedError("the harmonic extension is not unique")
-    if system.law.terms.integral or system.law.custom:
-        raise UndecidedError(why)
-    linked = np.array([edge.linked for edge in edges])
-    return answer_of_large_team(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
+    return delay_answer(loop, links.delay, linked, radius_of)
 
 
 def _record(

@@ -113,16 +113,22 @@ def margins(system: System, certificate: Certificate) -> Margins:
     """All margins of a system."""
     agents = system.vehicles[: len(system.team.agents)]
     tau = of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max()))
-    loop = loop_on_path(system, certificate)
-    able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
-    forward = of_each(agents, lambda vehicle: capability_of(vehicle).forward_speed)
+    falling = dict[str, str]()
+    one_sided = []
+    for vehicle in {id(vehicle): vehicle for vehicle in agents}.values():
+        ids = [agent.id for agent, own in zip(system.team.agents, agents, strict=True) if own is vehicle]
+        falling |= {id: one.sentence for one in reversed(shortfalls_of(vehicle)) if one.falls for id in ids}
+        if may_lack(vehicle) and (authority := authority_of(vehicle)).lacking:
+            meaning = describe_consequences(vehicle, authority)
+            lacking = list(authority.lacking)
+            one_sided.append(OneSided(agents=ids, vehicle=vehicle.name, lacking=lacking, meaning=meaning))
     return Margins(
         hold=hold_margin(system, certificate.spectrum),
-        bodies=BodyMargins(tau=[tau.min(), tau.max()], **dict(loop)),
-        speed=_speed_demands(system, certificate, able, forward),
-        one_sided=_one_sided(system),
+        bodies=BodyMargins(tau=[tau.min(), tau.max()], **dict(loop_on_path(system, certificate))),
+        speed=_speed_demands(system, certificate),
+        one_sided=one_sided,
         slow_targets=_slow_targets(system, certificate),
-        falling=_falling(system),
+        falling=falling,
     )
 
 
@@ -144,32 +150,6 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
     }
 
 
-def _falling(system: System) -> dict[str, str]:
-    """Say why a vehicle turns over and falls once it leans to its limit, for each agent that has such a vehicle."""
-    agents = system.team.agents
-    kinds = {id(vehicle): shortfalls_of(vehicle) for vehicle in system.vehicles[: len(agents)]}
-    lacking = {key: [one.sentence for one in found if one.falls] for key, found in kinds.items()}
-    return {
-        agent.id: lacking[id(vehicle)][0]
-        for agent, vehicle in zip(agents, system.vehicles, strict=False)
-        if lacking[id(vehicle)]
-    }
-
-
-def _one_sided(system: System) -> list[OneSided]:
-    """Kinds of vehicles whose thrusters do not push both ways, with their agents."""
-    agents = system.team.agents
-    kinds = {id(vehicle): vehicle for vehicle in system.vehicles[: len(agents)] if may_lack(vehicle)}
-    found = []
-    for key, vehicle in kinds.items():
-        authority = authority_of(vehicle)
-        if authority.lacking:
-            ids = [agent.id for agent, own in zip(agents, system.vehicles, strict=False) if id(own) == key]
-            meaning = describe_consequences(vehicle, authority)
-            found.append(OneSided(agents=ids, vehicle=vehicle.name, lacking=list(authority.lacking), meaning=meaning))
-    return found
-
-
 def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
     """The margin of the held law, or None where the law is continuous or H is not symmetric."""
     if system.grid.continuous or not system.team.symmetric:
@@ -185,9 +165,12 @@ def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
     )
 
 
-def _speed_demands(system: System, certificate: Certificate, able: Array, forward: Array) -> list[SpeedDemand]:
+def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand]:
     """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
+    agents = system.vehicles[: len(team.agents)]
+    able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
+    forward = of_each(agents, lambda vehicle: capability_of(vehicle).forward_speed)
     time, carried = _carried_along(system, certificate)
     along = np.linalg.norm(carried, axis=2)
     steady = along.max(axis=0)
@@ -245,7 +228,7 @@ def _carried_along(system: System, certificate: Certificate) -> tuple[Array, Arr
     relative = constants.difference.values + constants.difference.shaken  # f_B + H^-1 B omega
     if path.cells is None and not np.isfinite(system.moving_bounds.speed).all():
         calm = replace(system, flows=[flow.model_copy(update={"gusts": None}) for flow in system.flows])
-        carrier = Carrier(calm, certificate.spectrum)
+        carrier = Carrier(calm)
         path = follow_targets(calm, carrier)
         carried, own, shaken = velocities_along(calm, path, carrier)
         relative = carried - own + shaken if path.cells is not None else np.full_like(carried, np.nan)

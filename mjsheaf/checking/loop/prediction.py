@@ -1,4 +1,4 @@
-"""Predicted errors: the linear loop, driven along the targets' path from the initial positions, and by gusts and waves.
+"""Predicted tracking error: the linear loop, driven along the targets' path from the initial positions.
 
 With q and q* measured from q* at the start, s = H q* is what the targets add to eta = H q - s. The law in the
 eigenvectors of H (see `linear_law`) has the inputs q, -s as an error of eta, s as what sensing edges report, and the
@@ -11,38 +11,25 @@ where the vehicles begin, at rest. Commands are shortened to the speed limits an
 ahead. The prediction leaves out how the flow differs at q from q*, noise, and what delays and losses do.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.loop.body_loop import (
-    NEUTRAL_RATE,
-    held_modes,
-    ideal_team,
-    linear_team,
-    medium_on_path,
-    whole_loop,
-)
+from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
 from mjsheaf.checking.loop.linear_law import model_of, require_model, without_memory
-from mjsheaf.checking.loop.sampled_loop import closed
-from mjsheaf.checking.spectrum import Spectrum, matrix_of
+from mjsheaf.checking.loop.linear_team import ideal_team, linear_vehicles, medium_on_path
+from mjsheaf.checking.loop.sampled_loop import driven
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
-from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.errors import InputError, UndecidedError, select_true
+from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.errors import UndecidedError, select_true
 from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
-from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
-from mjsheaf.media.medium import of_kind
 from mjsheaf.media.varying import evaluate
-from mjsheaf.media.waves import Components
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
@@ -116,18 +103,26 @@ def steady_error(
         require_model(system)
         path = _path_of(system, certificate, rate)
         ideal, speed, places = _follow(system, certificate, system.law, ideal_team(system), limit, path)
-        sheared = _shear(system, places, path) > notable * ideal * (rate or 0.0)
-        unsettled = _initial_part(system, path, rate) > notable * ideal
+        # The difference in steady flow between the places and q*, m/s, and what is left of the initial error, m; RMS.
+        difference = agent_flow(system, places) - agent_flow(system, path.q_star[-path.counted :])
+        shear = float(np.sqrt((difference**2).sum(axis=1).mean() / len(limit)))
+        begins = system.grid.period * (len(path.q_star) - path.counted)
+        initial = float(np.linalg.norm(path.initial - path.q_star[0])) / np.sqrt(len(limit))
+        sheared = shear > notable * ideal * (rate or 0.0)
+        unsettled = initial * np.exp(-(rate or 0.0) * begins) > notable * ideal
         limited = np.any((speed > limit)[-path.counted :], axis=0)
         saturates = np.any(speed > limit, axis=0)
     except UndecidedError as error:
         reason = reason_on_bodies = str(error)
     else:
         try:
-            vehicles, _ = linear_team(system, medium_on_path(system, certificate.constants.path))
+            vehicles = linear_vehicles(system, range(len(limit)), medium_on_path(system, certificate.constants.path))
             able = [capability_of(vehicle) for vehicle in system.vehicles[: len(limit)]]
             fastest = np.minimum(limit, [one.forward_speed for one in able])
-            bodies, speed, _ = _follow(system, certificate, _law_on_bodies(system), vehicles, fastest, path)
+            law = system.control_of_bodies.law  # whose feedforward leads by the time constants
+            if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
+                raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
+            bodies, speed, _ = _follow(system, certificate, law, vehicles, fastest, path)
             strained = np.minimum(speed, limit) > [one.least_speed for one in able]
             slow = np.any(strained[0 if unsettled else -path.counted :], axis=0)
             turns = [unsettled and one.dimension == 2 and not one.steering.attitude for one in system.vehicles]
@@ -189,7 +184,7 @@ def _path_of(
     decays = rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any()
     settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and decays else last
     first = max(0, last - counted - settling)
-    q_star = Carrier(system, certificate.spectrum).extend(path.samples[first:])
+    q_star = Carrier(system).extend(path.samples[first:])
     if q_star.size > most:
         raise UndecidedError("the run is too long")
     flow = _mean_flow(system, q_star, first, last)
@@ -211,31 +206,6 @@ def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
     for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
         flow += 0.5 * agent_motion(system, instant, middle)
     return flow
-
-
-def _initial_part(system: System, path: _Path, rate: float | None) -> float:
-    """Estimate the part of the RMS error, over agents, that is left of the initial error where samples count, m."""
-    begins = system.grid.period * (len(path.q_star) - path.counted)
-    error = float(np.linalg.norm(path.initial - path.q_star[0])) / np.sqrt(len(system.team.agents))
-    return error * float(np.exp(-(rate or 0.0) * begins))
-
-
-def _shear(system: System, places: Array, path: _Path) -> float:
-    """Return the RMS over agents of the difference in steady flow between places (counted, n_q), m, and q*, m/s."""
-    difference = agent_flow(system, places) - agent_flow(system, path.q_star[-path.counted :])
-    return float(np.sqrt((difference**2).sum(axis=1).mean() / len(system.team.agents)))
-
-
-def _law_on_bodies(system: System) -> LawArrays:
-    """Return the law on the vehicles, whose feedforward leads by their time constants.
-
-    Raises:
-        UndecidedError: It leads by unlike times, so that the loop does not fall apart into modes.
-    """
-    law = system.control_of_bodies.law
-    if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
-        raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
-    return law
 
 
 def _follow(
@@ -263,504 +233,41 @@ def _follow(
     Raises:
         UndecidedError: The loop has too many states, or is unstable.
     """
-    symmetric = system.team.symmetric
-    H = system.team.dirichlet.H.toarray() if symmetric else matrix_of(system.team)
-    A, B, C, D = (linalg.block_diag(*blocks) for blocks in zip(*vehicles, strict=True))
+    H = system.team.law_problem.H.toarray()
     n = len(H)
-    if symmetric:
+    if system.team.symmetric:
         values, vectors = held_modes(system, certificate.spectrum)
         law = model_of(law_arrays, system.grid.period).at(system.gain, values).of_team(vectors)
     else:  # u = -k1 eta
-        zero = np.zeros((n, 3 * n))
-        law = without_memory(np.hstack([-system.gain * H, -system.gain * np.eye(n), zero]))
-    states, memory = len(A), len(law.A)
-    size = n + states + memory
+        law = without_memory(-system.gain * np.hstack([H, np.eye(n), np.zeros((n, 3 * n))]))
+    plant = LinearVehicle(*(linalg.block_diag(*blocks) for blocks in zip(*vehicles, strict=True)))
+    moved = np.vstack([plant.D, plant.B])
+    size = len(moved) + len(law.A)
     if size > MAX_STATES:
         raise UndecidedError(f"the loop has {size} states, more than {MAX_STATES}")
-    # By the displacement of an agent, by s, which is an error of eta and what sensing edges report, and by the medium.
-    learns, by_eta, by_sensed, _, learns_flow = np.split(law.B, 5, axis=1)
-    acts, acts_by_eta, acts_by_sensed, _, acts_by_flow = np.split(law.D, 5, axis=1)
-    learns_s = by_sensed - by_eta
-    M = closed(LinearVehicle(A, B, C, D), law._replace(B=learns, D=acts))
-    if not np.abs(np.linalg.eigvals(M)).max() <= 1.0 + NEUTRAL_RATE * system.grid.period:
+    loop = driven(plant, law)
+    if not np.abs(np.linalg.eigvals(loop.A)).max() <= 1.0 + NEUTRAL_RATE * system.grid.period:
         raise UndecidedError("the loop is unstable")
     q_star = path.q_star - path.q_star[0]
     s = q_star @ H.T
     carried = system.grid.period * path.flow
     seen = np.vstack([0.0 * carried[:1], carried])  # over the period before, as an agent knows it
-    by_inputs = s @ (acts_by_sensed - acts_by_eta).T + seen @ acts_by_flow.T
-    inputs = np.hstack([by_inputs @ D.T, by_inputs @ B.T, s @ learns_s.T + seen @ learns_flow.T])[:-1]
-    inputs[:, :n] += carried
+    inputs = np.hstack([-s, s, 0.0 * s, seen])[:-1]  # s is an error of eta, and what sensing edges report
+    pushed = inputs @ loop.B.T
+    pushed[:, :n] += carried
     followed = np.zeros((len(inputs) + 1, size))
     followed[0, :n] = path.initial - path.q_star[0]
     copied = ~law.A.any(axis=1)  # what the next sample compares with; before the first, nothing has moved
-    followed[0, n + states :][copied] = learns[copied] @ followed[0, :n]
-    commands = np.hstack([acts, np.zeros((n, states)), law.C])
-    moved = np.vstack([D, B])
+    followed[0, len(moved) :][copied] = law.B[copied, :n] @ followed[0, :n]
     agent = np.repeat(np.arange(len(limit)), [member.dimension for member in system.team.agents])
     speed = np.empty((len(inputs), len(limit)))
-    for k, driven in enumerate(inputs):
-        u = commands @ followed[k] + by_inputs[k]
+    for k, push in enumerate(pushed):
+        u = loop.C @ followed[k] + loop.D @ inputs[k]
         speed[k] = np.sqrt(np.bincount(agent, u**2))
-        followed[k + 1] = M @ followed[k] + driven
+        followed[k + 1] = loop.A @ followed[k] + push
         if (speed[k] > limit).any():
             excess = np.maximum(1.0 - limit / np.maximum(speed[k], _LEAST_SPEED), 0.0)
-            followed[k + 1, : n + states] -= moved @ (excess[agent] * u)
+            followed[k + 1, : len(moved)] -= moved @ (excess[agent] * u)
     error = (q_star - followed[:, :n])[-path.counted :]
     places = followed[-path.counted :, :n] + path.q_star[0]
     return float(np.sqrt((error**2).sum(axis=1).mean() / len(limit))), speed, places
-
-
-# -- gusts and waves ---------------------------------------------------------------------------------------------------
-#
-# RMS error that gusts and waves leave: their spectra through the law's loop, on ideal kinematics and on bodies.
-#
-# The loop from one sample to the next, on errors e = q - q* and all else that it remembers, is X+ = M X + N w, with w
-# the mean velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h),
-# and the variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so that their
-# spectrum is that of their discrete filter; a wave's mean over a period is sin(omega h / 2) / (omega h / 2) of it.
-# Waves and frozen gusts meet all vehicles with a phase, each at q* as it is at the start; gusts of each vehicle's own
-# are independent. Vehicles in the plane meet the waves' velocity at the surface, those below it that at their depth. A
-# target that the medium moves takes q* along. Where the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
-#
-# A target of time constant tau follows the medium by 1 / (1 + i omega tau), less what its pull takes back. With
-# r = e^(-h / tau) and l = tau (1 - r), a command that is held over h moves it by
-#
-#     G = ((h - l) + l (1 - r) / (z - r)) / (z - 1),    so that it follows by 1 / ((1 + i omega tau) (1 + pull G)).
-#
-# On bodies the loop is that of the linear vehicles. In axes that move with the medium a vehicle does not know that it
-# moves; so with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w.
-# A hull rights itself to the surface, so the same holds of a slope s with the attitude E_s upright on it:
-# x+ = A x + (E_s - A E_s) s and p+ = p + C x - C E_s s. Heave is left out. A boat that holds no heading turns along the
-# waves, within minutes, by an effect of second order that the linear vehicle does not have: it is taken as turned.
-
-Complex = NDArray[np.complex128]
-
-_MOST_STATES = 300
-"""Largest loop that is solved at every frequency."""
-
-
-class DisturbanceRecord(Record):
-    """RMS errors |q - q*| that gusts and waves leave once the loop has settled; what is steady is not in them."""
-
-    rms: Finite = Field(description="RMS over agents, on ideal kinematics, m; null: see reason")
-    agents: dict[str, Finite] = Field(description="RMS of each agent on ideal kinematics, m")
-    bodies: dict[str, Finite] = Field(description="RMS of each agent on its vehicle, m; empty: see bodies_reason")
-    norm: Norm = Field(PER_AGENT_RMS, description="which norm `rms` is")
-    carried_off: dict[str, float] = Field(
-        {},
-        description="agents that cannot hold station at times: by how much the medium's speed, its mean and twice its "
-        "RMS, exceeds the vehicle's steady speed in its slowest direction, m/s",
-    )
-    clipped: dict[str, float] = Field(
-        {},
-        description="vehicles that begin below or above the altitudes for which the model of the gusts holds: altitude "
-        "of the gusts that they meet, m",
-    )
-    leaves_out: list[str] = Field([], description="what acts in the run and is not in the prediction")
-    reason: str = Field("", description="why it is not known, or empty")
-    bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
-
-    @property
-    def rms_on_bodies(self) -> float | None:
-        """RMS over agents on their vehicles, m; None if it is not known."""
-        known = [rms for rms in self.bodies.values() if rms is not None]
-        return float(np.sqrt(np.mean(np.square(known)))) if known else None
-
-
-class _Loop(NamedTuple):
-    """A loop and how the medium enters it.
-
-    Attributes:
-        M: Map of the states from one sample to the next, shape (S, S).
-        met: Input of the agents' mean velocities, shape (S, n_q), s and 1.
-        carried: Input of the mean velocity of q*, shape (S, n_q), s.
-        shown: Rows that give the error, shape (n_q, S).
-        tilted: Input of the slopes of the surface about the agents, along x and y, shape (S, n_q), 1.
-        period: Time between samples, s.
-        continuous: Eigenvalues k1 lambda of a continuous law and their vectors; None where it is held.
-    """
-
-    M: Array
-    met: Array
-    carried: Array
-    shown: Array
-    tilted: Array
-    period: float
-    continuous: tuple[Array, Array] | None = None
-
-    def response(self, angle: float) -> Complex:
-        """Return E of velocities of agents, of q*, and of slopes, at an angle omega h, shape (3, n_q, n_q), s and m."""
-        inputs = np.concatenate([self.met, self.carried, self.tilted], axis=1)
-        solved = self.shown @ np.linalg.solve(np.exp(1j * angle) * np.eye(len(self.M)) - self.M, inputs)
-        return np.array(np.split(solved, 3, axis=1), dtype=np.complex128)
-
-    def response_to_waves(self, rate: float) -> Complex:
-        """Return the same of a wave of a frequency, rad/s, by its velocity at the middle of a period."""
-        if self.continuous is not None:
-            values, vectors = self.continuous
-            answer = (vectors / (1j * rate + values)) @ vectors.T
-            return np.array([answer, -answer, 0.0 * answer], dtype=np.complex128)
-        angle = rate * self.period
-        return np.sinc(angle / (2.0 * np.pi)) * self.response(angle)
-
-
-def predict_rms(
-    system: System,
-    spectrum: Spectrum,
-    medium: Array,
-    *,
-    steep: float = 1.0 / 60.0,
-) -> DisturbanceRecord:
-    """Predict the errors that gusts and waves leave.
-
-    Args:
-        system: The system.
-        spectrum: Spectrum of H.
-        medium: Mean velocity of the medium that the agents' vehicles meet, shape (N, 3), m/s.
-        steep: Significant height over the peak's wave length, beyond which drift in groups adds some percent.
-    """
-    ids = system.team.agent_ids
-    if not any(flow.gusts is not None or flow.waves is not None for flow in system.flows):
-        return DisturbanceRecord(rms=0.0, agents=dict.fromkeys(ids, 0.0), bodies=dict.fromkeys(ids, 0.0))
-    bodies, bodies_reason = dict[str, float](), ""
-    known = {"carried_off": _carried_off(system, medium), "clipped": _clipped(system)}
-    try:
-        _require_known(system)
-        _require_one_side(system)
-        ideal = _rms(system, _ideal_loop(system, spectrum), np.zeros(len(system.team.targets)))
-    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        reason = str(error)
-        unknown = dict.fromkeys(ids)
-        reasons = {"reason": reason, "bodies_reason": reason}
-        return DisturbanceRecord(rms=None, agents=unknown, bodies={}, **known, **reasons)
-    try:
-        tau = np.array([v.reduced_model().tau.max() for v in system.vehicles[len(ids) :]])
-        bodies = dict(zip(ids, _rms(system, _body_loop(system, spectrum, medium), tau).tolist(), strict=True))
-    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        bodies_reason = str(error)
-    rms = float(np.sqrt(np.mean(ideal**2)))
-    agents = dict(zip(ids, ideal.tolist(), strict=True))
-    left_out = {
-        "slow drift in groups of steep waves": any(
-            flow.waves is not None and flow.waves.steepness > steep for flow in system.flows
-        ),
-        "the safety filter": system.safety is not None,
-    }
-    return DisturbanceRecord(
-        rms=rms, agents=agents, bodies=bodies, **known, leaves_out=select_true(left_out), bodies_reason=bodies_reason
-    )
-
-
-def _clipped(system: System) -> dict[str, float]:
-    """Return the altitude of the gusts of each vehicle that begins outside the range of their model, m."""
-    found = {}
-    for id, field, place in zip(system.team.index, system.field, system.initial, strict=True):
-        gusts, height = system.flows[field].gusts, float(place[2]) - system.bodies.surface_height
-        if gusts is not None and isinstance(gusts.altitude, str) and gusts.altitude_of(height) != height:
-            found[id] = gusts.altitude_of(height)
-    return found
-
-
-def _carried_off(system: System, medium: Array) -> dict[str, float]:
-    """Return by how much the medium is too fast at times for each agent for which it is, m/s."""
-    variance = np.zeros(len(system.field))
-    for number, flow in enumerate(system.flows):
-        if flow.waves is not None:
-            along, up = _speeds(system, flow.waves.sampled(system.seed), number, system.initial[:, 2])
-            variance += 0.5 * np.sum(along**2 + up**2, axis=0)
-    for gusts in of_kind(system.moving, GustArrays):
-        met = gusts.met > 0
-        variance[met] += 2.0 * np.square([filter_of(row).u.size for row in gusts.filters])
-    for frozen in of_kind(system.moving, FrozenArrays):
-        variance += 2.0 * filter_of(frozen.filter).u.size ** 2 * (frozen.met > 0)
-    found = {}
-    for i, id in enumerate(system.team.agent_ids):
-        able = min(capability_of(system.vehicles[i]).least_speed, float(system.law.limit[i]))
-        excess = float(np.linalg.norm(medium[i])) + 2.0 * float(np.sqrt(variance[i])) - able
-        if excess > 0.0:
-            found[id] = excess
-    return found
-
-
-def _require_known(system: System) -> None:
-    """Raise an UndecidedError unless the law's loop is all that answers to the medium."""
-    require_model(system)
-    terms = system.law.terms
-    links = system.law.links.table
-    late = links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any()
-    if terms.drift or terms.feedforward:
-        raise UndecidedError("the law observes the medium's velocity or follows the targets'")
-    if not system.team.symmetric:
-        raise UndecidedError("H is not symmetric")
-    if late or terms.rounds.imperfect:
-        raise UndecidedError("measurements are delayed or lost")
-    if system.team.stressed and terms.newton:
-        raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
-    if not system.team.dirichlet.unique:
-        raise UndecidedError("the harmonic extension is not unique")
-    if len(system.team.target_edges):
-        raise UndecidedError("targets follow one another")
-    if system.effectiveness.given.any():
-        raise UndecidedError("g is the scenario's own")
-
-
-def _require_one_side(system: System) -> None:
-    """Refuse waves if a vehicle in space passes through their surface, where the velocity that it meets jumps.
-
-    Raises:
-        UndecidedError: A target or an agent's q* does, or it is not known whether one does.
-    """
-    waves = any(flow.waves is not None for flow in system.flows)
-    if not waves or system.planar.all():
-        return
-    N = len(system.team.agents)
-    path = follow_targets(system)
-    if path.cells is None and np.isfinite(system.moving_bounds.speed[N:]).all():
-        raise UndecidedError(f"the targets' path in the waves is not known: {path.warning}")
-    height = path.positions[..., 2].copy()
-    height[:, :N] = system.team.unpack(path.q_star)[..., 2]
-    sides = _below(system, height)
-    for v in np.flatnonzero(sides.any(axis=0) & ~sides.all(axis=0)):
-        raise UndecidedError(f"{list(system.team.index)[v]} passes through the surface of the waves")
-
-
-def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
-    """Return the loop of ideal agents."""
-    h, n_q = system.grid.period, int(system.team.first_state[-1])
-    if n_q > _MOST_STATES:
-        raise UndecidedError(f"the team has {n_q} states; up to {_MOST_STATES} are solved")
-    if system.grid.continuous:
-        if system.law.extended:
-            raise UndecidedError("the law is continuous and has terms")
-        values, vectors = np.linalg.eigh(system.team.dirichlet.H.toarray())
-        rates = system.gain * values
-        into = (vectors * (-np.expm1(-rates * h) / rates)) @ vectors.T
-        M = (vectors * np.exp(-rates * h)) @ vectors.T
-        return _Loop(M, into, -into, np.eye(n_q), 0.0 * into, h, (rates, vectors))
-    return _closed(system, spectrum, ideal_team(system), h)
-
-
-def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
-    """Return the loop of the agents' vehicles."""
-    if system.grid.continuous and of_kind(system.moving, GustArrays) + of_kind(system.moving, FrozenArrays):
-        raise UndecidedError("the law is continuous, and gusts are held")
-    return _closed(system, spectrum, *linear_team(_turned(system), medium))
-
-
-def _turned(system: System) -> System:
-    """Turn vehicles that hold no heading along the waves, the shorter way.
-
-    Args:
-        system: The system.
-
-    Returns:
-        The system with other initial headings.
-    """
-    heading = system.bodies.heading.copy()
-    for v in np.flatnonzero(system.planar):
-        waves = system.flows[system.field[v]].waves
-        if waves is not None and not system.vehicles[v].steering.attitude:
-            along = np.radians(waves.direction)
-            heading[v] = along + np.pi * np.round((heading[v] - along) / np.pi)
-    return replace(system, bodies=replace(system.bodies, heading=heading))
-
-
-def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: float) -> _Loop:
-    """Close the law's loop around linear vehicles."""
-    M, Q = whole_loop(system, spectrum, agents)
-    if len(M) > 2 * _MOST_STATES:
-        raise UndecidedError(f"the loop has {len(M)} states; up to {2 * _MOST_STATES} are solved")
-    n_q, m = Q.shape
-    met, carried, tilted = np.zeros((3, len(M), n_q))
-    carried[:m] = -h * Q.T
-    row, column = m, 0
-    for one in agents:
-        s, n = one.B.shape
-        velocity, tilt = np.zeros((2, s, n))
-        if s:
-            first = 3 + (3 - n)  # after the attitude and, of a floating vehicle, the height
-            velocity[first : first + n] = np.eye(n)
-            tilt[:2, :2] = [[0.0, 1.0], [-1.0, 0.0]] if n == 2 else 0.0  # upright on a slope
-        columns = slice(column, column + n)
-        tilted[:m, columns] = -Q[columns].T @ one.C @ tilt
-        tilted[row : row + s, columns] = tilt - one.A @ tilt
-        met[:m, columns] = Q[columns].T @ (h * np.eye(n) - one.C @ velocity)
-        met[row : row + s, columns] = velocity - one.A @ velocity
-        row, column = row + s, column + n
-    shown = np.zeros((n_q, len(M)))
-    shown[:, :m] = Q
-    return _Loop(M, met, carried, shown, tilted, h)
-
-
-def _rms(
-    system: System,
-    loop: _Loop,
-    tau: Array,
-    *,
-    neutral: float = 1.0 + 1e-6,  # of a heading that nothing holds, rounded
-) -> Array:
-    """Return the RMS of each agent, shape (N,), m; `tau` is how slowly each target follows the medium, (M,), s."""
-    if np.abs(np.linalg.eigvals(loop.M)).max() >= neutral:
-        raise UndecidedError("the loop is not stable")
-    carrier = Carrier(system)
-    variance = np.zeros(int(system.team.first_state[-1]))
-    for number, flow in enumerate(system.flows):
-        if flow.waves is not None:
-            variance += _of_waves(system, loop, carrier, tau, flow.waves.sampled(system.seed), number)
-    for gusts in of_kind(system.moving, GustArrays):
-        variance += _of_gusts(system, loop, carrier, tau, gusts)
-    for frozen in of_kind(system.moving, FrozenArrays):
-        variance += _of_frozen(system, loop, carrier, tau, frozen)
-    return np.sqrt(np.square(system.team.unpack(np.sqrt(variance))).sum(axis=1))
-
-
-def _answer_of_targets(system: System, loop: _Loop, tau: Array, rate: float) -> Complex:
-    """Return how targets follow the medium at a frequency, rad/s: their pull holds them, and bodies lag, shape (M,)."""
-    pull = system.motion.pull[len(system.team.agents) :]
-    lag = 1.0 + 1j * rate * tau
-    if loop.continuous is not None:
-        return np.asarray(1.0 / (lag + pull / (1j * rate)))
-    h, z = loop.period, np.exp(1j * rate * loop.period)
-    r = np.exp(-h / np.maximum(tau, np.finfo(float).tiny))
-    way = tau * (1.0 - r)
-    moved = ((h - way) + way * (1.0 - r) / (z - r)) / (z - 1.0)
-    return 1.0 / (lag * (1.0 + pull * moved))
-
-
-def _places(system: System) -> Array:
-    """Return q* and the targets at the start, shape (V, 3), m."""
-    agents = system.team.harmonic_extension(system.initial)
-    return np.concatenate([np.nan_to_num(agents), system.initial[len(agents) :]])
-
-
-def _source(system: System, carrier: Carrier, velocity: Complex, follow: Complex) -> tuple[Complex, Complex]:
-    """Return velocities of agents and of q*, stacked, shape (n_q,), by one random amplitude.
-
-    It moves all vehicles by velocities (V, 3), m/s, as far as targets follow it.
-    """
-    N, team = len(system.team.agents), system.team
-    moved = velocity[N:] * follow[:, None]
-    rest = carrier.carry(np.zeros_like(velocity[N:].real))
-    targets = carrier.carry(moved.real) - rest + 1j * (carrier.carry(moved.imag) - rest)
-    return (velocity[:N].reshape(-1)[team.slots[: int(team.first_state[-1])]], targets)
-
-
-def _of_waves(system: System, loop: _Loop, carrier: Carrier, tau: Array, waves: Components, number: int) -> Array:
-    """Return the variances by waves, stacked, shape (n_q,), m^2."""
-    places = _places(system)
-    along, up = _speeds(system, waves, number, places[:, 2])
-    steep = (waves.number * waves.amplitude)[:, None] * (system.planar & (system.field == number))
-    variance = np.zeros(loop.shown.shape[0])
-    slots = system.team.slots[: len(variance)]
-    for j, (rate, unit) in enumerate(zip(waves.rate, waves.unit, strict=True)):
-        phase = np.exp(-1j * waves.number[j] * (places[:, :2] @ unit))
-        velocity = phase[:, None] * np.column_stack([along[j, :, None] * unit, 1j * up[j]])
-        agents, targets = _source(system, carrier, velocity, _answer_of_targets(system, loop, tau, rate))
-        moved, carried, tilted = loop.response_to_waves(rate)
-        slope = np.zeros_like(velocity)
-        slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
-        slope = slope[: len(system.team.agents)].reshape(-1)[slots]
-        variance += 0.5 * np.abs(moved @ agents + carried @ targets + tilted @ slope) ** 2
-    return variance
-
-
-def _below(system: System, height: Array) -> BoolArray:
-    """Return which vehicles are in space and below the undisturbed surface at heights (..., V), m."""
-    return ~system.planar & (height < system.bodies.surface_height)
-
-
-def _speeds(system: System, waves: Components, number: int, height: Array) -> tuple[Array, Array]:
-    """Return the amplitudes, along the wave and upwards, of the velocities that vehicles meet, shapes (W, V), m/s.
-
-    Args:
-        system: The system.
-        waves: The waves.
-        number: Number of the flow field that has them.
-        height: Height of each vehicle, shape (V,), m.
-    """
-    below = _below(system, height)
-    along, up = waves.speeds_at(np.where(below, height - system.bodies.surface_height, 0.0))
-    return along * (below | (system.planar & (system.field == number))), up * below
-
-
-def _angles(
-    loop: _Loop,
-    slowest: float,
-    *,
-    count: int = 240,  # of the spectra of gusts, evenly in the logarithm
-    lowest: float = 1e-3,  # of the slowest rate of gusts and loop
-) -> Iterator[tuple[float, float]]:
-    """Yield angles from 0 to pi and the weight of each: the integral of |E|^2 S over both signs, over 2 pi."""
-    logarithm = np.linspace(np.log(lowest * min(slowest, 1.0)), np.log(np.pi), count)
-    weight = np.full(count, logarithm[1] - logarithm[0])
-    weight[[0, -1]] *= 0.5
-    angles = np.exp(logarithm)
-    yield from zip(angles.tolist(), (weight * angles / np.pi).tolist(), strict=True)
-
-
-def _spectra(gusts: Filter, z: complex) -> list[float]:
-    """Return the spectra of u, v and w at z, m^2/s^2."""
-    found = [abs(gusts.u.size * gusts.u.noise / (z - gusts.u.decay)) ** 2]
-    for f in (gusts.v, gusts.w):
-        pole = 1.0 / (z - f.decay)
-        mixed = f.corner * (f.one + f.other * f.slip * pole) + f.other * f.below
-        found.append(abs(mixed * pole) ** 2 + abs(f.other * f.last * pole) ** 2)
-    return found
-
-
-def _frame(gusts: Filter) -> Array:
-    """Return the directions of u, v and w, shape (3, 3)."""
-    return np.array([[gusts.cosine, gusts.sine, 0.0], [-gusts.sine, gusts.cosine, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _slowest(filters: list[Filter]) -> float:
-    """Return the smallest part of a state that decays in a period."""
-    return min(float(1.0 - part.decay) for f in filters for part in (f.u, f.v, f.w))
-
-
-def _of_gusts(system: System, loop: _Loop, carrier: Carrier, tau: Array, gusts: GustArrays) -> Array:
-    """Return the variances by gusts of each vehicle's own, stacked, shape (n_q,), m^2."""
-    filters = [filter_of(row) for row in gusts.filters]
-
-    def sources(z: complex, rate: float) -> Iterator[tuple[Complex, float]]:
-        for v, f in zip(np.flatnonzero(gusts.met), filters, strict=True):
-            for direction, size in zip(_frame(f), _spectra(f, z), strict=True):
-                velocity = np.zeros((len(gusts.met), 3), dtype=np.complex128)
-                velocity[v] = direction
-                yield velocity, size
-
-    return _integrated(system, loop, carrier, tau, _slowest(filters), sources)
-
-
-def _of_frozen(system: System, loop: _Loop, carrier: Carrier, tau: Array, frozen: FrozenArrays) -> Array:
-    """Return the variances by a frozen field, stacked, shape (n_q,), m^2."""
-    f = filter_of(frozen.filter)
-    along = _places(system)[:, :2] @ [f.cosine, f.sine]
-
-    def sources(z: complex, rate: float) -> Iterator[tuple[Complex, float]]:
-        phase = np.exp(-1j * rate * along / place_of(frozen.place).speed) * (frozen.met > 0)
-        for direction, size in zip(_frame(f), _spectra(f, z), strict=True):
-            yield phase[:, None] * direction, size
-
-    return _integrated(system, loop, carrier, tau, _slowest([f]), sources)
-
-
-def _integrated(
-    system: System,
-    loop: _Loop,
-    carrier: Carrier,
-    tau: Array,
-    slowest: float,
-    sources: Callable[[complex, float], Iterator[tuple[Any, float]]],
-) -> Array:
-    """Integrate |E|^2 over the spectra of independent sources, stacked, shape (n_q,), m^2."""
-    variance = np.zeros(loop.shown.shape[0])
-    for angle, weight in _angles(loop, slowest):
-        rate = angle / loop.period
-        met, carried, _ = loop.response(angle)
-        follow = _answer_of_targets(system, loop, tau, rate)
-        for velocity, size in sources(np.exp(1j * angle), rate):
-            agents, targets = _source(system, carrier, velocity, follow)
-            variance += weight * size * np.abs(met @ agents + carried @ targets) ** 2
-    return variance

@@ -52,8 +52,24 @@ def closed(plant: LinearVehicle, law: LinearController) -> NDArray[Any]:
     return M
 
 
+def driven(plant: LinearVehicle, law: LinearController) -> LinearController:
+    """Close a law's loop, driven by the inputs that the law has beyond the positions; its output is the command.
+
+    Its states are those of `closed`.
+    """
+    k = len(plant.C)
+    of_positions, of_inputs = law.D[..., :k], law.D[..., k:]
+    unseen = np.zeros((*law.D.shape[:-1], len(plant.A)))
+    return LinearController(
+        A=closed(plant, law._replace(B=law.B[..., :k], D=of_positions)),
+        B=np.concatenate([np.vstack([plant.D, plant.B]) @ of_inputs, law.B[..., k:]], axis=-2),
+        C=np.concatenate([of_positions, unseen, law.C], axis=-1),
+        D=of_inputs,
+    )
+
+
 def delayed(plant: LinearVehicle, periods: int) -> LinearVehicle:
-    """Return a vehicle whose position is measured some periods late: its state ends with the motions not yet seen."""
+    """Return a vehicle whose position is measured with a delay: its state ends with the motions not yet measured."""
     n, s = plant.C.shape
     d = n * periods
     if not d:

@@ -139,15 +139,6 @@ class Certificate:
         held = theorem.gain * theorem.lambda_min - theorem.lipschitz
         return np.maximum(bound, (theorem.f_bar + theorem.omega_bar) / held)
 
-    def describe_constants(self) -> str:
-        """The constants in a line, for a report of a bound that was broken."""
-        t = self.theorem
-        return (
-            f"k1 = {t.gain:.6g} 1/s, lambda_min = {t.lambda_min:.6g}, f_bar = {t.f_bar:.6g} m/s, "
-            f"omega_bar = {t.omega_bar:.6g} m/s, rho = {t.lipschitz:.6g} 1/s, lambda_V = {t.rate:.6g} 1/s, "
-            f"|e(t0)| = {self.constants.initial_error:.6g} m"
-        )
-
 
 @one_thread
 def certify(
@@ -178,6 +169,22 @@ def certificate_of(search: "Search") -> Certificate:
     )
     assumptions = _decide(system, region, region.verified and not obstacle, search.constants, cohomology)
     failed = next((a.failure for a in assumptions if a.failure), "")
+    constants = search.constants
+    unknown = {
+        "the error with which the phase begins is not known": not np.isfinite(constants.initial_error),
+        f"the targets' path is not known: {constants.path.warning}": constants.path.warning,
+        "lambda_min(H) is 0: the harmonic extension is not unique": search.spectrum.lambda_min <= 0.0,
+        "the targets' drift or the flow at q* is unbounded along the targets' path": not np.isfinite(
+            constants.difference.bound
+        ),
+    }
+    unbounded = (
+        obstacle_of_team(system.team)
+        or obstacle_of_targets(system)
+        or next(iter(select_true(unknown)), "")
+        or _gain_condition(theorem, constants.initial_error, search.rate, region)
+        or ("" if region.verified else region.source)
+    )
     return Certificate(
         spectrum=search.spectrum,
         cohomology=cohomology,
@@ -187,7 +194,7 @@ def certificate_of(search: "Search") -> Certificate:
         theorem=theorem,
         weaker=weaker,
         approximate=not system.grid.continuous,
-        reason=_why_no_bound(search, theorem, region) or obstacle or failed,
+        reason=unbounded or obstacle or failed,
         obstacle=obstacle,
     )
 
@@ -211,7 +218,7 @@ class Search:
         self.rate = rate
         self.rho = rho
         self.spectrum = spectrum = spectrum_of(system.team)
-        self._carrier = Carrier(system, spectrum)
+        self._carrier = Carrier(system)
         path = follow_targets(system, self._carrier)
         difference = difference_along(system, path, self._carrier)
         moving, level = bound_moving(system, path, self._carrier, spectrum, difference.bound)
@@ -316,26 +323,6 @@ class Search:
     def _guess(self, why: str) -> Region:
         tube = tube_guessed(self.system, self.constants.path)
         return Region(tube, f"a guess from initial positions and q*: {why}", False, tube.slope)
-
-
-def _why_no_bound(search: Search, theorem: Theorem, region: Region) -> str:
-    """Why there is no bound by Theorem 1, or an empty string where there is."""
-    constants = search.constants
-    unknown = {
-        "the error with which the phase begins is not known": not np.isfinite(constants.initial_error),
-        f"the targets' path is not known: {constants.path.warning}": constants.path.warning,
-        "lambda_min(H) is 0: the harmonic extension is not unique": search.spectrum.lambda_min <= 0.0,
-        "the targets' drift or the flow at q* is unbounded along the targets' path": not np.isfinite(
-            constants.difference.bound
-        ),
-    }
-    return (
-        obstacle_of_team(search.system.team)
-        or obstacle_of_targets(search.system)
-        or next(iter(select_true(unknown)), "")
-        or _gain_condition(theorem, constants.initial_error, search.rate, region)
-        or ("" if region.verified else region.source)
-    )
 
 
 def _gain_condition(theorem: Theorem, initial_error: float, rate: float | None, region: Region) -> str:
@@ -470,13 +457,18 @@ def _decide(
 ) -> list[Assumption]:
     """Decide all seven assumptions over a region. `confined` states whether the agents provably stay in it."""
     smooth, (rank, inverse) = _smooth(system, region, confined, constants), _rank_and_inverse(system)
+    trivial: Finding = "does not apply", None, "", "the team has no targets and no anchors: see rigidity"
+    if not system.team.free:
+        drifting = _first([direction.description for direction in cohomology.basis], 4, "; ")
+        witness = drifting or "no agent is free to drift"
+        trivial = "fails" if cohomology.basis else "holds", float(cohomology.dimension), "", witness
     found = {
         "f is continuously differentiable": smooth,
         "g has full row rank": rank,
         "disturbances are continuous and bounded": _bounded(system, constants.largest_disturbance),
         "g^+ is continuous and bounded": inverse,
         "G_q is connected and every target is sensed": _topology(system.team),
-        "H^0(G, G_p; F) = 0": _cohomology(cohomology, system.team),
+        "H^0(G, G_p; F) = 0": trivial,
         "bounded difference of target and agent dynamics, along the targets' path": _bounded_difference(
             system, constants, smooth[0], cohomology.dimension > 0
         ),
@@ -585,13 +577,6 @@ def _first(words: list[str], most: int, separator: str = ", ") -> str:
 def _couples(edge: Edge) -> bool:
     """Return True if an edge couples its ends: F_i^T K F_j is not zero."""
     return bool(np.any(edge.F_tail.T @ edge.weight @ edge.F_head))
-
-
-def _cohomology(cohomology: RelativeCohomology, team: Team) -> Finding:
-    if team.free:
-        return "does not apply", None, "", "the team has no targets and no anchors: see rigidity"
-    witness = _first([direction.description for direction in cohomology.basis], 4, "; ") or "no agent is free to drift"
-    return "fails" if cohomology.basis else "holds", float(cohomology.dimension), "", witness
 
 
 def _bounded_difference(system: System, constants: Constants, smooth: Verdict, free: bool) -> Finding:

@@ -87,18 +87,12 @@ def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Diff
 def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tuple[Array, Array, Array]:
     """Return H^-1 B f_p, f_q(q*), and what disturbances add to their difference; see `Difference`."""
     carried = carrier.carry(np.nan_to_num(path.drift))
-    shaken = carrier.carry(_shaking(system, path)) - agent_motion(system, path.time, path.q_star, _GAUSSIAN)
-    return carried, agent_flow(system, path.q_star), shaken
-
-
-def _shaking(system: System, path: TargetPath) -> Array:
-    """Return what moves the targets in addition to f_p at the path's own instants, shape (T, M, 3), m/s."""
     N = len(system.team.agents)
-    return (
-        moving_along(system.medium, path.time, path.positions)[:, N:]
-        if system.moving
-        else evaluate(system.harmonics[N:], path.time)
-    )
+    shaking = evaluate(system.harmonics[N:], path.time)
+    if system.moving:
+        shaking = moving_along(system.medium, path.time, path.positions)[:, N:]
+    shaken = carrier.carry(shaking) - agent_motion(system, path.time, path.q_star, _GAUSSIAN)
+    return carried, agent_flow(system, path.q_star), shaken
 
 
 def _largest(

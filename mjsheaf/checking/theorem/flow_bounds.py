@@ -367,10 +367,7 @@ def _gaussian(rate: Array, low: Array, high: Array) -> list[Array]:
 
 def _norm(J: Array) -> Array:
     """Spectral norms of small matrices, shape (k, n, n), as shape (k,)."""
-    if J.shape[-1] == 3:
-        return np.linalg.norm(J, ord=2, axis=(1, 2))
-    (a, b), (c, d) = np.moveaxis(J, 0, -1)
-    return 0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c))
+    return np.linalg.norm(J, ord=2, axis=(1, 2))
 
 
 def _tangent(w: Array, J: Array, halves: Array) -> Array:

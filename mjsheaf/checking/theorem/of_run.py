@@ -103,7 +103,12 @@ class RunBound:
                 f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s, which proves a "
                 "constant wrong"
             )
-        return f"{found}: please report it; constants: {self.certificate.describe_constants()}"
+        t = self.certificate.theorem
+        return (
+            f"{found}: please report it; constants: k1 = {t.gain:.6g} 1/s, lambda_min = {t.lambda_min:.6g}, "
+            f"f_bar = {t.f_bar:.6g} m/s, omega_bar = {t.omega_bar:.6g} m/s, rho = {t.lipschitz:.6g} 1/s, "
+            f"lambda_V = {t.rate:.6g} 1/s, |e(t0)| = {self.certificate.constants.initial_error:.6g} m"
+        )
 
 
 def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int = 0) -> RunBound:

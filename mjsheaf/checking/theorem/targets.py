@@ -26,17 +26,17 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.flow_bounds import bound_slopes, flow_scale, flow_slope
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered
-from mjsheaf.errors import listed
+from mjsheaf.errors import listed, select_true
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges, with_seed
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
@@ -50,7 +50,6 @@ from mjsheaf.system import System
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
 
-_DENSE = 200_000  # numbers of K = H^-1 B that are held as a matrix
 _MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
 _SHARE_OF_DECAY = 0.25  # of the fastest time constant
 _SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
@@ -59,55 +58,43 @@ _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and rel
 
 
 class Carrier:
-    """Map K = H^-1 B from motions of the targets to their harmonic extension.
+    """Map K = H^-1 B from motions of the targets to their harmonic extension."""
 
-    If K is too large to store, sigma_max(B) / lambda_min(H) bounds the norms of its blocks. That needs a spectrum.
-    """
-
-    def __init__(self, system: System, spectrum: Spectrum | None = None) -> None:
+    def __init__(self, system: System) -> None:
         self._team = system.team
-        self._problem = system.team.law_problem
-        n_q, n_p = self._problem.B.shape
-        rest = self._problem.extend(np.zeros(n_p))
-        self._rest = self._offset = rest
-        self._norm = np.inf
-        if spectrum is not None and spectrum.smallest.size:
-            self._norm = spectrum.sigma_max_B / float(spectrum.smallest[0])
-        if system.team.linearised_at is not None and not self._problem.unique:
-            free = self._problem.sparse_null_basis  # motions that are free stay as they were at the linearisation
-            self._rest = self._rest + free @ (free.T @ (system.team.linearised_at[:n_q] - self._rest))
-        self._K = self._problem.extend(np.eye(n_p)) - rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
+        problem = system.team.law_problem
+        n_q, n_p = problem.B.shape
+        rest = problem.extend(np.zeros(n_p))
+        self._K = problem.extend(np.eye(n_p)) - rest  # (n_p, n_q)
+        self._rest = rest
+        if system.team.linearised_at is not None and not problem.unique:
+            free = problem.sparse_null_basis  # motions that are free stay as they were at the linearisation
+            self._rest = rest + free @ (free.T @ (system.team.linearised_at[:n_q] - rest))
         self._own = _places(system)
 
     def extend(self, targets: Array) -> Array:
         """q* of targets at (..., M, 3), stacked, (..., n_q), m."""
         return self.carry(targets) + self._rest
 
-    def carry(self, motions: Array) -> Array:
+    def carry(self, motions: NDArray[Any]) -> NDArray[Any]:
         """K applied to motions of the targets (..., M, 3), stacked, (..., n_q)."""
-        flat = motions.reshape(*motions.shape[:-2], -1)[..., self._own]
-        return flat @ self._K if self._K is not None else self._problem.extend(flat) - self._offset
+        return motions.reshape(*motions.shape[:-2], -1)[..., self._own] @ self._K
 
     def reach(self, radii: Array) -> Array:
         """Bound the motion of each agent's q*_i, shape (..., N), if targets move by at most `radii`, shape (..., M)."""
-        if self._K is not None:
-            return np.asarray(radii @ self._blocks.T)
-        return np.repeat(self._norm * np.linalg.norm(radii, axis=-1, keepdims=True), len(self._team.agents), axis=-1)
+        return np.asarray(radii @ self._blocks.T)
 
     def spread(self, radii: Array, slopes: Array, moves: Array) -> Array:
         """A bound on |K s + F r|: s within `radii` (..., M), r within `moves` and F within `slopes` (..., N), (...)."""
         with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
             own = np.where(moves > 0.0, slopes * moves, 0.0)
-        if self._K is not None:
-            return np.linalg.norm(radii @ self._blocks.T + own, axis=-1)
-        return self._norm * np.linalg.norm(radii, axis=-1) + np.linalg.norm(own, axis=-1)
+        return np.linalg.norm(radii @ self._blocks.T + own, axis=-1)
 
     @cached_property
     def _blocks(self) -> Array:
         """|K_ik|, shape (N, M)."""
         N, M = len(self._team.agents), len(self._team.targets)
         padded = np.zeros((3 * M, N, 3))
-        assert self._K is not None  # what reaches for its blocks
         padded[self._own] = self._team.unpack(self._K)
         return np.linalg.norm(padded.reshape(M, 3, N, 3).transpose(2, 0, 3, 1), ord=2, axis=(2, 3))
 
@@ -626,21 +613,38 @@ def targets_loop(
     system: System,
     *,
     limit: float = 2.0 - 1e-9,  # of h lambda_max(S): what decays stays below it
+    dense: int = 600,  # rows of S, up to which all eigenvalues are computed; of more the largest alone
+    involved: float = 0.5,  # of the largest motion in the fastest mode: a target that moves as much is named
 ) -> TargetsLoop:
     """Decide whether the targets' own law decays on ideal kinematics."""
+    N, h = len(system.team.agents), system.grid.period
     S = stiffness(system)
-    values, vector = _modes(S)
+    values, vector = np.zeros(0), np.zeros(S.shape[0])
+    if S.nnz and S.shape[0] <= dense:
+        values, vectors = np.linalg.eigh(S.toarray())
+        values, vector = values[values > max(1e-12 * values[-1], 0.0)], vectors[:, -1]
+    elif S.nnz:
+        values, vectors = eigsh(S, k=1, which="LA", v0=np.ones(S.shape[0]))
+        vector = vectors[:, 0]
     rate = float(values[-1]) if len(values) else 0.0
-    h = system.grid.period
     held = rate > 0.0 and not system.grid.continuous
     stable = not held or h * rate < limit
+    names = []
+    if not stable:
+        ends = np.cumsum([target.dimension for target in system.team.targets])
+        moved = np.array([np.linalg.norm(part) for part in np.split(vector, ends[:-1])])
+        names = [system.team.target_ids[k] for k in np.flatnonzero(moved >= involved * moved.max())]
+    acts = {
+        "pull": bool(system.motion.pull[N:].any()),
+        "consensus": bool(system.law.gain[N:].any() and system.team.target_edges),
+    }
     return TargetsLoop(
         stable=stable,
         rate=rate,
         product=None if system.grid.continuous else h * rate,
         spectral_radius=float(np.abs(1.0 - h * values).max()) if held else None,
-        parts=_parts(system),
-        targets=[] if stable else _involved(system, vector),
+        parts=select_true(acts),
+        targets=names,
         largest_period=2.0 / rate if rate > 0.0 else None,
     )
 
@@ -657,40 +661,3 @@ def stiffness(system: System) -> sparse.csr_array:
     gain = float(system.law.gain[N:].max(initial=0.0))
     acts = sparse.diags_array(np.repeat(system.law.gain[N:] > 0.0, [target.dimension for target in team.targets]) * 1.0)
     return sparse.csr_array(gain * (acts @ team.target_sheaf.laplacian() @ acts) + sparse.diags_array(pull))
-
-
-def _modes(
-    S: sparse.csr_array,
-    *,
-    dense: int = 600,  # of S, whose eigenvalues are all computed
-) -> tuple[Array, Array]:
-    """Return the eigenvalues of S above zero, 1/s, of many targets the largest alone; and the eigenvector of that."""
-    if not S.nnz:
-        return np.zeros(0), np.zeros(S.shape[0])
-    if S.shape[0] <= dense:
-        values, vectors = np.linalg.eigh(S.toarray())
-        return values[values > max(1e-12 * values[-1], 0.0)], vectors[:, -1]
-    top, vector = eigsh(S, k=1, which="LA", v0=np.ones(S.shape[0]))
-    return top, vector[:, 0]
-
-
-def _parts(system: System) -> list[str]:
-    """Return the parts that the targets' law has."""
-    N = len(system.team.agents)
-    acts = {
-        "pull": bool(system.motion.pull[N:].any()),
-        "consensus": bool(system.law.gain[N:].any() and system.team.target_edges),
-    }
-    return [name for name, on in acts.items() if on]
-
-
-def _involved(
-    system: System,
-    vector: Array,
-    *,
-    involved: float = 0.5,  # of the largest motion in the fastest mode: a target that moves as much is named
-) -> list[str]:
-    """The targets that move most in a mode."""
-    ends = np.cumsum([target.dimension for target in system.team.targets])
-    moved = np.array([np.linalg.norm(part) for part in np.split(vector, ends[:-1])])
-    return [system.team.target_ids[k] for k in np.flatnonzero(moved >= involved * moved.max())]
