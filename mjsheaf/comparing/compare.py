@@ -179,7 +179,7 @@ def _harm(phases: Sequence[Phase], run: Run) -> list[str]:
     if not any(phase.system.law.extended for phase in phases):
         return []
     found = examine_terms(phases, run.dataset)
-    return list(found.warnings) if found else []
+    return found["harm"] if found else []
 
 
 # -- the directory of a comparison -------------------------------------------------------------------------------------

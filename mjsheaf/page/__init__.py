@@ -14,7 +14,7 @@ content security policy allows the one script and the one style that it is writt
 connection at all.
 """
 
-from mjsheaf.page.page import page_of, require_shown, write_page_again
+from mjsheaf.page.page import bound_curves, page_of
 from mjsheaf.page.replay import Ghost
 
-__all__ = ["Ghost", "page_of", "require_shown", "write_page_again"]
+__all__ = ["Ghost", "bound_curves", "page_of"]

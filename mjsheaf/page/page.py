@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.resources import files
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +16,9 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
-from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
-from mjsheaf.errors import InputError
-from mjsheaf.files import naming, write_whole
-from mjsheaf.page.replay import REQUIRED, Ghost, pack
+from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
+from mjsheaf.page.replay import Ghost, pack
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
-from mjsheaf.results.store import reopen_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import LARGEST
 from mjsheaf.show.played import Played, has_bodies, played
@@ -75,9 +71,8 @@ def page_of(
         live: Connection to a run in progress; None for a finished one.
     """
     content = played(scenario, dataset, phases)
-    replay, data = pack(
-        content, dataset, phases, _curves(phases, dataset, bounds), ghosts, None if live is None else live.ahead
-    )
+    curves = bound_curves(phases, dataset, bounds)
+    replay, data = pack(content, dataset, phases, curves, ghosts, None if live is None else live.ahead)
     said = {
         **replay,
         **_scene(scenario, content, phases, dataset, replay),
@@ -110,49 +105,21 @@ def _fill(said: dict[str, Any], data: str, connect: str = "") -> bytes:
     return re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template).encode("utf-8")
 
 
-def write_page_again(directory: Path, path: Path | None = None) -> Path:
-    """Write the page of a finished run from its directory alone; returns the file, report.html there unless given.
-
-    Raises:
-        InputError: the directory holds no run, one that does not fit its scenario, or one of a version
-            that recorded less; or the file cannot be written.
-    """
-    path = directory / "report.html" if path is None else path
-    with reopen_run(directory) as (scenario, dataset, summary):
-        require_shown(dataset, f"{directory}: result.nc")
-        phases = scenario.phases
-        bounds = bounds_of_phases(phases, dataset)
-        page = page_of(scenario, phases, dataset, summary, bounds, notes=summary.get("notes", ()))
-        with naming(path):
-            write_whole(path, page)
-    return path
-
-
-def require_shown(dataset: xr.Dataset, what: str) -> None:
-    """Refuse data without the variables that a page shows; `what` names them in the message.
-
-    Raises:
-        InputError: Naming the first one that is missing.
-    """
-    missing = sorted(REQUIRED - set(dataset.variables))
-    if missing:
-        raise InputError(f"{what} has no {missing[0]}; run the scenario again")
-
-
-def _curves(phases: Sequence[Phase], dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:
+def bound_curves(phases: Sequence[Phase], dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:
     """Return the bounds on the RMS tracking error by name, shape (T,), m; NaN in phases without one."""
-    time, found = dataset["time"].values, dict[str, Array]()
-    starts = [phase.start for phase in phases[: len(bounds)]]
-    for phase, (theorem, of_law), begin, end in zip(phases, bounds, starts, [*starts[1:], len(time)], strict=False):
-        root = np.sqrt(max(phase.system.team.present.sum(), 1))
+    time, number, grid = dataset["time"].values, dataset["phase"].values, phases[0].system.grid
+    found: dict[str, Array] = {}
+    for k, (phase, (theorem, of_law)) in enumerate(zip(phases, bounds, strict=False)):
+        here = number == k
         own: dict[str, Array] = {}
-        if theorem.applies and (bound := theorem.at(time[begin:end])).max() < LARGEST:
+        if theorem.applies and (bound := theorem.at(time[here])).max(initial=0.0) < LARGEST:
             own["Theorem 1" + " (approximate)" * theorem.approximate] = bound
         if of_law.samples is not None:
-            own["held law"] = of_law.samples[: end - begin]
+            known = grid.span(phase.start, phase.start + len(of_law.samples))
+            own["held law"] = np.interp(time[here], known, of_law.samples, right=np.nan)
         for name, values in own.items():
             curve = found.setdefault(name, np.full(len(time), np.nan))
-            curve[begin : begin + len(values)] = values / root
+            curve[here] = values / np.sqrt(max(phase.system.team.present.sum(), 1))
     return found
 
 
@@ -217,7 +184,7 @@ def _flow(content: Played, replay: dict[str, Any]) -> list[dict[str, Any]]:
     for medium in content.media:
         level = content.surface_height if medium.level else float(np.nanmedian(places[:, medium.vehicles, 2]))
         grid = np.column_stack([x, y, np.full_like(x, level)])
-        times = [-np.inf, *(time for time, _ in medium.changes)]
+        times = [time for time, _ in medium.shots]
         start, *arrows = [np.nan_to_num(medium.at(grid, t), posinf=0.0, neginf=0.0).round(3).tolist() for t in times]
         found.append(
             {

@@ -26,6 +26,7 @@ from mjsheaf.law.obstacles import HALF_SPACE
 from mjsheaf.results.store import at_rows, thin
 from mjsheaf.show.played import (
     Played,
+    Poses,
     RecordedRun,
     Region,
     edges_of,
@@ -44,16 +45,11 @@ _FEWEST, _MOST = 400, 3000  # minimum and maximum number of samples
 _MOST_POSITIONS = 500_000  # maximum of vehicles times samples, unless _FEWEST requires more
 _ORIGINS = 1000.0  # spacing of possible origins, m
 _FARTHEST = 1e12  # maximum distance from zero, m; 64-bit floats resolve a tenth of a millimetre there
-REQUIRED = frozenset(
-    {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
-    | {"formation_error", "centering_error"}
-)
-"""Variables of every run that a page shows, in addition to positions."""
 _SHOWN = (
-    *sorted(REQUIRED),
-    *("agent_saturation", "group_formation_error", "group_centering_error", "heard"),
+    *("disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"),
+    *("formation_error", "centering_error", "group_formation_error", "group_centering_error"),
+    *("agent_saturation", "heard", "safety_correction", "safety_cause"),
     *(f"{kind}_{quantity}" for quantity in ("position", "height", "orientation") for kind in ("agent", "target")),
-    *("safety_correction", "safety_cause"),
 )
 _QUATERNION_STEP = 2.0**-13
 _DROPPED_BITS = 11  # number of dropped bits of a float's mantissa
@@ -252,19 +248,12 @@ def _continuous(quaternions: Array) -> Array:
 
 def _largest_error(run: RecordedRun, origin: Array, scene: Scene, time: Array, shown: Array) -> float:
     """Compute the largest distance of a vehicle from its position on the page, m, except for vehicles that blew up."""
-    largest, done = 0.0, 0
-    for piece in run.positions():
-        places = piece - origin
-        now = run.time[done : done + len(places)]
-        done += len(places)
-        after = np.searchsorted(time, now, side="right").clip(1, max(len(time) - 1, 1))
-        if len(time) == 1:
-            between = np.broadcast_to(shown, places.shape)
-        else:
-            share = ((now - time[after - 1]) / (time[after] - time[after - 1])).clip(0.0, 1.0)[:, None, None]
-            between = shown[after - 1] + share * (shown[after] - shown[after - 1])
+    page = Poses(time, shown, shown[:, :0], shown[:, :0], time)  # without attitudes, q* and errors
+    largest = 0.0
+    for times, positions in run.positions():
+        places = positions - origin
         with np.errstate(all="ignore"):
-            away = np.linalg.norm(places - between, axis=2)
+            away = np.linalg.norm(places - page.at(times).positions, axis=2)
             inside = np.abs(places - scene.centre).max(axis=2) < 10.0 * scene.size
         largest = max(largest, float(np.nan_to_num(away[inside]).max(initial=0.0)))
     return largest

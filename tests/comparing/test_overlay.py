@@ -64,7 +64,7 @@ def leave_run(scenario: Scenario, backend: str, directory: Path) -> None:
     dataset = mjsheaf.simulate(scenario, backend)
     write_dataset([dataset], directory / "result.nc")
     write_scenario(scenario, directory)
-    summary = account_of(scenario, scenario.phases, dataset).summary
+    summary, _, _ = account_of(scenario, scenario.phases, dataset)
     store.save_summary(summary | {store.RESULT_DIGEST: digest(directory / "result.nc")}, directory / "summary.json")
 
 
