@@ -24,8 +24,7 @@ from mjsheaf.errors import InputError, MjsheafError, UndecidedError, in_field
 from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
 from mjsheaf.media.flow import FlowField
-from mjsheaf.page.page import Live, law_in_words, page_of
-from mjsheaf.page.replay import Packer, Scene, add_samples, origin_of
+from mjsheaf.page.page import Live, Packer, Scene, add_samples, law_in_words, origin_of, page_of
 from mjsheaf.results.dataset import join, make_datasets
 from mjsheaf.results.store import Memory, Sink
 from mjsheaf.scenario import Scenario
