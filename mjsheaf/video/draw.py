@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from subprocess import PIPE, Popen
 from tempfile import TemporaryFile
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -229,8 +230,9 @@ def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float)
             Popen(command, bufsize=0, stdin=PIPE, stderr=log, restore_signals=False) as ffmpeg,
             ThreadPoolExecutor(1) as encoder,
         ):
+            stream: Any = ffmpeg.stdin
             for count, frame in enumerate(frames, 1):
-                sent.append(encoder.submit(lambda complete: complete().save(ffmpeg.stdin, "PPM"), frame))
+                sent.append(encoder.submit(lambda complete: complete().save(stream, "PPM"), frame))
                 if count > MAX_PENDING:
                     sent[count - MAX_PENDING - 1].result()
             for each in sent:

@@ -182,7 +182,7 @@ class Overlay:
         width: int = 2,
     ) -> None:
         """Write with a dark outline, which makes words legible on any background; `width` is for 1000x720."""
-        outline = {"stroke_width": self._px(width), "stroke_fill": to_hex(OUTLINE)}
+        outline: dict[str, Any] = {"stroke_width": self._px(width), "stroke_fill": to_hex(OUTLINE)}
         draw.text(place, words, to_hex(colour), letters, anchor=anchor, **outline)
 
     def _px(self, size: float) -> int:

@@ -28,6 +28,7 @@ def test_there_is_a_line_within_a_second_and_every_two_seconds(monkeypatch: pyte
     """Also while the work reports nothing."""
     assert progress.DELAY < 1.0
     assert progress.BETWEEN_LINES + progress._INTERVAL <= 2.2
+    now = 0.0
     printed: list[float] = []
     monkeypatch.setattr("builtins.print", lambda *_, **__: printed.append(now))
     with progress.in_lines(sys.stdout) as update:
