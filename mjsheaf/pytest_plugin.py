@@ -145,16 +145,14 @@ class Expectation(pytest.Item):
         from mjsheaf.runs.expecting import expected_law, try_scenario
         from mjsheaf.scenario.load import find_law
 
-        if not self._backends and self.name == "expect" and not self.parent.named:
-            pytest.skip(self._fault)
+        if self.name == "expect" and not self.parent.named:
+            pytest.skip(self._fault[0])
+        if not self._backends:
+            raise MjsheafError(*self._fault)
         start = self.config.invocation_params.dir
-        place = str(
-            self.path.relative_to(start) if self.path.is_relative_to(start) else self.path
-        )  # as commands take it
+        place = str(self.path.relative_to(start) if self.path.is_relative_to(start) else self.path)  # for a command
         named = self.config.getoption("mjsheaf_controller")
         with in_field(place):
-            if not self._backends:
-                raise MjsheafError(self._fault)
             scenario = self.parent.load()
             law = expected_law(scenario, self.path.parent) if named is None else find_law(named)
         for backend in self._backends:
