@@ -458,7 +458,7 @@ class LiveRun:
         )
 
 
-@one_thread  # for good: the search for the stable gain runs beside the loop, and the number is the process's
+@one_thread  # for good: the search for the stable gain runs next to the loop, and the number is the process's
 def view(
     scenario: Scenario,
     backend: str,

@@ -203,7 +203,7 @@ def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: floa
         try:
             return _encode(part, frames, fps)
         except MjsheafError:
-            # The disk may be full, which ffmpeg tells in its own words: write more than it does at a time.
+            # The disk may be full, and ffmpeg has its own words for that: write more than it does at a time.
             with part.open("ab", buffering=0) as file:
                 room = bytes(1 << 20)
                 while room:

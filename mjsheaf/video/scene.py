@@ -49,7 +49,7 @@ SIZES = {
     "foot": 2.5,  # radius of the ball at the foot of a vertical line
     "halo": 11.0,  # radius about an agent that the safety filter restrains
     "head": 14.0,  # largest arrowhead of an edge
-    "least stem": 17.0,  # shortest vertical line
+    "shortest stem": 17.0,  # shortest vertical line
 }
 """Sizes in pixels of a 1000x720 frame, at the team's centre."""
 
@@ -222,7 +222,7 @@ class Decorator:
     def _stems(self, scene: mujoco.MjvScene, moment: Moment, size: float) -> Lines:
         """Draw a line straight to the surface from what is off it: without it heights cannot be read."""
         level = self._film.surface_height
-        off = np.abs(moment.positions[:, 2] - level) > SIZES["least stem"] * size
+        off = np.abs(moment.positions[:, 2] - level) > SIZES["shortest stem"] * size
         feet = moment.positions[off] * [1.0, 1.0, 0.0] + [0.0, 0.0, level]
         rgba = self._with_alpha(0.5)[off]
         for foot, own in zip(feet, rgba, strict=True):
