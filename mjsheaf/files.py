@@ -14,8 +14,6 @@ YAML is 1.2 without surprises: values are read as they look, or refused in one l
 fields of a file can be edited in place, and every other byte of the file stays the same.
 """
 
-import ctypes
-import errno
 import fcntl
 import hashlib
 import importlib.util
@@ -43,7 +41,6 @@ FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats of figures, as suffixes of their files."""
 
 _RANDOM = "[a-z0-9_]{8}"  # all characters that any version uses
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # constants of Linux: fcntl.h, linux/fs.h
 
 
 @contextmanager
@@ -85,21 +82,20 @@ def write_whole(path: Path, content: bytes, *, tidy: bool = True) -> None:
 def whole_directory(path: Path) -> Iterator[Path]:
     """Yield a new directory that replaces `path` when the block ends without an exception.
 
-    An existing directory is exchanged with it atomically if the file system supports that.
+    An existing directory is renamed before. If the process is killed in between, the next one puts it back.
 
     Raises:
         OSError: The directory cannot be created or renamed. The existing one stays then.
     """
     with _part(path, directory=True) as fresh:
         yield fresh
-        if not path.exists() or not _exchange(fresh, path):
-            old = fresh.with_suffix(".old")
-            try:
-                if path.exists():
-                    path.rename(old)
-                fresh.rename(path)
-            finally:
-                _restore(old, path)
+        old = fresh.with_suffix(".old")
+        try:
+            if path.exists():
+                path.rename(old)
+            fresh.rename(path)
+        finally:
+            _restore(old, path)
 
 
 def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
@@ -114,10 +110,7 @@ def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
         if real.read_bytes() != expected:
             raise InputError(f"{path}: has changed meanwhile; nothing is written")
         with whole_file(real) as part:
-            with part.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
+            part.write_bytes(data)
             part.chmod(real.stat().st_mode & 0o7777)
 
 
@@ -203,19 +196,6 @@ def _remove(path: Path) -> None:
     else:
         with suppress(OSError):
             path.unlink(missing_ok=True)
-
-
-def _exchange(one: Path, other: Path) -> bool:
-    """Exchange two names atomically; return False if this system or file system cannot."""
-    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if rename is None:
-        return False
-    if rename(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0:
-        return True
-    number = ctypes.get_errno()
-    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.ENOENT):
-        return False
-    raise OSError(number, os.strerror(number), str(other))
 
 
 def read_bytes(path: Path, largest: int) -> bytes:
@@ -422,19 +402,15 @@ def parse_yaml(text: str, source: str, read: Callable[..., Any] = yaml.load) -> 
         raise ScenarioError(f"{source}: {where}{' '.join(str(problem).split())}") from None
 
 
-def dump_yaml(value: dict[str, Any], *, flow: bool | None = None, width: float = 120) -> str:
-    """Write a mapping as YAML that has the same values in YAML 1.1 and 1.2.
-
-    `flow` puts the whole mapping in braces; None puts only the innermost collections in braces.
-    """
-    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, width=width)
+def dump_yaml(value: dict[str, Any], *, width: float = 120) -> str:
+    """Write a mapping as YAML that has the same values in YAML 1.1 and 1.2, the innermost collections in braces."""
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=width)
 
 
 def with_field(text: str, key: str, value: dict[str, Any], source: str, comment: str = "") -> str:
-    """Replace one field in the text of a YAML mapping, or add it at the end.
+    """Replace one field in the text of a YAML mapping, or add it at the end, in lines of its own.
 
-    Comments before and after the field stay; those inside its old value are removed with it. The field follows the
-    style of the file: in lines if the file uses lines, in braces if the file or the field does.
+    Comments before and after the field stay; those inside its old value are removed with it.
 
     Args:
         text: Text of the file.
@@ -444,44 +420,31 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
         comment: Comment next to the key if the field is new.
 
     Raises:
-        ScenarioError: The text is not valid YAML, or has a form that cannot be edited in place.
+        ScenarioError: The text is not valid YAML, or has a form that cannot be edited in place, such as JSON.
     """
     old, root = parse_yaml(text, source), parse_yaml(text, source, yaml.compose)
     if not isinstance(root, yaml.MappingNode) or not isinstance(old, dict):
         raise ScenarioError(f"{source}: expected a mapping of fields to values")
     newline = "\r\n" if "\r\n" in text else "\n"
-    nodes = {name.value: node for name, node in root.value}
-    if key in nodes:
-        edited = _with_value(text, root, nodes[key], value, newline)
-    elif root.flow_style:
-        edited = _with_field_in_braces(text, root, key, value)
-    else:
-        column = root.start_mark.column
-        head = " " * column + key + ":" + (f"  # {comment}" if comment else "")
-        body = " " * (column + 2) + _lines(value, column + 2, newline)
+    margin = " " * root.start_mark.column
+    indent = margin + "  "
+    node = next((node for name, node in root.value if name.value == key), None)
+    if node is None:
         gap = "" if text.endswith(("\n", "\r")) else newline
-        edited = text + gap + newline.join((head, body, ""))
+        before = text + gap + margin + key + ":" + (f"  # {comment}" if comment else "")
+        after = newline
+    else:
+        begin = node.start_mark.index
+        before = text[:begin].rstrip()
+        if isinstance(node, yaml.MappingNode) and not node.flow_style:
+            indent = " " * node.start_mark.column
+        after = text[begin + len(text[begin : _end(node)].rstrip()) :]
+    lines = dump_yaml({**value, "_": {}}, width=math.inf).splitlines()[:-1]  # a mapping with a mapping is in lines
+    edited = before + "".join(newline + indent + line for line in lines) + after
     with suppress(ScenarioError):
         if parse_yaml(edited, source) == {**old, key: value}:
             return edited
-    raise ScenarioError(f"{source}: {key}: cannot be written in its place; write {key}: {_braces(value, root)}")
-
-
-def _with_value(text: str, root: yaml.MappingNode, node: yaml.Node, value: dict[str, Any], newline: str) -> str:
-    """Replace the value of a field, which stands at `node`, in the text of a mapping."""
-    begin = node.start_mark.index
-    end = begin + len(text[begin : _end(node)].rstrip())
-    braces = root.flow_style or not isinstance(node, yaml.MappingNode) or node.flow_style
-    new = _braces(value, root) if braces else _lines(value, node.start_mark.column, newline)
-    gap = " " if begin == end else ""  # the value was empty
-    return text[:begin] + gap + new + text[end:]
-
-
-def _with_field_in_braces(text: str, root: yaml.MappingNode, key: str, value: dict[str, Any]) -> str:
-    """Add a field to the text of a mapping in braces."""
-    at = _end(root.value[-1][1]) if root.value else root.start_mark.index + 1
-    comma = ", " if root.value else ""
-    return f"{text[:at]}{comma}{json.dumps(key)}: {_braces(value, root)}{text[at:]}"
+    raise ScenarioError(f"{source}: {key}: cannot be written in its place; write {key}: {json.dumps(value)}")
 
 
 def _end(node: yaml.Node) -> int:
@@ -490,42 +453,6 @@ def _end(node: yaml.Node) -> int:
         last = node.value[-1]
         return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
     return int(node.end_mark.index)
-
-
-def _lines(value: dict[str, Any], column: int, newline: str) -> str:
-    """Write a mapping in lines, all except the first one indented.
-
-    Mappings inside it are in braces, except those with a list of mappings, which get one line per entry.
-    """
-
-    def dump(item: dict[str, Any], flow: bool) -> str:
-        return dump_yaml(item, flow=flow, width=math.inf).rstrip("\n")
-
-    lines = []
-    for k, v in value.items():
-        if not isinstance(v, dict):
-            lines.append(dump({k: v}, False))
-        elif not any(_of_mappings(item) for item in v.values()):
-            lines.append(f"{k}: {dump(v, True)}")
-        else:
-            lines.append(f"{k}:")
-            for name, item in v.items():
-                if _of_mappings(item):
-                    lines += [f"  {name}:", *(f"    - {dump(each, True)}" for each in item)]
-                else:
-                    lines.append(f"  {dump({name: item}, False)}")
-    return (newline + " " * column).join(lines)
-
-
-def _of_mappings(value: Any) -> bool:
-    return isinstance(value, list) and any(isinstance(item, dict) for item in value)
-
-
-def _braces(value: dict[str, Any], root: yaml.Node) -> str:
-    """Write a mapping in braces; as JSON if the whole file is in braces, because it may be JSON."""
-    if isinstance(root, yaml.MappingNode) and root.flow_style:
-        return json.dumps(value)
-    return dump_yaml(value, flow=True, width=math.inf).strip()
 
 
 _MAX_MESSAGE = 300  # maximum number of characters of an exception in a message

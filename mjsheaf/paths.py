@@ -64,14 +64,17 @@ class Curve(NamedTuple):
 
 def fit_curve(t: Array, places: Array) -> Curve:
     """Fit the curve through positions (T, n), m, at rising times (T,), s."""
-    from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
-    path = _cubic(t, places)
+    path = CubicSpline(t, places)
     off = _deviation(path, t, places)
     leaves = off > 0.0
-    gaps = _gaps(t)
+    h = np.diff(t)
+    gaps = int((h > MAX_INTERVAL * np.median(h)).sum())
+    longest = f"from t = {t[h.argmax()]:.6g} to {t[h.argmax() + 1]:.6g} s"
+    about_gaps = {0: [], 1: [f"a gap {longest}"]}.get(gaps, [f"{gaps} gaps, the longest {longest}"])
     if not leaves.any():
-        return Curve(path, "".join(gaps))
+        return Curve(path, "".join(about_gaps))
     farthest = int(off.argmax())
     notes = [f"its spline is up to {off.max():.3g} m off the track (t = {t[farthest]:.6g} to {t[farthest + 1]:.6g} s)"]
     kept = _thin(t)
@@ -79,7 +82,7 @@ def fit_curve(t: Array, places: Array) -> Curve:
         least = MIN_INTERVAL * float(np.median(np.diff(t)))
         notes.append(f"{(~kept).sum()} of {len(t)} samples within {least:.3g} s of another left out")
         t, places = t[kept], places[kept]
-        path = _cubic(t, places)
+        path = CubicSpline(t, places)
         leaves = _deviation(path, t, places) > 0.0
     if leaves.any():
         smooth, monotone = path(t, 1), PchipInterpolator(t, places)(t, 1)
@@ -91,26 +94,7 @@ def fit_curve(t: Array, places: Array) -> Curve:
             leaves = (_deviation(path, t, places) > 0.0) & ~(ends[:-1] & ends[1:])
         count = int((ends[:-1] & ends[1:]).sum())
         notes.append(f"{count} of {len(t) - 1} pieces monotone instead (PCHIP)")
-    return Curve(path, "; ".join([*notes, *gaps]))
-
-
-def _gaps(t: Array) -> list[str]:
-    """Return a sentence on long times without samples, if there are any."""
-    h = np.diff(t)
-    gaps = int((h > MAX_INTERVAL * np.median(h)).sum())
-    k = int(h.argmax())
-    longest = f"from t = {t[k]:.6g} to {t[k + 1]:.6g} s"
-    return [f"a gap {longest}" if gaps == 1 else f"{gaps} gaps, the longest {longest}"] if gaps else []
-
-
-def _cubic(t: Array, places: Array) -> "PPoly":
-    """Return the cubic spline, or the polynomial through fewer than four positions."""
-    from scipy.interpolate import PPoly, make_interp_spline
-
-    cubic = make_interp_spline(t, places, k=min(3, len(t) - 1))
-    knots = cubic.t[cubic.k : len(cubic.t) - cubic.k]
-    taylor = [cubic(knots[:-1], order) / factorial(order) for order in range(cubic.k, -1, -1)]
-    return PPoly(np.array(taylor), knots)
+    return Curve(path, "; ".join([*notes, *about_gaps]))
 
 
 def _deviation(path: "PPoly", t: Array, places: Array) -> Array:
@@ -332,19 +316,16 @@ class Recorded(Selection, _Source):
         return Recorded(samples=read_positions(self.path, self), pull=self.pull)
 
     def spline(self, n: int, start: float, end: float) -> "PPoly":
-        """The path, its first n coordinates, m, over time, s, of the degree of `Waypoints.spline`.
+        """The path, its first n coordinates, m, over time, s.
 
         Raises:
             InputError: samples are of another dimension, do not rise, or do not cover the run from `start` to `end`.
         """
-        from scipy.interpolate import PPoly
-
         path = self.curve(n).path
         if path.x[0] > start + _CLOCK or path.x[-1] < end - _CLOCK:  # the path stands still for that long
             covered = f"{path.x[0]:g} to {path.x[-1]:g} s"
             raise InputError(f"samples cover {covered}; expected all of the run, {start:g} to {end:g} s")
-        higher = np.zeros((_ORDER - len(path.c), *path.c.shape[1:]))
-        return PPoly(np.concatenate([higher, path.c]), path.x)
+        return path
 
     def curve(self, n: int) -> Curve:
         """The curve through the first n coordinates of the samples, m, and what there is to say about it.
@@ -437,25 +418,21 @@ def pack_motions(
                 motion.write(arrays, v, n, start)
             if not isinstance(motion, Waypoints | Recorded):
                 continue
-            spline = _spline(motion, positions[v, :n], start, start if end is None else end)
+            if isinstance(motion, Waypoints):
+                spline = motion.spline(positions[v, :n], start)
+            else:
+                spline = motion.spline(n, start, start if end is None else end)
         pieces = len(spline.x) - 1
         arrays.path[v] = len(arrays.knots), pieces
         closed = isinstance(motion, Waypoints) and motion.closed
         arrays.period[v] = spline.x[-1] - spline.x[0] if closed else 0.0
         padded = np.zeros((pieces + 1, _ORDER, 3))  # a row for the last knot keeps both arrays aligned
-        padded[:-1, :, :n] = spline.c.transpose(1, 0, 2)
+        padded[:-1, _ORDER - len(spline.c) :, :n] = spline.c.transpose(1, 0, 2)
         arrays = arrays._replace(
             knots=np.concatenate([arrays.knots, spline.x]),
             coefficients=np.concatenate([arrays.coefficients, padded]),
         )
     return arrays
-
-
-def _spline(motion: Waypoints | Recorded, initial: Array, start: float, end: float) -> "PPoly":
-    """The path of a target that is at `initial` (n,), m, at the start."""
-    if isinstance(motion, Waypoints):
-        return motion.spline(initial, start)
-    return motion.read().spline(len(initial), start, end)
 
 
 def reference_bounds(motion: MotionArrays, parts: int = 1) -> tuple[Array, Array]:

@@ -9,9 +9,8 @@ and nothing of mjsheaf but this module is imported. A block with a field `contro
 
 import re
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from functools import partial
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,14 +80,12 @@ def _expects(path: Path) -> bool | None:
     from mjsheaf.files import read_yaml
 
     try:
-        text = path.read_bytes().decode("utf-8", errors="replace")
-        if re.search(r"\b(expect|targets)\b", text) is None:
-            return None
         raw = read_yaml(path)
-    except OSError:
-        return None
     except ScenarioError:
-        return True if re.search(r"(?m)^expect\s*:", text) else None  # most likely one that is broken
+        with suppress(OSError):
+            if re.search(rb"(?m)^expect\s*:", path.read_bytes()):
+                return True  # most likely one that is broken
+        return None
     return "expect" in raw if raw.keys() & {"agents", "swarm", "targets"} else None
 
 
@@ -108,22 +105,21 @@ class ScenarioFile(pytest.File):
         from mjsheaf.errors import MjsheafError
         from mjsheaf.runs.expecting import expected_backends
 
-        tests: dict[str, Callable[[Expectation], None]] = {}
-        nothing = f"no `expect:` block; mjsheaf expect {self.path.name} --update writes one into a scenario"
+        tests: dict[str, list[str]] = {}
+        fault = [
+            f"{self.path}: no `expect:` block; mjsheaf expect {self.path.name} --update writes one into a scenario"
+        ]
         if self.expects or self.named:
             try:
                 scenario = self.load()
-            except MjsheafError as error:
-                tests = {"load": partial(_fail, str(error))}
-            else:
                 backends = expected_backends(scenario)
-                tests = {backend: partial(_compare, [backend]) for backend in backends}
-                if scenario.expect.refused is not None:
-                    tests = {"refused": partial(_compare, backends)}
-        if not tests:
-            tests = {"expect": partial(_fail, f"{self.path}: {nothing}") if self.named else partial(_skip, nothing)}
-        for name, test in tests.items():
-            yield Expectation.from_parent(self, name=name, test=test)
+                refused = scenario.expect.refused is not None
+                tests = {"refused": backends} if refused else {backend: [backend] for backend in backends}
+            except MjsheafError as error:
+                tests = {"load": []}
+                fault = [*error.args]
+        for name, backends in (tests or {"expect": []}).items():
+            yield Expectation.from_parent(self, name=name, backends=backends, fault=fault)
 
     def load(self) -> "Scenario":
         """The scenario."""
@@ -135,17 +131,36 @@ class ScenarioFile(pytest.File):
 
 
 class Expectation(pytest.Item):
-    """A test of a scenario file."""
+    """A test of a scenario file: that it runs on these backends as it expects; without any, what is wrong."""
 
     parent: ScenarioFile
 
-    def __init__(self, *, test: "Callable[[Expectation], None]", **kwargs: Any) -> None:
+    def __init__(self, *, backends: list[str], fault: list[str], **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self._test = test
+        self._backends, self._fault = backends, fault
 
     def runtest(self) -> None:
-        """Pass, fail or skip."""
-        self._test(self)
+        """Run the scenario on each backend; properties of the report take what was found."""
+        from mjsheaf.errors import MjsheafError, in_field
+        from mjsheaf.runs.expecting import expected_law, try_scenario
+        from mjsheaf.scenario.load import find_law
+
+        if self.name == "expect" and not self.parent.named:
+            pytest.skip(self._fault[0])
+        if not self._backends:
+            raise MjsheafError(*self._fault)
+        start = self.config.invocation_params.dir
+        place = str(self.path.relative_to(start) if self.path.is_relative_to(start) else self.path)  # for a command
+        named = self.config.getoption("mjsheaf_controller")
+        with in_field(place):
+            scenario = self.parent.load()
+            law = expected_law(scenario, self.path.parent) if named is None else find_law(named)
+        for backend in self._backends:
+            with in_field(f"{place} on {backend}: cannot be simulated"), warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # a run says what matters of them
+                trial = try_scenario(scenario, backend, law=law)
+            self.user_properties += [(name, value) for name, value in trial.final.items() if value is not None]
+            _require_met(trial, place, self.config.getini("mjsheaf_tight"))
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
         """Return the location of the item: pytest writes scenarios/paper.yaml::physics."""
@@ -153,62 +168,23 @@ class Expectation(pytest.Item):
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """A missed expectation by its own message, anything else as pytest reports it."""
-        if isinstance(excinfo.value, _MissedError):
+        from mjsheaf.errors import MjsheafError
+
+        if isinstance(excinfo.value, MjsheafError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
 
 
-class _MissedError(Exception):
-    """A failure whose message is all of the test's report."""
-
-
-def _fail(reason: str, item: Expectation) -> None:
-    raise _MissedError(reason)
-
-
-def _skip(reason: str, item: Expectation) -> None:
-    pytest.skip(reason)
-
-
-def _compare(backends: list[str], item: Expectation) -> None:
-    """Pass where the scenario runs as it expects on these backends; properties of the report take what was found."""
-    from mjsheaf.runs.expecting import expected_law, try_scenario
-    from mjsheaf.scenario.load import find_law
-
-    scenario = item.parent.load()
-    start = item.config.invocation_params.dir
-    place = str(item.path.relative_to(start) if item.path.is_relative_to(start) else item.path)  # as a command takes it
-    named = item.config.getoption("mjsheaf_controller")
-    with _missing(place):
-        law = expected_law(scenario, item.path.parent) if named is None else find_law(named)
-    for backend in backends:
-        with _missing(f"{place} on {backend}: cannot be simulated"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a run says what matters of them
-            trial = try_scenario(scenario, backend, law=law)
-        item.user_properties += [(name, value) for name, value in trial.final.items() if value is not None]
-        _require_met(trial, place, item.config.getini("mjsheaf_tight"))
-
-
-@contextmanager
-def _missing(place: str) -> Iterator[None]:
-    """Report an error of mjsheaf as a failure without a traceback, which begins with the place."""
-    from mjsheaf.errors import MjsheafError
-
-    try:
-        yield
-    except MjsheafError as error:
-        raise _MissedError(f"{place}: {error}") from None
-
-
 def _require_met(trial: "Trial", place: str, tight: str) -> None:
     """Fail where a trial misses a bound or, unless `tight` is empty, meets one that is wider than that many times."""
+    from mjsheaf.errors import MjsheafError
     from mjsheaf.runs.expecting import describe, loose, missed
 
-    table = describe(trial, place, place)
+    table = describe(trial, place, place).splitlines()
     if not trial.met:
-        raise _MissedError(f"{', '.join(missed(trial.checks))}\n{table}")
+        raise MjsheafError(", ".join(missed(trial.checks)), *table)
     slack = loose(trial, float(tight)) if tight else []
     if slack:
         names = ", ".join(check["measure"] for check in slack)
         update = f"  tighten them: mjsheaf expect {place} --update"
-        raise _MissedError(f"loose bounds, of more than {tight} times what is found: {names}\n{table}\n{update}")
+        raise MjsheafError(f"loose bounds, of more than {tight} times what is found: {names}", *table, update)

@@ -63,10 +63,10 @@ def make(name: str) -> None:
     option, changes = RUN_AS.get(name, ("", {}))
     scenario = load_scenario(name, changes)
     result = simulate(scenario, allow_drift=option == "--allow-drift")
-    account = account_of(scenario, scenario.phases, result)
-    summary = account.summary | {"origin": name}
+    summary, bounds, _ = account_of(scenario, scenario.phases, result)
+    summary = summary | {"origin": name}
     again = f"mjsheaf run {name} {option}".strip(), ""
-    page = page_of(scenario, scenario.phases, result, summary, account.bounds, notes=summary["notes"], again=again)
+    page = page_of(scenario, scenario.phases, result, summary, bounds, notes=summary["notes"], again=again)
     to = replay_of(name)
     shutil.rmtree(to, ignore_errors=True)
     to.mkdir(parents=True)

@@ -184,11 +184,11 @@ def progress_bars(
         lines: Stream for lines; None writes none.
         above: Lines that a terminal shows above the bar, as long as it is there.
     """
-    from mjsheaf.progress import Lines, Terminal, View, displaying
+    from mjsheaf.progress import View, displaying, in_lines, on_terminal
 
-    view: Callable[[], View] | None = partial(Lines, getattr(sys, lines)) if lines else None
+    view: View | None = partial(in_lines, getattr(sys, lines)) if lines else None
     if sys.stderr.isatty():
-        view = partial(Terminal, above)
+        view = partial(on_terminal, above)
     with displaying(view, what) as show:
 
         def report(what: str, done: int, total: int) -> None:

@@ -2,8 +2,8 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -41,7 +41,7 @@ from mjsheaf.cli.options import (
     require_file_name,
     saying_what_is_kept,
 )
-from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field, printable, shortened
+from mjsheaf.errors import InputError, UnstableError, in_field, printable, shortened
 
 if TYPE_CHECKING:
     from mjsheaf.runs.publish import Outcome
@@ -267,7 +267,7 @@ def run(
             named = expected_law(loaded, find_scenario(scenario).parent)
             law = named.load(loaded.seed) if named else None
         options = video_options(loaded, quality=quality) if video else None
-        with _as_expected(scenario, loaded.expect.refused if expect else None):
+        with in_field(scenario):
             outcome = execute(
                 loaded,
                 str(backend),
@@ -296,19 +296,6 @@ def run(
         if any(bound["wrong"] for bound in bounds):  # a fault in mjsheaf
             text = next(note["text"] for note in outcome.summary["notes"] if note["kind"] == "bound")
             raise NotHeldError(f"{scenario}: {text}")
-
-
-@contextmanager
-def _as_expected(scenario: str, refusal: str | None) -> Iterator[None]:
-    """Name the scenario in the errors of a block, and add whether another refusal was expected."""
-    try:
-        yield
-    except PlaceError:
-        raise
-    except MjsheafError as error:
-        other = refusal is not None and refusal not in str(error)
-        verdict = f" (NOT as expected: expect.refused is {refusal!r})" if other else ""
-        raise type(error)(f"{scenario}: {error}{verdict}") from None
 
 
 def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions") -> "Outcome":
@@ -550,7 +537,6 @@ def video(
     with progress_bars() as bars:
         from mjsheaf.results.store import reopen_run, save_summary
         from mjsheaf.runs.publish import video_entry
-        from mjsheaf.video import available_backend
         from mjsheaf.video.draw import draw_video
         from mjsheaf.video.film import film_of, video_options
 
@@ -560,9 +546,6 @@ def video(
             path = own if out is None else out
             require_file_name("--out", path, ".mp4")
             require_outside_of_runs(path, own)
-            backend, reason = available_backend()
-            if backend is None:
-                raise InputError(f"no video can be drawn here: {reason}")
             frames = draw_video([film_of(scenario, dataset)], path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
@@ -577,12 +560,12 @@ def report(
 ) -> None:
     """Rewrite the page of a finished run: one HTML file that replays the run in any browser, offline."""
     with progress_bars("writing the page"):
-        from mjsheaf.page import write_page_again
+        from mjsheaf.runs.publish import replay
 
         if out is not None:
             require_file_name("--out", out, ".html")
             require_outside_of_runs(out, directory / "report.html")
-        path = write_page_again(directory, out)
+        path = replay(directory).save(out or directory / "report.html")
     print_lines(path)
 
 

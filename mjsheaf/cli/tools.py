@@ -276,14 +276,14 @@ def view(
     command. What you do is recorded as the `events:` of a scenario that reproduces the session bit for bit.
     """
     if Path(source).is_dir():
-        from mjsheaf.page import write_page_again
         from mjsheaf.results.store import open_run
+        from mjsheaf.runs.publish import replay
 
         path = Path(source) / "report.html"
         with open_run(Path(source)):
             pass
         if not path.is_file():
-            write_page_again(Path(source))
+            replay(source).save(path)
         print_lines(f"open in a browser: {path}")
         if browser:
             webbrowser.open(path.resolve().as_uri())

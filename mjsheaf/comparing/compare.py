@@ -118,7 +118,7 @@ def _about_law(
     number, ringing = find_ringing(phases, runs["ideal"].dataset)
     progress("closing the vehicles' loop", 1, 1)
     terms = examine_terms(phases, runs["all"].dataset) if any(phase.system.law.extended for phase in phases) else None
-    harm = [] if terms is None else list(terms.warnings)
+    harm = [] if terms is None else terms["harm"]
     return {
         "law": law_of(system),
         "gain": system.gain,

@@ -22,7 +22,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.files import naming, whole_directory, whole_file
 from mjsheaf.results.store import BAG, Sink, length_of_piece, reopen_run, send, split, strange_in_bag
 from mjsheaf.scenario import Scenario
-from mjsheaf.show.played import edges_of, has_bodies, joined, residuals_in
+from mjsheaf.show.played import edges_of, goals_in, has_bodies, joined, residuals_in
 from mjsheaf.show.solids import parts_of
 from mjsheaf.show.style import groups_of
 from mjsheaf.system import Phase
@@ -93,11 +93,13 @@ class LogSink(ABC):
         last: Time of the last sample, ns.
         failed: True unless every sample so far could be written.
         status: Status and message of the run.
+        file: The MCAP file.
     """
 
-    def __init__(self, scenario: Scenario, phases: Sequence[Phase], attachment: Path) -> None:
-        """Take the run, and the scenario's file, which is copied at the end."""
+    def __init__(self, path: Path, scenario: Scenario, phases: Sequence[Phase], attachment: Path) -> None:
+        """Write an MCAP file at `path`; `attachment` is the scenario's file, read at the end."""
         self.scenario, self.phases, self.attachment = scenario, phases, attachment
+        self.file = path.open("wb")
         self.last, self.status, self.failed = 0, ("", ""), True
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
@@ -154,19 +156,24 @@ class LogSink(ABC):
         rows = zip(self.frames, moment.poses.tolist(), strict=True)
         return [(frame, pose) for frame, pose in rows if all(map(isfinite, pose))]
 
-    def write_end(self) -> None:
-        """Write why a run is unstable."""
-        if self.status[0] == "unstable":
-            self.write_log("ERROR", self.status[1])
+    @abstractmethod
+    def finish(self) -> None:
+        """Write the scenario and the index."""
+
+    def close(self) -> None:
+        """Write the end of the log if every sample could be written, and why a run is unstable."""
+        with self.file:
+            if not self.failed:
+                if self.status[0] == "unstable":
+                    self.write_log("ERROR", self.status[1])
+                self.finish()
 
     def _moments(self, chunk: xr.Dataset) -> Iterator[Moment]:
         """Return the samples of the next chunk of the run."""
         times = np.rint(1e9 * chunk["time"].values).astype(np.int64).tolist()
         values = {name: chunk[name].values for name in self.labels}
         poses = self._poses(chunk)
-        q_star = chunk["harmonic_extension"].values
-        goals = np.where(np.isnan(q_star), poses[:, : q_star.shape[1], :3], q_star)  # at the agent's height without one
-        goals[np.isnan(q_star[..., 0])] = np.nan  # of absent agents
+        goals = goals_in(chunk, poses[..., :3])
         flow = np.nan_to_num(joined(chunk, "flow"))
         residual = residuals_in(chunk, self.phases, np.nan_to_num(joined(chunk, "position")))
         low, high = np.log((0.01, 10.0))  # residuals at the ends of the colour scale, m

@@ -35,9 +35,8 @@ class Log(LogSink):
 
     def __init__(self, path: Path, scenario: Scenario, phases: Sequence[Phase], attachment: Path) -> None:
         """Write to `path`; `attachment` is the scenario's file, read at the end."""
-        super().__init__(scenario, phases, attachment)
-        self._file = path.open("wb")
-        self._writer = Writer(self._file)
+        super().__init__(path, scenario, phases, attachment)
+        self._writer = Writer(self.file)
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
         """Prepare the content; nothing is written before the first sample."""
@@ -76,15 +75,10 @@ class Log(LogSink):
         number = log_pb2.Log.Level.Value(level)
         self._send("/log", log_pb2.Log(timestamp=self._stamp, level=number, message=words, name="mjsheaf"))
 
-    def close(self) -> None:
-        """Write the end of the log, the scenario and the index, if every sample could be written."""
-        try:
-            if not self.failed:
-                self.write_end()
-                self._writer.add_attachment(0, 0, "scenario.yaml", "application/yaml", self.attachment.read_bytes())
-                self._writer.finish()
-        finally:
-            self._file.close()
+    def finish(self) -> None:
+        """Write the scenario and the index."""
+        self._writer.add_attachment(0, 0, "scenario.yaml", "application/yaml", self.attachment.read_bytes())
+        self._writer.finish()
 
     @property
     def _stamp(self) -> Timestamp:

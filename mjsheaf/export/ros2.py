@@ -1,19 +1,12 @@
 """Sink that writes a bag of ROS 2: messages in CDR in one MCAP file, and metadata.yaml. Equal runs give equal bytes."""
 
-import struct
-import zlib
-from collections.abc import Mapping, Sequence
-from io import SEEK_END
+import json
+from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import xarray as xr
-import zstandard
-from mcap.reader import make_reader
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from mcap.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from mjsheaf.arrays import Array
@@ -53,16 +46,19 @@ _SHAPES = {
     "cylinder": _MARKER.CYLINDER,
     "triangles": _MARKER.TRIANGLE_LIST,
 }
-_ZERO = QosTime(0, 0)
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _ZERO, _ZERO,
-    QosLiveliness.AUTOMATIC, _ZERO, False,
-)  # fmt: skip
-# Of an MCAP file (mcap.dev/spec), bytes:
-_CRC_OF_CHUNK = 1 + 8 + 3 * 8  # after opcode, length, start, end and size
-_HEAD_OF_DATA = 4 + 4 + len("zstd") + 8  # from the CRC to the data: itself, the compression, the length
-_CRC_AND_MAGIC = 4 + 8  # at the end of the file
-_END = 2 * 8 + _CRC_AND_MAGIC  # from the start of the summary's address in the footer
+_DEFAULT_TIME = {"sec": 0, "nsec": 0}
+_LATCHED = {
+    "history": "keep_last",
+    "depth": 1,
+    "reliability": "reliable",
+    "durability": "transient_local",
+    "deadline": _DEFAULT_TIME,
+    "lifespan": _DEFAULT_TIME,
+    "liveliness": "automatic",
+    "liveliness_lease_duration": _DEFAULT_TIME,
+    "avoid_ros_namespace_conventions": False,
+}
+"""Quality of service of messages that a subscriber gets although it comes later."""
 _HERE = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
@@ -71,19 +67,14 @@ class Log(LogSink):
 
     def __init__(self, path: Path, scenario: Scenario, phases: Sequence[Phase], attachment: Path) -> None:
         """Write to the directory `path`; `attachment` is the scenario's file, which is copied at the end."""
-        super().__init__(scenario, phases, attachment)
-        self._path = path
         path.mkdir(exist_ok=True)
-        self._folder = TemporaryDirectory(prefix=".bag.", dir=path)
-        self._bag = Path(self._folder.name) / BAG
-        self._writer = Writer(self._bag, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        self._connections: dict[str, Any] = {}
-
-    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Prepare the content and the topics."""
-        super().open(variables, attrs)
-        self._writer.open()
+        super().__init__(path / f"{BAG}.mcap", scenario, phases, attachment)
+        self._path = path
+        self._writer = Writer(self.file)
+        self._writer.start(profile="ros2")
+        self._channels: dict[str, int] = {}
+        self._topics: dict[str, dict[str, Any]] = {}  # as metadata.yaml has them
+        self._begun = 0
 
     def write_moment(self, moment: Moment) -> None:
         """Write poses, scene and values of a sample."""
@@ -110,27 +101,50 @@ class Log(LogSink):
         kind = _Type["log"]
         self._send("/rosout", "log", kind(_stamp(self.last), getattr(kind, level), "mjsheaf", words, "", "", 0))
 
-    def close(self) -> None:
-        """Write the end of the log and the index, and add the scenario, if every sample could be written."""
-        with self._folder:
-            if self.failed:
-                self._writer.abort()
-                return
-            self.write_end()
-            self._writer.close()
-            _write_checksums(self._bag / f"{BAG}.mcap")
-            for file in self._bag.iterdir():
-                file.replace(self._path / file.name)
-            (self._path / "scenario.yaml").write_bytes(self.attachment.read_bytes())
+    def finish(self) -> None:
+        """Write the index, metadata.yaml, and the scenario."""
+        name, count = f"{BAG}.mcap", sum(topic["message_count"] for topic in self._topics.values())
+        times = {
+            "starting_time": {"nanoseconds_since_epoch": self._begun},
+            "duration": {"nanoseconds": self.last - self._begun},
+            "message_count": count,
+        }
+        bag = {
+            "version": 9,
+            "storage_identifier": "mcap",
+            "relative_file_paths": [name],
+            **times,
+            "topics_with_message_count": [*self._topics.values()],
+            "compression_format": "",
+            "compression_mode": "",
+            "files": [{"path": name, **times}],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        }
+        self._writer.add_metadata("rosbag2", {"serialized_metadata": json.dumps(bag)})
+        self._writer.finish()
+        text = json.dumps({"rosbag2_bagfile_information": bag}, indent=2)  # JSON is YAML
+        (self._path / "metadata.yaml").write_text(text, encoding="utf-8")
+        (self._path / "scenario.yaml").write_bytes(self.attachment.read_bytes())
 
     def _send(self, topic: str, kind: str, message: Any, *, latched: bool = False) -> None:
         """Write a message at the time of the last sample."""
-        if topic not in self._connections:
+        name = _SHORT[kind]
+        if not self._topics:
+            self._begun = self.last
+        if topic not in self._topics:
             profiles = [_LATCHED] if latched else []
-            self._connections[topic] = self._writer.add_connection(
-                topic, _SHORT[kind], typestore=_STORE, offered_qos_profiles=profiles
-            )
-        self._writer.write(self._connections[topic], self.last, _STORE.serialize_cdr(message, _SHORT[kind]))
+            about = {"name": topic, "type": name, "serialization_format": "cdr", "offered_qos_profiles": profiles}
+            about["type_description_hash"] = _STORE.hash_rihs01(name)
+            self._topics[topic] = {"topic_metadata": about, "message_count": 0}
+            definition, _ = _STORE.generate_msgdef(name, ros_version=2)
+            schema = self._writer.register_schema(name, "ros2msg", definition.encode())
+            quality = {"offered_qos_profiles": json.dumps(profiles)}
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, quality)
+        self._topics[topic]["message_count"] += 1
+        self._writer.add_message(
+            self._channels[topic], self.last, bytes(_STORE.serialize_cdr(message, name)), self.last
+        )
 
     def _scene(self, moment: Moment, header: Any) -> Any:
         """Return edges, desired positions and arrows, after everything of the sample before is deleted."""
@@ -160,25 +174,6 @@ class Log(LogSink):
             header = _Type["header"](_stamp(self.last), frame)
             markers += [_solid(header, frame, k, solid) for k, solid in enumerate(solids)]
         self._send("/vehicles", "markers", _Type["markers"](markers), latched=True)
-
-
-def _write_checksums(path: Path) -> None:
-    """Write the CRCs of the chunks and of the summary of an MCAP file, for which rosbags writes 0: unknown."""
-    with path.open("r+b") as file:
-        summary = make_reader(file).get_summary()
-        assert summary is not None, "rosbags writes one"
-        for chunk in summary.chunk_indexes:
-            file.seek(chunk.chunk_start_offset + _CRC_OF_CHUNK)
-            record = file.read(_HEAD_OF_DATA + chunk.compressed_size)
-            content = zstandard.decompress(record[_HEAD_OF_DATA:], chunk.uncompressed_size)
-            file.seek(chunk.chunk_start_offset + _CRC_OF_CHUNK)
-            file.write(struct.pack("<I", zlib.crc32(content)))
-        file.seek(-_END, SEEK_END)
-        (start,) = struct.unpack("<Q", file.read(8))
-        file.seek(start)
-        crc = zlib.crc32(file.read()[:-_CRC_AND_MAGIC])
-        file.seek(-_CRC_AND_MAGIC, SEEK_END)
-        file.write(struct.pack("<I", crc))
 
 
 def _solid(header: Any, frame: str, number: int, solid: Part) -> Any:

@@ -21,19 +21,18 @@ from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.linear_team import medium_on_path
 from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.targets import follow_targets
-from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, UndecidedError
+from mjsheaf.errors import InputError, MjsheafError, UndecidedError, in_field
 from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
 from mjsheaf.media.flow import FlowField
-from mjsheaf.page.page import Live, law_in_words, page_of
-from mjsheaf.page.replay import Packer, Scene, add_samples, origin_of
+from mjsheaf.page.page import Live, Packer, Scene, add_samples, law_in_words, origin_of, page_of
 from mjsheaf.results.dataset import join, make_datasets
 from mjsheaf.results.store import Memory, Sink
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
 from mjsheaf.show.played import edges_of
 from mjsheaf.system import System
-from mjsheaf.team.team import Path, free_axes
+from mjsheaf.team.team import Path
 from mjsheaf.threads import one_thread
 
 MAX_FACTOR = 10.0
@@ -69,7 +68,7 @@ def flow_values(scenario: Scenario, factor: float) -> dict[str, Any]:
     return values
 
 
-_ACTIONS: dict[str, Any] = {"lose": Lose, "join": Join, "cut": Cut, "restore": Restore, "gain": Change, "flow": Change}
+_ACTIONS: dict[str, type[Event]] = {"lose": Lose, "join": Join, "cut": Cut, "restore": Restore}
 
 
 def event_of(action: Mapping[str, Any], scenario: Scenario, time: float) -> Event:
@@ -83,25 +82,21 @@ def event_of(action: Mapping[str, Any], scenario: Scenario, time: float) -> Even
     Raises:
         InputError: The action is unknown, or its value is not valid.
     """
-    if len(action) != 1 or not action.keys() <= _ACTIONS.keys():
-        raise InputError(f"{', '.join(map(str, action)) or 'nothing'}: expected one of {', '.join(_ACTIONS)}")
+    gain = scenario.controller.gain
+    ranges = {"gain": (gain / MAX_FACTOR, gain * MAX_FACTOR), "flow": (0.0, MAX_FACTOR)}
+    if len(action) != 1 or not action.keys() <= _ACTIONS.keys() | ranges.keys():
+        expected = ", ".join([*_ACTIONS, *ranges])
+        raise InputError(f"{', '.join(map(str, action)) or 'nothing'}: expected one of {expected}")
     ((name, value),) = action.items()
-    if name in ("lose", "join") and not isinstance(value, str):
-        raise InputError(f"{value!r}: expected an id")
-    pair = isinstance(value, list) and len(value) == 2 and all(isinstance(end, str) for end in value)
-    if name in ("cut", "restore") and not pair:
-        raise InputError(f"{value!r}: expected the ids of the two ends of a link")
-    if name in ("gain", "flow"):
-        gain = scenario.controller.gain
-        low, high = (gain / MAX_FACTOR, gain * MAX_FACTOR) if name == "gain" else (0.0, MAX_FACTOR)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise InputError(f"{value!r}: expected a number from {low:g} to {high:g}")
-        values = {"controller.gain": float(value)} if name == "gain" else flow_values(scenario, float(value))
-        if not values:
-            raise InputError("flow: the scenario has no steady flow; expected one")
-        return Change(time=time, set=values)
-    event: Event = _ACTIONS[name](time=time, **{name: value})
-    return event
+    if name in _ACTIONS:
+        return _ACTIONS[name](time=time, **{name: value})
+    low, high = ranges[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(f"{value!r}: expected a number from {low:g} to {high:g}")
+    values = {"controller.gain": float(value)} if name == "gain" else flow_values(scenario, float(value))
+    if not values:
+        raise InputError("flow: the scenario has no steady flow; expected one")
+    return Change(time=time, set=values)
 
 
 class Recorder:
@@ -172,32 +167,13 @@ class Recorder:
         changed = self.origin.model_copy(update={"events": [*self.origin.events, *events]})
         # No event of a user changes them.
         changed.__dict__ |= {"team": self.origin.team, "whole": self.origin.whole}
-        try:
+        with in_field(event.words):
             self.session.change_events(changed)
-        except NotUniqueError as error:
-            raise NotUniqueError(_why_free(event, changed) or str(error)) from error
         self.events = events
         self.words[event.words] = event.words
         if "flow" in action:
             self.flow_factors.append((event.time, float(action["flow"])))
             self.words[event.words] = f"flow = {action['flow']:g} x the scenario's"
-
-
-def _why_free(event: Event, scenario: Scenario) -> str:
-    """Say what nothing determines after an event, and who needs an edge; empty if no agent is free along an axis."""
-    free = next((phase.system for phase in scenario.phases if phase.system.free_directions), None)
-    if free is None:
-        return ""
-    axes = free_axes(free.determined)
-    names = {agent for names in axes for agent in names}
-    parts = [
-        f"{who[0]}'s {' and '.join(own)}" if len(who) == 1 else f"the {' and '.join(own)} of {', '.join(who)} together"
-        for who, own in axes.items()
-    ]
-    kind, _, whom = event.words.partition(" ")
-    after = {"lose": f"without {whom}", "cut": f"without the link {whom}"}.get(kind, f"after {event.words}")
-    give = names.pop() if len(names) == 1 else "one of them"
-    return f"{after}, nothing determines {'; '.join(parts)}. Give {give} an edge first."
 
 
 def _replaces(new: Event, old: Event) -> bool:
@@ -483,7 +459,7 @@ class LiveRun:
         )
 
 
-@one_thread  # for good: the search for the stable gain runs beside the loop, and the number is the process's
+@one_thread  # for good: the search for the stable gain runs next to the loop, and the number is the process's
 def view(
     scenario: Scenario,
     backend: str,

@@ -26,6 +26,7 @@ except ImportError:
 
 _MAX_MESSAGE = 4096  # bytes of an action
 _MOST_WAIT = 60.0  # s that a browser waits for a page
+_MOST_ACTIONS = 100  # that wait for the run
 _HEADERS = {
     "Content-Type": "text/html; charset=utf-8",
     "Cache-Control": "no-store",
@@ -66,9 +67,8 @@ class Server:
         self._frame: bytes | None = None
         self._state = ""
         self._actions: deque[dict[str, Any]] = deque()
-        self._client = 0  # number of the present client; 0 without one
-        self._clients = 0  # number of clients since the start
-        self._pages = 0  # number of requested pages since the last client left
+        self._client: ServerConnection | None = None
+        self._requested = False  # True if a page was requested since the last client left
         try:
             self._server = serve(
                 self._converse,
@@ -166,66 +166,55 @@ class Server:
         """Wait for a page that includes the newest sample; return None if there is none in time."""
         with self._changed:
             self.page_wanted = True
-            self._pages += 1
+            self._requested = True
             self._page = None
             self._changed.notify_all()
             self._changed.wait_for(lambda: self._page is not None or self.closed, _MOST_WAIT / 2)
             return self._page
 
     def _converse(self, connection: ServerConnection) -> None:
-        """Serve the websocket of the one client."""
+        """Serve the websocket of the one client: keep its actions; what is no mapping is ignored."""
         with self._changed:
             if self._client or self.closed:
                 return
-            self._clients += 1
-            self._client = number = self._clients
+            self._client = connection
             self.opened = True
             self._changed.notify_all()
-        threading.Thread(target=self._send, args=(connection, number), daemon=True).start()
-        try:
+        threading.Thread(target=self._send, args=(connection,), daemon=True).start()
+        with suppress(ConnectionClosed):
             for message in connection:
-                self._receive(message)
-        except ConnectionClosed:
-            pass
-        finally:
-            self._leave(number)
-
-    def _leave(self, number: int) -> None:
-        """Close the server after a client has left, unless its page comes back: it may have been reloaded."""
-
-        def is_back() -> bool:
-            return self._clients != number or self.closed
-
+                action: Any = None
+                with suppress(ValueError, RecursionError):
+                    action = json.loads(message)
+                with self._changed:
+                    if isinstance(action, dict) and len(self._actions) < _MOST_ACTIONS:
+                        self._actions.append(action)
+                    self._changed.notify_all()
+        # The server closes after a client has left, unless its page comes back: it may have been reloaded.
         with self._changed:
-            self._client = 0
-            self._pages = 0
+            self._client = None
+            self._requested = False
             self._changed.notify_all()
             # A page that does not come back is closed; a reload takes less than two seconds.
-            self._changed.wait_for(lambda: is_back() or self._pages, 2.0)
-            if self._pages:
-                self._changed.wait_for(is_back, _MOST_WAIT)
-            self.closed = self.closed or self._clients == number
+            self._changed.wait_for(lambda: self._client or self.closed or self._requested, 2.0)
+            if self._requested:
+                self._changed.wait_for(lambda: self._client or self.closed, _MOST_WAIT)
+            self.closed = self.closed or self._client is None
             self._changed.notify_all()
 
-    def _receive(self, message: str | bytes) -> None:
-        """Keep an action; what is no mapping is ignored."""
-        try:
-            action = json.loads(message)
-        except (ValueError, RecursionError):
-            return
-        if isinstance(action, dict):
-            with self._changed:
-                if len(self._actions) < 100:  # actions that wait for the run
-                    self._actions.append(action)
-                self._changed.notify_all()
-
-    def _send(self, connection: ServerConnection, number: int) -> None:
-        """Send the newest state and frame whenever they change."""
+    def _send(self, connection: ServerConnection) -> None:
+        """Send the newest state and frame whenever they change, until the client is not the present one any more."""
         frame: bytes | None = None
         state = ""
+
+        def is_over() -> bool:
+            return self.closed or self._client is not connection
+
         with suppress(ConnectionClosed):
-            while self._wait_for_news(number, frame, state):
+            while not is_over():
                 with self._changed:
+                    while not is_over() and self._frame is frame and self._state == state:
+                        self._changed.wait()
                     news = self._frame, self._state
                 if news[0] is not None and news[0] is not frame:
                     connection.send(news[0])
@@ -233,14 +222,6 @@ class Server:
                     connection.send(news[1])
                 frame, state = news
             connection.close()
-
-    def _wait_for_news(self, number: int, frame: bytes | None, state: str) -> bool:
-        """Wait for another frame or state than these; return False if the client is not the present one any more."""
-        with self._changed:
-            self._changed.wait_for(
-                lambda: self.closed or self._client != number or self._frame is not frame or self._state != state
-            )
-            return not self.closed and self._client == number
 
 
 def _response(connection: ServerConnection, status: HTTPStatus, page: bytes | None = None) -> Response:

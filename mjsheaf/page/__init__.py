@@ -2,8 +2,7 @@
 
 Modules:
 
-- replay: selection and packing of the samples of a run, and of others next to it;
-- page: the other data of the page, and the file;
+- page: the samples of a run and of others next to it, the other data of the page, and the file;
 - page.html and bundle.js: the page itself. The bundle is built from web/ by `make bundle`, with three.js and uPlot in
   it, whose licences it carries.
 
@@ -14,7 +13,6 @@ content security policy allows the one script and the one style that it is writt
 connection at all.
 """
 
-from mjsheaf.page.page import page_of, require_shown, write_page_again
-from mjsheaf.page.replay import Ghost
+from mjsheaf.page.page import Ghost, bound_curves, page_of
 
-__all__ = ["Ghost", "page_of", "require_shown", "write_page_again"]
+__all__ = ["Ghost", "bound_curves", "page_of"]

@@ -30,10 +30,11 @@ from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
-from mjsheaf.errors import joined
+from mjsheaf.errors import joined as in_words
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.ending import ROUNDING, Stuck, find_stuck
 from mjsheaf.results.store import pieces_of
+from mjsheaf.show.played import joined
 from mjsheaf.system import Phase, System
 from mjsheaf.team import Team
 from mjsheaf.vehicles.effects import capability_of, of_each
@@ -84,44 +85,12 @@ class Note:
     number: float | None = None
 
 
-@dataclass(frozen=True)
-class TermsInRun:
-    """Behaviour of a law's terms over the second half of a run.
-
-    Attributes:
-        on: Names of the terms.
-        jump: Deviation of the white noise whose command jumps as much from sample to sample, RMS, m/s.
-        commanded: Commanded speed, RMS over the whole run, m/s.
-        at_limit: Fraction of samples and agents at the velocity limit.
-        saturated: Fraction of time and agents' thrusters at a limit; None on ideal kinematics.
-        warnings: Sentences with the fault and what may help; empty in a healthy run.
-    """
-
-    on: tuple[str, ...]
-    jump: float
-    commanded: float
-    at_limit: float
-    saturated: float | None
-    warnings: tuple[str, ...] = ()
-
-    def record(self) -> dict[str, Any]:
-        """Return the entry of summary.json."""
-        return {
-            "on": list(self.on),
-            "jump_m_s": self.jump,
-            "commanded_m_s": self.commanded,
-            "share_at_limit": self.at_limit,
-            "share_saturated": self.saturated,
-            "harm": list(self.warnings),
-        }
-
-
 def notes_of_run(
     phases: Sequence[Phase],
     dataset: xr.Dataset,
     ending: str | None,
     bounds: Sequence[RunBound | HeldBound],
-    terms: TermsInRun | None,
+    terms: dict[str, Any] | None,
     slips: Sequence[str] = (),
 ) -> list[Note]:
     """Collect the notes on a run, the most important first; the run is read in pieces.
@@ -131,7 +100,7 @@ def notes_of_run(
         dataset: Result of `simulate`.
         ending: Ending of the run; see `results.ending`.
         bounds: Bounds of its phases.
-        terms: Behaviour of its terms, or None.
+        terms: Result of `examine_terms`.
         slips: Sentences of `slips_of` about its files.
     """
     stuck = find_stuck(phases, dataset)
@@ -140,7 +109,7 @@ def notes_of_run(
     found = [
         *(Note("slip", sentence) for sentence in slips),
         *(Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()),
-        *(Note("terms", sentence) for sentence in (terms.warnings if terms else ())),
+        *(Note("terms", sentence) for sentence in (terms["harm"] if terms else ())),
         *(Note("shape", sentence) for sentence in describe_reflections(phases[-1].system.team, dataset)),
         *(() if ending == "not settled" and stuck_to_the_end else _about_the_end(dataset, ending)),
         *_about_stuck(phases[0].system, stuck),
@@ -263,37 +232,35 @@ def _about_the_surface(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Not
     system = phases[0].system
     members = system.team.members
     N = len(system.team.agents)
-    flying = np.array([member.dimension == 3 for member in members])
-    flying[N:] &= system.initial[N:, 2] >= system.bodies.surface_height
-    # The vehicle that belongs under water.
-    flying &= np.array([name != "submersible" for name in system.bodies.vehicle])
+    height = system.bodies.surface_height
+    named = zip(members, system.bodies.vehicle, strict=True)
+    flying = np.array([member.dimension == 3 and vehicle != "submersible" for member, vehicle in named])
+    flying[N:] &= system.initial[N:, 2] >= height
     if system.bodies.surface == "none" or not flying.any():
         return []
     bodies = dataset.attrs["backend"] == "physics"
-    height = system.bodies.surface_height
+    z = np.concatenate(
+        [dataset[f"{kind}_height"] if bodies else dataset[f"{kind}_position"][..., 2] for kind in ("agent", "target")],
+        axis=1,
+    )
     nobody = np.zeros(len(members), dtype=np.bool_)
     lost = np.array([nobody if phase.system.stopped is None else phase.system.stopped for phase in phases])
-    first = np.full(len(flying), np.inf)
-    depth = np.zeros(len(flying))  # time and depth below the surface
-    names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
-    for chunk in pieces_of(dataset, [*names, "phase"]):
-        z = np.concatenate([chunk[name].values if bodies else chunk[name].values[..., 2] for name in names], axis=1)
-        below = np.where(flying & ~lost[chunk["phase"].values] & (z < height), height - z, 0.0)
-        first = np.minimum(first, np.where(below > 0.0, chunk["time"].values[:, None], np.inf).min(axis=0))
-        depth = np.maximum(depth, below.max(axis=0))
-    under = int(np.isfinite(first).sum())
+    depth = np.where(flying & ~lost[dataset["phase"].values], height - z, 0.0)
+    under = int((depth > 0.0).any(axis=0).sum())
     if not under:
         return []
-    v = int(depth.argmax())
+    v = int(depth.max(axis=0).argmax())
+    first = float(dataset["time"][int((depth[:, v] > 0.0).argmax())])
+    deepest = float(depth[:, v].max())
     name = members[v].id
     where = "under water" if system.bodies.surface == "water" else "in the ground"
     what = "an aircraft" if v < N else "a target in space"
     verb = "goes" if under == 1 else "go"
     text = (
         f"{_and_others(name, under - 1)} {verb} {where}: {name}, {what}, is below the surface from "
-        f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop vehicles in space"
+        f"t = {first:.6g} s on, by up to {deepest:.3g} m; the surface does not stop vehicles in space"
     )
-    return [Note("submerged", text, name, float(first[v]), float(depth[v]))]
+    return [Note("submerged", text, name, first, deepest)]
 
 
 def _about_distances(system: System, dataset: xr.Dataset) -> list[Note]:
@@ -302,20 +269,15 @@ def _about_distances(system: System, dataset: xr.Dataset) -> list[Note]:
     if len(members) < 2:
         return []
     sizes = np.array([vehicle.size for vehicle in system.vehicles])
-    kinds = ("agent", "target")
+    apart = joined(dataset, "separation")
+    closest = np.unique(apart.argmin(axis=0)[apart.min(axis=0) < sizes.max()])
+    near = dataset[["agent_body_position", "target_body_position"]].isel(time=closest)
     found: list[tuple[float, float, float, int, int]] = []  # distance over size; distance, m; time, s; both vehicles
-    for piece in pieces_of(dataset, [f"{kind}_{what}" for kind in kinds for what in ("body_position", "separation")]):
-        x, apart = (
-            np.concatenate([piece[f"{kind}_{what}"].values for kind in kinds], axis=1)
-            for what in ("body_position", "separation")
-        )
-        for k in np.unique(apart.argmin(axis=0)[apart.min(axis=0) < sizes.max()]).tolist():
-            pairs = cKDTree(x[k]).query_pairs(float(sizes.max()), output_type="ndarray")
-            distance = np.linalg.norm(x[k, pairs[:, 0]] - x[k, pairs[:, 1]], axis=1)
-            share = distance / (0.5 * sizes[pairs].sum(axis=1))
-            when = float(piece["time"].values[k])
-            near = np.flatnonzero(share < 1.0)
-            found += [(share[n], distance[n], when, *pairs[n].tolist()) for n in near]
+    for when, x in zip(near["time"].values.tolist(), joined(near, "body_position"), strict=True):
+        pairs = cKDTree(x).query_pairs(float(sizes.max()), output_type="ndarray")
+        distance = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+        share = distance / (0.5 * sizes[pairs].sum(axis=1))
+        found += [(share[n], distance[n], when, *pairs[n].tolist()) for n in np.flatnonzero(share < 1.0)]
     if not found:
         return []
     _, distance, time, i, j = min(found)
@@ -333,7 +295,7 @@ def _and_others(name: str, others: int) -> str:
     return name + (f" and {others} other{'s' * (others > 1)}" if others else "")
 
 
-def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> TermsInRun | None:
+def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> dict[str, Any] | None:
     """Examine the terms of the law in a run, or in its last phase if it has events; the run is read in pieces.
 
     Args:
@@ -341,7 +303,11 @@ def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> TermsIn
         dataset: Result of `simulate`.
 
     Returns:
-        Behaviour of the terms; None for the paper's law, a law in Python, and fewer than 8 samples.
+        The entry of summary.json on their behaviour over the second half; None for the paper's law, a law in Python,
+        and fewer than 8 samples. It has the names of the terms (`on`), the deviation of the white noise whose command
+        jumps as much from sample to sample and the commanded speed (`jump_m_s`, `commanded_m_s`, RMS, the latter over
+        the whole run), the fractions of samples at the velocity limit and of thrusters at a limit (`share_at_limit`,
+        `share_saturated`, None on ideal kinematics), and sentences with the fault and what may help (`harm`).
     """
     system, dataset = of_phase(run, dataset, -1)
     bodies, count = dataset.attrs["backend"] == "physics", dataset.sizes["time"]
@@ -369,7 +335,7 @@ def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> TermsIn
     commanded = float(np.sqrt(speed / (count * terms.agents)))
     at_limit /= rest * terms.agents
     saturated /= rest
-    on = joined(terms.names)
+    on = in_words(terms.names)
     warning = []
     if jump > max(0.1 * commanded, 1e-6):  # smaller jumps, m/s, count as rounding
         warning = [
@@ -387,7 +353,14 @@ def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> TermsIn
             f"agents' thrusters are at a limit for {100 * saturated:.0f}% of the second half, with {on}: lower "
             "controller.gain or velocity_limit, or slow the targets"
         ]
-    return TermsInRun(terms.names, jump, commanded, at_limit, saturated if bodies else None, tuple(warning))
+    return {
+        "on": list(terms.names),
+        "jump_m_s": jump,
+        "commanded_m_s": commanded,
+        "share_at_limit": at_limit,
+        "share_saturated": saturated if bodies else None,
+        "harm": warning,
+    }
 
 
 # -- formations that end in another equilibrium of their edges ---------------------------------------------------------

@@ -18,7 +18,7 @@ from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError, PlaceError, listed
-from mjsheaf.page import Ghost, page_of, require_shown
+from mjsheaf.page import Ghost, page_of
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import engine_of, phases_in
 from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging, thin
@@ -151,7 +151,7 @@ def open_runs(directories: Sequence[Path]) -> Iterator[list[OpenRun]]:
 
     Raises:
         InputError: There are fewer than 2 or more than 8 directories, one is given twice or holds no run, or a run has
-            no agent or no time in common with the first.
+            no agent in common with the first.
     """
     if not 2 <= len(directories) <= MAX_RUNS:
         raise InputError(f"DIR: {len(directories)} given; expected 2 to {MAX_RUNS} directories of finished runs")
@@ -168,28 +168,14 @@ def open_runs(directories: Sequence[Path]) -> Iterator[list[OpenRun]]:
                 count += 1
             # The name is the shortest unique end of the path.
             run = OpenRun(str(Path(*path[-count:])), directory, *held.enter_context(reopen_run(directory)))
-            require_shown(run.dataset, f"{directory}: result.nc")
             opened.append(run)
-            _require_comparable(run, opened[0])
+            first = opened[0]
+            if not set(run.agents) & set(first.agents):
+                raise InputError(
+                    f"{directory}: has no agent in common with {first.directory} ({listed(run.agents)} against "
+                    f"{listed(first.agents)}); expected runs of one team, or of teams that share agents"
+                )
         yield opened
-
-
-def _require_comparable(run: OpenRun, first: OpenRun) -> None:
-    """Refuse a run that has nothing in common with the first.
-
-    Raises:
-        InputError: The message names both.
-    """
-    if not set(run.agents) & set(first.agents):
-        raise InputError(
-            f"{run.directory}: has no agent in common with {first.directory} ({listed(run.agents)} against "
-            f"{listed(first.agents)}); expected runs of one team, or of teams that share agents"
-        )
-    if max(run.time[0], first.time[0]) > min(run.time[-1], first.time[-1]):
-        raise InputError(
-            f"{run.directory}: covers {run.time[0]:g} to {run.time[-1]:g} s, and {first.directory} covers "
-            f"{first.time[0]:g} to {first.time[-1]:g} s; expected runs that share some time"
-        )
 
 
 def compare_runs(runs: Sequence[OpenRun], directory: Path) -> RunsRecord:
@@ -202,7 +188,8 @@ def compare_runs(runs: Sequence[OpenRun], directory: Path) -> RunsRecord:
     start = max(float(run.time[0]) for run in runs)
     end = min(float(run.time[-1]) for run in runs)
     if start > end:
-        raise InputError("DIR: no time is covered by all of these runs; expected runs that share some time")
+        covered = "; ".join(f"{run.directory} covers {run.time[0]:g} to {run.time[-1]:g} s" for run in runs)
+        raise InputError(f"DIR: expected runs that share some time; {covered}")
     second_half = slice(0.5 * (start + end) - _SLACK, end + _SLACK)
     measured = []
     for run in runs:

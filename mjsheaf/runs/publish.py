@@ -13,16 +13,14 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from mjsheaf.arguments import require_path, require_type
-from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import too_close_in
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
@@ -34,7 +32,7 @@ from mjsheaf.law.in_python import Controller
 from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.mujoco_import import mujoco
-from mjsheaf.page import page_of, require_shown
+from mjsheaf.page import bound_curves, page_of
 from mjsheaf.progress import shown
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of
@@ -45,17 +43,14 @@ from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import same_law
 from mjsheaf.scenario.slips import slips_of
-from mjsheaf.section import LARGEST
 from mjsheaf.show.panels import figure_bytes, save_figure
 from mjsheaf.show.plots import draw_configurations, draw_errors, draw_trajectories
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, FigureOptions
 from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.loading import files_of, read_description
-from mjsheaf.video import VideoOptions, available_backend
+from mjsheaf.video import VideoOptions
 from mjsheaf.video.film import Film, film_of, video_options
 
-_TERMS = "terms"  # folder of the files of registered terms, next to those of vehicles
-_FLOWS = "flows"  # folder of the files of gridded flow
 _HEIGHT = 640  # px of a replay in a notebook
 
 
@@ -73,51 +68,31 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
         OSError: The directory cannot be written.
     """
     raw = scenario.model_dump(mode="json", exclude_none=True)
-    vehicles = [(holder, "vehicle") for holder in [*raw["agents"], *raw["targets"]]]
-    vehicles += [(raw.get("vehicles", {}), key) for key in ("agents", "targets")]
-    copies: dict[str, str] = {}
-    for holder, key in vehicles:
-        name = holder.get(key)
-        if name is None or Path(name).suffix not in SUFFIXES:
-            continue
-        if name not in copies:
-            taken = {store.CHECKSUMS, _TERMS, _FLOWS, *(Path(copy).parts[1] for copy in copies.values())}
-            copies[name] = _copy_vehicle(Path(name), directory, taken)
-        holder[key] = copies[name]
-    others = [(section, "file", f"{_TERMS}/{name}") for name, section in raw["controller"].get("custom", {}).items()]
-    others += [(section, "path", f"{_FLOWS}/{name}") for name, section in raw["flow"].items()]
-    for section, key, place in others:
-        file = section.get(key)
-        if file is None:
-            continue
-        if file not in copies:
-            copies[file] = f"{store.VEHICLES}/{place}{Path(file).suffix}"
-            (directory / copies[file]).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, directory / copies[file])
-            if section.get("sha256", "") not in ("", digest(directory / copies[file])):
-                raise InputError(f"flow.{Path(place).name}.path: {file} has changed since the run read it; run again")
-        section[key] = copies[file]
+    named = [(holder, "vehicle") for holder in [*raw["agents"], *raw["targets"]]]
+    named += [(raw.get("vehicles", {}), key) for key in ("agents", "targets")]
+    named = [(holder, key) for holder, key in named if Path(holder.get(key) or "").suffix in SUFFIXES]
+    named += [(section, "file") for section in raw["controller"].get("custom", {}).values() if "file" in section]
+    named += [(section, "path") for section in raw["flow"].values() if "path" in section]
+    copies: dict[str, Path] = {}
+    for section, key in named:
+        source = Path(section[key])
+        if section[key] not in copies:
+            taken = {store.CHECKSUMS, *(copy.parts[1] for copy in copies.values())}
+            folder = next(f for f in chain([source.stem], (f"{source.stem}_{k}" for k in count(2))) if f not in taken)
+            home = copies[section[key]] = Path(store.VEHICLES, folder)
+            files = files_of(source, read_description(source).mjcf) if source.suffix in SUFFIXES else []
+            places = {file: file.relative_to(source.parent.resolve()) for file in files} | {source: source.name}
+            for file, place in places.items():
+                (directory / home / place).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, directory / home / place)
+        section[key] = str(copies[section[key]] / source.name)
+        if section.get("sha256", "") not in ("", digest(directory / section[key])):
+            raise InputError(f"flow: path: {source} has changed since the run read it; run again")
     if copies:
         store.write_checksums(directory / store.VEHICLES)
     path = directory / "scenario.yaml"
     path.write_text(dump_yaml(raw), encoding="utf-8")
     return path
-
-
-def _copy_vehicle(description: Path, directory: Path, taken: set[str]) -> str:
-    """Copy the files of a vehicle into a folder of its own, and return the relative path of its description."""
-    names = chain([description.stem], (f"{description.stem}_{k}" for k in count(2)))
-    folder = next(name for name in names if name not in taken)
-    root = description.parent.resolve()
-    files = files_of(description, read_description(description).mjcf)
-    home = directory / store.VEHICLES / folder
-    for file in files:
-        copy = home / file.relative_to(root)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, copy)
-    home.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(description, home / description.name)
-    return f"{store.VEHICLES}/{folder}/{description.name}"
 
 
 @dataclass(frozen=True)
@@ -314,26 +289,14 @@ def without_video(directory: Path) -> str:
     return f"{directory} is complete except for its video, which `mjsheaf video {shlex.quote(str(directory))}` draws"
 
 
-class Account(NamedTuple):
-    """Contents of a run's report.
-
-    Attributes:
-        summary: Contents of summary.json, without the fields about its directory.
-        bounds: Bounds of Theorem 1 and of the held law in each phase.
-        drawn: Samples for the plots in memory, at most a few thousand.
-    """
-
-    summary: dict[str, Any]
-    bounds: list[tuple[RunBound, HeldBound]]
-    drawn: xr.Dataset
-
-
 def account_of(
     scenario: Scenario, phases: Sequence[Phase], dataset: xr.Dataset, timings: Timings | None = None
-) -> Account:
+) -> tuple[dict[str, Any], list[tuple[RunBound, HeldBound]], xr.Dataset]:
     """Compute the errors, bounds and notes of a run from its data, in memory or in an open file.
 
-    Fields of summary.json that are not known from the data are None.
+    Returns:
+        The contents of summary.json, where fields that are not known from the data are None; the bounds of Theorem 1
+        and of the held law in each phase; and the samples for the plots in memory, at most a few thousand.
     """
     timings = timings or Timings()
     system = phases[0].system
@@ -386,13 +349,13 @@ def account_of(
         "free_directions": list(dict.fromkeys(words for phase in phases for words in phase.system.free_directions)),
         **_bounds_summary(*bounds[0]),
         "safety": safety,
-        "terms": terms and terms.record(),
+        "terms": terms,
         "notes": [asdict(note) for note in notes],
         "video": None,
         "timings": {},
         store.RESULT_DIGEST: "",
     }
-    return Account(summary, bounds, drawn)
+    return summary, bounds, drawn
 
 
 def save(
@@ -471,20 +434,6 @@ def _bounds_summary(theorem: RunBound, of_law: HeldBound) -> dict[str, Any]:
     }
 
 
-def shown_bound(phases: Sequence[Phase], time: Array, theorem: RunBound, of_law: HeldBound) -> tuple[str, Array] | None:
-    """Return the name and values of the bound on |e| to draw at times, s; None if there is no bound.
-
-    It is the bound of the first phase, and NaN after the first event.
-    """
-    grid, end = phases[0].system.grid, phases[1].time if len(phases) > 1 else np.inf
-    if theorem.applies and (bound := theorem.at(time)).max() < LARGEST:  # a blow-up satisfies any larger bound
-        return "Theorem 1" + ", approximate" * theorem.approximate, np.where(time < end, bound, np.nan)
-    if of_law.samples is None:
-        return None
-    held = np.interp(time, grid.span(0, len(of_law.samples)), of_law.samples)
-    return "bound of the held law", np.where(time < end, held, np.nan)
-
-
 def plot_again(
     directory: Path, folder: Path, figures: FigureOptions = AS_USUAL, progress: Progress = no_progress
 ) -> list[Path]:
@@ -496,17 +445,16 @@ def plot_again(
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
-    with store.reopen_run(directory) as (scenario, dataset, _), TemporaryDirectory() as drawing:
-        phases = scenario.phases
-        bounds = bounds_of_phases(phases, dataset)
-        _plot(scenario, phases, thinned(dataset), bounds, Path(drawing), figures, progress)
-        found = [folder / file.name for file in sorted(Path(drawing).iterdir())]
-        with naming(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-        for path in found:
-            with naming(path):
-                write_whole(path, (Path(drawing) / path.name).read_bytes())
-    return found
+    found = []
+    progress("plotting", 0, 1)
+    with naming(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    for name, figure in plot(directory, title=figures.title).items():
+        for form, data in figure_bytes(figure, figures).items():
+            found.append(folder / f"{name}.{form}")
+            with naming(found[-1]):
+                write_whole(found[-1], data)
+    return sorted(found)
 
 
 def _plot(
@@ -536,7 +484,7 @@ def _figures_of(
 ) -> dict[str, Callable[[], Figure]]:
     """Return a function that draws each figure of a run, by the figure's name."""
     first, last = phases[0].system, phases[-1].system
-    bound = shown_bound(phases, drawn["time"].values, *bounds[0])
+    bound = next(iter(bound_curves(phases, drawn, bounds).items()), None)
     view = scenario.video.eye
     obstacles = first.obstacles
     return {
@@ -573,9 +521,6 @@ def draw_video(
     Raises:
         PlaceError: The file cannot be written.
     """
-    backend, reason = available_backend()
-    if backend is None:
-        return 0, f"no video: {reason}"
     from mjsheaf.video import draw  # here, as it loads what runs without videos do not need
 
     try:
@@ -662,11 +607,10 @@ def replay(result: xr.Dataset | str | Path, *, height: int = _HEIGHT) -> ReplayP
         The page, with `save(path)` for a file that any browser opens.
 
     Raises:
-        InputError: See `plot`; or the directory holds a run of an earlier version that recorded fewer variables.
+        InputError: See `plot`.
     """
     again = None
     with _opened(result, "replay") as (scenario, dataset, summary):
-        require_shown(dataset, "replay: the result")
         phases = scenario.phases
         if summary is None:
             summary, bounds, _ = account_of(scenario, phases, dataset)

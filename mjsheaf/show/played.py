@@ -132,11 +132,12 @@ class RecordedRun:
         found = self._interpolate(times)
         return found if has_bodies(self._dataset) else replace(found, quaternions=self._headings(times))
 
-    def positions(self) -> Iterator[Array]:
-        """Yield the positions of all vehicles at all samples, piece by piece, shape (n, V, 3), m."""
+    def positions(self) -> Iterator[tuple[Array, Array]]:
+        """Yield times, shape (n,), s, and positions, shape (n, V, 3), m, of all samples, piece by piece."""
         quantities = ("position", "height") if has_bodies(self._dataset) else ("position",)
         names = [f"{kind}_{quantity}" for quantity in quantities for kind in ("agent", "target")]
-        return (positions_in(piece, self._surface) for piece in pieces_of(self._dataset, names))
+        pieces = pieces_of(self._dataset, names)
+        return ((piece["time"].values, positions_in(piece, self._surface)) for piece in pieces)
 
     def _interpolate(self, times: Array, *, horizontal: bool = False) -> Poses:
         """Interpolate as `at`, without headings; `horizontal` leaves out all but positions x and y."""
@@ -265,33 +266,30 @@ class Medium:
 
     Attributes:
         name: such as 'wind'.
-        velocity: Velocities at the start of the run, shape (K, 3), m/s, at points, shape (K, 3), m.
+        shots: Times from which it moves alike, s, in order, and functions that compute its velocities then, shape
+            (K, 3), m/s, at points, shape (K, 3), m.
         vehicles: numbers of those that meet it. Shape (M,).
         level: True if it moves in the plane alone, at the surface.
         scale: Number of the scale of colours that shows its speed; see `style.STOPS`.
         top: End of that scale, m/s.
-        changes: Times at which events change the velocities, s, and the velocities from there on; in order.
     """
 
     name: str
-    velocity: Callable[[Array], Array]
+    shots: Sequence[tuple[float, Callable[[Array], Array]]]
     vehicles: IntArray
     level: bool
     scale: int = 0
     top: float = 1.0
-    changes: Sequence[tuple[float, Callable[[Array], Array]]] = ()
 
-    def at(self, places: Array, time: float = -np.inf) -> Array:
-        """Compute velocities, shape (K, 3), m/s, by default those of the start; not finite at a singular point.
+    def at(self, places: Array, time: float) -> Array:
+        """Compute velocities, shape (K, 3), m/s; not finite at a singular point.
 
         Args:
             places: Points, shape (K, 3), m.
             time: Time, s.
         """
-        velocity = self.velocity
-        for start, changed in self.changes:
-            if start <= time + 1e-9:
-                velocity = changed
+        begun = [velocity for start, velocity in self.shots if start <= time + 1e-9]
+        velocity = begun[-1] if begun else self.shots[0][1]
         with np.errstate(all="ignore"):
             return velocity(places) * [1.0, 1.0, not self.level]
 
@@ -335,11 +333,10 @@ def media_of(phases: Sequence[Phase], places: Array) -> list[Medium]:
         met = np.flatnonzero(system.field == k)
         if not len(met):
             continue
-        (_, first), *changes = shots = _snapshots(phases, name, int(met[0]))
         level = all(system.team.members[v].dimension == 2 for v in met)
-        medium = Medium(name, first, met, level, k, changes=changes)
+        medium = Medium(name, _snapshots(phases, name, int(met[0])), met, level, k)
         seen = places[:, met].reshape(-1, 3)
-        tops = [largest_speed(partial(medium.at, time=time), seen) for time, _ in shots]
+        tops = [largest_speed(partial(medium.at, time=time), seen) for time, _ in medium.shots]
         found.append(replace(medium, top=max(tops)))
     return [medium for medium in found if medium.top > 0.0]
 

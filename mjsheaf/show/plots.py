@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
+from scipy.ndimage import uniform_filter1d
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.law.obstacles import HALF_SPACE, ObstacleArrays, centres
@@ -136,7 +137,7 @@ def draw_errors(
     Args:
         team: Team of the run.
         dataset: Data of the run, thinned to the visible detail.
-        bound: Name and values of a bound on |e(t)|, shape (T,), m, drawn over sqrt(N) like the error; or None.
+        bound: Name and values of a bound on the team's RMS error, shape (T,), m; or None.
         options: Formats and style of the figures.
     """
     groups, names, colours = groups_of(team)
@@ -145,7 +146,7 @@ def draw_errors(
     curves = dataset.isel(time=shown)
     time = curves["time"].values
     members = {k: agents == k for k in sorted(set(agents.tolist()))}
-    limit = None if bound is None else bound[1][shown] / np.sqrt(team.present.sum())
+    limit = None if bound is None else bound[1][shown]
     panels = _error_panels(team, curves, members, limit)
     rows = len(panels) // 2 + 1
     linked = "arrival" in dataset
@@ -166,10 +167,9 @@ def draw_errors(
     keys = _draw_agents(curves_axis, team, time, tracking, order, colours[agents])
     _draw_ranking(ranking_axis, team, tracking[_last_half(time)], late, order, agents)
     curves_axis.set_xlabel("time (s)", fontsize=NORMAL)
-    phase_times = [phase["time"] for phase in phases_in(dataset) if phase["events"]]
-    for axis in [*axes[:-1], *figure.axes[len(axes) :]]:
-        mark_times(axis, phase_times)
     found = [phase for phase in phases_in(dataset) if phase["events"]]
+    for axis in [*axes[:-1], *figure.axes[len(axes) :]]:
+        mark_times(axis, [phase["time"] for phase in found])
     told = [f"{k}: {', '.join(p['events'])} ({p['time']:.6g} s)" for k, p in enumerate(found[:_MOST_EVENTS], 1)]
     if len(found) > _MOST_EVENTS:
         told.append(f"and {len(found) - _MOST_EVENTS} more")
@@ -177,7 +177,7 @@ def draw_errors(
     legend = [
         *(key(names[k], **styles[k], marker=marker_of(k, names), markersize=4.5) for k in groups_shown),
         key("whole team", **_EVERYONE),
-        *([] if bound is None else [key(f"{bound[0]} / √N", **_BOUND)]),
+        *([] if bound is None else [key(f"bound: {bound[0]}", **_BOUND)]),
         *keys,
         *([key("events", **_EVENT)] if told else []),
     ]
@@ -198,10 +198,7 @@ def _last_half(time: Array) -> BoolArray:
 def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
     """Draw the fraction of measurements that arrive, averaged over a hundredth of the run around each sample."""
     time, share = dataset["time"].values, dataset["arrival"].values
-    total = np.cumsum(np.r_[0.0, share])
-    half, k = max(1, len(share) // 200), np.arange(len(share))
-    low, high = np.maximum(k - half, 0), np.minimum(k + half + 1, len(share))
-    axis.plot(time, (total[high] - total[low]) / (high - low), color="black", linewidth=1.0)
+    axis.plot(time, uniform_filter1d(share, 2 * max(1, len(share) // 200) + 1), color="black", linewidth=1.0)
     label_axes(axis, "measurements that arrive", "time (s)", "fraction of edges")
     axis.set(xlim=_span(time), ylim=(-0.03, 1.03))
 
@@ -288,8 +285,8 @@ def draw_trajectories(
 ) -> Figure:
     """Draw all trajectories of a thinned run from above and, for a team in space, from two sides and in perspective.
 
-    All views share one scale, but heights may be stretched, which their titles state. Absent agents are grey, and drawn
-    only near the others.
+    Views share one scale, except for heights: a title states by how much they are stretched. Absent agents are grey,
+    and drawn only near the others.
 
     `view` is the azimuth and elevation of the eye of the view in space, degrees, the same as in the video and the page.
     """
@@ -340,39 +337,29 @@ def draw_trajectories(
         seen = _draw_in_space(corner, team, tracks, absent, inside, rounds, view)
         draw_obstacles(corner, obstacles, dataset["time"].values, seen)
     lay_out(figure)  # the sizes of the panels determine the region that each shows
-    stretched = _fill_views(views, middle, size)
-    if spatial:
-        front.set_title(f"from the front{stretched}", fontsize=HEADING)
-    settle(figure)  # with the tick labels of these limits
     _fill_views(views, middle, size)
+    settle(figure)  # with the tick labels of these limits
+    stretch = _fill_views(views, middle, size)
+    if spatial and not 0.95 < stretch < 1.05:
+        front.set_title(f"from the front, heights ×{stretch:.2g}", fontsize=HEADING)
     _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
     return figure
 
 
-def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -> str:
-    """Set the limits of views, given each panel's two coordinates, so that all share one scale and fill the first one.
-
-    Heights get another scale if a view would otherwise be nearly empty or too small.
+def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -> float:
+    """Set the limits of views, given each panel's two coordinates, so that they fill the first one to scale.
 
     Returns:
-        Description of that scale, or an empty string.
+        Ratio of the scale of heights to that of the other coordinates.
     """
-    extents = {axis: axis.get_window_extent() for axis in views}
-    above = next(iter(views))
-    metre = min(extents[above].width / size[0], extents[above].height / size[1])  # pixels
-    pixels = [extents[above].width, extents[above].height]
-    heights = [extents[axis].size[plane.index(2)] for axis, plane in views.items() if 2 in plane]
-    stretch = 1.0
-    if heights:
-        pixels.append(min(heights))
-        stretch = pixels[2] / (size[2] * metre)
-        metre *= stretch if 0.75 < stretch < 1.0 else 1.0
-        stretch = 1.0 if 0.75 < stretch < 1.5 else stretch
-    reach = [0.5 * p / (metre * k) for p, k in zip(pixels, (1.0, 1.0, stretch), strict=False)]
+    above, *others = views
+    width, height = above.get_window_extent().size
+    metre = min(width / size[0], height / size[1])  # pixels
+    reach = 0.5 * np.array([width / metre, height / metre, size[2]])
     for axis, (x, y) in views.items():
         axis.set_xlim(middle[x] - reach[x], middle[x] + reach[x])
         axis.set_ylim(middle[y] - reach[y], middle[y] + reach[y])
-    return "" if stretch == 1.0 else f", heights ×{stretch:.2g}"
+    return float(others[0].get_window_extent().height / (size[2] * metre)) if others else 1.0
 
 
 def _start_of_last_round(tracks: Array) -> int:

@@ -1,4 +1,4 @@
-"""Shapes of vehicles and obstacles as solids, whoever draws them.
+"""Shapes of vehicles and obstacles as solids, for all viewers.
 
 Those of vehicles are what MuJoCo's compiled model has, one list for each kind of vehicle.
 """

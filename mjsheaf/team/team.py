@@ -685,15 +685,6 @@ def describe_null_modes(team: Team) -> list[str]:
     return [describe(team, mode) for mode in null_modes(team)]
 
 
-def free_axes(team: Team) -> dict[tuple[str, ...], str]:
-    """Return the axes along which agents are free, such as "xy", by the ids of those that are free together."""
-    found: dict[tuple[str, ...], set[int]] = {}
-    for mode in null_modes(team):
-        names = tuple(team.agents[agent].id for agent in mode.agents)
-        found.setdefault(names, set()).update(np.flatnonzero(mode.steps.any(axis=0)).tolist())
-    return {names: "".join(_AXES[axis] for axis in sorted(axes)) for names, axes in found.items()}
-
-
 def null_modes(team: Team) -> list[NullMode]:
     """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
     basis = null_mode_basis(team)

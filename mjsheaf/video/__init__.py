@@ -1,4 +1,4 @@
-"""Draws a finished run to an MP4, without a display.
+"""Videos of finished runs as MP4, drawn without a display.
 
 Modules:
 

@@ -75,21 +75,6 @@ def axes(azimuth: float, elevation: float) -> Array:
     )
 
 
-@dataclass(frozen=True)
-class CameraPath:
-    """The camera over a video of F frames: see `View`, but `lookat` has shape (F, 3) and `distance` (F,)."""
-
-    lookat: Array
-    distance: Array
-    azimuth: float
-    elevation: float
-    fovy: float
-
-    def view(self, frame: int) -> View:
-        """Return the camera at one frame."""
-        return View(self.lookat[frame], float(self.distance[frame]), self.azimuth, self.elevation, self.fovy)
-
-
 def camera_path(
     points: Iterable[Array],
     *,
@@ -101,8 +86,8 @@ def camera_path(
     window: int,
     distance: float | None = None,
     fill: tuple[float, float, float, float] = FILL,
-) -> CameraPath:
-    """Follow the team.
+) -> list[View]:
+    """Follow the team, and return the camera at each frame.
 
     Args:
         points: what must stay in the picture at consecutive frames, a few frames at a time: each of shape (f, n, 3),
@@ -132,7 +117,7 @@ def camera_path(
     # The point looked at does not change the picture, but its distance sets the scale of lines and balls.
     range_ = np.maximum(middle - forward, radius)
     lookat = np.stack([eye_right, eye_up, forward + range_], axis=1) @ rotation
-    return CameraPath(lookat, range_, azimuth, elevation, fovy)
+    return [View(*each, azimuth, elevation, fovy) for each in zip(lookat, range_.tolist(), strict=True)]
 
 
 def _bounds(points: Array, rotation: Array, slopes: Array) -> Array:

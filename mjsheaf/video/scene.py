@@ -22,7 +22,7 @@ from mjsheaf.show.played import DrawnEdge, EdgeKind, Sea
 from mjsheaf.show.solids import obstacle_places, obstacle_solids
 from mjsheaf.show.style import OBSTACLE, speed_colours
 from mjsheaf.video import camera
-from mjsheaf.video.camera import CameraPath, View
+from mjsheaf.video.camera import View
 from mjsheaf.video.film import Film, Moment, VideoOptions
 from mjsheaf.video.gl import open_context
 
@@ -37,14 +37,33 @@ FACE = 0.05  # half the thickness at which the face of a half-space is drawn, m
 
 ABSENT: Float32Array = np.array([0.6, 0.6, 0.6, 1.0], np.float32)
 
-DASHES = (2, 40)  # minimum and maximum number of dashes on a sensing edge
-
 HEAD_AT = 0.65  # place of the arrowhead's tip on an edge, as a fraction: vehicles may cover the end
 
 ARROW_REACH = 9  # number of arrows from the centre of the picture to where they fade
 
-# Sizes in pixels of a 1000x720 frame, at the team's centre.
-FOOT = 2.5  # radius of the ball at the foot of a vertical line
+FEW_AGENTS, FEW_EDGES = 50, 60  # of more, balls at q* are smaller and edges to targets fainter
+
+SIZES = {
+    "arrow spacing": 75.0,  # between the arrows of a flow
+    "dash": 10.0,  # length of a dash and of the gap after it
+    "foot": 2.5,  # radius of the ball at the foot of a vertical line
+    "halo": 11.0,  # radius about an agent that the safety filter restrains
+    "head": 14.0,  # largest arrowhead of an edge
+    "shortest stem": 17.0,  # shortest vertical line
+}
+"""Sizes in pixels of a 1000x720 frame, at the team's centre."""
+
+WIDTHS = {
+    "arrow": 2.0,
+    "edge": 1.0,
+    "goal": 1.5,
+    "head": 2.0,
+    "restraint": 4.0,
+    "sensing": 1.5,
+    "stem": 1.0,
+    "trail": 2.0,
+}
+"""Widths of lines in pixels of a 1000x720 frame."""
 
 
 @dataclass(frozen=True)
@@ -55,17 +74,19 @@ class Lines:
         ends: where each begins and ends. Shape (n, 2, 3), in m.
         rgba: colour and opacity of each. Shape (n, 4), 0..1.
         width: Width in pixels.
+        dash: Length of a dash and of the gap after it, in pixels; 0 for solid lines.
     """
 
     ends: Float32Array
     rgba: Float32Array
     width: float
+    dash: float = 0.0
 
     @classmethod
-    def of(cls, starts: ArrayLike, ends: ArrayLike, rgba: ArrayLike, width: float) -> "Lines":
+    def of(cls, starts: ArrayLike, ends: ArrayLike, rgba: ArrayLike, width: float, dash: float = 0.0) -> "Lines":
         """Join starts and ends, each of shape (n, 3); one colour (4,) is for all."""
         both = np.stack([np.asarray(starts), np.asarray(ends)], axis=1, dtype=np.float32, casting="same_kind")
-        return cls(both, np.broadcast_to(np.asarray(rgba, np.float32), (len(both), 4)), width)
+        return cls(both, np.broadcast_to(np.asarray(rgba, np.float32), (len(both), 4)), width, dash)
 
 
 class Decorator:
@@ -75,7 +96,7 @@ class Decorator:
         most_geoms: no frame adds more geoms than this.
     """
 
-    def __init__(self, film: Film, options: VideoOptions, owners: IntArray | None = None) -> None:
+    def __init__(self, film: Film, options: VideoOptions, owners: Sequence[int] = ()) -> None:
         """Prepare the scene. `owners`: vehicle of each geom of the model, or -1, for drawing absent ones in grey."""
         self._film, self._owners = film, owners
         self._colours = film.colours[film.group].astype(np.float32)  # (V, 3)
@@ -92,7 +113,7 @@ class Decorator:
 
     def lay_out_arrows(self, view: View) -> None:
         """Choose the spacing of arrows for one of the camera's views."""
-        self._spacing = 75.0 * self._unit * view.metres_per_pixel(self._height)
+        self._spacing = SIZES["arrow spacing"] * self._unit * view.metres_per_pixel(self._height)
 
     def add(self, scene: mujoco.MjvScene, moment: Moment, view: View) -> list[Lines]:
         """Add one frame's balls to the scene and return its lines."""
@@ -101,8 +122,8 @@ class Decorator:
         if absent:
             self._turn_grey(scene, absent)
         size = self._unit * view.metres_per_pixel(self._height)  # of a pixel of the reference frame, in m
-        # Of more than 50 agents, balls shrink, so that they do not cover each other.
-        radius = self._marker * min(1.0, (50 / max(self._film.agents, 1)) ** 0.5) * size
+        # Balls shrink, so that they do not cover each other.
+        radius = self._marker * min(1.0, (FEW_AGENTS / max(self._film.agents, 1)) ** 0.5) * size
         goals = zip(moment.harmonic_extension, self._with_alpha(self._see_through), strict=False)
         for i, (goal, rgba) in enumerate(goals):
             if i not in absent:
@@ -111,11 +132,11 @@ class Decorator:
             _add_obstacles(scene, self._film.obstacles, moment.time, view)
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
         tails, heads = (moment.positions[ends] for ends in np.concatenate([communication, one_way]).T)
-        edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
+        edges = Lines.of(tails, heads, COMMUNICATION, WIDTHS["edge"] * self._unit)
         media = [self._arrows(moment, view, k) for k in range(len(self._film.media))] if self._spacing else []
         links = self._links(moment, radius)
         pointers = self._pointers(scene, moment, one_way, view)
-        return [*media, *stems, self._trails(moment), edges, *pointers, self._dashed(moment, sensing, size), links]
+        return [*media, *stems, self._trails(moment), edges, *pointers, self._dashed(moment, sensing), links]
 
     def _arrows(self, moment: Moment, view: View, number: int) -> Lines:
         """Draw a medium's velocity on a fixed horizontal grid, at the surface or at the height of its vehicles.
@@ -143,7 +164,7 @@ class Decorator:
         ends = np.concatenate([tip, *(tip - barb * (along + 0.5 * side * aside) for side in (-1.0, 1.0))])
         rgba = np.tile(speed_colours(medium.scale, fraction), (3, 1))
         rgba[:, 3] *= np.tile(1.0 - away**2, 3)
-        return Lines.of(starts, ends, rgba, 2.0 * self._unit)
+        return Lines.of(starts, ends, rgba, WIDTHS["arrow"] * self._unit)
 
     def _trails(self, moment: Moment) -> Lines:
         """Show where each vehicle was; older pieces fade."""
@@ -153,30 +174,22 @@ class Decorator:
         rgba[..., :3] = self._colours
         rgba[:, sorted(self._film.absent(moment.time)), :3] = ABSENT[:3]
         rgba[..., 3] = 0.9 * (1 - age[:, None]) ** 1.2
-        return Lines.of(trail[:-1].reshape(-1, 3), trail[1:].reshape(-1, 3), rgba.reshape(-1, 4), 2.0 * self._unit)
+        return Lines.of(
+            trail[:-1].reshape(-1, 3), trail[1:].reshape(-1, 3), rgba.reshape(-1, 4), WIDTHS["trail"] * self._unit
+        )
 
     def _turn_grey(self, scene: mujoco.MjvScene, absent: frozenset[int]) -> None:
         """Paint the vehicles of absent agents grey."""
-        geom_type, owners = mujoco.mjtObj.mjOBJ_GEOM.value, self._owners
-        if owners is None:
-            return
         for geom in scene.geoms[: scene.ngeom]:
-            if geom.objtype == geom_type and 0 <= geom.objid < len(owners) and owners[geom.objid] in absent:
+            own = geom.objtype == mujoco.mjtObj.mjOBJ_GEOM.value and 0 <= geom.objid < len(self._owners)
+            if own and self._owners[geom.objid] in absent:
                 geom.matid, geom.rgba = -1, ABSENT
 
-    def _dashed(self, moment: Moment, sensing: IntArray, size: float) -> Lines:
-        """Show who sees whom."""
-        starts, along = moment.positions[sensing[:, 0]], np.diff(moment.positions[sensing], axis=1)[:, 0]
-        wanted = np.linalg.norm(along, axis=1) / (2 * 10.0 * size)  # length of a dash and of the gap after it
-        most = int(np.clip(800 // max(len(sensing), 1), *DASHES))
-        dashes = np.clip(np.round(wanted), DASHES[0], most).astype(int)
-        edge = np.repeat(np.arange(len(dashes)), dashes)
-        number = np.arange(len(edge)) - np.repeat(np.cumsum(dashes) - dashes, dashes)
-        begin, count, step = (number + 0.25)[:, None], dashes[edge, None], along[edge]
-        first = starts[edge] + begin / count * step
-        # More than 60 edges are drawn fainter.
-        rgba = SENSING * np.array([1, 1, 1, min(1.0, (60 / max(len(sensing), 1)) ** 0.5)], np.float32)
-        return Lines.of(first, first + 0.5 / count * step, rgba, 1.5 * self._unit)
+    def _dashed(self, moment: Moment, sensing: IntArray) -> Lines:
+        """Show who sees whom; many edges are drawn fainter."""
+        rgba = SENSING * np.array([1, 1, 1, min(1.0, (FEW_EDGES / max(len(sensing), 1)) ** 0.5)], np.float32)
+        tails, heads = moment.positions[sensing.T]
+        return Lines.of(tails, heads, rgba, WIDTHS["sensing"] * self._unit, SIZES["dash"] * self._unit)
 
     def _pointers(self, scene: mujoco.MjvScene, moment: Moment, one_way: IntArray, view: View) -> list[Lines]:
         """Draw arrowheads of one-way edges, and a halo and a line for each agent that the filter restrains."""
@@ -185,8 +198,8 @@ class Decorator:
         if self._film.restraints is not None:
             starts, ends = self._film.restraints(moment.time, moment.positions)
             for start in starts:
-                _add_ball(scene, start, 11 * size, RESTRAINED)
-            found.append(Lines.of(starts, starts + 0.4 * (ends - starts), RESTRAINED, 4.0 * self._unit))
+                _add_ball(scene, start, SIZES["halo"] * size, RESTRAINED)
+            found.append(Lines.of(starts, starts + 0.4 * (ends - starts), RESTRAINED, WIDTHS["restraint"] * self._unit))
         return found
 
     def _heads(self, moment: Moment, one_way: IntArray, view: View, size: float) -> Lines:
@@ -194,9 +207,9 @@ class Decorator:
         tails, along = moment.positions[one_way[:, 0]], np.diff(moment.positions[one_way], axis=1)[:, 0]
         across = np.cross(along, camera.axes(view.azimuth, view.elevation)[2])
         length, width = (np.linalg.norm(way, axis=1, keepdims=True) + 1e-12 for way in (along, across))
-        tip, barb = tails + HEAD_AT * along, np.minimum(14.0 * size, 0.3 * length)
+        tip, barb = tails + HEAD_AT * along, np.minimum(SIZES["head"] * size, 0.3 * length)
         ends = np.concatenate([tip - barb * (along / length + 0.5 * side * across / width) for side in (-1.0, 1.0)])
-        return Lines.of(np.tile(tip, (2, 1)), ends, HEADS, 2.0 * self._unit)
+        return Lines.of(np.tile(tip, (2, 1)), ends, HEADS, WIDTHS["head"] * self._unit)
 
     def _links(self, moment: Moment, radius: float) -> Lines:
         """Join each agent to the ball that shows where it should be, unless it is there."""
@@ -204,28 +217,28 @@ class Decorator:
         away = np.linalg.norm(moment.harmonic_extension - places, axis=1) > radius
         away[sorted(self._film.absent(moment.time))] = False
         rgba = self._with_alpha(0.8)[: self._film.agents][away]
-        return Lines.of(places[away], moment.harmonic_extension[away], rgba, 1.5 * self._unit)
+        return Lines.of(places[away], moment.harmonic_extension[away], rgba, WIDTHS["goal"] * self._unit)
 
     def _stems(self, scene: mujoco.MjvScene, moment: Moment, size: float) -> Lines:
         """Draw a line straight to the surface from what is off it: without it heights cannot be read."""
         level = self._film.surface_height
-        off = np.abs(moment.positions[:, 2] - level) > 17.0 * size  # minimum length of a vertical line
+        off = np.abs(moment.positions[:, 2] - level) > SIZES["shortest stem"] * size
         feet = moment.positions[off] * [1.0, 1.0, 0.0] + [0.0, 0.0, level]
         rgba = self._with_alpha(0.5)[off]
         for foot, own in zip(feet, rgba, strict=True):
-            _add_ball(scene, foot, FOOT * size, own)
-        return Lines.of(moment.positions[off], feet, rgba, 1.0 * self._unit)
+            _add_ball(scene, foot, SIZES["foot"] * size, own)
+        return Lines.of(moment.positions[off], feet, rgba, WIDTHS["stem"] * self._unit)
 
     def _with_alpha(self, alpha: float) -> Float32Array:
         """Return every vehicle's colour with one opacity. Shape (V, 4)."""
         return np.column_stack([self._colours, np.full(len(self._colours), alpha, np.float32)])
 
 
-def owners_of_geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:
+def owners_of_geoms(model: mujoco.MjModel, body_id: IntArray) -> list[int]:
     """Return the vehicle of each geom of a model, -1 for none, from the root bodies of the vehicles."""
     vehicle = np.full(model.nbody, -1)
     vehicle[body_id] = np.arange(len(body_id))
-    return np.asarray(vehicle[model.body_rootid[model.geom_bodyid]])
+    return vehicle[model.body_rootid[model.geom_bodyid]].tolist()
 
 
 def _pairs(edges: Sequence[DrawnEdge], kind: str) -> IntArray:
@@ -288,6 +301,7 @@ def draw_lines(batches: Sequence[Lines], sea: tuple[Array, Array] | None = None)
         for wanted in (gl.GL_LIGHTING, gl.GL_TEXTURE_2D, gl.GL_CULL_FACE):
             gl.glDisable(wanted)
         gl.glEnable(gl.GL_BLEND)
+        gl.glEnable(gl.GL_LINE_STIPPLE)
         gl.glBlendFunc(gl.GL_SRC_ALPHA, gl.GL_ONE_MINUS_SRC_ALPHA)
         gl.glDepthMask(gl.GL_FALSE)
         gl.glBindBuffer(gl.GL_ARRAY_BUFFER, 0)
@@ -306,6 +320,8 @@ def draw_lines(batches: Sequence[Lines], sea: tuple[Array, Array] | None = None)
             ends = np.ascontiguousarray(lines.ends)
             colours = np.repeat(lines.rgba, 2, axis=0)
             gl.glLineWidth(lines.width)
+            # The pattern's sixteen bits are each as long as the factor, eight of them drawn.
+            gl.glLineStipple(max(1, round(lines.dash / 8)), 0x00FF if lines.dash else 0xFFFF)
             RAW.glVertexPointer(3, gl.GL_FLOAT, 0, ends.ctypes.data_as(c_void_p))
             RAW.glColorPointer(4, gl.GL_FLOAT, 0, colours.ctypes.data_as(c_void_p))
             gl.glDrawArrays(gl.GL_LINES, 0, 2 * len(ends))
@@ -333,7 +349,7 @@ class Renderer:
         Raises:
             MjsheafError: the driver refuses.
         """
-        self._model, self._closed = model, False
+        self._model = model
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.zeros((height, width, 3), np.uint8)
         self._camera = mujoco.MjvCamera()
@@ -375,8 +391,6 @@ class Renderer:
             decorate: adds geoms to the scene before it is drawn, and returns lines to draw over it.
             sea: Mesh of a surface to draw between them; see `mesh`.
         """
-        if self._closed:
-            raise MjsheafError("the renderer is closed")
         # Another renderer may have drawn since: a GL context is current for a whole thread.
         self._context.make_current()
         self._camera.lookat = view.lookat
@@ -395,7 +409,6 @@ class Renderer:
 
     def close(self) -> None:
         """Free the GL resources. Closing twice does nothing."""
-        self._closed = True
         self._held.close()
 
 
@@ -432,25 +445,26 @@ def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: Array | f
 
 NEAR, FAR = 0.02, 40.0  # clipping planes, as multiples of the camera's shortest and longest distance
 FLATNESS = 0.6  # maximum distance of a side from the circle, pixels
+MIN_SIDES = 12  # of round geoms
 
 
-def set_detail(model: mujoco.MjModel, camera: CameraPath, radius: float, height: int) -> None:
+def set_detail(model: mujoco.MjModel, views: Sequence[View], radius: float, height: int) -> None:
     """Set how far and how finely a model is drawn, given where the camera is.
 
     Args:
         model: changed.
-        camera: decides how large vehicles look.
+        views: The camera at each frame; it decides how large vehicles look.
         radius: Radius of the largest vehicle, m.
         height: Height of the frames, pixels.
     """
+    nearest, farthest = (choose(views, key=lambda view: view.distance) for choose in (min, max))
     # MuJoCo's default range follows from the model's first pose, not from this run. The unit is the model's extent.
-    model.vis.map.znear = NEAR * float(camera.distance.min()) / model.stat.extent
-    model.vis.map.zfar = FAR * float(camera.distance.max()) / model.stat.extent
+    model.vis.map.znear = NEAR * nearest.distance / model.stat.extent
+    model.vis.map.zfar = FAR * farthest.distance / model.stat.extent
     # Round geoms get only as many sides as are visible, because small round parts can take half the time of a frame.
     # The largest one is assumed to be a third of its vehicle. n sides miss a circle of radius r by r (1 - cos(pi / n)).
-    nearest = camera.view(int(camera.distance.argmin()))
     part = max(radius / nearest.metres_per_pixel(height) / 3, 2 * FLATNESS)
-    slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), 12)  # minimum number of sides of round geoms
+    slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), MIN_SIDES)
     model.vis.quality.numslices = min(model.vis.quality.numslices, slices)
     model.vis.quality.numstacks = min(model.vis.quality.numstacks, slices * 2 // 3)
 

@@ -167,7 +167,7 @@ def test_everything_else_is_there_before_the_video(
         path.touch()
         return 1
 
-    monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
+    monkeypatch.setattr("mjsheaf.video.draw.available_backend", lambda: ("none", ""))
     monkeypatch.setattr("mjsheaf.video.draw.draw_video", draw)
     for quality in ("draft", "good"):
         option = ["--quality", quality] * (quality != "draft")

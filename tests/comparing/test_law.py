@@ -121,7 +121,7 @@ def test_plots_and_summary_name_the_law(laws: Path, drawn: list[Figure], tmp_pat
 def test_notes_do_not_advise_a_gain_that_the_law_ignores(laws: Path) -> None:
     scenario = two_boats("otter", "hull", links={"all": {"noise": 1.0}})
     dataset = mjsheaf.simulate(scenario, controller=load_controller(f"{laws}:wild"))
-    notes = account_of(scenario, scenario.phases, dataset).summary["notes"]
+    notes = account_of(scenario, scenario.phases, dataset)[0]["notes"]
     assert "saturated" in [note["kind"] for note in notes]
     assert not any("gain" in note["text"] for note in notes)
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import mjsheaf
 from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.files import digest
-from mjsheaf.page.replay import Ghost, Packer, Scene, add_ghosts
+from mjsheaf.page.page import Ghost, Packer, Scene, add_ghosts
 from mjsheaf.results import store, write_dataset
 from mjsheaf.results.store import RUNS_FILES
 from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, open_runs, publish_runs
@@ -64,7 +64,7 @@ def leave_run(scenario: Scenario, backend: str, directory: Path) -> None:
     dataset = mjsheaf.simulate(scenario, backend)
     write_dataset([dataset], directory / "result.nc")
     write_scenario(scenario, directory)
-    summary = account_of(scenario, scenario.phases, dataset).summary
+    summary, _, _ = account_of(scenario, scenario.phases, dataset)
     store.save_summary(summary | {store.RESULT_DIGEST: digest(directory / "result.nc")}, directory / "summary.json")
 
 

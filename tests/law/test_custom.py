@@ -339,8 +339,8 @@ def test_a_run_can_be_repeated_from_its_directory(file: Path, tmp_path: Path) ->
     scenario = with_term(file, "steeper", {"gain": 0.7})
     path = write_scenario(scenario, tmp_path)
     again = mjsheaf.load_scenario(path)
-    assert again.controller.custom["steeper"].file == str(tmp_path / "vehicles/terms/steeper.py")
-    outside = path.read_text().replace("vehicles/terms/steeper.py", "../steeper.py")
+    assert again.controller.custom["steeper"].file == str(tmp_path / "vehicles/own_terms/own_terms.py")
+    outside = path.read_text().replace("vehicles/own_terms/own_terms.py", "../steeper.py")
     path.write_text(outside)
     with pytest.raises(InputError, match="lies outside"):
         mjsheaf.load_scenario(path)

@@ -65,8 +65,8 @@ def test_the_recorded_scenario_gives_the_session_to_the_bit(
     ("action", "words"),
     [
         ({"lose": "Z9"}, "unknown id 'Z9'"),
-        ({"lose": ["A1"]}, "expected an id"),
-        ({"cut": ["A1"]}, "two ends"),
+        ({"lose": ["A1"]}, "lose: expected text"),
+        ({"cut": ["A1"]}, "cut: "),
         ({"cut": ["A1", "A1"]}, "has no link"),
         ({"restore": ["A1", "A2"]}, "is not cut"),
         ({"join": "A1"}, "is present already"),
@@ -101,12 +101,12 @@ def test_agents_that_would_be_free_to_drift_cannot_be_made_so() -> None:
                 recorder.do({"lose": agent})
             except MjsheafError as error:
                 refused = str(error)
-        assert "nothing determines" in refused or "no agent is left" in refused
+        assert "not unique" in refused or "no agent is left" in refused
         assert 0 <= len(recorder.events) < len(agents)
         session.step()
 
 
-def test_a_refusal_says_what_nothing_determines_and_who_needs_an_edge() -> None:
+def test_a_refusal_says_who_would_be_free() -> None:
     """Three boats in a chain of which the first senses the target."""
     raw = {
         "name": "chain",
@@ -118,17 +118,14 @@ def test_a_refusal_says_what_nothing_determines_and_who_needs_an_edge() -> None:
     }
     with Session(scenario_from_mapping(raw), "ideal") as session:
         recorder = Recorder(session)
-        for action, words in (
-            ({"lose": "B2"}, "without B2, nothing determines B3's x and y. Give B3 an edge first."),
-            (
-                {"cut": ["B1", "B2"]},
-                "without the link B1 - B2, nothing determines the x and y of B2, B3 together. Give one of them an edge "
-                "first.",
-            ),
+        for action, event, words in (
+            ({"lose": "B2"}, "lose B2: ", "B3 is free along x"),
+            ({"cut": ["B1", "B2"]}, "cut B1 - B2: ", "B2, B3 are free along x together"),
         ):
             with pytest.raises(NotUniqueError) as caught:
                 recorder.do(action)
-            assert str(caught.value) == words
+            assert event in str(caught.value)
+            assert words in str(caught.value)
         assert recorder.events == []
 
 

@@ -489,7 +489,7 @@ def test_the_film_shows_who_is_there() -> None:
     options, owners = VideoOptions(), owners_of_geoms(model, film.body_id)
     frames, decorator = Frames(film, options), Decorator(film, options, owners)
     everything, camera, view = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.MjvCamera(), mujoco.MjvOption()
-    boats, spheres = set(np.flatnonzero(owners == 0).tolist()), mujoco.mjtGeom.mjGEOM_SPHERE.value
+    boats, spheres = set(np.flatnonzero(np.equal(owners, 0)).tolist()), mujoco.mjtGeom.mjGEOM_SPHERE.value
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     for time, lost in ((0.1, False), (0.3, True)):

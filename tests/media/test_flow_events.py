@@ -163,7 +163,7 @@ def test_video_and_page_show_the_flow_of_each_phase() -> None:
     phases = scenario.phases
     (current,) = media_of(phases, np.zeros((1, 5, 3)))
     assert (current.name, current.top) == ("current", 2.0)
-    assert [time for time, _ in current.changes] == [0.1, 0.3]
+    assert [time for time, _ in current.shots[1:]] == [0.1, 0.3]
     point = np.zeros((1, 3))
     for time, velocity in ((0.0, [0, 0, 0]), (0.1, [1, 0, 0]), (0.25, [1, 0, 0]), (0.3, [0, -2, 0])):
         np.testing.assert_array_equal(current.at(point, time), [velocity])

@@ -181,7 +181,7 @@ def test_a_run_keeps_a_copy_of_its_file_and_can_be_run_again(tmp_path: Path) -> 
     scenario = mjsheaf.load_scenario("double_gyre", {"time.end": 1.0})
     first = mjsheaf.simulate(scenario, backend="ideal")
     mjsheaf.save(first, tmp_path / "run")
-    assert (tmp_path / "run" / "vehicles" / "flows" / "water.nc").is_file()
+    assert (tmp_path / "run" / "vehicles" / "double_gyre" / "double_gyre.nc").is_file()
     (tmp_path / "run").rename(tmp_path / "moved")
     again = mjsheaf.simulate(mjsheaf.load_scenario(tmp_path / "moved" / "scenario.yaml"), backend="ideal")
     assert np.array_equal(again.agent_position, first.agent_position, equal_nan=True)

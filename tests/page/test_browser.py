@@ -15,7 +15,7 @@ from PIL import Image
 
 from mjsheaf import simulate
 from mjsheaf.page import page as page_module
-from mjsheaf.page.replay import Ghost
+from mjsheaf.page.page import Ghost
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.played import seas_of
 from mjsheaf.video.film import film_of

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mjsheaf.errors import InputError
-from mjsheaf.page.replay import Packer
+from mjsheaf.page.page import Packer
 from mjsheaf.results.store import open_run
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import load_scenario

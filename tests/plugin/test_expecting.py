@@ -84,7 +84,7 @@ def test_a_miss_shows_bound_and_value_and_the_command_to_watch() -> None:
         "tiny on ideal: finished, NOT as expected",
         "  measure (m)           expected       found",
         "  mean_disagreement         <= 1      0.6631",
-        "  tracking_error          <= 0.5      0.6631  32.6 % above",
+        "  tracking_error          <= 0.5      0.6631  missed",
         "  watch it: mjsheaf run tiny.yaml --backend ideal",
     ]
 
@@ -108,7 +108,8 @@ def test_a_refusal_is_met_missed_or_missing() -> None:
     assert (trial.met, trial.status) == (False, "refused")
     told = describe(trial, "team", "team.yaml")
     assert "A1, A2, A3 are free along z together" in told
-    assert "has no value" in told
+    assert "tracking_error" in told
+    assert "-  missed" in told
 
 
 # -- files ------------------------------------------------------------------------------------------------------------
@@ -116,36 +117,27 @@ def test_a_refusal_is_met_missed_or_missing() -> None:
 
 EXPECT = {"ideal": {"tracking_error": 0.1}, "physics": {"tracking_error": 0.2}}
 IDEAL, PHYSICS = "ideal: {tracking_error: 0.1}", "physics: {tracking_error: 0.2}"
-BRACES = "{ideal: {tracking_error: 0.1}, physics: {tracking_error: 0.2}}"
-JSON = '{"ideal": {"tracking_error": 0.1}, "physics": {"tracking_error": 0.2}}'
+LINES = f"\n  {IDEAL}\n  {PHYSICS}"
 FORMS = {
     "in lines": (
         "a: 1\nexpect:  # why\n  ideal: {tracking_error: 3}\n\n# end\nb: 2\n",
-        f"a: 1\nexpect:  # why\n  {IDEAL}\n  {PHYSICS}\n\n# end\nb: 2\n",
+        f"a: 1\nexpect:  # why{LINES}\n\n# end\nb: 2\n",
     ),
     "deeper lines": (
         "expect:\n    ideal:\n        tracking_error: 3 # was\n# end",
         f"expect:\n    {IDEAL}\n    {PHYSICS} # was\n# end",
     ),
-    "in braces": ("expect: {ideal: {tracking_error: 3}}  # why\nb: 2\n", f"expect: {BRACES}  # why\nb: 2\n"),
-    "in braces on lines": ("expect: {ideal: {\n  tracking_error: 3}}\n", f"expect: {BRACES}\n"),
-    "nothing": ("expect:   # later\nb: 2\n", f"expect: {BRACES}   # later\nb: 2\n"),
-    "null": ("expect: ~\n", f"expect: {BRACES}\n"),
-    "a text in lines": (
-        "expect:\n  refused: |\n    so\n    it\nb: 2\n",
-        f"expect:\n  {IDEAL}\n  {PHYSICS}\nb: 2\n",
-    ),
-    "at the end": (
-        "a: 1  # é 漢 🚤\n# last",
-        f"a: 1  # é 漢 🚤\n# last\nexpect:  # new\n  {IDEAL}\n  {PHYSICS}\n",
-    ),
+    "in braces": ("expect: {ideal: {tracking_error: 3}}  # why\nb: 2\n", f"expect:{LINES}  # why\nb: 2\n"),
+    "in braces on lines": ("expect: {ideal: {\n  tracking_error: 3}}\n", f"expect:{LINES}\n"),
+    "nothing": ("expect:   # later\nb: 2\n", f"expect:{LINES}   # later\nb: 2\n"),
+    "null": ("expect: ~\n", f"expect:{LINES}\n"),
+    "a text in lines": ("expect:\n  refused: |\n    so\n    it\nb: 2\n", f"expect:{LINES}\nb: 2\n"),
+    "at the end": ("a: 1  # é 漢 🚤\n# last", f"a: 1  # é 漢 🚤\n# last\nexpect:  # new{LINES}\n"),
     "indented": ("  a: 1\n  b: 2\n", f"  a: 1\n  b: 2\n  expect:  # new\n    {IDEAL}\n    {PHYSICS}\n"),
     "of another system": (
         "a: 1\r\nexpect:\r\n  ideal: {}\r\nb: 2\r\n",
         f"a: 1\r\nexpect:\r\n  {IDEAL}\r\n  {PHYSICS}\r\nb: 2\r\n",
     ),
-    "JSON": ('{"a": 1, "expect": {"ideal": {}}, "b": 2}\n', f'{{"a": 1, "expect": {JSON}, "b": 2}}\n'),
-    "JSON without": ('{\n  "a": [1]\n}\n', f'{{\n  "a": [1], "expect": {JSON}\n}}\n'),
 }
 
 
@@ -156,7 +148,9 @@ def test_the_rest_of_a_file_stays_as_it_is(form: str) -> None:
     assert parse_yaml(edited, "file") == {**parse_yaml(text, "file"), "expect": EXPECT}
 
 
-@pytest.mark.parametrize("text", ["a: 1\n...\n", "a: 1\n---\nb: 2\n", "[1]\n", "", "a: [\n"])
+@pytest.mark.parametrize(
+    "text", ["a: 1\n...\n", "a: 1\n---\nb: 2\n", "[1]\n", "", "a: [\n", '{"a": 1, "expect": {}}', "{}"]
+)
 def test_what_cannot_be_edited_is_refused(text: str) -> None:
     with pytest.raises(ScenarioError, match=r"^file: "):
         with_field(text, "expect", EXPECT, "file")
@@ -169,7 +163,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyt
     link.symlink_to(real)
     with refused(InputError, "changed"):
         replace_file(link, b"new", expected=b"other")
-    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(Path, "write_bytes", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     with pytest.raises(InputError, match=r"link\.yaml: cannot be written: No space left"):
         replace_file(link, b"new", expected=b"old")
     monkeypatch.undo()

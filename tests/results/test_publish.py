@@ -74,7 +74,7 @@ def test_data_in_memory_never_replace_what_is_not_a_run(tmp_path: Path) -> None:
 
 def drawn_by(draw: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a function of a path stand for what draws videos."""
-    monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
+    monkeypatch.setattr("mjsheaf.video.draw.available_backend", lambda: ("none", ""))
     monkeypatch.setattr("mjsheaf.video.draw.draw_video", lambda films, path, *_: draw(path))
 
 
@@ -140,7 +140,7 @@ def test_a_video_that_cannot_be_written_is_an_error_that_names_the_run(
 def test_a_video_for_which_there_is_no_opengl_is_noted(
     short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: (None, "nothing draws here"))
+    monkeypatch.setattr("mjsheaf.video.draw.available_backend", lambda: (None, "nothing draws here"))
     outcome = execute(short, "ideal", tmp_path / "run", video=video_options(short))
     assert outcome.notes == ["no video: nothing draws here"]
     assert outcome.summary["video"] is None

@@ -141,7 +141,7 @@ def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str)
     film, model = film_of(scenario, simulate(scenario, "ideal"))
     with Painter(film, model, options) as painter:
         row = painter.paint(0)[470, 240:].astype(float).sum(axis=1)
-        pixel = painter.camera.view(0).metres_per_pixel(640)
+        pixel = painter.camera[0].metres_per_pixel(640)
     row -= row.mean()
     likeness = [row[shift:] @ row[:-shift] / len(row[shift:]) for shift in range(20, 300)]
     period = (20 + int(np.argmax(likeness))) * pixel
@@ -262,10 +262,10 @@ def test_arrows_of_a_current_that_changes_with_time_are_the_current_of_the_momen
     (current,) = (one for one in film.media if one.level)
     points = np.array([[40.0, 30.0, 0.0], [35.0, 42.0, 0.0], [20.0, 25.0, 0.0]])
     real = medium(scenario)
-    assert len(current.changes) > 10
-    for time, _ in current.changes:
+    assert len(current.shots[1:]) > 10
+    for time, _ in current.shots[1:]:
         found = current.at(points, time + 0.1)
         for place, velocity in zip(points, found, strict=True):
             assert velocity == pytest.approx(real.velocity(vehicle, [time], place)[0], abs=1e-12)
-    assert np.ptp([current.at(points, time)[0, 0] for time, _ in current.changes]) > 0.05
+    assert np.ptp([current.at(points, time)[0, 0] for time, _ in current.shots[1:]]) > 0.05
     assert current.top == pytest.approx(0.6, abs=0.2)

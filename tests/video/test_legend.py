@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from PIL import Image
 
 from mjsheaf.errors import InputError
@@ -15,7 +16,7 @@ from mjsheaf.show.played import Medium, Stage, largest_speed
 from mjsheaf.show.style import STOPS, speed_colours
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.film import Frames, video_options
-from mjsheaf.video.overlay import Overlay, Row, add_bars, add_legend, legend_rows
+from mjsheaf.video.overlay import Overlay, add_bars, add_legend, legend_rows
 from tests.builders import change_film, make_film, make_model, samples_of
 from tests.commands import call
 
@@ -34,7 +35,7 @@ def everything() -> Film:
                    colours=np.full((12, 3), 0.5))  # fmt: skip
 
 
-def rows_of(film: Film, **options: Any) -> list[Row]:
+def rows_of(film: Film, **options: Any) -> list[Line2D]:
     made = VideoOptions(**options)
     return legend_rows(film, made, Frames(film, made).extent.survey)
 
@@ -42,22 +43,24 @@ def rows_of(film: Film, **options: Any) -> list[Row]:
 def test_every_row_has_a_symbol() -> None:
     """Oracle: the drawn symbol has pixels of its own."""
     rows = rows_of(everything(), speed=3.0)
-    assert len(rows) == len({row.words for row in rows}) >= 12
+    assert len(rows) == len({str(row.get_label()) for row in rows}) >= 12
     for row in rows:
         figure = Figure((2, 1), dpi=72, facecolor="black")
-        legend = add_legend(figure, [Row("", row.style)], (20.0, 60.0, 100.0, 50.0), 13.0)
+        label = str(row.get_label())
+        row.set_label("")
+        legend = add_legend(figure, [row], (20.0, 60.0, 100.0, 50.0), 13.0)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         assert legend.legend_handles[0] is not None
-        assert (np.asarray(canvas.buffer_rgba())[..., :3].max(axis=2) > 60).sum() >= 8, row.words
+        assert (np.asarray(canvas.buffer_rgba())[..., :3].max(axis=2) > 60).sum() >= 8, label
 
 
 def test_the_legend_says_how_much_larger_vehicles_are() -> None:
-    words = [row.words for row in rows_of(everything())]
+    words = [str(row.get_label()) for row in rows_of(everything())]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×6: drone", "drawn ×4: buoy"]
-    words = [row.words for row in rows_of(replace(everything(), scales=np.full(5, 2.0)))]
+    words = [str(row.get_label()) for row in rows_of(replace(everything(), scales=np.full(5, 2.0)))]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×2: every vehicle"]
-    words = [row.words for row in rows_of(replace(everything(), scales=np.array([1.0, 1.0, 3.0, 1.0, 1.0])))]
+    words = [str(row.get_label()) for row in rows_of(replace(everything(), scales=np.array([1.0, 1.0, 3.0, 1.0, 1.0])))]
     assert [each for each in words if each.startswith("drawn")] == ["drawn ×3: A3"]
 
 
@@ -88,7 +91,8 @@ def view_at() -> Any:
 
 def test_a_long_legend_fits() -> None:
     figure = Figure((4, 4), dpi=72)
-    rows = [Row.marked("a thing with a name that is far too long for the panel, and then some", "white", "o")] * 40
+    words = "a thing with a name that is far too long for the panel, and then some"
+    rows = [Line2D([], [], label=words, marker="o", linestyle="none")] * 40
     legend = add_legend(figure, rows, (10.0, 200.0, 120.0, 150.0), 13.0)
     box = legend.get_window_extent()
     assert box.height <= 150.0
@@ -135,7 +139,7 @@ def test_a_slow_jet_stands_out_from_a_slower_drift() -> None:
         jet = np.abs(places[:, 1]) < 5.0
         return np.stack([np.where(jet, 0.5, 0.1), *np.zeros((2, len(places)))], axis=1)
 
-    film = replace(make_film(make_model()), media=[Medium("current", velocity, np.arange(5), True, 1, 0.5)])
+    film = replace(make_film(make_model()), media=[Medium("current", [(0.0, velocity)], np.arange(5), True, 1, 0.5)])
     options = VideoOptions()
     frames = Frames(film, options)
     decorator = Decorator(film, options)

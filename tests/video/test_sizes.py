@@ -103,7 +103,7 @@ def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
     np.testing.assert_allclose(own, scenario.system.vehicle_radii, rtol=1e-12)
     with Painter(film, model, options) as painter:
         drawn = radii_of(painter.model, film.body_id)
-        pixel = painter.camera.view(0).metres_per_pixel(360)
+        pixel = painter.camera[0].metres_per_pixel(360)
     np.testing.assert_allclose(drawn, scales * own, rtol=1e-9)
     assert 2 * own.min() < 1.0
     assert (2 * drawn >= MIN_FRACTION * run_size(film.run.at(film.run.time[:1]).positions) * (1 - 1e-9)).all()

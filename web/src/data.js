@@ -1,4 +1,4 @@
-// What the page is told, and the run at any time. The Python beside this is mjsheaf/page/replay.py.
+// What the page is told, and the run at any time. The Python beside this is mjsheaf/page/page.py.
 
 /** Read the page's two data elements; resolves to a Run. */
 export async function readRun() {

@@ -1,5 +1,5 @@
 // Other runs: their agents, translucent, each run in its colour, or in those of the groups. The Python beside this is
-// mjsheaf/page/replay.py.
+// mjsheaf/page/page.py.
 
 import * as THREE from "three";
 import { Bodies } from "./bodies.js";
