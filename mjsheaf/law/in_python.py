@@ -65,9 +65,8 @@ def perceived(edge: Edge, y: Array) -> Perceived:
     z = y + edge.b
     if edge.measures == "position" or edge.offset is None:
         return Perceived(y.copy(), np.eye(len(y)), z)
-    measured = measure(edge.measures, z)
-    residual = measured.h - edge.offset if measured.h.any() else np.zeros_like(measured.h)
-    return Perceived(measured.h, measured.J, residual)
+    h, jacobian = measure(edge.measures, z)
+    return Perceived(h, jacobian, h - edge.offset if h.any() else np.zeros_like(h))
 
 
 class View:
