@@ -217,31 +217,6 @@ class Stuck:
         return self.end - self.start
 
 
-@dataclass(frozen=True)
-class _Blocks:
-    """Means over blocks of time, of every agent.
-
-    Attributes:
-        time: Begin of each block and end of the last, shape (B + 1,), s.
-        asked: Commanded velocity relative to the medium, shape (B, N, 3), m/s.
-        spread: RMS deviation of that from its mean, shape (B, N), m/s.
-        made: Velocity relative to the medium, shape (B, N, 3), m/s.
-        speed: RMS of that, shape (B, N), m/s.
-        flow: Speed of the medium, shape (B, N), m/s.
-        saturation: Fraction of thrusters at a limit, shape (B, N).
-        error: Tracking error, shape (B, N), m.
-    """
-
-    time: Array
-    asked: Array
-    spread: Array
-    made: Array
-    speed: Array
-    flow: Array
-    saturation: Array
-    error: Array
-
-
 def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
     """Find the agents of a run on bodies that are stuck, the longest first; it is read in pieces."""
     time = dataset["time"].values
@@ -249,9 +224,9 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
         return []
     system = phases[0].system
     blocks = _average(dataset, len(system.team.agents))
-    still = _is_still(blocks) & _is_present(phases, blocks.time)
+    still = _is_still(blocks) & _is_present(phases, blocks["time"])
     for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command
-        still[:, v] &= blocks.speed[:, v] < _MAX_MADE * capability_of(system.vehicles[v]).least_speed
+        still[:, v] &= blocks["speed"][:, v] < _MAX_MADE * capability_of(system.vehicles[v]).least_speed
     found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]
     return sorted((stuck for stuck in found if stuck), key=lambda stuck: (-stuck.duration, stuck.agent))
 
@@ -262,8 +237,15 @@ def find_stuck_at_end(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[St
     return [stuck for stuck in find_stuck(phases, dataset) if stuck.end >= end and stuck.error > ROUNDING]
 
 
-def _average(dataset: "xr.Dataset", agents: int) -> _Blocks:
-    """Average a run over blocks of time."""
+def _average(dataset: "xr.Dataset", agents: int) -> dict[str, Array]:
+    """Average a run over B blocks of time.
+
+    Returns:
+        `time`, the begin of each block and the end of the last, shape (B + 1,), s; and means of every agent: `asked`,
+        the commanded velocity relative to the medium, and `made`, the actual one, shape (B, N, 3), m/s; `spread`, the
+        RMS deviation of the former, `speed`, the RMS of the latter, `flow`, the speed of the medium, m/s,
+        `saturation`, the fraction of thrusters at a limit, and `error`, the tracking error, m, shape (B, N).
+    """
     time = dataset["time"].values
     span = float(time[-1] - time[0])
     count = min(len(time) - 1, max(1, int(span / _BLOCK)), _MAX_BLOCKS)
@@ -296,16 +278,16 @@ def _average(dataset: "xr.Dataset", agents: int) -> _Blocks:
         name: np.moveaxis(np.moveaxis(total, 0, -1) / np.maximum(number, 1.0), -1, 0) for name, total in sums.items()
     }
     square = mean["spread"] - (mean["asked"] ** 2).sum(axis=2)
-    return _Blocks(edges, **{**mean, "spread": np.sqrt(np.maximum(square, 0.0)), "speed": np.sqrt(mean["speed"])})
+    return {"time": edges, **mean, "spread": np.sqrt(np.maximum(square, 0.0)), "speed": np.sqrt(mean["speed"])}
 
 
-def _is_still(blocks: _Blocks) -> BoolArray:
+def _is_still(blocks: dict[str, Array]) -> BoolArray:
     """Return True for agents that are commanded to move and do not, shape (B, N)."""
-    asked = np.linalg.norm(blocks.asked, axis=2)
+    asked = np.linalg.norm(blocks["asked"], axis=2)
     gained = np.zeros_like(asked)
-    gained[1:] = np.linalg.norm(np.diff(blocks.made, axis=0), axis=2)
-    wanted = (asked > MIN_SPEED) & (blocks.spread < asked)
-    return np.asarray(wanted & (blocks.speed < _MAX_MADE * asked) & (gained < _MAX_GAIN * asked))
+    gained[1:] = np.linalg.norm(np.diff(blocks["made"], axis=0), axis=2)
+    wanted = (asked > MIN_SPEED) & (blocks["spread"] < asked)
+    return np.asarray(wanted & (blocks["speed"] < _MAX_MADE * asked) & (gained < _MAX_GAIN * asked))
 
 
 def _is_present(phases: Sequence[Phase], edges: Array) -> BoolArray:
@@ -316,23 +298,25 @@ def _is_present(phases: Sequence[Phase], edges: Array) -> BoolArray:
     return np.asarray(present[first] & present[last])
 
 
-def _longest(system: System, blocks: _Blocks, still: BoolArray, v: int) -> Stuck | None:
+def _longest(system: System, blocks: dict[str, Array], still: BoolArray, v: int) -> Stuck | None:
     """Return the longest time for which an agent is still, shape (B,); None where that is too short."""
     change = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     begins, ends = change[::2], change[1::2]
-    k = int((blocks.time[ends] - blocks.time[begins]).argmax())
+    k = int((blocks["time"][ends] - blocks["time"][begins]).argmax())
     begin, end = int(begins[k]), int(ends[k])
-    if blocks.time[end] - blocks.time[begin] < MIN_DURATION - 1e-9:
+    if blocks["time"][end] - blocks["time"][begin] < MIN_DURATION - 1e-9:
         return None
     part = slice(begin, end)
-    asked = float(np.linalg.norm(blocks.asked[part, v], axis=1).mean())
+    asked = float(np.linalg.norm(blocks["asked"][part, v], axis=1).mean())
     return Stuck(
         agent=v,
-        start=float(blocks.time[begin]),
-        end=float(blocks.time[end]),
+        start=float(blocks["time"][begin]),
+        end=float(blocks["time"][end]),
         asked=asked,
-        error=float(blocks.error[end - 1, v]),
-        reason=_reason(system, v, asked, float(blocks.flow[part, v].mean()), float(blocks.saturation[part, v].mean())),
+        error=float(blocks["error"][end - 1, v]),
+        reason=_reason(
+            system, v, asked, float(blocks["flow"][part, v].mean()), float(blocks["saturation"][part, v].mean())
+        ),
     )
 
 
