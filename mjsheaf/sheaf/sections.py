@@ -250,16 +250,17 @@ class Forest(NamedTuple):
 
 def _is_isometry(F: Array) -> BoolArray:
     """Return True for each of maps (k, m, n) with F^T F = I."""
-    gram = np.einsum("kma,kmb->kab", F, F)
-    return np.asarray(np.abs(gram - np.eye(F.shape[2])).sum(axis=2).max(axis=1, initial=0.0) <= _STRETCH)
+    gram = F.transpose(0, 2, 1) @ F
+    return np.asarray(np.abs(gram - np.eye(F.shape[2])).reshape(len(F), -1).sum(axis=1) <= _STRETCH)
 
 
 def _find_ways(edges: EdgeSet, free: BoolArray) -> list[Ways]:
     ways = []
     for e in edges.bundles:
-        for u, F_u, w, F_w in ((e.tail, e.F_tail, e.head, e.F_head), (e.head, e.F_head, e.tail, e.F_tail)):
-            short = _is_isometry(F_u) | _is_isometry(F_u.transpose(0, 2, 1))
-            edge = np.flatnonzero(free[w] & short & _is_isometry(F_w))
+        ends = [(v, F, _is_isometry(F)) for v, F in ((e.tail, e.F_tail), (e.head, e.F_head))]
+        for (u, F_u, rigid), (w, F_w, keeps) in (ends, ends[::-1]):
+            short = rigid if rigid.all() else rigid | _is_isometry(F_u.transpose(0, 2, 1))
+            edge = np.flatnonzero(free[w] & short & keeps)
             ways.append(Ways(u[edge], w[edge], edge, F_u, F_w))
     return ways
 
@@ -280,13 +281,14 @@ def grow(edges: EdgeSet, free: BoolArray) -> Forest:
     component = csgraph.connected_components(_graph(tail[inside], head[inside], count), directed=False)[1]
     # All trees grow from one vertex more, whose number is V: first to held vertices, then to those of large stalks, as
     # these reach smaller ones. Depth first, what none before has reached becomes a root.
-    linked = np.unique(np.concatenate([source, target]))
+    apart = np.bincount(np.concatenate([source, target]), minlength=count) == 0
+    linked = np.flatnonzero(~apart)
     first = linked[np.lexsort((-np.diff(edges.column)[linked], free[linked]))]
     indices = np.concatenate([graph.indices, first])
     indptr = np.concatenate([graph.indptr, [len(indices)]])
     graph = sparse.csr_array((np.ones(len(indices)), indices, indptr), shape=(count + 1, count + 1))
     order, parent = csgraph.depth_first_order(graph, count)
-    order = np.concatenate([np.setdiff1d(np.arange(count), order), order[1:].astype(np.int64)])
+    order = np.concatenate([np.flatnonzero(apart), order[1:]])
     parent = np.where(parent[:count] == count, -1, np.maximum(parent[:count], -1)).astype(np.int64)
 
     taken = np.flatnonzero(parent[target] == source)[::-1]
@@ -299,8 +301,8 @@ def grow(edges: EdgeSet, free: BoolArray) -> Forest:
         w = w[free[parent[w]]]  # a held vertex carries nothing of x
         k = way.edge[way_of[w] - begin]
         F_w = way.F_target[k]
-        gram = np.einsum("kma,kmb->kab", F_w, F_w)
-        carries.append((w, np.linalg.solve(gram, np.einsum("kma,kmb->kab", F_w, way.F_source[k]))))
+        back = F_w.transpose(0, 2, 1)
+        carries.append((w, np.linalg.solve(back @ F_w, back @ way.F_source[k])))
         begin += len(way.target)
 
     size = np.bincount(component[free], minlength=count)
