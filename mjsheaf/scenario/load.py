@@ -249,7 +249,7 @@ def _cut_short(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
         return scenario
     events = [event for event in scenario.events if event.time <= scenario.time.end]
     joining = [event.join for event in events if isinstance(event, Join)]  # an agent drifts only until it joins
-    agents = [a.model_copy(update={"drift": False}) if a.id not in joining else a for a in scenario.agents]
+    agents = [a.model_copy(update={"drift": False}) if a.drift and a.id not in joining else a for a in scenario.agents]
     return scenario.model_copy(update={"events": events, "agents": agents})
 
 
