@@ -311,7 +311,7 @@ class Flow(Section):
         return self
 
     def parts(self, team: Team) -> dict[str, Any]:
-        """Return the fields of a System that describe its flow: by medium if one is given, else by role."""
+        """Return the fields of a System that describe its flow, by medium or else by role."""
         if self.air is not None or self.water is not None:
             names = ("wind", "current")
             fields = (self.air, self.water)
@@ -851,7 +851,7 @@ class Scenario(Section):
 
     @cached_property
     def _of_some_seed(self) -> System:
-        """System of the seed that was asked for first, without its disturbances; scenarios of other seeds share it."""
+        """System of the first seed, without its disturbances; scenarios of other seeds share it."""
         team, law, agents, targets = self.team, self.controller, self.agents, self.targets
         with in_field("time"):
             grid = self.time.grid(law.control_period, law.record_period)

@@ -32,7 +32,7 @@ def slips_of(scenario: Scenario) -> list[str]:
 
 
 def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
-    """Return what a vehicle cannot do of what its description asks, and what is left out of its file, in sentences."""
+    """Return sentences on what a vehicle cannot do of what its description asks, and on ignored parts of its file."""
     slips = [shortfall.sentence for shortfall in shortfalls_of(vehicle)]
     if vehicle.left_out:
         slips.append(f"left out of {vehicle.path.name}: {listed(vehicle.left_out)}")

@@ -152,7 +152,7 @@ def smallest_eigenvectors(factor: splinalg.SuperLU, known: Array, count: int, to
     operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
     try:
         return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=tolerance)[1]
-    except splinalg.ArpackError:  # so many eigenvalues are equal that its few vectors span them all: more of them
+    except splinalg.ArpackError:  # more eigenvalues are equal than its few vectors span: more vectors
         return splinalg.eigsh(operator, k=count, ncv=min(n, 6 * count), which="LM", v0=start, tol=tolerance)[1]
 
 

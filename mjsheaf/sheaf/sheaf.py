@@ -667,9 +667,9 @@ class Sheaf(Cochains):
         """Orthonormal basis of Gamma(G'; F), shape (n_V', dimension): 0-cochains on V' that agree along the edges E'.
 
         Args:
-            vertices: V', in the order that rows have.
+            vertices: Vertices V', in the order of the rows.
             edges: Numbers of the edges E', whose ends must be in V'; unless given, all edges between vertices of V'.
-            rtol: As in `betti`.
+            rtol: Tolerance, see `betti`.
 
         Raises:
             SheafError: V' is empty, a vertex or an edge is unknown or named twice, or an edge has an end outside of V'.

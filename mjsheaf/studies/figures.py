@@ -127,7 +127,7 @@ def _axis_of_points(study: StudyFile, records: list[dict[str, Any]]) -> SweptAxi
 
 
 def _axis_of_field(study: StudyFile, records: list[dict[str, Any]], path: str) -> SweptAxis:
-    """Return the axis of a field: of numbers, or of other values in the order in which they are given."""
+    """Return the axis of a field; values other than numbers keep the order in which they are given."""
     values = [record["parameters"].get(path) for record in records]
     draw = (study.draws.values if study.draws else {}).get(path)
     name = plain(study.labels.get(path, path))

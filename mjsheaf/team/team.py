@@ -470,7 +470,7 @@ _DENSE = 600  # states up to which free directions are counted
 
 @dataclass
 class Path:
-    """q* along a run, up to the last of the samples computed so far.
+    """q* along a run, up to the last computed sample.
 
     Attributes:
         last: q* there, shape (n_q,), m; None before the first.
