@@ -52,7 +52,15 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import apart_jit, as_records, inline_jit, jit
 from mjsheaf.loop.log import quaternions_of
 from mjsheaf.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
-from mjsheaf.vehicles.actuators import CHANNEL, FIXED, at_most, room_of, unit_wrench
+from mjsheaf.vehicles.actuators import (
+    AZIMUTH,
+    CHANNEL,
+    FIXED,
+    at_most,
+    room_of_azimuth,
+    room_within,
+    unit_wrench,
+)
 from mjsheaf.vehicles.allocation import allocate_nearest
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
 from mjsheaf.vehicles.steering import drag_force
@@ -465,10 +473,15 @@ def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment
 @jit
 def _add_within(thrusters, force, moment, effort):
     """Add the efforts for a wrench, or the largest share of them that keeps every actuator within its limits."""
-    share, last = 1.0, effort.shape[0] - 1
-    for k in range(last + 1):
-        du, after = row_product(thrusters[k].row, force, moment), min(k + 1, last)
-        dv = row_product(thrusters[after].row, force, moment)
-        share = min(share, room_of(thrusters, k, effort[k], du, effort[after], dv))
-    for k in range(last + 1):
+    share = 1.0
+    for k in range(effort.shape[0]):
+        channel = thrusters[k]
+        du = row_product(channel.row, force, moment)
+        if channel.code == FIXED:
+            share = min(share, room_within(effort[k], du, channel.low, channel.high))
+        elif channel.code == AZIMUTH:
+            angle = thrusters[k + 1]
+            dv = row_product(angle.row, force, moment)
+            share = min(share, room_of_azimuth(channel, angle, effort[k], du, effort[k + 1], dv))
+    for k in range(effort.shape[0]):
         effort[k] += share * row_product(thrusters[k].row, force, moment)

@@ -619,18 +619,19 @@ class Delivery:
 
 
 def gather(samples: Samples, phase: Coordinate, only: Collection[str] | None = None) -> xr.Dataset:
-    """Read the coordinates of a run and its variables, or `only` some of them, from its samples."""
+    """Read a run's variables, or `only` some of them, and the coordinates of their dimensions, from its samples."""
     time = "time", samples.trajectory.time, {"long_name": "time", "units": "s"}
     # Collected first, because adding variables one by one aligns all of them each time.
     coordinates: dict[str, Coordinate] = {"time": time}
     variables: dict[str, Coordinate] = {}
     chosen = [entry for entry in VARIABLES if only is None or entry.name in only]
-    for found, entries in ((coordinates, COORDINATES), (variables, chosen)):
+    spanned = {dimension for entry in chosen for dimension in entry.dimensions}
+    about = [entry for entry in COORDINATES if only is None or spanned.issuperset(entry.dimensions)]
+    for found, entries in ((coordinates, about), (variables, chosen)):
         for entry in entries:
             if entry.where(samples):
                 found[entry.name] = entry.dimensions, samples.read(entry), entry.attributes(samples)
-            if entry.name == "axis":
-                found["phase"] = phase
+    coordinates["phase"] = phase
     return xr.Dataset(variables, coordinates)
 
 

@@ -23,8 +23,8 @@ whatever the deflection.
 
 A new kind subclasses `Thruster` and has a section with `fit`, named in `AnyActuator`. If its force depends on velocity,
 it has a code `flow` with a branch in `flow_wrench`. If its efforts are not its commands, it has a code with a branch in
-`aim`, `unit_wrench` and `room_of`. `actuator_force` repeats MuJoCo's dynamics of any actuator, for the engine that runs
-without MuJoCo.
+`aim`, `unit_wrench` and `bodies.allocate_within_limits`. `actuator_force` repeats MuJoCo's dynamics of any actuator,
+for the engine that runs without MuJoCo.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, freeze
-from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.compile.jit import apart_jit, inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.section import Section
 from mjsheaf.vectors import add, cross, triple
@@ -695,33 +695,34 @@ def nearest_angle(angle, now, low, high):
     return a
 
 
-@jit
-def room_of(channels, k, u, du, v, dv):
-    """Compute the largest fraction, 0 to 1, of an additional effort that an actuator can produce.
+@inline_jit
+def room_within(u, du, low, high):
+    """Return the largest fraction, 0 to 1, of an additional effort du that keeps an effort u within limits."""
+    room = 1.0
+    if u + du > high and du > 0.0:
+        room = max(0.0, (high - u) / du)
+    elif u + du < low and du < 0.0:
+        room = max(0.0, (low - u) / du)
+    return room
+
+
+@apart_jit
+def room_of_azimuth(thrust, angle, u, du, v, dv):
+    """Return the largest fraction, 0 to 1, of additional efforts that an azimuth thruster can produce.
 
     Args:
-        channels: Channels of one vehicle, shape (s,).
-        k: Channel of the actuator.
-        u: Effort of the actuator.
-        du: Additional effort.
-        v: Effort of the next channel; it belongs to the same actuator if that is an azimuth thruster.
-        dv: Additional effort of the next channel.
+        thrust, angle: Its two channels.
+        u, v: Efforts of the two.
+        du, dv: Additional efforts.
     """
-    room, low, high = 1.0, channels[k].low, channels[k].high
-    if channels[k].code == AZIMUTH:
-        # Thrust ahead if it can turn towards the force, astern if it can turn away from it, or either.
-        ends, bearing = channels[k + 1], np.arctan2(v + dv, u + du)
-        ahead = np.cos(nearest_angle(bearing, bearing, ends.low, ends.high) - bearing)
-        astern = np.cos(nearest_angle(bearing + np.pi, bearing, ends.low, ends.high) - bearing)
-        most = max(high if ahead >= -astern - 1e-9 else 0.0, -low if -astern >= ahead - 1e-9 else 0.0)
-        if not (u + du) * (u + du) + (v + dv) * (v + dv) <= most * most:
-            a, b, c = du * du + dv * dv, u * du + v * dv, u * u + v * v - most * most
-            room = max(0.0, (np.sqrt(b * b - a * c) - b) / a) if c < 0.0 else 0.0
-    elif channels[k].code == FIXED:
-        if u + du > high and du > 0.0:
-            room = max(0.0, (high - u) / du)
-        elif u + du < low and du < 0.0:
-            room = max(0.0, (low - u) / du)
+    # Thrust ahead if it can turn towards the force, astern if it can turn away from it, or either.
+    room, bearing = 1.0, np.arctan2(v + dv, u + du)
+    ahead = np.cos(nearest_angle(bearing, bearing, angle.low, angle.high) - bearing)
+    astern = np.cos(nearest_angle(bearing + np.pi, bearing, angle.low, angle.high) - bearing)
+    most = max(thrust.high if ahead >= -astern - 1e-9 else 0.0, -thrust.low if -astern >= ahead - 1e-9 else 0.0)
+    if not (u + du) * (u + du) + (v + dv) * (v + dv) <= most * most:
+        a, b, c = du * du + dv * dv, u * du + v * dv, u * u + v * v - most * most
+        room = max(0.0, (np.sqrt(b * b - a * c) - b) / a) if c < 0.0 else 0.0
     return room
 
 
