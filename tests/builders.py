@@ -297,7 +297,7 @@ def velocity_commands(system: System, t: float, x: Array) -> Array:
     q, p = np.split(team.pack(x), [n_q])
     targets = team.target_sheaf
     eta = problem.H @ q - problem.B @ p - problem.c
-    zeta = targets.laplacian() @ p - targets.adjoint_coboundary() @ targets.offset()
+    zeta = targets.laplacian() @ p - targets.whitened_coboundary().T @ targets.whitened_offset()
     gain = np.concatenate([np.full(n_q, system.gain), np.full(len(p), system.law.gain[-1])])
     command = team.unpack(-gain * np.concatenate([eta, zeta]))
     for v in range(len(x)):

@@ -148,8 +148,7 @@ class Sample:
             y = memory.y[place].copy()  # of the relative position, less b
             h, J, residual = y, np.eye(len(y)), y + edge.b
             if edge.measures != "position" and edge.offset is not None:
-                measured = measure(edge.measures, residual)
-                h, J = measured.h, measured.J
+                h, J = measure(edge.measures, residual)
                 residual = h - edge.offset if h.any() else np.zeros_like(h)
             self.measurements.append(h)
             self.jacobians.append(J)

@@ -19,7 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.law.edges import NEW, SILENT
 from mjsheaf.law.law import disagreement
 from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
@@ -69,14 +69,10 @@ class Samples:
         """Return values of agents (T, N, 3), NaN where one is absent or lacks the coordinate."""
         return np.where(self.team.present[:, None], self.padded(values)[:, : self.agents], np.nan)
 
-    @cached_property
-    def _coordinates(self) -> BoolArray:
-        """Coordinates that each vehicle has, shape (V, 3)."""
-        return np.arange(3) < np.array([[member.dimension] for member in self.team.members])
-
     def padded(self, values: Array) -> Array:
         """Return values (T, V, 3), NaN where a vehicle lacks the coordinate."""
-        return np.where(self._coordinates, values, np.nan)
+        dimensions = np.array([[member.dimension] for member in self.team.members])
+        return np.where(np.arange(3) < dimensions, values, np.nan)
 
     @cached_property
     def errors(self) -> Errors:
@@ -351,11 +347,6 @@ def _groups(samples: Samples) -> list[str]:
     return [groups.get(member.id, "") for member in samples.team.members]
 
 
-def _vehicles(samples: Samples) -> list[str]:
-    """Return the name of each vehicle's file, without its suffix."""
-    return [PurePath(name).stem for name in samples.system.bodies.vehicle]
-
-
 def _kinds(samples: Samples) -> list[str]:
     """Return `surface` for a vehicle in the plane, `underwater` for one that starts below the water, else `aerial`."""
     bodies = samples.system.bodies
@@ -371,7 +362,8 @@ def _of_members(kind: str, prefix: str, belonging: str) -> list[Variable]:
     return [
         Variable(f"{prefix}group", (kind,), "", f"{belonging}, empty without one", _groups, **options),
         Variable(f"{prefix}vehicle", (kind,), "",
-                 f"vehicle of each {kind}; on ideal kinematics the one that it stands for", _vehicles, **options),
+                 f"vehicle of each {kind}; on ideal kinematics the one that it stands for",
+                 lambda s: [PurePath(name).stem for name in s.system.bodies.vehicle], **options),
         Variable(f"{prefix}kind", (kind,), "",
                  f"surface, aerial or underwater: where each {kind} moves", _kinds, **options),
     ]  # fmt: skip
@@ -454,21 +446,6 @@ Coordinate = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
 """Dimensions, values and attributes, in the form that xarray expects."""
 
 
-def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
-    """Collect a recorded trajectory and its errors.
-
-    Args:
-        trajectory: Trajectory of the run, or a piece of it.
-        backend: 'ideal' or 'physics'.
-        seed: Seed of the scenario.
-
-    Returns:
-        Dataset over the dimensions time, agent, target and axis; docs/reference/results.md lists the variables.
-        Attributes give the scenario, backend, status and groups.
-    """
-    return next(make_datasets([trajectory], backend, seed))
-
-
 def make_datasets(
     pieces: Iterable[Trajectory],
     backend: str,
@@ -478,7 +455,10 @@ def make_datasets(
     path: Path | None = None,
     only: Collection[str] | None = None,
 ) -> Iterator[xr.Dataset]:
-    """Collect a trajectory in pieces, each as in `make_dataset`.
+    """Collect a trajectory in pieces.
+
+    Each is a Dataset over the dimensions time, agent, target and axis; docs/reference/results.md lists the variables.
+    Attributes give the scenario, backend, status and groups.
 
     The last piece has the run's status, the communication between agents (see `terms.traffic_of`) and the fraction of
     measurements that arrived. `phases` determine the phase of each sample and the edges that have a link at some time;
@@ -486,7 +466,7 @@ def make_datasets(
     there. In each phase q* begins anew. `only` names the variables to collect; all unless given.
     """
     attributes: dict[str, Any] = {}
-    delivery = Delivery([phase.system for phase in phases])
+    delivery: Delivery | None = None
     traffic = np.zeros(3, dtype=np.int64)
     done = first
     path = path or Path()
@@ -496,6 +476,7 @@ def make_datasets(
             path.last = path.held = None
             path.moving = True
         attributes = attributes or _attributes(piece.system, backend, seed) | _about_phases(phases)
+        delivery = delivery or Delivery([phase.system for phase in phases] or [piece.system])
         delivery.add(piece)
         samples = np.arange(done, done + len(piece.time))
         done += len(piece.time)
@@ -604,46 +585,37 @@ class Delivery:
     """
 
     def __init__(self, systems: Sequence[System]) -> None:
-        """Start counting in a run under these systems; systems of later pieces are added."""
-        self._number: dict[tuple[str, str], int] = {}
-        self.sizes: dict[tuple[str, str], int] = {}
-        self._new, self._due, self._waiting = (np.zeros(0, dtype=np.int64) for _ in range(3))
+        """Start counting in a run under these systems."""
+        self.sizes: dict[Key, int] = {}
+        self._new: dict[Key, int] = {}
         for system in systems:
-            self._enter(system)
-
-    @property
-    def edges(self) -> list[tuple[str, str]]:
-        """Kind and name of each link's edge."""
-        return list(self._number)
+            labelled = labelled_edges(system)
+            self.sizes |= {key: len(edge.b) for key, edge in labelled}
+            self._new |= dict.fromkeys((labelled[e][0] for e in system.law.links.table["edge"]), 0)
+        self.edges = list(self._new)
+        self._due = self._new.copy()
+        self._under_way: dict[Key, int] = {}  # number of samples since each link appeared, up to its delay
 
     @property
     def share(self) -> Array:
         """Fraction of measurements that arrived, shape (L,); see the class."""
-        return np.where(self._due > 0, self._new / np.maximum(self._due, 1), np.nan)
-
-    def _enter(self, system: System) -> IntArray:
-        """Return the numbers of a system's links, in order."""
-        labelled = labelled_edges(system)
-        self.sizes |= {key: len(edge.b) for key, edge in labelled}
-        keys = [labelled[e][0] for e in system.law.links.table["edge"]]
-        for key in keys:
-            self._number.setdefault(key, len(self._number))
-        more = (0, len(self._number) - len(self._new))
-        self._new, self._due, self._waiting = (np.pad(x, more) for x in (self._new, self._due, self._waiting))
-        return np.array([self._number[key] for key in keys], dtype=np.int64)
+        return np.array([self._new[key] / due if due else np.nan for key, due in self._due.items()])
 
     def add(self, piece: Trajectory) -> None:
         """Count the measurements of a piece."""
-        own, table, T = self._enter(piece.system), piece.system.law.links.table, len(piece.time)
-        under_way = self._waiting.copy()  # number of samples since each link appeared, up to its delay
-        self._waiting[:] = 0
-        self._waiting[own] = np.minimum(under_way[own] + T, table["delay"])
-        self._due[own] += T - (self._waiting[own] - under_way[own])
-        self._new[own] += (piece.log.heard == NEW).sum(axis=0)
-        there = {self._number[key] for key, _ in labelled_edges(piece.system) if key in self._number}
-        plain = sorted(there.difference(own.tolist()))
-        self._due[plain] += T
-        self._new[plain] += T
+        T = len(piece.time)
+        keys = [key for key, _ in labelled_edges(piece.system)]
+        arrived = dict.fromkeys(keys, T)
+        under_way: dict[Key, int] = {}
+        news = (piece.log.heard == NEW).sum(axis=0).tolist()
+        for link, new in zip(piece.system.law.links.table, news, strict=True):
+            key = keys[link["edge"]]
+            arrived[key] = new
+            under_way[key] = min(self._under_way.get(key, 0) + T, int(link["delay"]))
+        for key in self._new.keys() & arrived.keys():
+            self._new[key] += arrived[key]
+            self._due[key] += T - max(under_way.get(key, 0) - self._under_way.get(key, 0), 0)
+        self._under_way = under_way
 
 
 def gather(samples: Samples, phase: Coordinate, only: Collection[str] | None = None) -> xr.Dataset:

@@ -14,7 +14,7 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.law.obstacles import distances
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.section import PER_AGENT_RMS, finite
-from mjsheaf.team import Edge, Formation, Team
+from mjsheaf.team import Formation, Team
 from mjsheaf.team.links import KINDS
 from mjsheaf.team.team import Path
 
@@ -66,50 +66,15 @@ def evaluate_errors(team: Team, positions: Array, path: Path | None = None) -> E
     """Compute all errors from positions (T, V, 3), with a q* that continues a path if one is given."""
     q, p = team.split(positions)
     q_star = team.extend(p, q, path)
+    residuals = team.edge_residuals(positions)
+    number = {id(edge): e for e, edge in enumerate(team.measuring_edges)}
+    inside = {f.name: [number[id(edge)] for edge in team.formation_edges(f)] for f in team.formations}
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
         tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),
-        formation={f.name: edge_residuals(team, team.formation_edges(f), positions) for f in team.formations},
+        formation={name: residuals[:, edges] for name, edges in inside.items()},
         centering={f.name: _centering(team, f, positions) for f in team.formations},
     )
-
-
-def edge_residuals(team: Team, edges: Sequence[Edge], positions: Array) -> Array:
-    """Compute |F_i x_i - F_j x_j - b| of edges at positions (T, V, 3), shape (T, E), m.
-
-    On a range or bearing edge it is the distance from the desired length or direction.
-    """
-    found = np.zeros((len(positions), len(edges)))
-    alike: dict[tuple[object, ...], list[int]] = {}
-    for k, e in enumerate(edges):
-        alike.setdefault((e.F_tail.shape, e.F_head.shape, e.measures), []).append(k)
-    for numbers in alike.values():
-        found[:, numbers] = _residuals_of_alike(team, [edges[k] for k in numbers], positions)
-    return found
-
-
-def _residuals_of_alike(team: Team, edges: Sequence[Edge], positions: Array) -> Array:
-    """Return what `edge_residuals` does, of edges that measure one kind of quantity by maps of the same shapes."""
-    z = _image(team, positions, [e.tail for e in edges], [e.F_tail for e in edges])
-    z -= _image(team, positions, [e.head for e in edges], [e.F_head for e in edges])
-    z -= np.array([e.b for e in edges]).T[:, None]
-    if edges[0].measures == "position":
-        return np.linalg.norm(z, axis=0)
-    return np.transpose([_curved_residual(e, -z[:, :, k].T) for k, e in enumerate(edges)])
-
-
-def _image(team: Team, positions: Array, ids: Sequence[str], maps: Sequence[Array]) -> Array:
-    """Return F x of vehicles under maps of one shape (m, n), at positions (T, V, 3): (m, T, edges)."""
-    x, F = np.ascontiguousarray(positions[:, [team.index[name] for name in ids]].T), np.transpose(maps)
-    return np.asarray(sum(F[j][:, None] * x[j].T for j in range(len(F))))
-
-
-def _curved_residual(edge: Edge, z: Array) -> Array:
-    """Return the residual of a range or bearing edge at relative positions z (T, m), shape (T,), m."""
-    desired = np.zeros(1) if edge.offset is None else edge.offset
-    length = np.linalg.norm(z, axis=1)
-    of_range = edge.measures == "range"
-    return np.abs(length - desired[0]) if of_range else np.linalg.norm(z - length[:, None] * desired, axis=1)
 
 
 def _centering(team: Team, formation: Formation, positions: Array) -> Array:

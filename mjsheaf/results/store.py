@@ -11,8 +11,6 @@ import io
 import json
 import math
 import os
-import subprocess
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
@@ -185,43 +183,30 @@ class NetCDF:
 
 
 def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
-    """Append a piece to the file; the first one includes the variables without time."""
+    """Append a piece to the file; the first one brings the structure of the file and the variables without time."""
     if not netcdf.dimensions:
-        _begin(netcdf, piece)
+        encoding: dict[str, Any] = {}
+        for name, variable in piece.variables.items():  # _COUNTED ones are contiguous, so that they can be overwritten
+            if name not in _COUNTED and variable.dtype.kind in "fi" and variable.ndim > 0:
+                chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
+                encoding[str(name)] = {"zlib": True, "complevel": _COMPRESSION, "shuffle": True, **chunks}
+        empty = piece.isel(time=slice(0, 0))
+        empty.dump_to_store(xr.backends.H5NetCDFStore(netcdf), encoding=encoding, unlimited_dims=["time"])
     if piece.sizes["time"]:
-        _write_samples(netcdf, piece)
+        begin = len(netcdf.dimensions["time"])
+        netcdf.resize_dimension("time", begin + piece.sizes["time"])
+        for name, variable in piece.variables.items():
+            # h5netcdf looks up the lengths of all dimensions at each access, which takes longer than the writing.
+            stored = netcdf._h5group[netcdf.variables[name]._h5path]
+            if name in _COUNTED:
+                stored[...] = variable.values
+            elif "time" in variable.dims:
+                stored[begin:] = variable.values
     for name, value in piece.attrs.items():  # the last piece has the run's status and its communication
         if netcdf.attrs[name] != value and isinstance(value, int):
             netcdf._h5group.attrs.modify(name, value)  # in place, so that the bytes equal those of a run in one piece
         elif netcdf.attrs[name] != value:
             netcdf.attrs[name] = value
-
-
-def _write_samples(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
-    """Append the variables with time to the file."""
-    begin = len(netcdf.dimensions["time"])
-    netcdf.resize_dimension("time", begin + piece.sizes["time"])
-    for name, variable in piece.variables.items():
-        # h5netcdf looks up the lengths of all dimensions at each access, which takes longer than the writing itself.
-        stored = netcdf._h5group[netcdf.variables[name]._h5path]
-        if name in _COUNTED:
-            stored[...] = variable.values
-        elif "time" in variable.dims:
-            stored[begin:] = variable.values
-
-
-def _begin(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
-    """Create a file with the structure of its first piece, and write the variables without time."""
-    packed = {"zlib": True, "complevel": _COMPRESSION, "shuffle": True}
-    encoding: dict[str, Any] = {}
-    for name, variable in piece.variables.items():
-        if name in _COUNTED:
-            continue  # stored contiguously, so that later pieces can overwrite it
-        if variable.dtype.kind in "fi" and variable.ndim > 0:
-            chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
-            encoding[str(name)] = packed | chunks
-    empty = piece.isel(time=slice(0, 0))
-    empty.dump_to_store(xr.backends.H5NetCDFStore(netcdf), encoding=encoding, unlimited_dims=["time"])
 
 
 def open_dataset(path: Path) -> xr.Dataset:
@@ -327,28 +312,17 @@ def check_replaceable(directory: Path) -> None:
     if mounted or directory.resolve() == Path.cwd():
         raise PlaceError(f"{directory}: is {what}, which no rename can replace; name a directory in it with --out")
     entries = {path.name for path in directory.iterdir()} if exists else set()
-    if entries:
-        _require_run(directory, entries)
-
-
-def _require_run(directory: Path, entries: set[str]) -> None:
-    """Refuse a directory with entries that mjsheaf did not write.
-
-    Raises:
-        PlaceError: There is one, or no run.
-    """
     ours = {*FILES, LOG, *COMPARISON_FILES, *RUNS_FILES, *figure_files(_FIGURES), VEHICLES, BAG}
     strange = [
         *sorted(name for name in entries - ours if not is_part_of(name, ours)),
         *_strange_vehicles(directory / VEHICLES),
         *(f"{BAG}/{name}" for name in strange_in_bag(directory / BAG)),
     ]
-    first = next(iter(strange), "")
     if strange:
         raise PlaceError(
-            f"{directory}: holds {first!r}, which mjsheaf did not write; move it or choose another with --out"
+            f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
         )
-    if not holds_run(directory):
+    if entries and record_in(directory) is None:
         raise PlaceError(f"{directory}: exists and was not written by mjsheaf; choose another with --out")
 
 
@@ -378,11 +352,6 @@ def strange_in_bag(folder: Path) -> list[str]:
     if not folder.is_dir() or folder.is_symlink():
         return [folder.name] if folder.exists() or folder.is_symlink() else []
     return sorted({entry.name for entry in folder.iterdir()} - BAG_FILES)
-
-
-def holds_run(directory: Path) -> bool:
-    """Return True if a directory is that of a run or of a comparison."""
-    return record_in(directory) is not None
 
 
 def record_in(directory: Path, names: Iterable[str] = _RECORDS) -> dict[str, Any] | None:
@@ -464,46 +433,14 @@ def save_summary(summary: dict[str, Any], path: Path) -> None:
     write_whole(path, to_json(record, indent=2, inf_nan_mode="null", ensure_ascii=True) + b"\n")
 
 
-_READ = "import sys, xarray; xarray.open_dataset(sys.argv[1], engine='h5netcdf').load()"
-_LONGEST_READ = 30.0  # s
-
-
-def _require_readable(path: Path) -> None:
-    """Read a whole file in another process, because HDF5 may crash or loop forever on a damaged file.
-
-    Raises:
-        InputError: The file cannot be read, or not within half a minute.
-    """
-    try:
-        reading = [sys.executable, "-c", _READ, str(path)]
-        done = subprocess.run(reading, capture_output=True, check=False, timeout=_LONGEST_READ)
-    except subprocess.TimeoutExpired:
-        done = None
-    if done is None or done.returncode:
-        raise InputError(f"{path}: cannot be read completely; run the scenario again")
-
-
 def _is_whole(summary: dict[str, Any]) -> bool:
     """Return True if the fields of a summary.json that are read later have the right types, or are missing."""
     try:
-        groups = _read_part(_read_part(summary, "final", dict), "groups", dict)
-        checks = _read_part(_read_part(summary, "expect", dict), "checks", list)
-        notes = _read_part(summary, "notes", list)
-    except TypeError:
+        groups = ((summary.get("final") or {}).get("groups") or {}).values()
+        checks = (summary.get("expect") or {}).get("checks") or []
+        return all(isinstance(entry, dict) for entry in (*groups, *checks, *(summary.get("notes") or [])))
+    except (AttributeError, TypeError):
         return False
-    return all(isinstance(entry, dict) for entry in (*groups.values(), *checks, *notes))
-
-
-def _read_part(record: dict[str, Any], name: str, kind: type[Any]) -> Any:
-    """Return a field of a record, empty if it is missing.
-
-    Raises:
-        TypeError: It is not of the given kind.
-    """
-    part = record.get(name) or kind()
-    if not isinstance(part, kind):
-        raise TypeError(name)
-    return part
 
 
 @contextmanager
@@ -525,16 +462,9 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     summary, data = read_mapping(directory / "summary.json"), directory / "result.nc"
     if summary is None or not _is_whole(summary):
         raise InputError(f"{directory}: summary.json cannot be read; expected the mapping that a run leaves there")
-    if RESULT_DIGEST not in summary:  # written by an earlier version: accepted if all of it can be read
-        _require_readable(data)
-    try:
-        found = digest(data)
-        if summary.get(RESULT_DIGEST, found) != found:  # HDF5 may read damaged data without an error
-            raise ValueError("result.nc has changed since the run; run the scenario again")
-        dataset = open_dataset(data)
-    except Exception as error:  # damaged files raise many kinds of exceptions in HDF5 and its readers
-        raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None
-    with dataset:
+    if digest(data) != summary.get(RESULT_DIGEST):  # HDF5 reads damaged data without an error, or crashes
+        raise InputError(f"{directory}: result.nc has changed since the run; run the scenario again")
+    with open_dataset(data) as dataset:
         yield dataset, summary
 
 

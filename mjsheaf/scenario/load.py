@@ -1,10 +1,9 @@
 """Load scenarios by name or path, and laws in Python by their files; apply overrides, and check the whole."""
 
 import inspect
-import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from mjsheaf.files import (
 )
 from mjsheaf.law.in_python import Controller
 from mjsheaf.paths import Recorded
+from mjsheaf.scenario.events import Join
 from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
 from mjsheaf.section import plain, split_path, validation_problems
 from mjsheaf.team.edges import edge_from_pair
@@ -160,9 +160,9 @@ _VEHICLE_PLACES = (
     ("targets", "*", "vehicle"),
     ("swarm", "vehicle"),
     ("controller", "custom", "*", "file"),
-    ("flow", "*", "path"),
 )
-"""Fields that name a file; * is any item of a list or mapping."""
+_FLOW_PLACES = (("flow", "*", "path"),)
+_MOTION_PLACES = (("target_motion",), ("targets", "*", "motion"))
 
 
 def list_scenarios() -> dict[str, Path]:
@@ -219,8 +219,7 @@ def scenario_from_mapping(
             with in_field("--set"):
                 names = split_path(path)
             node = _with(node, names, plain(value), path)
-        node = _with_recorded(_shortened(node, overrides or {}), str)
-        scenario = Scenario.model_validate(node)
+        scenario = _cut_short(Scenario.model_validate(_with_recorded(node, str)), overrides or {})
         _ = scenario.phases  # fields that are valid one by one must also fit together
     except ValidationError as error:
         raise ScenarioError(*validation_problems(error, Scenario)).within(source) from None
@@ -232,54 +231,26 @@ def scenario_from_mapping(
 def _with_recorded(node: Any, place: Callable[[str], str]) -> Any:
     """A scenario whose motions from files hold what the files say; `place` finds a file from what is written."""
 
-    def read(motion: Any, field: str) -> Any:
-        if not (isinstance(motion, dict) and isinstance(motion.get("path"), str)):
+    def read(motion: Any) -> Any:
+        from_file = isinstance(motion, dict) and motion.get("kind") in ("recorded", "file")
+        if not (from_file and isinstance(motion.get("path"), str)):
             return motion
-        if motion.get("kind") not in ("recorded", "file"):
-            return motion
-        with in_field(field):
-            return Recorded(**{**motion, "path": place(motion["path"])}).read().model_dump(exclude_none=True)
+        return Recorded(**{**motion, "path": place(motion["path"])}).read().model_dump(exclude_none=True)
 
-    if not isinstance(node, dict):
-        return node
-    node = {**node, "target_motion": read(node["target_motion"], "target_motion")} if "target_motion" in node else node
-    targets = node.get("targets")
-    if not isinstance(targets, list):
-        return node
-    moving = [
-        {**target, "motion": read(target["motion"], f"targets.{k}.motion")}
-        if isinstance(target, dict) and "motion" in target
-        else target
-        for k, target in enumerate(targets)
-    ]
-    return {**node, "targets": moving}
+    return _with_changed(node, _MOTION_PLACES, read)
 
 
-def _shortened(node: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+def _cut_short(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
     """A scenario without the events that come after its end, where that, and no event, is overridden.
 
     A file whose events come after its own end is wrong; but a run that is cut short for a look needs no other events.
     """
-    events, end = node.get("events"), overrides.get("time.end")
-    own = any(path.split(".")[0] == "events" for path in overrides)
-    if own or not isinstance(events, list) or not isinstance(end, int | float):
-        return node
-
-    def time_of(event: Any) -> float:
-        time = event.get("time") if isinstance(event, dict) else None
-        return time if isinstance(time, int | float) else -math.inf
-
-    remaining = [event for event in events if not time_of(event) > end]
-    joining = [event.get("join") for event in remaining if isinstance(event, dict)]
-    if isinstance(node.get("agents"), list):  # an agent drifts only if it joins in one of the events
-        agents = [
-            {name: value for name, value in agent.items() if name != "drift"}
-            if isinstance(agent, dict) and agent.get("drift") is True and agent.get("id") not in joining
-            else agent
-            for agent in node["agents"]
-        ]
-        node = {**node, "agents": agents}
-    return {**node, "events": remaining}
+    if "time.end" not in overrides or any(path.split(".")[0] == "events" for path in overrides):
+        return scenario
+    events = [event for event in scenario.events if event.time <= scenario.time.end]
+    joining = [event.join for event in events if isinstance(event, Join)]  # an agent drifts only until it joins
+    agents = [a.model_copy(update={"drift": False}) if a.drift and a.id not in joining else a for a in scenario.agents]
+    return scenario.model_copy(update={"events": events, "agents": agents})
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -305,18 +276,30 @@ def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] 
     Raises:
         InputError: `change` did; the message begins with the field.
     """
-    # Fields that name a file and are this one, above it or below it.
-    places = [place for place in _VEHICLE_PLACES if all(a in ("*", b) for a, b in zip(place, path, strict=False))]
-    if not places or not isinstance(node, str | dict | list):
+
+    def changed(name: Any) -> Any:
+        return change(name) if isinstance(name, str) and name.endswith((*SUFFIXES, ".py")) else name
+
+    def of_flow(name: Any) -> Any:
+        return change(name) if isinstance(name, str) else name
+
+    return _with_changed(_with_changed(node, _VEHICLE_PLACES, changed, path), _FLOW_PLACES, of_flow, path)
+
+
+def _with_changed(
+    node: Any, places: Sequence[tuple[str, ...]], change: Callable[[Any], Any], path: tuple[str, ...] = ()
+) -> Any:
+    """A copy of plain values with the fields at some places changed, where * is any item of a list or mapping."""
+    # Places that are this field, above it or below it.
+    near = [place for place in places if all(a in ("*", b) for a, b in zip(place, path, strict=False))]
+    if any(len(place) == len(path) for place in near):
+        with in_field(".".join(path)):
+            return change(node)
+    if not near or not isinstance(node, dict | list):
         return node
     if isinstance(node, dict):
-        return {key: map_vehicles(item, change, (*path, key)) for key, item in node.items()}
-    if isinstance(node, list):
-        return [map_vehicles(item, change, (*path, str(k))) for k, item in enumerate(node)]
-    if len(path) not in map(len, places) or not (path[0] == "flow" or node.endswith((*SUFFIXES, ".py"))):
-        return node
-    with in_field(".".join(path)):
-        return change(node)
+        return {key: _with_changed(item, places, change, (*path, key)) for key, item in node.items()}
+    return [_with_changed(item, places, change, (*path, str(k))) for k, item in enumerate(node)]
 
 
 def find_scenario(source: str | Path, studies: Mapping[str, Path] | None = None) -> Path:

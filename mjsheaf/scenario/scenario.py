@@ -178,24 +178,17 @@ def _nearest(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     """
     from scipy.spatial import cKDTree
 
+    wanted = np.minimum(np.arange(len(places)), max(1, swarm.degree // 2))
+    reach = swarm.spacing * np.sqrt(swarm.degree)
     tree = cKDTree(places)
-    wanted = max(1, swarm.degree // 2)
-    agents = np.arange(1, len(places))
-    edges: Edges = set()
-    asked = 4 * wanted + 4  # along the spiral, about half of those that are near come before
-    while agents.size:
-        asked = min(asked, tree.n)
-        reach, near = tree.query(places[agents], k=asked)
-        distance = ((places[near] - places[agents][:, None]) ** 2).sum(axis=2)
-        distance[near >= agents[:, None]] = np.inf
-        order = np.lexsort((near, distance), axis=1)[:, :wanted]
-        near, distance = np.take_along_axis(near, order, axis=1), np.take_along_axis(distance, order, axis=1)
-        # A neighbour that was not returned is no nearer than `reach`, up to rounding.
-        certain = (asked == tree.n) | (distance < ((1.0 - 1e-9) * reach[:, -1:]) ** 2).all(axis=1)
-        found = np.isfinite(distance) & certain[:, None]
-        edges |= _ordered(zip(near[found], np.broadcast_to(agents[:, None], near.shape)[found], strict=True))
-        agents, asked = agents[~certain], 2 * asked
-    return edges
+    pairs = np.zeros((0, 2), dtype=np.int64)  # the one further in comes first
+    while (np.bincount(pairs[:, 1], minlength=len(places)) < wanted).any():
+        pairs = tree.query_pairs(reach, output_type="ndarray")
+        reach *= 1.3
+    distance = ((places[pairs[:, 0]] - places[pairs[:, 1]]) ** 2).sum(axis=1)
+    pairs = pairs[np.lexsort((pairs[:, 0], distance, pairs[:, 1]))]
+    rank = np.arange(len(pairs)) - np.searchsorted(pairs[:, 1], pairs[:, 1])
+    return _ordered(pairs[rank < wanted[pairs[:, 1]]])
 
 
 def _ring(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
@@ -316,7 +309,7 @@ class Flow(Section):
         return self
 
     def parts(self, team: Team) -> dict[str, Any]:
-        """Return the fields of a System that describe its flow: by medium if one is given, else by role."""
+        """Return the fields of a System that describe its flow, by medium or else by role."""
         if self.air is not None or self.water is not None:
             names = ("wind", "current")
             fields = (self.air, self.water)
@@ -856,7 +849,7 @@ class Scenario(Section):
 
     @cached_property
     def _of_some_seed(self) -> System:
-        """System of the seed that was asked for first, without its disturbances; scenarios of other seeds share it."""
+        """System of the first seed, without its disturbances; scenarios of other seeds share it."""
         team, law, agents, targets = self.team, self.controller, self.agents, self.targets
         with in_field("time"):
             grid = self.time.grid(law.control_period, law.record_period)

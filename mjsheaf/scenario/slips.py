@@ -18,39 +18,25 @@ from mjsheaf.vehicles.vehicle import Vehicle
 def slips_of(scenario: Scenario) -> list[str]:
     """Return the notes on a scenario and its vehicles, in sentences."""
     vehicles = {id(vehicle): vehicle for vehicle in scenario.system.vehicles}
+    media: dict[str, Medium | None] = {"agents": None, "targets": None, "air": "air", "water": "water"}
+    flows = [(name, getattr(scenario.flow, name)) for name in media]
+    read = [(name, flow.read(media[name])) for name, flow in flows if isinstance(flow, GriddedFlow)]
+    pairs = zip(scenario.targets, scenario.target_motions, strict=True)
+    curves = {t.id: m.curve(len(t.position)) for t, m in pairs if isinstance(m, Recorded)}
     return [
         *_static_in_flow(scenario),
-        *_uneven_paths(scenario),
-        *_flows_of_files(scenario),
+        *(f"recorded path of {name}: {curve.note}" for name, curve in curves.items() if curve.note),
+        *(f"flow.{name}: {note}" for name, flow in read for note in flow.notes),
         *(slip for vehicle in vehicles.values() for slip in slips_of_vehicle(vehicle)),
     ]
 
 
 def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
-    """Return what a vehicle cannot do of what its description asks, and what is left out of its file, in sentences."""
+    """Return sentences on what a vehicle cannot do of what its description asks, and on ignored parts of its file."""
     slips = [shortfall.sentence for shortfall in shortfalls_of(vehicle)]
     if vehicle.left_out:
         slips.append(f"left out of {vehicle.path.name}: {listed(vehicle.left_out)}")
     return slips
-
-
-def _flows_of_files(scenario: Scenario) -> list[str]:
-    """Name choices in reading the files of flows that a user may not expect."""
-    media: dict[str, Medium | None] = {"agents": None, "targets": None, "air": "air", "water": "water"}
-    flows = [(name, getattr(scenario.flow, name)) for name in media]
-    return [
-        f"flow.{name}: {note}"
-        for name, flow in flows
-        if isinstance(flow, GriddedFlow)
-        for note in flow.read(media[name]).notes
-    ]
-
-
-def _uneven_paths(scenario: Scenario) -> list[str]:
-    """Return what differs from a spline through all samples, for each target with a recorded path."""
-    pairs = zip(scenario.targets, scenario.target_motions, strict=True)
-    curves = {t.id: m.curve(len(t.position)) for t, m in pairs if isinstance(m, Recorded)}
-    return [f"recorded path of {name}: {curve.note}" for name, curve in curves.items() if curve.note]
 
 
 def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> dict[str, float]:

@@ -1,15 +1,15 @@
-"""Stalks and edges of a sheaf: cochains, inner products that do not mix stalks, bundles of edges and the coboundary."""
+"""Stalks and edges of a sheaf: cochains, bundles of edges and the coboundary."""
 
 import itertools
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy import linalg, sparse
+from numpy.typing import ArrayLike
+from scipy import sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
@@ -47,61 +47,6 @@ def parts(matrix: sparse.sparray) -> Iterator[tuple[IntArray, IntArray, sparse.c
 
 
 @dataclass(frozen=True)
-class InnerProduct:
-    """An inner product <x, y> = x^T M y that does not mix stalks.
-
-    Attributes:
-        matrix: M, block diagonal, symmetric positive definite, shape (n, n).
-        inverse: M^-1.
-        root: upper triangular U with M = U^T U, so that |x|_M = |U x|.
-        root_inverse: U^-1.
-    """
-
-    matrix: sparse.csr_array
-    inverse: sparse.csr_array
-    root: sparse.csr_array
-    root_inverse: sparse.csr_array
-
-    @classmethod
-    def of_blocks(cls, blocks: Iterable[tuple[IntArray, Array]], size: int) -> "InnerProduct":
-        """Assemble the inner product from blocks, with the identity elsewhere.
-
-        Args:
-            blocks: First coordinates (k,) and SPD matrices (k, d, d) of k stalks of dimension d, for each d.
-            size: Dimension n of the space.
-        """
-        rest = np.ones(size, dtype=bool)
-        placed: list[tuple[NDArray[Any], tuple[Any, ...]]] = []
-        for first, M in blocks:
-            at = first[:, None] + np.arange(M.shape[1])
-            rest[at] = False
-            root = np.linalg.cholesky(M).transpose(0, 2, 1)
-            root_inverse = np.linalg.solve(root, np.broadcast_to(np.eye(M.shape[1]), M.shape))
-            placed.append((at, (M, root_inverse @ root_inverse.transpose(0, 2, 1), root, root_inverse)))
-        identity = (np.flatnonzero(rest), np.flatnonzero(rest), 1.0)
-        four = ([identity, *((at[:, :, None], at[:, None], values[k]) for at, values in placed)] for k in range(4))
-        return cls(*(assembled(entries, (size, size)).tocsr() for entries in four))
-
-    def restricted(self, at: IntArray) -> "InnerProduct":
-        """The same on some coordinates, whole stalks of them, in the order given."""
-        return InnerProduct(*(m[at][:, at] for m in (self.matrix, self.inverse, self.root, self.root_inverse)))
-
-    def orthonormal(self, basis: sparse.csc_array) -> sparse.csc_array:
-        """A basis (n, k) of the same space that is orthonormal here, columns that share no stalk treated apart.
-
-        A basis that is orthonormal already stays as it is, to rounding.
-        """
-        blocks = []
-        for _, columns, image in parts(self.root @ basis):
-            R = np.asarray(np.linalg.qr(image.toarray(), mode="r"))
-            R = R * np.where(np.diag(R) < 0.0, -1.0, 1.0)[:, None]
-            own = basis[:, columns]
-            rows = np.unique(own.indices)
-            blocks.append((rows[:, None], columns, linalg.solve_triangular(R, own[rows].toarray().T, trans="T").T))
-        return assembled(blocks, basis.shape).tocsc()
-
-
-@dataclass(frozen=True)
 class EdgeBundle:
     """Bundle of k edges whose maps have the same shapes.
 
@@ -120,18 +65,6 @@ class EdgeBundle:
     offset: Array
     weight: Array | None
     number: IntArray
-
-    def selected(self, chosen: BoolArray, vertex: IntArray, number: IntArray) -> "EdgeBundle":
-        """Select edges by a mask (k,), with new numbers of all vertices (V,) and edges (E,)."""
-        return EdgeBundle(
-            vertex[self.tail[chosen]],
-            vertex[self.head[chosen]],
-            self.F_tail[chosen],
-            self.F_head[chosen],
-            self.offset[chosen],
-            None if self.weight is None else self.weight[chosen],
-            number[self.number[chosen]],
-        )
 
     def whitened(self) -> "EdgeBundle":
         """Return the same edges in edge coordinates in which the inner product is the identity.
@@ -177,23 +110,19 @@ class EdgeSet:
     @cached_property
     def delta(self) -> sparse.csr_array:
         """The coboundary, rows by edge order, columns by vertex order, shape (m, n)."""
-        width = np.zeros(sum(rows.size for rows in self.rows), dtype=np.int64)
-        for b, rows in zip(self.bundles, self.rows, strict=True):
-            width[rows] = b.F_tail.shape[2] + b.F_head.shape[2]
-        end = np.cumsum(width)
-        entries = int(width.sum())
-        kind = np.int32 if entries < 2**31 else np.int64
-        indices = np.empty(entries, dtype=kind)
-        values = np.empty(entries)
-        for b, rows in zip(self.bundles, self.rows, strict=True):
-            begin = end[rows] - width[rows]
-            for vertex, F in ((b.tail, b.F_tail), (b.head, -b.F_head)):
-                at = begin[:, :, None] + np.arange(F.shape[2])
-                values[at] = F
-                indices[at] = self.column[vertex][:, None, None] + np.arange(F.shape[2])
-                begin = begin + F.shape[2]
-        indptr = np.concatenate([[0], end]).astype(kind)
-        delta = sparse.csr_array((values, indices, indptr), shape=(len(width), int(self.column[-1])))
+        matrices = [sparse.csr_array((0, int(self.column[-1])))]
+        for b in self.bundles:
+            k, m, _ = b.F_tail.shape
+            ends = ((b.tail, b.F_tail), (b.head, b.F_head))
+            met = np.hstack([self.column[vertex][:, None] + np.arange(F.shape[2]) for vertex, F in ends])
+            values = np.concatenate([b.F_tail, -b.F_head], axis=2)
+            begin = met.shape[1] * np.arange(k * m + 1)
+            kind = np.int32 if values.size < 2**31 else np.int64
+            entries = (values.ravel(), np.repeat(met.astype(kind), m, axis=0).ravel(), begin.astype(kind))
+            matrices.append(sparse.csr_array(entries, shape=(k * m, matrices[0].shape[1])))
+        delta = matrices[-1]
+        if len(matrices) != 2:  # else the rows are in order
+            delta = sparse.vstack(matrices, format="csr")[np.argsort(np.concatenate([[], *map(np.ravel, self.rows)]))]
         delta.sort_indices()
         return delta
 
@@ -307,21 +236,16 @@ def _checked_weights(K: Any, ends: Ends, m: int) -> Array:
         weight = weight[:, None, None] * np.eye(m)
     if weight.shape != (k, m, m):
         raise SheafError(f"weight has shape {weight.shape}; expected ({k}, {m}, {m}) or ({k},)")
-    require_positive_definite(weight, lambda e: f"{ends.name(e)}: the weight")
-    return weight
-
-
-def require_positive_definite(K: Array, name: Callable[[int], str]) -> None:
-    """Raise a SheafError that names the first of k matrices, shape (k, d, d), that is not SPD to rounding."""
-    scale = np.abs(K).max(axis=(1, 2), initial=0.0)
-    asymmetry = np.abs(K - K.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
-    smallest = np.linalg.eigvalsh(K).min(axis=1, initial=np.inf)
+    scale = np.abs(weight).max(axis=(1, 2), initial=0.0)
+    asymmetry = np.abs(weight - weight.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+    smallest = np.linalg.eigvalsh(weight).min(axis=1, initial=np.inf)
     bad = np.flatnonzero((asymmetry > 1e-12 * scale) | ~(smallest > 1e-14 * scale))
     if bad.size:
         raise SheafError(
-            f"{name(bad[0])} is not symmetric positive definite "
+            f"{ends.name(bad[0])}: the weight is not symmetric positive definite "
             f"(smallest eigenvalue {smallest[bad[0]]:.3g}, asymmetry {asymmetry[bad[0]]:.3g})"
         )
+    return weight
 
 
 def finite(x: Any, name: str, ends: Ends | None = None) -> Array:
@@ -341,9 +265,9 @@ Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
 class Cochains:
-    """The stalks R^{n_v} of the vertices of a sheaf, with inner products M_v; n = sum n_v."""
+    """The stalks R^{n_v} of the vertices of a sheaf; n = sum n_v."""
 
-    def __init__(self, stalks: Mapping[Any, int], *, inner_products: Mapping[Any, ArrayLike] | None = None) -> None:
+    def __init__(self, stalks: Mapping[Any, int]) -> None:
         """Make the stalks; see `Sheaf`."""
         if not stalks:
             raise SheafError("a sheaf needs at least one vertex")
@@ -355,9 +279,6 @@ class Cochains:
         self._dimension = np.fromiter(stalks.values(), np.int64, len(stalks))
         self._number = {vertex: i for i, vertex in enumerate(stalks)}
         self._column = np.concatenate([[0], np.cumsum(self._dimension)])
-        self._products: dict[int, Array] = {}
-        for vertex, M in (inner_products or {}).items():
-            self.set_inner_product(vertex, M)
 
     @property
     def vertices(self) -> list[Hashable]:
@@ -432,34 +353,3 @@ class Cochains:
         if x.shape != (self.dimension(vertex),):
             raise SheafError(f"value of vertex {vertex!r} has shape {x.shape}; expected ({self.dimension(vertex)},)")
         return x
-
-    def set_inner_product(self, vertex: Hashable, M: ArrayLike) -> None:
-        """Give a vertex stalk the inner product M, SPD (n_v, n_v) or a positive number times I, instead of its own.
-
-        Raises:
-            SheafError: unknown vertex, wrong shape, non-finite entry, or M is not SPD.
-        """
-        v = self._find(vertex)
-        d, name = int(self._dimension[v]), f"inner product of vertex {vertex!r}"
-        matrix = finite(M, name)
-        if matrix.shape == ():
-            matrix = matrix * np.eye(d)
-        if matrix.shape != (d, d):
-            raise SheafError(f"{name} has shape {matrix.shape}; expected ({d}, {d})")
-        require_positive_definite(matrix[None], lambda _: name)
-        self._products[v] = 0.5 * (matrix + matrix.T)
-        self.__dict__.pop("vertex_product", None)
-
-    def inner_product(self, vertex: Hashable) -> Array:
-        """The inner product M_v of a vertex stalk, shape (n_v, n_v)."""
-        v = self._find(vertex)
-        return self._products[v].copy() if v in self._products else np.eye(int(self._dimension[v]))
-
-    @cached_property
-    def vertex_product(self) -> InnerProduct | None:
-        """The inner product M of C^0; None where it is the identity."""
-        alike: dict[int, list[int]] = defaultdict(list)
-        for v, M in self._products.items():
-            alike[len(M)].append(v)
-        blocks = [(self._column[v], np.stack([self._products[k] for k in v])) for v in alike.values()]
-        return InnerProduct.of_blocks(blocks, int(self._column[-1])) if blocks else None

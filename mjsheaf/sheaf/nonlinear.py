@@ -38,7 +38,7 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf.edges import Cochains, assembled
 from mjsheaf.sheaf.sections import RANK_TOLERANCE
-from mjsheaf.sheaf.sheaf import Sheaf
+from mjsheaf.sheaf.sheaf import HarmonicExtension, Sheaf
 
 Measure = Literal["position", "range", "bearing"]
 MEASURES: tuple[Measure, ...] = ("position", "range", "bearing")
@@ -132,26 +132,18 @@ class LinearMaps(NamedTuple):
     offset: Array
 
 
-class Measured(NamedTuple):
-    """Range or bearing at a relative position z, and its derivative; zero where z is.
+def measure(measures: Measure, z: Array) -> tuple[Array, Array]:
+    """Compute a range or bearing h at the relative position z, shape (m,), and its derivative; zero where z is.
 
-    Attributes:
-        h: The measured value, shape (1,) of a range, (m,) of a bearing.
-        J: dh/dz, shape (1, m) or (m, m).
+    Returns:
+        h, shape (1,) of a range, (m,) of a bearing; and J = dh/dz, shape (1, m) or (m, m).
     """
-
-    h: Array
-    J: Array
-
-
-def measure(measures: Measure, z: Array) -> Measured:
-    """Compute a range or bearing at the relative position z, shape (m,)."""
     length = float(np.linalg.norm(z))
     g = z / length if length > 0.0 else np.zeros_like(z)
     if measures == "range":
-        return Measured(np.array([length]), g[None])
+        return np.array([length]), g[None]
     J = (np.eye(len(z)) - np.outer(g, g)) / length if length > 0.0 else np.zeros((len(z), len(z)))
-    return Measured(g, J)
+    return g, J
 
 
 def linear_maps(edge: NonlinearEdge, z: Array) -> LinearMaps:
@@ -280,32 +272,6 @@ class StationaryProblem:
         return np.asarray(self._x + self.solve((np.asarray(boundary) - self._boundary) @ self.B.T.toarray()))
 
 
-@dataclass(frozen=True)
-class NonlinearExtension:
-    """A harmonic extension of a nonlinear sheaf.
-
-    Attributes:
-        x: Value of every vertex, boundary included.
-        unique: True if no motion of the other vertices is free to first order; then x is isolated.
-        null_basis: Basis of the free motions, orthonormal, shape (n_W, dimension).
-        residual: Norm of h - h* over all edges, with weights K.
-    """
-
-    x: dict[Hashable, Array]
-    unique: bool
-    null_basis: Array
-    residual: float
-
-
-def _weight_matrix(weight: ArrayLike, measures: Measure, m: int, where: str) -> Array:
-    """Return K of an edge, shape (m, m), given by a positive number or, for positions, as it is."""
-    K = np.asarray(weight, dtype=np.float64)
-    fits = K.shape == () or (K.shape == (m, m) and measures == "position")
-    if not (fits and (np.diag(np.atleast_2d(K)) > 0.0).all()):
-        raise SheafError(f"{where}: weight has shape {K.shape}; expected a positive number")
-    return K if K.ndim else K * np.eye(m)
-
-
 class NonlinearSheaf:
     """A sheaf whose edges compare positions, ranges or bearings of vectors in the stalks of their ends."""
 
@@ -343,49 +309,32 @@ class NonlinearSheaf:
         Raises:
             SheafError: An unknown vertex, a loop, a wrong shape, no desired range or bearing, or a bad value.
         """
-        m = self._require_fitting(tail, head, [np.shape(F_tail), np.shape(F_head)])
-        maps = [np.asarray(F, dtype=np.float64) for F in (F_tail, F_head)]
         where = f"edge ({tail!r}, {head!r})"
         if measures not in MEASURES:
             raise SheafError(f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}")
         if desired is None and measures != "position":
             raise SheafError(f"{where}: no desired {measures}; expected one")
+        if np.ndim(weight) and measures != "position":
+            raise SheafError(f"{where}: weight has shape {np.shape(weight)}; expected a positive number")
+        plain = Sheaf(self._dimension)
+        plain.add_edge(tail, head, F_tail, F_head, weight=weight)
+        (own,) = plain.edges.bundles
+        m = own.F_tail.shape[1]
         constant = np.zeros(m) if lift is None else np.asarray(lift, dtype=np.float64).reshape(m)
         offset = desired_value(measures, np.zeros(m) if desired is None else desired, m)
-        self.edges.append(
-            NonlinearEdge(
-                tail,
-                head,
-                maps[0],
-                maps[1],
-                _weight_matrix(weight, measures, m, where),
-                offset + constant if measures == "position" else offset,
-                measures,
-                directed,
-                constant,
-            )
+        if measures == "position":
+            offset = offset + constant
+        assert own.weight is not None
+        edge = NonlinearEdge(
+            tail, head, own.F_tail[0], own.F_head[0], own.weight[0], offset, measures, directed, constant
         )
+        self.edges.append(edge)
         self.__dict__.pop("_arrays", None)
         return len(self.edges) - 1
 
-    def _require_fitting(self, tail: Hashable, head: Hashable, shapes: list[tuple[int, ...]]) -> int:
-        """Return the dimension of an edge's stalk.
-
-        Raises:
-            SheafError: A vertex is unknown, both are the same, or the maps' shapes do not fit them.
-        """
-        self._stalks.numbers([tail, head])
-        if tail == head:
-            raise SheafError(f"edge ({tail!r}, {head!r}) is a loop; the ends of an edge must differ")
-        m = shapes[0][0] if len(shapes[0]) == 2 else 0
-        expected = [(m, self._dimension[end]) for end in (tail, head)]
-        if shapes != expected:
-            raise SheafError(f"edge ({tail!r}, {head!r}): maps have shapes {shapes}; expected {expected}")
-        return m
-
     @cached_property
     def _arrays(self) -> "_Arrays":
-        return _pack(self._stalks, self.edges, sum(self._dimension.values()))
+        return _pack(self._dimension, self.edges)
 
     def pack(self, x: Any) -> Array:
         """Return a 0-cochain, given as a mapping or a vector, as a vector, shape (n,)."""
@@ -395,14 +344,6 @@ class NonlinearSheaf:
         """Return z of every edge."""
         arrays = self._arrays
         return np.split(arrays.D @ self.pack(x) + arrays.lift, arrays.first[1:-1])
-
-    def coboundary(self, x: Any) -> Array:
-        """Return h of every edge for a 0-cochain x, one after the other; see the module."""
-        arrays = self._arrays
-        z = arrays.D @ self.pack(x) + arrays.lift
-        repeated = arrays.code == 1
-        repeated[arrays.first[:-1]] = False
-        return np.choose(arrays.code, [-z, arrays.lengths(z), arrays.directions(z)[0]])[~repeated]
 
     def jacobian(self, x: Any) -> Sheaf:
         """Return the sheaf of the linear edges that agree with these to first order at x, with their offsets."""
@@ -431,10 +372,25 @@ class NonlinearSheaf:
         fits = [_largest((exact[r, r] - fitting[r, r]).data) <= tolerance for r in rows]
         return [None if one else exact[r, r].toarray() for one, r in zip(fits, rows, strict=True)]
 
+    def residuals(self, x: Array) -> Array:
+        """Compute |h - h*| of every edge at 0-cochains (T, n), shape (T, E); of a bearing times abs(z)."""
+        arrays = self._arrays
+        z = (arrays.D @ x.T).T + arrays.lift
+        off = np.where(arrays.code == 0, z + arrays.desired, z - arrays.lengths(z) * arrays.desired)
+        begin = arrays.first[:-1]
+        of_range = np.abs(arrays.norms(z) - arrays.desired[begin])
+        return np.where(arrays.code[begin] == 1, of_range, arrays.norms(off))
+
     def gradient(self, x: Any) -> Array:
         """Return D^T c of every vertex, shape (n,): the disagreement eta, against which the law moves agents."""
         arrays = self._arrays
         return np.asarray(arrays.pulled.T @ arrays.pull(arrays.D @ self.pack(x) + arrays.lift))
+
+    def gradient_jacobian(self, x: Any) -> sparse.csr_array:
+        """Return the Jacobian H = D^T S D of `gradient`, shape (n, n)."""
+        arrays = self._arrays
+        slope = arrays.slope(arrays.D @ self.pack(x) + arrays.lift, arrays.K)
+        return sparse.csr_array(arrays.pulled.T @ slope @ arrays.D)
 
     def solver(self, boundary: Sequence[Hashable]) -> "StationarySolver":
         """Return what extends values on boundary vertices, in their order, for many of them."""
@@ -442,10 +398,11 @@ class NonlinearSheaf:
         W = self._stalks.columns_of(np.flatnonzero(self._stalks.free(list(boundary))))
         return StationarySolver(self._arrays, U, W)
 
-    def harmonic_extension(self, boundary: Mapping[Any, ArrayLike], start: Any) -> NonlinearExtension:
+    def harmonic_extension(self, boundary: Mapping[Any, ArrayLike], start: Any) -> HarmonicExtension:
         """Extend values of boundary vertices to a stationary point of the energy, by Gauss-Newton from `start`.
 
-        If there are several stationary points, the result is one near the start. Free motions stay at their start.
+        If there are several stationary points, the result is one near the start. Free motions stay at their start, and
+        `null_basis` has those that are free to first order.
 
         Args:
             boundary: Values of boundary vertices.
@@ -465,9 +422,9 @@ class NonlinearSheaf:
         if all(misfit is None for misfit in self.misfits(x)):
             basis = self.jacobian(x).relative_sections(list(known), rtol=RANK_TOLERANCE)
         else:
-            basis = StationaryProblem(solver.H(found.x, x[solver.U]), found.x, np.zeros(0)).null_basis
+            basis = StationaryProblem(self.gradient_jacobian(x)[solver.W][:, solver.W], found.x, np.zeros(0)).null_basis
         values: Any = self._stalks.unpack(x)
-        return NonlinearExtension(values, basis.shape[1] == 0, basis, found.residual)
+        return HarmonicExtension(values, basis.shape[1] == 0, basis, 0.5 * found.residual**2)
 
 
 @dataclass
@@ -500,12 +457,15 @@ class _Arrays:
     directed: bool
     conservative: bool
 
+    def norms(self, z: Array) -> Array:
+        """Return the norm of each edge's part of z (..., m), shape (..., E)."""
+        if not z.size:
+            return np.zeros((*z.shape[:-1], len(self.first) - 1))
+        return np.asarray(np.sqrt(np.add.reduceat(z * z, self.first[:-1], axis=-1)))
+
     def lengths(self, z: Array) -> Array:
-        """Return abs(z) of the edge of each row, shape (m,)."""
-        if not len(z):
-            return z
-        size = np.sqrt(np.add.reduceat(z * z, self.first[:-1]))
-        return np.asarray(np.repeat(size, np.diff(self.first)))
+        """Return abs(z) of the edge of each row, shape (..., m)."""
+        return np.repeat(self.norms(z), np.diff(self.first), axis=-1)
 
     def directions(self, z: Array) -> tuple[Array, Array]:
         """Return g and 1 / abs(z) of each row; 0 where abs(z) is 0."""
@@ -566,31 +526,25 @@ class _Arrays:
         return float(np.sqrt(e @ (self.K @ e) + self.weight @ np.where(self.code == 1, ranged, borne)))
 
 
-def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
-    """Pack the edges of a sheaf whose stalks have n coordinates in all."""
+def _pack(stalks: Mapping[Any, int], edges: Sequence[NonlinearEdge]) -> _Arrays:
+    """Pack the edges of a sheaf with these stalks."""
     none = np.zeros(0)
     sizes = np.array([len(e.F_tail) for e in edges], dtype=np.int64)
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     m = int(first[-1])
     code = np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64)
-    ends = dict.fromkeys(end for e in edges for end in (e.tail, e.head))
-    columns = {end: stalks.columns_of(stalks.numbers([end])) for end in ends}
-    tails, heads, pulled, linear = (list[tuple[Any, Any, Any]]() for _ in range(4))
-    curved: list[IntArray] = []
-    for e, begin, end in zip(edges, first, first[1:], strict=False):
-        rows = np.arange(begin, end)
-        tails.append((rows[:, None], columns[e.tail][None], -e.F_tail))
-        heads.append((rows[:, None], columns[e.head][None], e.F_head))
-        if not e.directed:
-            pulled.append(heads[-1])
-        if e.measures == "position":
-            linear.append((rows[:, None], rows[None], e.weight))
-        else:
-            curved.append(rows)
+    moved, pulled = Sheaf(stalks), Sheaf(stalks)
+    ends = [e.tail for e in edges], [e.head for e in edges]
+    tails = [-e.F_tail for e in edges]
+    moved.add_mixed_edges(*ends, tails, [-e.F_head for e in edges])
+    pulled.add_mixed_edges(*ends, tails, [0.0 * e.F_head if e.directed else -e.F_head for e in edges])
+    rows = [np.arange(begin, end) for begin, end in itertools.pairwise(first)]
+    linear = [(r[:, None], r[None], e.weight) for e, r in zip(edges, rows, strict=True) if e.measures == "position"]
+    curved = [r for e, r in zip(edges, rows, strict=True) if e.measures != "position"]
     pairs = [np.stack([np.repeat(r, len(r)), np.tile(r, len(r))]) for r in curved]
     return _Arrays(
-        D=assembled(tails + heads, (m, n)).tocsr(),
-        pulled=assembled(tails + pulled, (m, n)).tocsr(),
+        D=moved.edges.delta,
+        pulled=pulled.edges.delta,
         lift=np.concatenate([none, *(np.zeros(len(e.b)) if e.measures == "position" else e.b for e in edges)]),
         first=first,
         code=code,
@@ -669,10 +623,6 @@ class StationarySolver:
     def relative(self, x: Array, boundary: Array) -> Array:
         """Return z of all edges, shape (m,)."""
         return np.asarray(self._moved @ x + (self._held @ boundary + self.arrays.lift))
-
-    def H(self, x: Array, boundary: Array) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
-        """Return the Jacobian D^T S D of the disagreement on the free vertices, shape (n_W, n_W)."""
-        return sparse.csr_array(self._pulled @ self.arrays.slope(self.relative(x, boundary), self._K) @ self._moved)
 
     def settle(self, x: Array, boundary: Array, *, free: bool = False) -> Settled:
         """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).

@@ -1,4 +1,4 @@
-"""The cellular sheaf on a graph: stalks, edges, inner products, operators, cohomology, and harmonic extensions.
+"""The cellular sheaf on a graph: stalks, edges, operators, cohomology, and harmonic extensions.
 
 A harmonic extension solves the Dirichlet problem of a sheaf, prepared once and solved for many boundary values. H x =
 r, H = D^T D on the free vertices, has three solvers:
@@ -32,7 +32,7 @@ from scipy.sparse import csgraph
 from scipy.sparse import linalg as splinalg
 from scipy.sparse.linalg import eigsh
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import allocating_jit
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf.edges import (
@@ -41,13 +41,20 @@ from mjsheaf.sheaf.edges import (
     EdgeBundle,
     EdgeSet,
     Ends,
-    InnerProduct,
+    assembled,
     checked_bundle,
     finite,
     merge,
     parts,
 )
-from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, certified_sections, cokernel_basis, section_basis
+from mjsheaf.sheaf.sections import (
+    DENSE_COLUMNS,
+    RANK_TOLERANCE,
+    certified_sections,
+    cokernel_basis,
+    section_basis,
+    sparse_null_space,
+)
 from mjsheaf.threads import one_thread
 
 DIRECT_WORK = 5e8
@@ -75,9 +82,8 @@ class HarmonicExtension:
     Attributes:
         x: Value of every vertex, boundary included.
         unique: True if H^0(G, U; F) = 0.
-        null_basis: Basis of H^0(G, U; F), orthonormal in the inner products of the vertex stalks, shape
-            (n_W, dimension). Any combination may be added to the interior values. It has no columns if the extension is
-            unique.
+        null_basis: Orthonormal basis of H^0(G, U; F), shape (n_W, dimension). Any combination may be added to the
+            interior values. It has no columns if the extension is unique.
         energy: Dirichlet energy 1/2 |delta x - b|_K^2.
     """
 
@@ -92,10 +98,6 @@ class DirichletProblem:
 
     The stationary point solves H x_W = B x_U + c, in the paper's symbols (eq. harmonic_equation) with an offset. Blocks
     are assembled on demand, without the whole Laplacian; solving needs none of them.
-
-    H, B and c are derivatives of the energy, blocks of delta^T K delta. Where vertex stalks have inner products M those
-    of the Laplacian are M_W^-1 times them: the same equation, with the same solutions. Which of many solutions is the
-    shortest, and which null basis is orthonormal, depends on M.
 
     Attributes:
         boundary: the vertices U, in the order of boundary vectors.
@@ -125,8 +127,6 @@ class DirichletProblem:
         self._free = stalks.free(self.boundary)
         self._columns_U = stalks.columns_of(stalks.numbers(self.boundary))
         self._columns_W = stalks.columns_of(np.flatnonzero(self._free))
-        M = stalks.vertex_product
-        self._product = None if M is None else M.restricted(self._columns_W)
 
     @cached_property
     def _D(self) -> sparse.csr_array:  # noqa: N802 - the symbol of the module
@@ -143,12 +143,12 @@ class DirichletProblem:
 
     @cached_property
     def H(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
-        """(delta^T K delta)[W, W], shape (n_W, n_W): L[W, W] where M is the identity."""
+        """L[W, W], shape (n_W, n_W)."""
         return gram(self._D, self._D)
 
     @cached_property
     def B(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
-        """-(delta^T K delta)[W, U], shape (n_W, n_U)."""
+        """-L[W, U], shape (n_W, n_U)."""
         return -gram(self._D, self._held)
 
     @cached_property
@@ -164,7 +164,7 @@ class DirichletProblem:
     @cached_property
     def eigenvalues(self) -> tuple[float, float]:
         """The smallest eigenvalue of H that belongs to no section of the null space, and the largest; 1 if H = 0."""
-        H, free = self.H, self._null_space.shape[1]
+        H, free = self.H, self.sparse_null_basis.shape[1]
         if free == H.shape[0]:
             return 1.0, 1.0
         if H.shape[0] <= _DENSE:
@@ -176,14 +176,9 @@ class DirichletProblem:
         return float(near.max()), largest
 
     @cached_property
-    def _null_space(self) -> sparse.csc_array:
-        """A basis of H^0(G, U; F) that is orthonormal in R^{n_W}."""
-        return section_basis(self._plain, self._free, self._rtol)
-
-    @cached_property
     def sparse_null_basis(self) -> sparse.csc_array:
         """Orthonormal basis of H^0(G, U; F), shape (n_W, dimension); inner products on edges do not change it."""
-        return self._null_space if self._product is None else self._product.orthonormal(self._null_space)
+        return section_basis(self._plain, self._free, self._rtol)
 
     @cached_property
     def null_basis(self) -> Array:
@@ -198,7 +193,7 @@ class DirichletProblem:
     @cached_property
     def solver(self) -> "Solver":
         """The solver of H x = r: a factorisation that is kept, or conjugate gradients; see the module."""
-        return _choose_solver(self._D, gram(self._D, self._D), self._null_space, self._regularisation)
+        return _choose_solver(self._D, gram(self._D, self._D), self.sparse_null_basis, self._regularisation)
 
     def _regularisation(self) -> Array:
         """Diagonal matrix that makes H regular when added to it, shape (n_W,).
@@ -207,14 +202,14 @@ class DirichletProblem:
         """
         diagonal = np.zeros(len(self._columns_W))
         if not self.unique:
-            diagonal[_pivot_rows(self._null_space)] = np.abs(self._D.data).max(initial=0.0) ** 2 or 1.0
+            diagonal[_pivot_rows(self.sparse_null_basis)] = np.abs(self._D.data).max(initial=0.0) ** 2 or 1.0
         return diagonal
 
     @one_thread
     def extend(self, boundary: ArrayLike) -> Array:
         """Compute interior values, shape (..., n_W), in vertex order, for boundary vectors of shape (..., n_U).
 
-        If they are not unique, the result has minimum norm in the inner products of the vertex stalks.
+        If they are not unique, the result has minimum norm.
 
         Raises:
             SheafError: The boundary vectors have the wrong length, or the solution is inaccurate (see `solver`).
@@ -227,16 +222,13 @@ class DirichletProblem:
         result = np.zeros((*y.shape[:-1], n_W))
         if result.size:
             w = self._edges.offset[:, None] - self._held @ y.reshape(result.size // n_W, n_U).T
-            result[:] = self._shortest(self.solver.solve(self._D.T @ w, w)).T.reshape(result.shape)
+            result[:] = self._off_null_space(self.solver.solve(self._D.T @ w, w)).T.reshape(result.shape)
         return result
 
-    def _shortest(self, x: Array) -> Array:
+    def _off_null_space(self, x: Array) -> Array:
         """Remove from the columns of x their component in the null space, which minimises their norm."""
-        x = _project_out(self._null_space, x)
-        if self._product is None or not self._null_space.shape[1]:
-            return x
         N = self.sparse_null_basis
-        return np.asarray(x - N @ (N.T @ (self._product.matrix @ x)))
+        return x - N @ (N.T @ x) if N.shape[1] else x
 
     @one_thread
     def solve(self, right_hand_side: ArrayLike) -> Array:
@@ -247,8 +239,8 @@ class DirichletProblem:
         r = np.asarray(right_hand_side, dtype=np.float64)
         if not r.size:
             return np.zeros(r.shape)
-        x = self.solver.solve(_project_out(self._null_space, r.reshape(-1, r.shape[-1]).T))
-        return self._shortest(x).T.reshape(r.shape)
+        x = self.solver.solve(self._off_null_space(r.reshape(-1, r.shape[-1]).T))
+        return self._off_null_space(x).T.reshape(r.shape)
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
         """The harmonic extension of one set of boundary values, with its null basis.
@@ -287,11 +279,6 @@ def _pivot_rows(null_basis: sparse.csc_array) -> IntArray:
         for rows, columns, block in parts(null_basis)
     ]
     return np.concatenate([np.zeros(0, dtype=np.int64), *pivots])
-
-
-def _project_out(null_basis: sparse.csc_array, x: Array) -> Array:
-    """Remove the null directions from the columns of x."""
-    return x - null_basis @ (null_basis.T @ x) if null_basis.shape[1] else x
 
 
 # -- solvers ---------------------------------------------------------------------------------------------------
@@ -513,47 +500,30 @@ def conjugate_gradients(indptr, indices, values, b, relaxation, tolerance, most)
 
 
 class Sheaf(Cochains):
-    """Cellular sheaf on a graph, with inner products on its stalks and desired values on its edges.
+    """Cellular sheaf on a graph, with inner products and desired values on its edges.
 
     Vertex v has the stalk R^{n_v}; an edge e = (i, j) has the stalk R^{m_e} and restriction maps F_{i,e} (m_e, n_i)
     and F_{j,e} (m_e, n_j). The coboundary is (delta x)_e = F_{i,e} x_i - F_{j,e} x_j. An edge may also carry a desired
     value b_e of that difference (`offset`) and an inner product K_e on its stalk (`weight`, symmetric positive
     definite). Parallel edges may be added, loops not.
 
-    A vertex stalk has the inner product M_v (`inner_products`), by default the identity. It defines lengths and angles
-    of 0-cochains, and so the adjoint delta^* = M^-1 delta^T K, the Laplacian delta^* delta, orthonormal bases of
-    sections, the nearest section, and the harmonic extension of minimum norm. Null spaces, Betti numbers, Dirichlet
-    energies and the set of harmonic extensions do not depend on it. Neither does the tolerance of ranks, which applies
-    to delta in the given coordinates.
-
     0-cochains are vectors of length n = sum n_v in vertex order, or mappings from vertex to value; 1-cochains are
     vectors of length m = sum m_e in the order in which edges were added.
     """
 
-    def __init__(self, stalks: Mapping[Any, int], *, inner_products: Mapping[Any, ArrayLike] | None = None) -> None:
-        """Make a sheaf without edges.
-
-        Args:
-            stalks: dimension of each vertex stalk, in order.
-            inner_products: M_v of some vertices, see `set_inner_product`; the identity unless given.
+    def __init__(self, stalks: Mapping[Any, int]) -> None:
+        """Make a sheaf without edges; `stalks` maps each vertex to the dimension of its stalk, in order.
 
         Raises:
-            SheafError: a dimension is not a non-negative integer, there is no vertex, or as `set_inner_product`.
+            SheafError: a dimension is not a non-negative integer, or there is no vertex.
         """
-        super().__init__(stalks, inner_products=inner_products)
+        super().__init__(stalks)
         self._bundles: list[EdgeBundle] = []
         self._edges = 0
 
     def __repr__(self) -> str:
         rows, columns = self.shape
         return f"Sheaf({len(self.vertices)} vertices and {self._edges} edges; dim C^0 = {columns}, dim C^1 = {rows})"
-
-    @cached_property
-    def edge_product(self) -> InnerProduct | None:
-        """The inner product K of C^1; None where it is the identity."""
-        edges = zip(self.edges.rows, self.edges.bundles, strict=True)
-        blocks = [(rows[:, 0], b.weight) for rows, b in edges if b.weight is not None]
-        return InnerProduct.of_blocks(blocks, self.shape[0]) if blocks else None
 
     @property
     def number_of_edges(self) -> int:
@@ -646,52 +616,8 @@ class Sheaf(Cochains):
         first = self._edges
         self._bundles += bundles
         self._edges += sum(len(b.number) for b in bundles)
-        for name in ("edges", "edge_product"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("edges", None)
         return range(first, self._edges)
-
-    def restricted(self, vertices: Iterable[Hashable], edges: Iterable[int] | None = None) -> "Sheaf":
-        """The sheaf over a subgraph G' = (V', E'), with the inner products and offsets that it has there.
-
-        Args:
-            vertices: V', in the order that the vertices of the result have.
-            edges: numbers of the edges E', whose ends must be in V'; unless given, all edges between vertices of V'.
-                In the result edges keep their order and are counted anew.
-
-        Raises:
-            SheafError: V' is empty; a vertex is unknown or named twice; an edge is unknown, named twice, or has an end
-                outside of V'.
-        """
-        names = list(vertices)
-        at = self.numbers(names)
-        if len(set(at.tolist())) != len(at):
-            raise SheafError("a vertex of the subgraph is named twice")
-        place = np.full(len(self._dimension), -1)
-        place[at] = np.arange(len(at))
-        kept = np.zeros(self._edges, dtype=bool)
-        for b in self._bundles:
-            kept[b.number] = (place[b.tail] >= 0) & (place[b.head] >= 0)
-        if edges is not None:
-            kept = self._chosen(edges, kept)
-        number = np.cumsum(kept) - 1
-        sheaf = Sheaf(
-            dict(zip(names, self._dimension[at].tolist(), strict=True)),
-            inner_products={names[place[v]]: M for v, M in self._products.items() if place[v] >= 0},
-        )
-        sheaf._append([b.selected(kept[b.number], place, number) for b in self._bundles if kept[b.number].any()])
-        return sheaf
-
-    def _chosen(self, edges: Iterable[int], inside: BoolArray) -> BoolArray:
-        """Return a mask of the given edges, after validation; `inside` marks edges with both ends in the subgraph."""
-        chosen = np.zeros(self._edges, dtype=bool)
-        for e in edges:
-            if isinstance(e, bool) or not isinstance(e, int | np.integer) or not 0 <= e < self._edges:
-                raise SheafError(f"unknown edge {e!r}; expected a number from 0 to {self._edges - 1}")
-            if chosen[e] or not inside[e]:
-                wrong = "is named twice" if chosen[e] else "has an end outside of the subgraph's vertices"
-                raise SheafError(f"edge {e} {wrong}")
-            chosen[e] = True
-        return chosen
 
     @cached_property
     def edges(self) -> EdgeSet:
@@ -702,22 +628,9 @@ class Sheaf(Cochains):
         """delta, shape (m, n): rows by edge order, columns by vertex order."""
         return self.edges.delta.copy()
 
-    def coboundary_operator(self) -> splinalg.LinearOperator:
-        """delta without its matrix, shape (m, n), for one vector or many; edges added later are not in it."""
-        return splinalg.aslinearoperator(self.edges.delta)
-
     def whitened_coboundary(self) -> sparse.csr_array:
         """K^{1/2} delta, whose Gram matrix is the Laplacian, shape (m, n)."""
         return self.edges.whitened.delta.copy()
-
-    def adjoint_coboundary(self) -> sparse.csr_array:
-        """The adjoint delta^* = M^-1 delta^T K, shape (n, m): <delta x, y>_K = <x, delta^* y>_M."""
-        adjoint = self.coboundary().T
-        if self.edge_product is not None:
-            adjoint = adjoint @ self.edge_product.matrix
-        if self.vertex_product is not None:
-            adjoint = self.vertex_product.inverse @ adjoint
-        return sparse.csr_array(adjoint)
 
     def offset(self) -> Array:
         """Desired values b as a 1-cochain, shape (m,)."""
@@ -728,13 +641,8 @@ class Sheaf(Cochains):
         return self.edges.whitened.offset.copy()
 
     def laplacian(self) -> sparse.csr_array:
-        """The sheaf Laplacian L = delta^* delta = M^-1 delta^T K delta, shape (n, n).
-
-        It is self-adjoint in the inner product M, M L = L^T M, and positive semi-definite there: as a matrix it is
-        symmetric where M is the identity.
-        """
-        form = gram(self.edges.whitened.delta, self.edges.whitened.delta)
-        return form if self.vertex_product is None else sparse.csr_array(self.vertex_product.inverse @ form)
+        """The sheaf Laplacian L = delta^T K delta, shape (n, n)."""
+        return gram(self.edges.whitened.delta, self.edges.whitened.delta)
 
     def dirichlet_energy(self, x: Cochain) -> float:
         """Half the squared K-norm of the residual delta x - b."""
@@ -751,22 +659,39 @@ class Sheaf(Cochains):
 
     def global_sections(self, *, rtol: float = RANK_TOLERANCE) -> Array:
         """Orthonormal basis of H^0(G; F) = ker delta, shape (n, h0)."""
-        return self._orthonormal_sections([], rtol).toarray()
-
-    def _orthonormal_sections(self, boundary: Sequence[Hashable], rtol: float) -> sparse.csc_array:
-        """The sections that vanish on the boundary, orthonormal in the inner products of the other vertices."""
-        free, M = self.free(boundary), self.vertex_product
-        sections = section_basis(self.edges, free, rtol)
-        return sections if M is None else M.restricted(self.columns_of(np.flatnonzero(free))).orthonormal(sections)
+        return self.relative_sections([], rtol=rtol)
 
     def local_sections(
         self, vertices: Iterable[Hashable], edges: Iterable[int] | None = None, *, rtol: float = RANK_TOLERANCE
     ) -> Array:
         """Orthonormal basis of Gamma(G'; F), shape (n_V', dimension): 0-cochains on V' that agree along the edges E'.
 
-        Rows are by the vertices in the order given; vertices, edges and errors as in `restricted`, rtol as in `betti`.
+        Args:
+            vertices: Vertices V', in the order of the rows.
+            edges: Numbers of the edges E', whose ends must be in V'; unless given, all edges between vertices of V'.
+            rtol: Tolerance, see `betti`.
+
+        Raises:
+            SheafError: V' is empty, a vertex or an edge is unknown or named twice, or an edge has an end outside of V'.
         """
-        return self.restricted(vertices, edges).global_sections(rtol=rtol)
+        names = list(vertices)
+        at = self.numbers(names)
+        if not names or len(set(names)) != len(names):
+            raise SheafError(f"vertices {names}: expected at least one vertex, and none named twice")
+        inside = np.zeros(len(self._dimension), dtype=bool)
+        inside[at] = True
+        kept = np.zeros(self._edges, dtype=bool)
+        for b in self.edges.bundles:
+            kept[b.number] = inside[b.tail] & inside[b.head]
+        if edges is not None:
+            known, chosen = np.flatnonzero(kept).tolist(), list(edges)
+            if len(set(chosen)) != len(chosen) or any(type(e) is bool or e not in known for e in chosen):
+                raise SheafError(f"edges {chosen}: expected different numbers of edges between these vertices, {known}")
+            kept[:] = False
+            kept[np.array(chosen, dtype=np.int64)] = True
+        rows = [rows[kept[b.number]].ravel() for b, rows in zip(self.edges.bundles, self.edges.rows, strict=True)]
+        delta = self.edges.delta[np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))]
+        return sparse_null_space(delta[:, self.columns_of(at)], rtol).toarray()
 
     def cohomology_basis(self, *, rtol: float = RANK_TOLERANCE) -> Array:
         """Basis of H^1(G; F) = coker delta by its harmonic representatives, orthonormal in K, shape (m, h1).
@@ -778,16 +703,23 @@ class Sheaf(Cochains):
             SheafError: the basis is too large (see `sections.cokernel_basis`), or its dimension is not decided at this
                 tolerance, which is as in `betti`.
         """
-        basis = cokernel_basis(self.coboundary(), self.betti(rtol=rtol)[1], rtol)
-        K = self.edge_product
-        return (basis if K is None else K.orthonormal(sparse.csc_array(K.inverse @ basis))).toarray()
+        basis = cokernel_basis(self.edges.delta, self.betti(rtol=rtol)[1], rtol)
+        if self.edges.whitened is self.edges:
+            return basis.toarray()
+        blocks = []  # of C^-1, where K = C C^T
+        for b, rows in zip(self.edges.bundles, self.edges.rows, strict=True):
+            inverse = np.eye(rows.shape[1]) if b.weight is None else np.linalg.inv(np.linalg.cholesky(b.weight))
+            blocks.append((rows[:, :, None], rows[:, None], inverse))
+        root = assembled(blocks, (len(self.edges.offset),) * 2).tocsr()
+        shortest = [(rows[:, None], columns, np.linalg.qr(x.toarray())[0]) for rows, columns, x in parts(root @ basis)]
+        return np.asarray((root.T @ assembled(shortest, basis.shape)).toarray())
 
     def relative_sections(self, boundary: Iterable[Hashable], *, rtol: float = RANK_TOLERANCE) -> Array:
         """Orthonormal basis of H^0(G, U; F), sections that vanish on the boundary U, shape (n_W, dimension).
 
         Rows are by the other vertices W in vertex order; rtol is as in `betti`.
         """
-        return self._orthonormal_sections(list(boundary), rtol).toarray()
+        return section_basis(self.edges, self.free(list(boundary)), rtol).toarray()
 
     def dirichlet_problem(self, boundary: Sequence[Hashable], *, rtol: float = RANK_TOLERANCE) -> DirichletProblem:
         """The problem of extending values on U harmonically, for many of them; edges added later are not in it.
@@ -809,16 +741,14 @@ class Sheaf(Cochains):
 
     def nearest_global_section(self, x: Cochain) -> Any:
         """Orthogonal projection of a 0-cochain on H^0; a mapping gives a mapping, a vector a vector."""
-        value, M = self.pack(x), self.vertex_product
+        value = self.pack(x)
         found, left = certified_sections(self.edges, self.free([]), RANK_TOLERANCE)
-        if left.any() and len(value) > DENSE_COLUMNS:  # the shortest correction d with delta d = delta x, by U d
-            delta = self.coboundary()
-            A = delta if M is None else delta @ M.root_inverse
-            d = splinalg.lsmr(A, delta @ value, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
-            section = value - (d if M is None else M.root_inverse @ d)
-        elif M is not None or left.any():
-            sections = self._orthonormal_sections([], RANK_TOLERANCE)
-            section = sections @ (sections.T @ (value if M is None else M.matrix @ value))
+        if left.any() and len(value) > DENSE_COLUMNS:  # the shortest correction d with delta d = delta x
+            delta = self.edges.delta
+            section = value - splinalg.lsmr(delta, delta @ value, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
+        elif left.any():
+            sections = section_basis(self.edges, self.free([]), RANK_TOLERANCE)
+            section = sections @ (sections.T @ value)
         else:
             section = np.zeros_like(value)
             for place, basis in found:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.theorem.of_run import BROKEN
+from mjsheaf.errors import shortened
 from mjsheaf.files import SUFFIXES
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.panels import (
@@ -125,7 +127,7 @@ def _axis_of_points(study: StudyFile, records: list[dict[str, Any]]) -> SweptAxi
 
 
 def _axis_of_field(study: StudyFile, records: list[dict[str, Any]], path: str) -> SweptAxis:
-    """Return the axis of a field: of numbers, or of other values in the order in which they are given."""
+    """Return the axis of a field; values other than numbers keep the order in which they are given."""
     values = [record["parameters"].get(path) for record in records]
     draw = (study.draws.values if study.draws else {}).get(path)
     name = plain(study.labels.get(path, path))
@@ -137,19 +139,13 @@ def _axis_of_field(study: StudyFile, records: list[dict[str, Any]], path: str) -
     order = [_key(value) for value in draw.values] if isinstance(draw, Choice) else []
     names = [key for key in dict.fromkeys([*order, *keys]) if key in keys]
     index = pd.Index(names).get_indexer(keys).astype(np.int64)
-    labels = [plain(_shortened(name)) for name in names]
+    parts = [Path(name).name if name.endswith(SUFFIXES) else name for name in names]
+    labels = [plain(shortened(part, _LONGEST_TICK)) for part in parts]
     return SweptAxis(path, name, False, draw is not None, False, np.arange(len(names), dtype=np.float64), labels, index)
 
 
 def _key(value: Any) -> str:
     return "as given" if value is None else value if isinstance(value, str) else json.dumps(value)
-
-
-def _shortened(name: str) -> str:
-    if len(name) <= _LONGEST_TICK:
-        return name
-    kept = _LONGEST_TICK - 1
-    return "…" + name[-kept:] if name.endswith(SUFFIXES) else name[:kept] + "…"  # paths differ at their ends
 
 
 def _spans_decades(values: Array) -> bool:
@@ -216,7 +212,9 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDA
 
     Without `ends`, values are zeros and ones, and their fractions are drawn.
     """
-    maps = len(axes) == 2 and _fill_a_grid(axes)
+    sizes = [len(axis.places) for axis in axes]
+    cells = set(zip(*(axis.index.tolist() for axis in axes), strict=True))
+    maps = len(axes) == 2 and max(sizes) <= _MOST_CELLS and len(cells) > 0.6 * sizes[0] * sizes[1]
     drawn: list[SweptAxis | None] = [None] if maps or not axes else list(axes[:_MOST_AXES])
     columns = 1 if maps else len(drawn) if axes[1:] else 2
     below = 0.065 * max((len(max(axis.labels, key=len)) for axis in axes if axis.upright), default=0)
@@ -338,13 +336,6 @@ def _draw_bound(title: str, records: list[dict[str, Any]]) -> Figure | None:
         label_axes(panel, heading, label, "fraction of runs", which="major")
     _share_legend(figure, panels)
     return figure
-
-
-def _fill_a_grid(axes: list[SweptAxis]) -> bool:
-    """Return True if the runs fill enough cells of two axes for a heat map."""
-    sizes = [len(axis.places) for axis in axes]
-    filled = len(set(zip(*(axis.index.tolist() for axis in axes), strict=True)))
-    return max(sizes) <= _MOST_CELLS and filled > 0.6 * sizes[0] * sizes[1]
 
 
 def _label_curve(panel: Any, label: str, y: Array, axis: SweptAxis, *, shares: bool) -> None:

@@ -5,7 +5,7 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -190,15 +190,11 @@ class StudyFile(Section):
         if self.names and unfit:
             raise ValueError(f"names: {len(self.names)}; {expected}")
         swept = self.paths
-        for k, path in enumerate(swept):
-            if path in self.set:
-                raise ValueError(f"{path}: is both set and swept; give it once")
-            if path in swept[:k]:
-                raise ValueError(f"{path}: is swept twice; give it once")
-            before = dict.fromkeys(swept[:k], "swept before it; give it first")
-            for other, instead in (before | dict.fromkeys(self.set, f"set; give that in the values of {path}")).items():
-                if other.startswith(f"{path}."):
-                    raise ValueError(f"{path}: would overwrite {other}, which is {instead}")
+        given = [*self.set, *swept]
+        for path, other in ((later, earlier) for k, later in enumerate(given) for earlier in given[:k]):
+            if f"{other}.".startswith(f"{path}."):
+                before = "set" if other in self.set else "swept before it"
+                raise ValueError(f"{path}: would overwrite {other}, which is {before}; give it once, or first")
         _check_items(self.set, swept)
         if self.seeds is not None and "seed" in (*swept, *self.set):
             raise ValueError("seeds: the field seed is given too; give either")
@@ -353,22 +349,7 @@ class Plan:
 
     def job(self, point: Point) -> Job:
         """Return the job of a worker for a point."""
-        study = self.study
-        # Messages are part of the results, so they use the scenario's name instead of the path that the user gave.
-        source = str(self.scenario.get("name"))
-        return Job(
-            point,
-            source,
-            self.scenario,
-            study.set,
-            str(self.directory),
-            study.backend,
-            study.engine,
-            study.trajectories,
-            study.batch,
-            law=self.law,
-            files=self.files,
-        )
+        return Job(point, replace(self, points=[]))
 
 
 def load_plan(
@@ -578,7 +559,7 @@ def _a_valid_point(plan: Plan) -> Scenario:
     tried = _tried(plan)
     for point in tried:
         try:
-            return replace(plan.job(point), source=plan.source).load()
+            return plan.job(point).load(plan.source)
         except InputError as error:
             first = first or error
     which = f"{len(tried)} points" + (" from all over the study" if len(tried) < len(plan.points) else "")
@@ -587,10 +568,6 @@ def _a_valid_point(plan: Plan) -> Scenario:
 
 
 def _tried(plan: Plan) -> list[Point]:
-    """Return the first point and others spread over the study, varying parameters first and then seeds."""
-    seeds = plan.study.seed_count
-    places = len(plan.points) // seeds
-    # Steps of the golden ratio spread evenly and are not commensurate with any period of the grid.
-    steps = (int(places * (k * 0.6180339887498949 % 1.0)) for k in range(_TRIED_POINTS))
-    spread = dict.fromkeys(steps if places > _TRIED_POINTS else range(places))
-    return list(islice((plan.points[place * seeds + k] for k in range(seeds) for place in spread), _TRIED_POINTS))
+    """Return the first point and others drawn from all over the study."""
+    drawn = np.random.default_rng(0).permutation(len(plan.points))[:_TRIED_POINTS]
+    return [plan.points[k] for k in dict.fromkeys([0, *drawn.tolist()])][:_TRIED_POINTS]

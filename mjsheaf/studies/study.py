@@ -20,12 +20,13 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
 import jinja2
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 
@@ -37,7 +38,7 @@ from mjsheaf.results.store import enclosing_run, read_mapping, record_in
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.show.style import AS_USUAL, FigureOptions
 from mjsheaf.studies.plan import Plan
-from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, JobResult, Point, SchedulerError, Workers
+from mjsheaf.studies.workers import STATUSES, JobResult, Point, Workers
 
 _LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
 _RUNS, _TRAJECTORIES = "runs", "trajectories"
@@ -57,9 +58,9 @@ class BusyError(InputError):
 class StudyDirectory:
     """Directory of a study, locked by this process; created by `open_directory`."""
 
-    def __init__(self, path: Path, plan: Plan, made: list[Path]) -> None:
+    def __init__(self, path: Path, plan: Plan) -> None:
         self.path = path
-        self._plan, self._made = plan, made
+        self._plan = plan
 
     def ended(self) -> dict[int, dict[str, Any]]:
         """Return the records of runs that have ended, by number, ignoring files that do not match their point."""
@@ -93,14 +94,6 @@ class StudyDirectory:
                 (self.path / name).unlink(missing_ok=True)
             for name, content in files.items():
                 write_whole(self.path / name, content)
-
-    def leave(self) -> None:
-        """Remove the directory if this command created it and no run has ended."""
-        if self.path in self._made and not _has_runs(self.path):
-            for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
-                with suppress(OSError):
-                    (self.path / name).unlink(missing_ok=True)
-            _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
 
     def writing(self) -> AbstractContextManager[None]:
         """Turn an error of the file system into one that names the directory."""
@@ -153,18 +146,13 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
         BusyError: Another command uses it.
     """
     _check_place(path)
-    missing = [place for place in (path, *path.absolute().parents) if not place.exists()]
-    try:
-        with naming(path, "choose another --out", PlaceError):
-            path.mkdir(parents=True, exist_ok=True)
-            lock = (path / _LOCK).open("a")
-    except PlaceError:
-        _remove_empty(missing)
-        raise
+    with naming(path, "choose another --out", PlaceError):
+        path.mkdir(parents=True, exist_ok=True)
+        lock = (path / _LOCK).open("a")
     with lock:
         _take(lock, path)
         _check_place(path)  # again, because only the lock excludes other writers
-        directory = StudyDirectory(path, plan, missing)
+        directory = StudyDirectory(path, plan)
         with directory.writing():
             _begin(path, plan)
         yield directory
@@ -249,12 +237,6 @@ def _remove_parts(path: Path) -> None:
                 part.unlink(missing_ok=True)
 
 
-def _remove_empty(places: list[Path]) -> None:
-    for place in places:
-        with suppress(OSError):
-            os.rmdir(place)
-
-
 def _leaves(value: Any, path: str = "") -> dict[str, str]:
     """Return the text of all plain values, empty lists and empty mappings in a value, by field path."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -333,8 +315,7 @@ def run_study(
     Raises:
         PlaceError: The directory holds something else or cannot be written. Runs that have ended are kept.
         BusyError: Another command uses the directory.
-        SchedulerError: The cluster cannot be reached, or the connection is lost. Runs that have ended are kept. If
-            there are none, a directory that was created for the study is removed.
+        SchedulerError: The cluster cannot be reached, or the connection is lost. Runs that have ended are kept.
     """
     from mjsheaf.progress import shown
 
@@ -361,17 +342,13 @@ def _simulate(
     """Simulate the missing runs of a study and save each one in its place; return their records by number."""
     records = {}
     count = len(plan.points)
-    try:
-        with workers() as runner:
-            report("running", count - len(missing), count)
-            with closing(runner.run(plan.job(point) for point in missing)) as results:
-                for done, result in enumerate(results, count - len(missing) + 1):
-                    place.save(result)
-                    records[result.record["run"]] = result.record
-                    report("running", done, count)
-    except (SchedulerError, ForeignWorkerError):
-        place.leave()
-        raise
+    with workers() as runner:
+        report("running", count - len(missing), count)
+        with closing(runner.run(plan.job(point) for point in missing)) as results:
+            for done, result in enumerate(results, count - len(missing) + 1):
+                place.save(result)
+                records[result.record["run"]] = result.record
+                report("running", done, count)
     return records
 
 
@@ -436,6 +413,7 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
     example = statuses.index("finished") if "finished" in statuses else 0
     page = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
     finished = table[table["status"] == "finished"]
+    known = table.replace("", None).notna()
     best = best_point(plan, table)
     return page.render(
         plan=plan,
@@ -450,23 +428,15 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
         example=example,
         command=command_of(plan, plan.points[example]),
-        columns=[name for name in table if _is_shown(table, name)],
+        columns=[name for name in table if known[name].any() and (name != "law" or table[name].nunique() > 1)],
         numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
         measures=MEASURES,
-        rows=[_cells(row) for row in table.head(_MOST_ROWS).to_dict("records")],
+        rows=[
+            {name: _cell(value) for name, value in row.items() if pd.notna(value)}
+            for row in table.head(_MOST_ROWS).to_dict("records")
+        ],
         pages={point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {},
     ).encode()
-
-
-def _cells(row: dict[Any, Any]) -> dict[Any, str]:
-    """Return the values of a row that are known, as text."""
-    return {name: _cell(value) for name, value in row.items() if pd.notna(value)}
-
-
-def _is_shown(table: pd.DataFrame, name: str) -> bool:
-    """Return True if a column of the page is informative; others would only widen it."""
-    known = table[name].replace("", None).notna()
-    return bool(known.any()) and (name != "law" or table[name].nunique() > 1)
 
 
 def not_converged(count: int, finished: int) -> str:
@@ -507,17 +477,14 @@ def best_point(plan: Plan, table: pd.DataFrame) -> Best | None:
     seeds = plan.study.seed_count
     if len(table) <= seeds:
         return None
-    found: list[Best] = []
-    for begin in range(0, len(table), seeds):
-        rows = table.iloc[begin : begin + seeds]
-        errors = rows[column].astype("float64")
-        if (rows["status"] != "finished").any() or errors.isna().any():
-            continue
-        settled = [None if pd.isna(value) else bool(value) for value in rows["settled"]]
-        converged = None if None in settled else all(settled)
-        run = int(rows["run"].iloc[int(errors.to_numpy().argmin())])
-        found.append(Best(run, plan.points[run].parameters, column, float(errors.median()), len(rows), converged))
-    return min(found, key=lambda point: point.error, default=None)
+    errors = table[column].astype("float64").where(table["status"] == "finished")
+    medians = pd.Series(np.median(errors.to_numpy().reshape(-1, seeds), axis=1))  # NaN if one of them is
+    if medians.isna().all():
+        return None
+    rows = table.iloc[seeds * medians.idxmin() :][:seeds]
+    settled = None if rows["settled"].isna().any() else bool(rows["settled"].all())
+    run = int(rows["run"].loc[errors[rows.index].idxmin()])
+    return Best(run, plan.points[run].parameters, column, float(medians.min()), seeds, settled)
 
 
 def command_of(plan: Plan, point: Point) -> str:

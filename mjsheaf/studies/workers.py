@@ -22,7 +22,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from textwrap import shorten
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -42,10 +42,13 @@ from mjsheaf.results.metrics import communication, error_series_of, late_errors
 from mjsheaf.results.store import thin
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.scenario.load import LawFile, map_vehicles
+from mjsheaf.scenario.load import map_vehicles
 from mjsheaf.section import PER_AGENT_RMS, finite
 from mjsheaf.system import System
 from mjsheaf.threads import ONE_THREAD, usable_processors
+
+if TYPE_CHECKING:
+    from mjsheaf.studies.plan import Plan
 
 STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 """Statuses of a run: completed; blown up; refused, because its harmonic extension is not unique; invalid, because its
@@ -94,31 +97,13 @@ class Job:
 
     Attributes:
         point: Point of the run.
-        source: Name of the scenario, for messages.
-        scenario: Scenario as read, without overrides.
-        overrides: Field paths and values that all runs of the study share.
-        directory: Base of the paths of vehicles in `overrides`.
-        backend: 'physics' or 'ideal'.
-        engine: Physics engine.
-        trajectories: True to keep result.nc.
-        light: True for a record of errors alone, which takes three fifths of the time of one with the ending.
+        plan: Plan of the study, without its points.
         versions: Versions of mjsheaf and its libraries in the process that submits the job.
-        law: Law in Python that controls the agents, or None.
-        files: SHA-256 digests of the user's files that the scenario refers to, by path.
     """
 
     point: Point
-    source: str
-    scenario: dict[str, Any]
-    overrides: dict[str, Any]
-    directory: str
-    backend: str
-    engine: str = "mujoco"
-    trajectories: bool = False
-    light: bool = False
+    plan: "Plan"
     versions: dict[str, str] = field(default_factory=versions)
-    law: LawFile | None = None
-    files: dict[str, str] = field(default_factory=dict)
 
     def require_unchanged(self) -> None:
         """Refuse a job once a file is no longer the one that its study began with.
@@ -126,41 +111,44 @@ class Job:
         Raises:
             ForeignWorkerError: The message names the file.
         """
-        changed = [path for path, known in self.files.items() if digest(Path(path)) != known]
-        if self.law is not None and self.law.changed:
-            changed.append(self.law.label)
+        changed = [path for path, known in self.plan.files.items() if digest(Path(path)) != known]
+        if self.plan.law is not None and self.plan.law.changed:
+            changed.append(self.plan.law.label)
         if changed:
             raise ForeignWorkerError(f"{changed[0]}: the file has changed since the study began; choose another --out")
 
     @property
     def changes(self) -> dict[str, Any]:
         """Overrides that turn the scenario as read into the point's; paths of vehicles are absolute."""
-        directory = Path(self.directory)
         return {
-            path: map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
-            for path, value in (self.overrides | self.point.overrides).items()
+            path: map_vehicles(value, lambda name: str(self.plan.directory / name), tuple(path.split(".")))
+            for path, value in (self.plan.study.set | self.point.overrides).items()
         }
 
     @property
     def seed(self) -> int | None:
         """Seed of the run, read without building the scenario; None if it is not a valid seed."""
-        given = (self.overrides | self.point.overrides).get("seed", self.scenario.get("seed", 0))
+        given = (self.plan.study.set | self.point.overrides).get("seed", self.plan.scenario.get("seed", 0))
         return given if type(given) is int and abs(given) < 2**63 else None
 
-    def load(self) -> Scenario:
-        """Return the scenario of the point.
+    def load(self, source: str | None = None) -> Scenario:
+        """Return the scenario of the point; messages name the source, or else the scenario.
 
         Raises:
             ScenarioError: The point is not valid.
         """
-        changes, seed = self.changes, self.point.seed
-        swarm = "swarm" in self.scenario or any(path.startswith("swarm") for path in changes)
+        scenario = self.plan.scenario
+        changes = self.changes
+        seed = self.point.seed
+        # Messages are part of the results, so they use the scenario's name instead of the path that the user gave.
+        source = source or str(scenario.get("name"))
+        swarm = "swarm" in scenario or any(path.startswith("swarm") for path in changes)
         if seed is not None and 0 <= seed < 2**63 and not swarm:
             try:
-                return _of_any_seed(self.scenario, {**changes, "seed": 0}, self.source, self.files).with_seed(seed)
+                return _of_any_seed(scenario, {**changes, "seed": 0}, source, self.plan.files).with_seed(seed)
             except InputError:  # the call below raises it again, with the point's own seed in the message
                 pass
-        return scenario_from_mapping(self.scenario, changes, self.source)
+        return scenario_from_mapping(scenario, changes, source)
 
 
 @remember_last(lambda *arguments: arguments)
@@ -231,7 +219,7 @@ def failed_record(job: Job, error: Exception) -> dict[str, Any]:
     told = str(error)
     if isinstance(error, NotUniqueError | InputError):
         status = "refused" if isinstance(error, NotUniqueError) else "invalid"
-        if job.law is not None and job.law.label in told:  # an error of the law, not of the point
+        if job.plan.law is not None and job.plan.law.label in told:  # an error of the law, not of the point
             status = "failed"
         return new_record(job.point, job.seed, status, told)
     what = "not enough memory" if isinstance(error, MemoryError) else type(error).__name__
@@ -239,19 +227,22 @@ def failed_record(job: Job, error: Exception) -> dict[str, Any]:
 
 
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
+    study = job.plan.study
     scenario = job.load()
-    controller = job.law.load(scenario.seed) if job.law else None
-    if job.light:
-        phases = prepare_run(scenario, job.backend, job.engine, 1)
+    controller = job.plan.law.load(scenario.seed) if job.plan.law else None
+    if study.batch:
+        phases = prepare_run(scenario, study.backend, study.engine, 1)
         samples = scenario.system.grid.steps + 1
-        dataset = next(stream(phases, job.backend, scenario.seed, None, samples, controller, _LIGHT))
+        dataset = next(stream(phases, study.backend, scenario.seed, None, samples, controller, _LIGHT))
     else:
-        dataset = simulate(scenario, job.backend, engine=job.engine, threads=1, controller=controller, progress=False)
+        dataset = simulate(
+            scenario, study.backend, engine=study.engine, threads=1, controller=controller, progress=False
+        )
     system = scenario.system
     found: dict[str, Any] = {"final": summarize(system.team, dataset), "settled": False, "law": dataset.attrs["law"]}
     if dataset.attrs["status"] == "finished":
         found["late"] = {**late_errors(system.team, dataset), "norm": PER_AGENT_RMS}
-        if job.light:
+        if study.batch:
             found["settled"], ratios = None, _ratios(job, scenario, dataset)
         else:
             ending = ending_of_run(scenario.phases, dataset)
@@ -259,12 +250,18 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
             found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
             ratios = bound.ratio, bound.settled_ratio
         found["bound_ratio"], found["late_bound_ratio"] = map(finite, ratios)
-    if job.trajectories:
+    if study.trajectories:
         found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
     found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
-    kept = (_bytes_of(dataset), _page_of(scenario, dataset, found)) if job.trajectories else (None, None)
-    return record, *kept
+    if not study.trajectories:
+        return record, None, None
+    from mjsheaf.checking.theorem.of_run import bounds_of_phases
+    from mjsheaf.page import page_of
+
+    bounds = bounds_of_phases(scenario.phases, dataset)
+    again = "mjsheaf sweep", "; the study's index.html has the command"
+    return record, _bytes_of(dataset), page_of(scenario, scenario.phases, dataset, found, bounds, again=again)
 
 
 def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | None, float | None]:
@@ -276,7 +273,7 @@ def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | 
     here rounded up. The components that seeds draw add up to the requested size except for rounding.
     """
     system = scenario.system
-    if job.law is not None or len(scenario.phases) > 1:
+    if job.plan.law is not None or len(scenario.phases) > 1:
         return None, None
     N, harmonics = len(system.team.agents), np.zeros_like(system.harmonics)
     harmonics[N:] = system.harmonics[N:]
@@ -292,7 +289,7 @@ def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | 
 
 @remember_last(
     lambda job, system: (
-        (job.scenario, job.files, [(path, value) for path, value in job.changes.items() if path != "seed"]),
+        (job.plan.scenario, job.plan.files, [(path, value) for path, value in job.changes.items() if path != "seed"]),
         (system.initial, system.harmonics, system.moving),
         [(edge.tail, edge.head) for edge in (*system.team.communication, *system.team.sensing)],  # a swarm's seed draws
     )
@@ -300,15 +297,6 @@ def _ratios(job: Job, scenario: Scenario, dataset: xr.Dataset) -> tuple[float | 
 def _bound_of(job: Job, system: System) -> Array | None:
     """Theorem 1's bound on |e| at the samples of a job on bodies, shape (T,), m; None without one."""
     return bound_ahead(system)
-
-
-def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
-    from mjsheaf.page import page_of
-
-    phases = scenario.phases
-    again = "mjsheaf sweep", "; the study's index.html has the command"
-    return page_of(scenario, phases, dataset, found, bounds_of_phases(phases, dataset), again=again)
 
 
 def _bytes_of(dataset: xr.Dataset) -> bytes:

@@ -286,20 +286,13 @@ def require_ends(tail: str, head: str, roles: Mapping[str, str], wanted: tuple[s
 
     Args:
         tail, head: ids.
-        roles: 'agent' or 'target' of every member by id.
-        wanted: Expected role of tail and head; 'ground' is that of GROUND.
+        roles: 'agent' or 'target' of every member by id, and 'ground' of GROUND.
+        wanted: Expected role of tail and head.
     """
-
-    def unknown(end: str) -> str:
-        return f"unknown id {end!r}; {expected(end, [i for i in roles if roles[i] in wanted])}"
-
-    if (head, wanted[1]) == (GROUND, "ground"):
-        if roles.get(tail) != wanted[0]:
-            raise InputError(f"agent: {unknown(tail)}")
-        return
-    for end in (tail, head):
-        if end not in roles:
-            raise InputError(unknown(end))
+    for end, role in zip((tail, head), wanted, strict=True):
+        if end not in roles or (roles[end] != role and "ground" in wanted):
+            known = [i for i in roles if i != GROUND and roles[i] in wanted]
+            raise InputError(f"{'agent: ' if 'ground' in wanted else ''}unknown id {end!r}; {expected(end, known)}")
     found = roles[tail], roles[head]
     if found != wanted:
         words = [

@@ -83,6 +83,7 @@ class Team:
             if self.index.setdefault(member.id, v) != v:
                 raise InputError(f"agents, targets: id {member.id!r} is used twice; each needs its own")
         self._roles = dict.fromkeys(self.agent_ids, "agent") | dict.fromkeys(self.target_ids, "target")
+        self._roles[GROUND] = "ground"
         self._ends = {m.id: m for m in (*self.members, _GROUND)}
         self.displacement = {id: np.zeros(m.dimension) for id, m in self._ends.items()}
         own = dict(self.displacement)  # of targets among themselves; the agents' formation is about where they are
@@ -209,19 +210,13 @@ class Team:
     @property
     def law_jacobian(self) -> sparse.csr_array:
         """Derivative of the agents' eta by the positions of all members, of linear edges, shape (n_q, n)."""
-        slots = np.cumsum([0, *(member.dimension for member in self.members)])
-        place = {
-            member.id: np.arange(*ends) for member, ends in zip(self.members, itertools.pairwise(slots), strict=True)
-        }
-        place[GROUND] = np.zeros(0, dtype=np.int64)
-        agents = set(self.agent_ids)
-        blocks = []
-        for e in self.measuring_edges:
-            F_tail, F_head, K, _ = e.slope or Slope(e.F_tail, e.F_head, e.weight, e.b)
-            ends = [(e.tail, -F_tail), (e.head, F_head)]
-            moved = [end for end in ends if end[0] in agents and not (e.directed and end[0] == e.head)]
-            blocks += [(place[i][:, None], place[j][None], F.T @ K @ G) for i, F in moved for j, G in ends]
-        return assembled(blocks, (int(self.first_state[-1]), int(slots[-1]))).tocsr()
+        linear = [
+            e if e.slope is None else replace(e, F_tail=e.slope.F_tail, F_head=e.slope.F_head, weight=e.slope.matrix)
+            for e in self.measuring_edges
+        ]
+        stalks = {member.id: member.dimension for member in (*self.members, _GROUND)}
+        jacobian = NonlinearSheaf(stalks, linear).gradient_jacobian(np.zeros(len(self.slots)))
+        return jacobian[: int(self.first_state[-1])]
 
     def harmonic_extension(self, positions: Array) -> Array:
         """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents.
@@ -291,18 +286,22 @@ class Team:
         stalks = {member.id: member.dimension for member in (*self.members, _GROUND)}
         return NonlinearSheaf(stalks, self.measuring_edges)
 
-    def linearised(self, x: Array) -> "Team":
+    def linearised(self, x: Array, *, of_law: bool = False) -> "Team":
         """Return the team whose linear edges agree to first order with this one's where members are at x.
 
         Its residuals at x are those of this team, and its H is the matrix of Gauss-Newton there. Edges stay directed.
 
         Args:
             x: Padded positions (V, 3) or stacked ones (n,), m.
+            of_law: True to give edges that do not fit at x their `slope`.
         """
         stacked = x if np.ndim(x) == 1 else self.pack(x)
+        sheaf = self.nonlinear_sheaf
+        misfits = sheaf.misfits(stacked) if of_law else itertools.repeat(None)
         linear = dict[int, Edge]()
-        for e, z in zip(self.measuring_edges, self.nonlinear_sheaf.relative(stacked), strict=True):
-            linear[id(e)] = replace(e, **linear_maps(e, z)._asdict(), measures="position", lift=None)
+        for e, z, misfit in zip(self.measuring_edges, sheaf.relative(stacked), misfits, strict=False):
+            slope = None if misfit is None else Slope(e.F_tail, e.F_head, misfit, z)
+            linear[id(e)] = replace(e, **linear_maps(e, z)._asdict(), measures="position", lift=None, slope=slope)
         team = self.with_edges(linear)
         team.linearised_at = stacked
         return team
@@ -331,17 +330,7 @@ class Team:
         Its `dirichlet` and `law_problem` have the H of the law. If an edge does not fit at q*, that is not F^T K F,
         which lacks the curvature of what the edge measures: `Edge.slope` then has the derivative of its pull.
         """
-        x = self.at_rest(positions)
-        linear = self.linearised(x)
-        sheaf = self.nonlinear_sheaf
-        changed = dict[int, Edge]()
-        given = zip(self.measuring_edges, linear.measuring_edges, sheaf.relative(x), sheaf.misfits(x), strict=True)
-        for e, own, z, misfit in given:
-            slope = None if misfit is None else Slope(e.F_tail, e.F_head, misfit, z)
-            changed[id(own)] = replace(own, slope=slope)
-        team = linear.with_edges(changed)
-        team.linearised_at = x
-        return team
+        return self.linearised(self.at_rest(positions), of_law=True)
 
     def at_rest(self, positions: Array) -> Array:
         """Return q* and targets, stacked, (n,), m, for padded positions (V, 3) of targets and of agents near q*, m."""
@@ -357,6 +346,13 @@ class Team:
             return self.free or self.dirichlet.unique
         q, p = self.split(positions)
         return not self.shapes.has_free_motions(self.extend(p, q), p)
+
+    def edge_residuals(self, positions: Array) -> Array:
+        """Compute |F_i x_i - F_j x_j - b| of all measuring edges at positions (T, V, 3), shape (T, E), m.
+
+        On a range or bearing edge it is the distance from the desired length or direction.
+        """
+        return self.nonlinear_sheaf.residuals(self.pack(positions))
 
     @cached_property
     def target_sheaf(self) -> Sheaf:
@@ -474,7 +470,7 @@ _DENSE = 600  # states up to which free directions are counted
 
 @dataclass
 class Path:
-    """q* along a run, up to the last of the samples computed so far.
+    """q* along a run, up to the last computed sample.
 
     Attributes:
         last: q* there, shape (n_q,), m; None before the first.
@@ -535,7 +531,8 @@ class Shapes:
         """Return True if some motion of the agents at q changes no measurement to first order."""
         if self._team.free or len(q) > _DENSE:
             return self._team.free
-        values = np.linalg.svd(self.solver.H(q, p).toarray(), compute_uv=False)
+        H = self._team.nonlinear_sheaf.gradient_jacobian(np.concatenate([q, p]))[: len(q), : len(q)]
+        values = np.linalg.svd(H.toarray(), compute_uv=False)
         return bool(values[-1] <= FREE_MOTION * values[0])
 
     def _places(self, held: Array, near: Array) -> list[Array]:
@@ -580,8 +577,6 @@ _MOST_NAMED = 8  # agents named one by one before the rest are counted
 _ENTRY_ROUNDING = 1e-7  # of the largest entry; null spaces close to small eigenvalues have more rounding
 _STEP_TOLERANCE = 1e-6  # steps that differ by less are equal
 _LEAST_PIVOT = 0.1  # of the best pivot: one within the same agent is taken above it
-_MOST_SEARCHED_PIVOTS = 40  # pivots times distinct rows up to which exchanges of pivots are tried
-_MOST_EXCHANGES = 60
 _NAMED_SHARE = 0.5  # of the longest step, which an agent must move to be named where it is nearly free
 _LEAST_SINE = 0.2  # a step that is nearly along an axis counts as along it below this sine
 _SAME_DIRECTION_COSINE = 0.94
@@ -604,7 +599,7 @@ def sparsified(basis: sparse.csr_array, owner: IntArray) -> sparse.csc_array:
     """Return a sparse basis of the same space: few agents move in each vector, along axes where possible.
 
     Independent parts are separated, and no vector's support contains that of another: the basis is in reduced echelon
-    form. In a small part, pivots are exchanged as long as fewer agents, or as many agents and fewer coordinates, move.
+    form.
 
     Args:
         basis: Columns of full column rank, shape (n, r).
@@ -621,7 +616,7 @@ def sparsified(basis: sparse.csr_array, owner: IntArray) -> sparse.csc_array:
     blocks = []
     for rows, columns, part in parts(clean):
         block, agent = part.toarray(), owner[rows]
-        blocks.append((rows[:, None], columns, _echelon(block, _exchanged(_pivots(block, agent), block, agent))))
+        blocks.append((rows[:, None], columns, _echelon(block, _pivots(block, agent))))
     found = assembled(blocks, basis.shape).tocsc()
     found.eliminate_zeros()
     return found[:, np.argsort(found.indices[found.indptr[:-1]], kind="stable")]
@@ -648,36 +643,6 @@ def _echelon(block: Array, pivots: IntArray) -> Array:
     vectors[np.abs(vectors) <= _ENTRY_ROUNDING * np.abs(vectors).max()] = 0.0
     largest = np.argmax(np.abs(vectors) > (1.0 - _STEP_TOLERANCE) * np.abs(vectors).max(axis=0), axis=0)
     return vectors / vectors[largest, np.arange(vectors.shape[1])]
-
-
-def _exchanged(pivots: IntArray, block: Array, owner: IntArray) -> IntArray:
-    """Exchange one pivot after another while that leaves fewer agents, or else fewer coordinates, moving."""
-    if block.shape[1] == 1:
-        return pivots
-    vectors = _echelon(block, pivots)
-    _, candidates = np.unique(np.round(vectors, 6), axis=0, return_index=True)
-    if len(candidates) * block.shape[1] > _MOST_SEARCHED_PIVOTS:
-        return pivots
-    starts = np.flatnonzero(np.diff(owner, prepend=-1))
-
-    def cost(v: Array) -> tuple[int, int]:
-        moves = v != 0.0
-        return int(np.logical_or.reduceat(moves, starts).sum()), int(moves.sum())
-
-    best = cost(vectors)
-    for _ in range(_MOST_EXCHANGES):
-        options = []
-        for row in candidates[np.count_nonzero(vectors[candidates], axis=1) > 1].tolist():
-            for k in np.flatnonzero(np.abs(vectors[row]) >= _LEAST_PIVOT).tolist():
-                other = pivots.copy()
-                other[k] = row
-                options.append((cost(_echelon(block, other)), row, k))
-        if not options or min(options)[0] >= best:
-            break
-        best, row, k = min(options)
-        pivots[k] = row
-        vectors = _echelon(block, pivots)
-    return pivots
 
 
 def describe_null_modes(team: Team) -> list[str]:
@@ -738,7 +703,8 @@ def describe(team: Team, mode: NullMode, free: str = "free") -> str:
     _, first, kind = np.unique(np.round(mode.steps / _STEP_TOLERANCE), axis=0, return_index=True, return_inverse=True)
     names = [team.agents[a].id for a in mode.agents]
     if len(first) == 1:
-        return _describe_one_direction(names, _direction(mode.steps[0], team, mode.agents), free)
+        who = f"{_listed(names)} are" if len(names) > 1 else f"{names[0]} is"
+        return f"{who} {free} along {_direction(mode.steps[0], team, mode.agents)}{' together' * (len(names) > 1)}"
     furthest = float(np.linalg.norm(mode.steps, axis=1).max())
     clauses = []
     for k in np.argsort(first, kind="stable")[:_MOST_NAMED].tolist():
@@ -750,15 +716,6 @@ def describe(team: Team, mode: NullMode, free: str = "free") -> str:
         clauses.append(f"{who} along {_direction(step, team, mode.agents[group])}{share}")
     more = ", ..." if len(first) > _MOST_NAMED else ""
     return f"{', '.join(clauses)}{more}, {'' if free == 'free' else f'{free}, '}moving together"
-
-
-def _describe_one_direction(names: Sequence[str], along: str, free: str) -> str:
-    """Who is free along a direction that is the same for all."""
-    if len(names) == 1:
-        return f"{names[0]} is {free} along {along}"
-    if along[-1] in _AXES:
-        return f"{_listed(names)} are {free} along {along} together"
-    return f"{_listed(names, ' and ')} {'can' if free == 'free' else f'are {free} to'} drift together along {along}"
 
 
 def _listed(names: Sequence[str], last: str = ", ") -> str:

@@ -91,9 +91,9 @@ def test_independent_freedoms_come_apart_within_one_connected_component() -> Non
 def test_a_drift_along_an_oblique_line() -> None:
     across = np.array([[0.8, -0.6]])
     blind = Edge("B1", "S1", across, across, np.eye(1))
-    assert said(make_team("B1 B4", "S1", [("B1", "B4")], [blind])) == ["B1 and B4 can drift together along (0.6, 0.8)"]
+    assert said(make_team("B1 B4", "S1", [("B1", "B4")], [blind])) == ["B1, B4 are free along (0.6, 0.8) together"]
     air = make_team("B1 U4 B5", "S1", [("B1", "U4"), ("U4", "B5")], [blind], [hold("U4", "z")])
-    assert said(air) == ["B1, U4 and B5 can drift together along (0.6, 0.8, 0)"]
+    assert said(air) == ["B1, U4, B5 are free along (0.6, 0.8, 0) together"]
 
 
 def test_agents_that_move_differently_are_described_apart() -> None:
@@ -173,14 +173,6 @@ def test_disjoint_motions_are_found_again(seed: int, sizes: list[int]) -> None:
     mixed = motions @ np.linalg.qr(rng.standard_normal((len(sizes), len(sizes))))[0]
     found = sparsified(csr_array(mixed), np.arange(len(mixed))).toarray()
     np.testing.assert_allclose(found, motions[:, order], atol=1e-9)
-
-
-def test_pivots_are_exchanged_where_fewer_agents_then_move() -> None:
-    """Twenty agents move by s, one by t, one by s + t: the sparsest basis moves the two alone in one direction."""
-    s, t = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-    basis = np.array([s + t, t, *[s] * 20])
-    found = sparsified(sparse.csr_array(basis @ turn(0.7)), np.arange(22)).toarray()
-    assert sorted(np.count_nonzero(found, axis=0).tolist()) == [2, 21]
 
 
 def test_a_plane_that_one_agent_has_to_itself_is_its_axes() -> None:

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from mjsheaf import load_scenario, simulate
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.loop.engine import Trajectory
-from mjsheaf.results import make_dataset
+from mjsheaf.results import make_datasets
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
 from tests.builders import FACTS, FLOW, Simulated, make_scenario, medium, mixed_scenario, velocity_commands
@@ -208,7 +208,7 @@ def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
     trajectory = run(system)
     x, t = trajectory.positions, trajectory.time
     commands = np.array([velocity_commands(system, *state)[:3] for state in zip(t, x, strict=True)])
-    u = make_dataset(trajectory, "ideal", 0)["command"].values
+    u = next(make_datasets([trajectory], "ideal", 0))["command"].values
     np.testing.assert_allclose(trajectory.log.command[:, :3], commands, rtol=1e-12, atol=1e-12)
     assert u.shape == (len(t), 3, 5)
     np.testing.assert_array_equal(np.isnan(u[0]), [[0, 0, 0, 0, 1], [0, 0, 0, 1, 1], [0, 0, 0, 0, 0]])

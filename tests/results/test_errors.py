@@ -11,7 +11,7 @@ import pytest
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.results import summarize
-from mjsheaf.results.metrics import edge_residuals, evaluate_errors, separations
+from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.team import Team
 
@@ -124,7 +124,7 @@ def test_residuals_of_edges_of_unlike_shapes_are_those_of_each_edge() -> None:
     for name in ("paper", "range_formation", "bearing_formation"):
         team = load_scenario(name).team
         positions = 5.0 * np.random.default_rng(0).normal(size=(3, len(team.members), 3))
-        found = edge_residuals(team, team.measuring_edges, positions)
+        found = team.edge_residuals(positions)
         for column, edge in zip(found.T, team.measuring_edges, strict=True):
             head = positions[:, team.index[edge.head], : edge.F_head.shape[1]] @ edge.F_head.T
             tail = positions[:, team.index[edge.tail], : edge.F_tail.shape[1]] @ edge.F_tail.T

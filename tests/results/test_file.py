@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.results import join, make_dataset, open_dataset, store, thinned, write_dataset
+from mjsheaf.results import join, make_datasets, open_dataset, store, thinned, write_dataset
 from mjsheaf.results.store import length_of_piece, pieces_of
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
@@ -159,7 +159,7 @@ def test_thrusters_of_stand_ins_have_their_own_names() -> None:
     )
     system = run.system
     found = run_physics(system)
-    dataset = make_dataset(found, "physics", 0)
+    dataset = next(make_datasets([found], "physics", 0))
     names = [list(vehicle.thrusters) for vehicle in system.vehicles]
     first = 0
     for v, own in enumerate(names[:2]):

@@ -10,7 +10,7 @@ import pytest
 
 from mjsheaf.errors import PlaceError
 from mjsheaf.results import staging
-from mjsheaf.results.store import enclosing_run, holds_run, save_summary
+from mjsheaf.results.store import enclosing_run, record_in, save_summary
 from tests.builders import refused
 
 
@@ -80,12 +80,12 @@ def test_relative_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 def test_enclosing_run_is_found_through_links(tmp_path: Path) -> None:
     publish(tmp_path / "run")
     (tmp_path / "link").symlink_to(tmp_path / "run")
-    assert holds_run(tmp_path / "run")
+    assert record_in(tmp_path / "run") is not None
     assert enclosing_run(tmp_path / "run") is None
     assert enclosing_run(tmp_path / "link" / "x" / "y.mp4") == tmp_path / "run"
     for text in ("{}", "[]", "3", "{", '"mjsheaf_version"'):
         (tmp_path / "summary.json").write_text(text)
-        assert not holds_run(tmp_path)
+        assert record_in(tmp_path) is None
 
 
 def test_numbers_that_are_not_finite_become_null(tmp_path: Path) -> None:

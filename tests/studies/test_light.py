@@ -1,6 +1,5 @@
 """Light records (`batch: true`) are those of whole runs but for the ending. Oracle: the whole record of that run."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +8,12 @@ import pytest
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario.load import read_scenario
 from mjsheaf.studies import load_plan
-from mjsheaf.studies.workers import Job, Point, run_job
+from mjsheaf.studies.plan import Plan, StudyFile
+from mjsheaf.studies.workers import Point, run_job
 from tests.builders import refused
 from tests.commands import call
 
-SHORT = {"time.end": 1.0, "physics.contacts": False, "disturbance": {"agents": {"bound": 0.2}}}
+SHORT: dict[str, Any] = {"time.end": 1.0, "physics.contacts": False, "disturbance": {"agents": {"bound": 0.2}}}
 SEA = {"significant_height": 0.2, "peak_period": 6.0, "spreading": "cos2"}
 MOVING: list[dict[str, Any]] = [
     {"flow.agents.tide": {"amplitude": 0.3, "period": 60.0}},
@@ -23,8 +23,9 @@ MOVING: list[dict[str, Any]] = [
 
 def records_of(source: str, changes: dict[str, Any], seed: int = 0) -> list[dict[str, Any]]:
     """The light record of a point and the whole one."""
-    job = Job(Point(0, changes, seed), source, read_scenario(source), SHORT, "/", "physics", "fused")
-    return [run_job(replace(job, light=light)).record for light in (True, False)]
+    studies = [StudyFile(scenario=source, set=SHORT, engine="fused", batch=light) for light in (True, False)]
+    plans = [Plan("study", source, study, read_scenario(source), Path("/"), {}, []) for study in studies]
+    return [run_job(plan.job(Point(0, changes, seed))).record for plan in plans]
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,7 @@ def test_a_light_record_is_that_of_the_whole_run(source: str, changes: dict[str,
 
 def test_a_batch_has_an_engine_and_keeps_no_trajectories() -> None:
     assert load_plan("midpoint", batch=True).study.engine == "fused"
-    assert load_plan("midpoint", batch=True).job(Point(0, {}, 0)).light
+    assert load_plan("midpoint", batch=True).study.batch
     assert "batch" not in load_plan("midpoint").record()["asked"]
     with refused(ScenarioError, "batch", "fused"):
         load_plan("midpoint", batch=True, engine="mujoco")

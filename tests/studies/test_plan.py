@@ -143,7 +143,7 @@ def test_the_points_that_are_tried_come_from_all_over_the_study(
         (
             {"controller": [{}], "controller.gain": [1]},
             {"controller.gain": 5},
-            "controller.gain: is both set and swept|would overwrite",
+            "would overwrite",
         ),
     ],
 )

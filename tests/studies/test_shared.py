@@ -12,15 +12,18 @@ from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import read_scenario, scenario_from_mapping
+from mjsheaf.studies.plan import Plan, StudyFile
 from mjsheaf.studies.workers import Job, Point, run_job
 from tests.builders import ONE_BOAT, altered, find
 
-SHORT = {"time.end": 0.3, "disturbance": {"agents": {"bound": 0.2}}}
+SHORT: dict[str, Any] = {"time.end": 0.3, "disturbance": {"agents": {"bound": 0.2}}}
 
 
 def job_of(seed: int | None, source: str = "paper", changes: dict[str, Any] | None = None) -> Job:
     """A run of a study over seeds."""
-    return Job(Point(0, changes or {}, seed), source, read_scenario(source), SHORT, "/", "ideal")
+    study = StudyFile(scenario=source, set=SHORT, backend="ideal")
+    plan = Plan("study", source, study, read_scenario(source), Path("/"), {}, [])
+    return plan.job(Point(0, changes or {}, seed))
 
 
 def packed(scenario: Scenario) -> bytes:
@@ -87,6 +90,7 @@ def test_a_file_that_changed_is_read_again(tmp_path: Path) -> None:
     for mass in ("400", "401"):
         altered(tmp_path, "hull", lambda root, mass=mass: find(root, ".//inertial").set("mass", mass))  # type: ignore[misc]
         scenario = {"name": "boat", **ONE_BOAT, "vehicles": {"agents": str(tmp_path / "hull.yaml"), "targets": "hull"}}
-        job = Job(Point(0, {}, 0), "boat", scenario, {}, "/", "ideal", files={"hull.xml": mass})
-        masses.append(job.load().system.vehicles[0].mass)
+        study = StudyFile(scenario="boat", backend="ideal")
+        plan = Plan("study", "boat", study, scenario, Path("/"), {"hull.xml": mass}, [])
+        masses.append(plan.job(Point(0, {}, 0)).load().system.vehicles[0].mass)
     assert masses == [400.0, 401.0]
