@@ -14,6 +14,8 @@ YAML is 1.2 without surprises: values are read as they look, or refused in one l
 fields of a file can be edited in place, and every other byte of the file stays the same.
 """
 
+import ctypes
+import errno
 import fcntl
 import hashlib
 import importlib.util
@@ -41,6 +43,7 @@ FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats of figures, as suffixes of their files."""
 
 _RANDOM = "[a-z0-9_]{8}"  # all characters that any version uses
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # constants of Linux: fcntl.h, linux/fs.h
 
 
 @contextmanager
@@ -82,20 +85,21 @@ def write_whole(path: Path, content: bytes, *, tidy: bool = True) -> None:
 def whole_directory(path: Path) -> Iterator[Path]:
     """Yield a new directory that replaces `path` when the block ends without an exception.
 
-    An existing directory is renamed before. If the process is killed in between, the next one puts it back.
+    An existing directory is exchanged with it atomically if the file system supports that.
 
     Raises:
         OSError: The directory cannot be created or renamed. The existing one stays then.
     """
     with _part(path, directory=True) as fresh:
         yield fresh
-        old = fresh.with_suffix(".old")
-        try:
-            if path.exists():
-                path.rename(old)
-            fresh.rename(path)
-        finally:
-            _restore(old, path)
+        if not path.exists() or not _exchange(fresh, path):
+            old = fresh.with_suffix(".old")
+            try:
+                if path.exists():
+                    path.rename(old)
+                fresh.rename(path)
+            finally:
+                _restore(old, path)
 
 
 def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
@@ -110,7 +114,10 @@ def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
         if real.read_bytes() != expected:
             raise InputError(f"{path}: has changed meanwhile; nothing is written")
         with whole_file(real) as part:
-            part.write_bytes(data)
+            with part.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
             part.chmod(real.stat().st_mode & 0o7777)
 
 
@@ -196,6 +203,19 @@ def _remove(path: Path) -> None:
     else:
         with suppress(OSError):
             path.unlink(missing_ok=True)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two names atomically; return False if this system or file system cannot."""
+    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if rename is None:
+        return False
+    if rename(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.ENOENT):
+        return False
+    raise OSError(number, os.strerror(number), str(other))
 
 
 def read_bytes(path: Path, largest: int) -> bytes:

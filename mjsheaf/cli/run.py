@@ -2,8 +2,8 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -41,7 +41,7 @@ from mjsheaf.cli.options import (
     require_file_name,
     saying_what_is_kept,
 )
-from mjsheaf.errors import InputError, UnstableError, in_field, printable, shortened
+from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field, printable, shortened
 
 if TYPE_CHECKING:
     from mjsheaf.runs.publish import Outcome
@@ -267,7 +267,7 @@ def run(
             named = expected_law(loaded, find_scenario(scenario).parent)
             law = named.load(loaded.seed) if named else None
         options = video_options(loaded, quality=quality) if video else None
-        with in_field(scenario):
+        with _as_expected(scenario, loaded.expect.refused if expect else None):
             outcome = execute(
                 loaded,
                 str(backend),
@@ -296,6 +296,19 @@ def run(
         if any(bound["wrong"] for bound in bounds):  # a fault in mjsheaf
             text = next(note["text"] for note in outcome.summary["notes"] if note["kind"] == "bound")
             raise NotHeldError(f"{scenario}: {text}")
+
+
+@contextmanager
+def _as_expected(scenario: str, refusal: str | None) -> Iterator[None]:
+    """Name the scenario in the errors of a block, and add whether another refusal was expected."""
+    try:
+        yield
+    except PlaceError:
+        raise
+    except MjsheafError as error:
+        other = refusal is not None and refusal not in str(error)
+        verdict = f" (NOT as expected: expect.refused is {refusal!r})" if other else ""
+        raise type(error)(f"{scenario}: {error}{verdict}") from None
 
 
 def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions") -> "Outcome":

@@ -36,10 +36,15 @@ try:
     from numba import types as types
     from numba.core import event
     from numba.core.caching import CompileResultCacheImpl
+    from numba.core.cgutils import alloca_once_value, gep_inbounds
     from numba.core.codegen import JITCodeLibrary, get_host_cpu_features
     from numba.core.compiler import Compiler, CompileResult
+    from numba.core.datamodel.models import PrimitiveModel
+    from numba.core.datamodel.registry import register_default as register_model
     from numba.core.dispatcher import Dispatcher as Dispatcher
     from numba.core.errors import NumbaError as NumbaError
+    from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
+    from numba.core.typing.templates import AttributeTemplate, infer_getattr
     from numba.extending import intrinsic, lower_builtin, type_callable
     from numba.extending import overload as overload
 
@@ -268,6 +273,75 @@ def _lower_lanes_for(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
     registers = builder.sdiv(builder.add(arguments[0], ir.Constant(number, 3)), ir.Constant(number, 4))
     hidden = builder.asm(ir.FunctionType(number, [number]), "", "=r,0", [registers], False)
     return builder.mul(hidden, ir.Constant(number, 4))
+
+
+class _Pinned(types.Type):
+    """A named tuple in memory, handed on by its address."""
+
+    def __init__(self, content: Any) -> None:
+        super().__init__(f"pinned({content})")
+        self.content = content
+
+
+@register_model(_Pinned)
+class _PinnedModel(PrimitiveModel):
+    def __init__(self, models: Any, pinned: Any) -> None:
+        super().__init__(models, pinned, models.lookup(pinned.content).get_value_type().as_pointer())
+
+
+def pinned(value: Any) -> Any:
+    """Return a named tuple that functions hand on by its address, and those in it likewise; in Python, itself.
+
+    Compiled code hands on every number of a tuple by itself, and numba and LLVM take most of their time for that: the
+    loop of a run has over a thousand. It must not outlive the compiled function that calls this.
+    """
+    return value
+
+
+@type_callable(pinned)
+def _type_pinned(_: Any) -> Any:
+    return lambda value: value if isinstance(value, _Pinned) else _Pinned(value)
+
+
+@lower_builtin(pinned, types.BaseNamedTuple)
+def _lower_pinned(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+    return alloca_once_value(builder, arguments[0])
+
+
+@lower_builtin(pinned, _Pinned)
+def _lower_pinned_again(_: Any, __: Any, ___: Any, arguments: Any) -> Any:
+    return arguments[0]
+
+
+def _member(pinned: Any, name: str) -> tuple[int, Any]:
+    """Return the index of a field of a pinned tuple, and its type there: named tuples are pinned too."""
+    index = pinned.content.fields.index(name)
+    held = pinned.content.types[index]
+    return index, _Pinned(held) if isinstance(held, types.BaseNamedTuple) else held
+
+
+@infer_getattr
+class _PinnedFields(AttributeTemplate):
+    key = _Pinned
+
+    def generic_resolve(self, pinned: Any, name: str) -> Any:  # type: ignore[override]
+        """Return the type of a field."""
+        return _member(pinned, name)[1] if name in pinned.content.fields else None
+
+
+@lower_getattr_generic(_Pinned)
+def _lower_field(context: Any, builder: Any, pinned: Any, place: Any, name: str) -> Any:
+    index, member = _member(pinned, name)
+    within = gep_inbounds(builder, place, 0, index)
+    return within if isinstance(member, _Pinned) else impl_ret_borrowed(context, builder, member, builder.load(within))
+
+
+@overload(len)
+def _len(value):  # type: ignore[no-untyped-def]
+    if isinstance(value, _Pinned):
+        count = len(value.content.fields)
+        return lambda value: count
+    return None
 
 
 _C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}

@@ -459,7 +459,7 @@ def command_alone(loop, v, b):
     The block then has its state, and the force and moment on it of the medium (also past its actuators), and of the
     surface on which it rests once it is lost.
     """
-    params, state = loop
+    params, state = loop.params, loop.state
     body = params.fleet.bodies[v]
     kind = params.fleet.kinds[body.kind]
     thrusters = params.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
@@ -538,7 +538,7 @@ def _take_step(fleet, rigid, h, first, last, lanes, k, b, effort, activation, ow
 @inline_jit
 def advance_alone(loop, rigid, first, last, step, count, log, row, bad):
     """Move vehicles one after the other; see `fused.advance_block`."""
-    params, state = loop
+    params, state = loop.params, loop.state
     fleet, h = params.fleet, params.timestep
     b, all_good = on_stack(ALONE), True
     for k in range(step, step + count):
@@ -615,7 +615,7 @@ def _write_commands(fleet, ctrl, first, last, effort):
 @inline_jit
 def advance_lanes(loop, rigid, first, last, step, count, log, row, bad):
     """Move vehicles for which `fits_lanes` holds; see `fused.advance_block`."""
-    params, state = loop
+    params, state = loop.params, loop.state
     fleet, medium, h = params.fleet, params.medium, params.timestep
     kind = fleet.kinds[fleet.bodies[first].kind]
     thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
-from mjsheaf.compile.jit import INTERPRETED, inline_jit, jit, on_stack
+from mjsheaf.compile.jit import INTERPRETED, inline_jit, jit, on_stack, pinned
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError
 from mjsheaf.law.custom import naming_terms
@@ -100,6 +100,7 @@ def advance(loop, rigid, count, recorder, bad):
         recorder: Destination of samples.
         bad: See `Fused._bad`.
     """
+    loop, recorder = pinned(loop), pinned(recorder)
     params, steps = loop.params, loop.state.steps
     k, B = int(steps[0]), params.fleet.blocks.shape[0] - 1
     end = k + count
@@ -114,13 +115,14 @@ def advance(loop, rigid, count, recorder, bad):
 
 @jit
 def _advance_part(loop, rigid, first, last, step, count, log, row, bad):
-    advance_blocks(loop, rigid, first, last, step, count, log, row, bad)
+    advance_blocks(pinned(loop), rigid, first, last, step, count, pinned(log), row, bad)
 
 
 @inline_jit
 def command_vehicles(loop, t):
     """Let every vehicle measure and command at time t, s."""
-    params, state = loop
+    loop = pinned(loop)
+    params, state = loop.params, loop.state
     V = params.fleet.bodies.shape[0]
     advance_medium(params.medium, t, 0, V, state.medium)
     b = on_stack(ALONE)
@@ -229,6 +231,7 @@ def take_periods(loop, row, rigid, nothing, values, alive, bad):
         alive: True for each world that takes a period, shape (W,).
         bad: Time at which each vehicle diverged, NEVER if it did not, shape (W, V); see `Fused._bad`.
     """
+    loop, nothing = pinned(loop), pinned(nothing)
     for w in range(values.shape[0]):
         if not alive[w]:
             continue

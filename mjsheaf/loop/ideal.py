@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, Room, lay_out
-from mjsheaf.compile.jit import inline_jit, jit
+from mjsheaf.compile.jit import inline_jit, jit, pinned
 from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory, no_station
 from mjsheaf.loop.engine import (
     Engine,
@@ -265,7 +265,7 @@ def _run(control, follow, run, times, advances, x, count, log, placed):
     `follow` is `control` where the law is inside the integrator and None where it is held: another type, so that the
     two are compiled apart, and only the one that is used.
     """
-    V, M = x.shape[0], placed.shape[1]
+    control, run, log, V, M = pinned(control), pinned(run), pinned(log), x.shape[0], placed.shape[1]
     for k in range(times.shape[0]):
         for v in range(M):
             for i in range(3):
@@ -278,7 +278,7 @@ def _run(control, follow, run, times, advances, x, count, log, placed):
             for v in range(V):
                 if not _advance(None, run, times[k], x, v, v + 1):
                     return k + 1, v
-        elif not _advance(follow, run, times[k], x, 0, V):
+        elif not _advance(control, run, times[k], x, 0, V):
             return k + 1, V
         count[0] += 1
     return times.shape[0], -1

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
-from mjsheaf.compile.jit import inline_jit
+from mjsheaf.compile.jit import inline_jit, pinned
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller
 from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory
@@ -154,7 +154,8 @@ def controlled_positions(fleet, qpos, x):
 @inline_jit
 def run_law(loop, t):
     """Evaluate the law at time t, s, for the present state."""
-    params, state = loop
+    loop = pinned(loop)
+    params, state = loop.params, loop.state
     memory = state.memory
     bodies = params.fleet.bodies
     controlled_positions(params.fleet, state.qpos, state.x)
@@ -205,7 +206,8 @@ def record(loop, log, k, first, last):
 
     Links go with vehicle 0.
     """
-    params, state = loop
+    loop = pinned(loop)
+    params, state = loop.params, loop.state
     fleet, memory = params.fleet, state.memory
     if first == 0:
         record_links(memory.links.heard, memory.y, log, k)
@@ -237,7 +239,7 @@ def begin_span(loop, k, recorder):
     Returns:
         Row of the log for the sample at step k, which is counted as written; -1 if it is no sample or there is no room.
     """
-    params, state = loop
+    params, state = loop.params, loop.state
     row = -1
     if k % params.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]:
         row = recorder.written[0]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray, Room
-from mjsheaf.compile.jit import external, inline_jit, jit, on_stack
+from mjsheaf.compile.jit import external, inline_jit, jit, on_stack, pinned
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError, expected
 from mjsheaf.law.in_python import Controller, Law
@@ -60,7 +60,8 @@ def mujoco_arrays(model: mujoco.MjModel, data: mujoco.MjData, movers: tuple[Any,
 @inline_jit
 def apply_forces(loop, arrays, t):
     """Let vehicles measure and command at time t, s, and write what the medium does to them: MuJoCo's only forces."""
-    params, state = loop
+    loop = pinned(loop)
+    params, state = loop.params, loop.state
     fleet = params.fleet
     V = fleet.bodies.shape[0]
     advance(params.medium, t, 0, V, state.medium)
@@ -96,7 +97,8 @@ def _advance(loop, arrays, step, count, recorder):
     Returns:
         Number of the step at which they did; -1 if they did not.
     """
-    params, state = loop
+    loop, arrays, recorder = pinned(loop), pinned(arrays), pinned(recorder)
+    params, state = loop.params, loop.state
     for k in range(step, step + count):
         row = begin_span(loop, k, recorder)
         apply_forces(loop, arrays, params.start + k * params.timestep)

@@ -250,7 +250,19 @@ def describe(trial: Trial, name: str, watch: str) -> str:
         found = trial.final.get(measure)
         side = ">=" if measure == _AT_LEAST else "<="
         expected = "-" if check is None else f"{side} {check['bound']:g}"
+        why = "" if check is None or check["met"] else _why_missed(measure, check["bound"], found, trial.status)
         number = "-" if found is None else f"{found:.4g}"
-        verdict = "" if check is None or check["met"] else "  missed"
-        lines.append(f"  {measure:<{width}}{expected:>12}{number:>12}{verdict}")
+        lines.append(f"  {measure:<{width}}{expected:>12}{number:>12}{f'  {why}' if why else ''}")
     return "\n".join([*lines, f"  watch it: mjsheaf run {watch} --backend {trial.backend}{law}"])
+
+
+def _why_missed(measure: str, bound: float, found: float | None, status: str) -> str:
+    """Return how far a measured value is from its bound, or why it does not count."""
+    if found is None:
+        return "has no value"
+    at_least = measure == _AT_LEAST
+    if found >= bound if at_least else found <= bound:
+        return f"but the run is {status}"
+    if at_least:
+        return f"{bound - found:.3g} m below"
+    return f"{100.0 * (found / bound - 1.0):.3g} % above" if bound > 0.0 else "above"

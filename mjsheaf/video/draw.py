@@ -1,22 +1,20 @@
 """Videos, drawn frame by frame and written to an MP4: H.264, yuv420p, which plays everywhere."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, closing
 from copy import copy
 from functools import partial
 from pathlib import Path
-from subprocess import PIPE, Popen
-from tempfile import TemporaryFile
-from typing import Any
 
+import imageio.v3 as iio
 import mujoco
 import numpy as np
-from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
-from mjsheaf.files import naming, whole_file
+from mjsheaf.files import whole_file
 from mjsheaf.show.style import MATPLOTLIB
 from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
@@ -33,7 +31,7 @@ from mjsheaf.video.scene import (
 )
 
 GAP = 4  # pixels between pictures side by side; must be even
-QUALITY = 20  # constant rate factor of x264: 18 looks lossless, 23 is the default
+QUALITY = 6  # of imageio's 10, here x264's constant rate factor 20: 18 looks lossless, 23 is the default
 MAX_PENDING = 3  # frames that are drawn and not yet encoded
 
 
@@ -199,47 +197,64 @@ def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: floa
         PlaceError: The file cannot be written, or its disk is full.
         MjsheafError: ffmpeg is missing or fails.
     """
-    with naming(path, kind=PlaceError), whole_file(path) as part:
-        try:
-            return _encode(part, frames, fps)
-        except MjsheafError:
-            # The disk may be full, and ffmpeg has its own words for that: write more than it does at a time.
-            with part.open("ab", buffering=0) as file:
-                room = bytes(1 << 20)
-                while room:
-                    room = room[file.write(room) :]
-            raise
+    try:
+        with whole_file(path) as part:
+            try:
+                count = _encode(part, frames, fps)
+                if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
+                    raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames)")
+            except MjsheafError:
+                # The disk may be full, which ffmpeg does not tell: write more than it does at a time.
+                with part.open("ab", buffering=0) as file:
+                    room = bytes(1 << 20)
+                    while room:
+                        room = room[file.write(room) :]
+                raise
+    except OSError as error:
+        raise PlaceError(f"{path}: cannot be written: {error.strerror or error}") from error
+    return count
 
 
 def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:
     """Complete the frames and feed them to ffmpeg while the next ones are drawn; returns how many there were."""
-    try:
-        command = [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "ppm_pipe", "-framerate", f"{fps}", "-i", "-"]
-    except RuntimeError as error:
-        raise MjsheafError(f"cannot start ffmpeg: {error}") from None
     # Rendering is the expensive part, and x264 competes with it for the cores: these options take a third less work
     # than those of the preset at the same file size.
     x264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
-    command += ["-c:v", "libx264", "-crf", f"{QUALITY}", "-preset", "veryfast", "-x264-params", x264]
-    command += ["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", str(part)]
+    # imageio recognises videos by their extension, which a temporary file does not have.
+    plugin = iio.imopen(part, "w", plugin="FFMPEG", extension=".mp4", legacy_mode=True)
+    writer = plugin.legacy_get_writer(
+        fps=fps,
+        codec="libx264",
+        quality=QUALITY,
+        macro_block_size=2,  # keep the given size: it is even, as yuv420p needs
+        output_params=["-preset", "veryfast", "-x264-params", x264, "-movflags", "+faststart", "-f", "mp4"],
+    )
     count = 0
-    sent: list[Future[None]] = []
-    with TemporaryFile() as log:
-        with (
-            suppress(BrokenPipeError),  # its exit status says more
-            Popen(command, bufsize=0, stdin=PIPE, stderr=log, restore_signals=False) as ffmpeg,
-            ThreadPoolExecutor(1) as encoder,
-        ):
-            stream: Any = ffmpeg.stdin
-            for count, frame in enumerate(frames, 1):
-                sent.append(encoder.submit(lambda complete: complete().save(stream, "PPM"), frame))
-                if count > MAX_PENDING:
-                    sent[count - MAX_PENDING - 1].result()
-            for each in sent:
-                each.result()
-        if ffmpeg.returncode:
-            log.seek(0)
-            lines = log.read().decode(errors="replace").strip().splitlines()
-            reason = lines[-1].strip() if lines else f"exit status {ffmpeg.returncode}"
-            raise MjsheafError(f"ffmpeg stopped: {reason}")
+    sent: deque[Future[None]] = deque()
+
+    def wait(most: int) -> None:
+        """Wait until at most this number of frames is pending."""
+        while len(sent) > most:
+            try:
+                sent.popleft().result()
+            except (OSError, RuntimeError) as error:
+                taken = count - len(sent) - 1
+                reason = str(error).strip().split("\n")[0] or type(error).__name__
+                what = f"ffmpeg stopped after {taken} frames" if taken else "cannot start ffmpeg"
+                raise MjsheafError(f"{what}: {reason}") from error
+
+    with closing(writer), ThreadPoolExecutor(1) as encoder:
+        for frame in frames:
+            sent.append(encoder.submit(lambda finish: writer.append_data(np.asarray(finish())), frame))
+            count += 1
+            wait(MAX_PENDING)
+        wait(0)
     return count
+
+
+def _duration(part: Path) -> float:
+    """Read a video's length in s, -1 if it is none: ffmpeg's exit status is not to be had."""
+    try:
+        return float(iio.immeta(part, plugin="FFMPEG", extension=".mp4")["duration"])
+    except (OSError, RuntimeError, IndexError, KeyError):
+        return -1.0

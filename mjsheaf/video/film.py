@@ -16,7 +16,6 @@ from mjsheaf.show.played import OUTLIER_FACTOR, UPRIGHT, Played, Poses, Region, 
 from mjsheaf.system import Phase
 
 DRAFT_FPS = 15
-FOLLOWED = 3.0  # distance up to which the camera follows what blows up, in sizes of the region
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,42 +180,58 @@ class Extent:
     Attributes:
         survey: Samples of the run at some of the frames' times, including the first and last.
         region: Place of the run, where three quarters of all positions lie.
-        wild: True for each vehicle, and then for each q*, that goes extremely far out at some time, shape (V + N,).
+        last: Last finite position of each vehicle, then of each q*, shape (V + N, 3), m.
+        unfollowed: Time from which the camera no longer follows each, shape (V + N,), s. Infinite if it always does.
+        left: Position of each at that time, shape (V + N, 3), m.
     """
 
     survey: Poses
     region: Region
-    wild: BoolArray
+    last: Array
+    unfollowed: Array
+    left: Array
 
     @classmethod
     def of(cls, film: Film, times: Array) -> "Extent":
         """Measure the extent of a video with frames at these times."""
         count = min(len(times), 2000, max(400_000 // film.vehicles, 2))
         survey = film.run.at(times[np.linspace(0, len(times) - 1, count).round().astype(np.int64)])
-        region = Region.of(survey.positions, part=0.75)
         points = np.concatenate([survey.positions, survey.harmonic_extension], axis=1)
-        away = np.nan_to_num(np.abs(points - region.centre), nan=0.0).max(axis=-1)
-        return cls(survey, region, (away > OUTLIER_FACTOR * region.size).any(axis=0))
+        finite: BoolArray = np.isfinite(points).all(axis=-1)
+        region = Region.of(survey.positions, part=0.75)
+        distance = np.where(finite, np.abs(points - region.centre).max(axis=-1), np.inf)
+        outlier = distance > OUTLIER_FACTOR * region.size
+        near = (distance <= 3.0 * region.size) & ~np.logical_or.accumulate(outlier, axis=0)
+
+        def last(condition: BoolArray) -> tuple[Array, Array]:
+            """When and where each point last met a condition; before all times and at the centre if it never did."""
+            row, ever = len(points) - 1 - np.argmax(condition[::-1], axis=0), np.any(condition, axis=0)
+            place = np.where(np.expand_dims(ever, 1), points[row, np.arange(points.shape[1])], region.centre)
+            return np.where(ever, survey.time[row], -np.inf), place
+
+        left_at, left = last(near)
+        return cls(survey, region, last(finite)[1], np.where(outlier.any(axis=0), left_at, np.inf), left)
 
     def drawable(self, samples: Poses) -> Poses:
         """Make every position and attitude one that can be drawn.
 
-        A vehicle without a position is in the middle of the region; one that is absurdly far goes no farther; an
-        attitude that is not known is upright.
+        A vehicle without a position stays where it was last; one that is absurdly far goes no farther; an attitude
+        that is not known is upright.
         """
+        vehicles = samples.positions.shape[1]
 
-        def known(values: Array, otherwise: Array) -> Array:
-            return np.where(np.isfinite(values).all(axis=-1, keepdims=True), values, otherwise)
+        def known(values: Array, others: Array) -> Array:
+            return np.where(np.isfinite(values).all(axis=-1, keepdims=True), values, others)
 
         return replace(
             samples,
-            positions=known(self.region.confined(samples.positions), self.region.centre),
-            harmonic_extension=known(self.region.confined(samples.harmonic_extension), self.region.centre),
+            positions=self.region.confined(known(samples.positions, self.last[:vehicles])),
+            harmonic_extension=self.region.confined(known(samples.harmonic_extension, self.last[vehicles:])),
             quaternions=known(samples.quaternions, UPRIGHT),
         )
 
     def followed(self, samples: Poses) -> Array:
-        """Return what the camera keeps in view: vehicles and q*, but only near the region once they blow up.
+        """Return what the camera keeps in view: vehicles and q*, but where they were left once they blow up.
 
         Args:
             samples: drawable ones, at F times.
@@ -225,9 +240,7 @@ class Extent:
             Shape (F, V + N, 3), in m.
         """
         points = np.concatenate([samples.positions, samples.harmonic_extension], axis=1)
-        room = FOLLOWED * self.region.size
-        near = np.clip(points, self.region.centre - room, self.region.centre + room)
-        return np.where(self.wild[:, None], near, points)
+        return np.where((samples.time[:, None] >= self.unfollowed)[..., None], self.left, points)
 
 
 @dataclass(frozen=True)

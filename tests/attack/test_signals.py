@@ -67,8 +67,13 @@ def test_what_another_command_is_writing_is_left_alone(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["a", "b", "y"]
 
 
-def test_a_directory_is_replaced_or_put_back(tmp_path: Path) -> None:
+@pytest.mark.parametrize("exchange", [True, False])
+def test_a_directory_is_replaced_in_one_step_or_put_back(
+    exchange: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     place = tmp_path / "a"
+    if not exchange:
+        monkeypatch.setattr(whole, "_exchange", lambda one, other: False)
     for word in ("first", "second"):
         with whole_directory(place) as fresh:
             (fresh / word).touch()

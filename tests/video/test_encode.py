@@ -12,7 +12,8 @@ from PIL import Image
 from mjsheaf.errors import MjsheafError, PlaceError
 from mjsheaf.video.draw import write_mp4
 
-SWALLOW = "cat > /dev/null; exit 1"  # takes all frames and writes nothing
+# Takes all frames and writes nothing. It is also asked, without -y, to read the result.
+SWALLOW = '[ "$1" = -y ] && cat > /dev/null; exit 1'
 # May not write more than a kilobyte, as where the disk is full.
 SHORT_OF_SPACE = f'ulimit -f 2; exec {imageio_ffmpeg.get_ffmpeg_exe()} "$@"'
 
