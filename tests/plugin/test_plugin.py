@@ -115,7 +115,7 @@ def test_nothing_else_is_collected(told: str) -> None:
     "words",
     [
         "tracking_error is 0.6079, expected at most 0.5",
-        "tracking_error          <= 0.5      0.6079  missed",
+        "tracking_error          <= 0.5      0.6079  21.6 % above",
         "mean_disagreement         <= 1      0.6079\n",
         "watch it: mjsheaf run scenarios/missed.yaml --backend ideal",
         "scenarios/unstable.yml on ideal: unstable, NOT as expected",
