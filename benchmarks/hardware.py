@@ -14,7 +14,7 @@ from benchmarks import counting
 from benchmarks.measuring import Row, best, informs, swarm
 from mjsheaf.errors import MjsheafError
 from mjsheaf.loop.fused import Fused
-from mjsheaf.system import on_engine
+from mjsheaf.loop.system import on_engine
 from mjsheaf.threads import one_thread
 
 _SIZE, _FEW, _SETTLE = 1000, 8, 400  # vehicles timed and counted, and physics steps before that

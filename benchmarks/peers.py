@@ -13,8 +13,8 @@ from mjsheaf.errors import InputError
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.mujoco_engine import World
 from mjsheaf.loop.session import ENGINES
+from mjsheaf.loop.system import on_engine
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import on_engine
 from mjsheaf.threads import usable_processors
 
 PEERS = {

@@ -11,9 +11,9 @@ from benchmarks.measuring import WANTED, Row, at_least, at_most, best, elapsed, 
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.mujoco_engine import World
 from mjsheaf.loop.session import engine_of
+from mjsheaf.loop.system import on_engine, phases_of
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import on_engine, phases_of
 from mjsheaf.threads import usable_processors
 
 AUTHORS_S = 38.0

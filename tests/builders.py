@@ -24,16 +24,16 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
 from mjsheaf.files import dump_yaml
+from mjsheaf.law.paths import add_reference
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import AUTOPILOT, STOPPED
+from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
-from mjsheaf.paths import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.show.played import Poses, Stage
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
-from mjsheaf.system import System
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -6,7 +6,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.law.in_python import Controller, Law
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.session import engine_of
-from mjsheaf.system import Phase, System
+from mjsheaf.loop.system import Phase, System
 
 Run = System | Sequence[Phase]
 Progress = Callable[[int, int], None]

@@ -45,10 +45,10 @@ from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.checking.theorem.theorem import Rho
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
+from mjsheaf.loop.system import Phase, System, during, phases_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import drifts_of, slips_of
 from mjsheaf.section import per_agent
-from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
 

@@ -35,8 +35,8 @@ from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.errors import select_true
 from mjsheaf.law.obstacles import distances, nearest_points
 from mjsheaf.law.safety import SafetyArrays
+from mjsheaf.loop.system import System
 from mjsheaf.section import Finite, Record
-from mjsheaf.system import System
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -18,6 +18,7 @@ from mjsheaf.checking.separation import TooClose, too_close_in
 from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import engine_of, prepare_run
+from mjsheaf.loop.system import Phase, System
 from mjsheaf.results.dataset import join, make_datasets, of_phase
 from mjsheaf.results.ending import (
     MIN_DURATION,
@@ -32,7 +33,6 @@ from mjsheaf.results.ending import (
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
-from mjsheaf.system import Phase, System
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -146,7 +146,7 @@ def _rho_of(text: str | None) -> "Rho | None":
 
 def _draw(examination: "Examination", figures: "FigureOptions", plot: Path) -> list[Path]:
     """Draw an examination into files, and return them."""
-    from mjsheaf.checking.figures import draw_check
+    from mjsheaf.cli.figures import draw_check
     from mjsheaf.files import naming, whole_file
     from mjsheaf.show.panels import write_figure
 

@@ -29,6 +29,7 @@ from mjsheaf.comparing.page import report_text
 from mjsheaf.comparing.variants import Run, ladder_of, run_ablation
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import prepare_run
+from mjsheaf.loop.system import Phase
 from mjsheaf.results import summarize
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.store import replaced_run, save_summary, staging
@@ -38,7 +39,6 @@ from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.show.style import AS_USUAL, FigureOptions
-from mjsheaf.system import Phase
 from mjsheaf.video.film import both_films, half_options
 
 

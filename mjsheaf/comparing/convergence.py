@@ -9,9 +9,9 @@ from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.comparing.variants import inertial_tau, without_links, without_terms
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.session import engine_of
+from mjsheaf.loop.system import System
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.section import FiniteRecord
-from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects
 
 _COUNT, _RATIO = 4, 2.0

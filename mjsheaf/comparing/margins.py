@@ -35,11 +35,11 @@ from mjsheaf.comparing.variants import (
     run_ablation,
     without_links,
 )
+from mjsheaf.loop.system import Phase, System
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.ending import Ending
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.section import Finite, FiniteRecord
-from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles
 

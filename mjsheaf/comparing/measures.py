@@ -9,9 +9,9 @@ import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.results import metrics
 from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
-from mjsheaf.system import Phase, System, phases_of
 
 Role = Literal["agents", "targets"]
 ROLES: tuple[Role, Role] = ("agents", "targets")

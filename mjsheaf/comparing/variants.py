@@ -55,11 +55,11 @@ from mjsheaf.comparing.measures import (
 )
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.loop.session import engine_of
+from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.results.ending import Ending, settling_time
 from mjsheaf.runs.simulate import Progress, dataset_of, no_progress
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import FiniteRecord
-from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 

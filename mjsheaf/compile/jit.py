@@ -337,7 +337,7 @@ def _lower_field(context: Any, builder: Any, pinned: Any, place: Any, name: str)
 
 
 @overload(len)
-def _len(value):  # type: ignore[no-untyped-def]
+def _len(value):
     if isinstance(value, _Pinned):
         count = len(value.content.fields)
         return lambda value: count

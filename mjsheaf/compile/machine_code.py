@@ -39,10 +39,8 @@ _KEPT = 30 * 86400.0  # age at which files of other versions are removed, s
 _PACKAGE = Path(__file__).resolve().parents[1]
 SOURCES = (
     "compile/jit.py",
-    "system.py",
     "noise.py",
     "sheaf/*.py",
-    "paths.py",
     "media/*.py",
     "law/*.py",
     "vehicles/*.py",

@@ -20,12 +20,12 @@ import xarray as xr
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.files import naming, whole_directory, whole_file
+from mjsheaf.loop.system import Phase
 from mjsheaf.results.store import BAG, Sink, length_of_piece, reopen_run, send, split, strange_in_bag
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import edges_of, goals_in, has_bodies, joined, residuals_in
 from mjsheaf.show.solids import parts_of
 from mjsheaf.show.style import groups_of
-from mjsheaf.system import Phase
 
 WORLD = "world"
 """Frame of all positions: x, y horizontal, z up, m."""

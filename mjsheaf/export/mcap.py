@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array
 from mjsheaf.export.log import ARROW, HALF_OPEN, PALETTE, TOPICS, WORLD, LogSink, Moment
+from mjsheaf.loop.system import Phase
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.solids import Part
-from mjsheaf.system import Phase
 
 MAX_FIELDS = 4000
 """Maximum number of labels with a field each; protobuf allows some 8,000 lists in a message."""

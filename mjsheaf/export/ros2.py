@@ -11,10 +11,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from mjsheaf.arrays import Array
 from mjsheaf.export.log import ARROW, HALF_OPEN, PALETTE, TOPICS, WORLD, LogSink, Moment
+from mjsheaf.loop.system import Phase
 from mjsheaf.results.store import BAG
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.solids import Part
-from mjsheaf.system import Phase
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _SHORT = {

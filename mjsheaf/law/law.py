@@ -44,6 +44,7 @@ from mjsheaf.law.edges import (
     new_link_memory,
     pack_kinds,
 )
+from mjsheaf.law.paths import MotionArrays, add_reference
 from mjsheaf.law.safety import SafetyMemory, is_restrained, keep_apart, new_safety_memory
 from mjsheaf.law.terms import (
     TermArrays,
@@ -58,7 +59,6 @@ from mjsheaf.law.terms import (
     remember,
     require_symmetric,
 )
-from mjsheaf.paths import MotionArrays, add_reference
 from mjsheaf.team import Edge, Member, Team
 
 

@@ -18,7 +18,7 @@ from pydantic import Field, field_validator, model_validator
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import in_field
-from mjsheaf.paths import Adrift, Motion, MotionArrays, pack_motions, position_at, reference_bounds
+from mjsheaf.law.paths import Adrift, Motion, MotionArrays, pack_motions, position_at, reference_bounds
 from mjsheaf.section import Id, Number, Point, Positive, Tagged
 
 _PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds

@@ -24,6 +24,7 @@ from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.errors import InputError, MjsheafError, UndecidedError, in_field
 from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
+from mjsheaf.loop.system import System
 from mjsheaf.media.flow import FlowField
 from mjsheaf.page.page import Live, Packer, Scene, add_samples, law_in_words, origin_of, page_of
 from mjsheaf.results.dataset import join, make_datasets
@@ -31,7 +32,6 @@ from mjsheaf.results.store import Memory, Sink
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
 from mjsheaf.show.played import edges_of
-from mjsheaf.system import System
 from mjsheaf.team.team import Path
 from mjsheaf.threads import one_thread
 

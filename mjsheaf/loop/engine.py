@@ -20,8 +20,8 @@ from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.in_python import Controller, Law, Sample, View, controller_of
 from mjsheaf.law.law import ControlArrays, LawArrays, Memory, carry
 from mjsheaf.law.terms import Traffic
+from mjsheaf.loop.system import Phase, System, on_engine, phases_of
 from mjsheaf.media.medium import MediumState, unknown_flow
-from mjsheaf.system import Phase, System, on_engine, phases_of
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario

@@ -31,8 +31,8 @@ from mjsheaf.loop.engine import (
     record_links,
     record_vehicle,
 )
+from mjsheaf.loop.system import System
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
-from mjsheaf.system import System
 from mjsheaf.vehicles.allocation import EffectivenessArrays, allocate
 
 _A = np.array(

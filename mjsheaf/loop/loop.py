@@ -27,6 +27,7 @@ from mjsheaf.loop.engine import (
     record_links,
     record_vehicle,
 )
+from mjsheaf.loop.system import Phase, System
 from mjsheaf.media.medium import (
     MediumArrays,
     MediumState,
@@ -35,7 +36,6 @@ from mjsheaf.media.medium import (
     medium_velocity,
     new_state,
 )
-from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import ANGLE
 
 HUGE = 1e10

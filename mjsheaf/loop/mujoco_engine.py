@@ -19,9 +19,9 @@ from mjsheaf.loop.block import ALONE, at, attitude, command_alone
 from mjsheaf.loop.bodies import apply_wrench, turn_gears
 from mjsheaf.loop.engine import Commanded, Recorder
 from mjsheaf.loop.loop import HUGE, Bodies, ClosedLoop, begin_span, record
+from mjsheaf.loop.system import System
 from mjsheaf.media.medium import advance
 from mjsheaf.mujoco_import import mujoco, quiet
-from mjsheaf.system import System
 from mjsheaf.vehicles.arena import Arena, compose, movers_of, place_obstacles
 
 # Of the very library that the Python bindings use.

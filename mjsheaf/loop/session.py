@@ -17,8 +17,8 @@ from mjsheaf.threads import usable_processors
 if TYPE_CHECKING:
     from mjsheaf.law.in_python import Controller, Law, Sample
     from mjsheaf.loop.engine import Commanded, Engine
+    from mjsheaf.loop.system import Phase, System
     from mjsheaf.scenario import Scenario
-    from mjsheaf.system import Phase, System
 
 BACKENDS = ("physics", "ideal")
 ENGINES = ("mujoco", "fused")
@@ -185,7 +185,7 @@ def engine_of(
         backend, controller, commanded, visible: See `Session`.
         scenario: Scenario that the run was made from, for other seeds.
     """
-    from mjsheaf.system import phases_of
+    from mjsheaf.loop.system import phases_of
 
     if backend == "ideal":
         from mjsheaf.loop.ideal import Ideal
@@ -231,7 +231,7 @@ def prepare_run(
             rank.
         NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
     """
-    from mjsheaf.system import DEFAULT_VEHICLE, on_engine, phases_of
+    from mjsheaf.loop.system import DEFAULT_VEHICLE, on_engine, phases_of
     from mjsheaf.vehicles.allocation import without_full_row_rank
 
     require_engine(engine, backend)

@@ -2,7 +2,7 @@
 
 xarray decodes a file, cf-xarray finds its axes, pint converts units, cftime reads calendars, and pyproj projections.
 Names of variables and axes count only where a file has no attributes. What has no clear meaning is refused, in one
-line that names file, variable and choice. Places are those of `mjsheaf.cf`.
+line that names file, variable and choice. Places are those of `mjsheaf.recordings.cf`.
 """
 
 import math
@@ -14,9 +14,9 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from mjsheaf.arrays import Array
-from mjsheaf.cf import Plane, converts, coordinates_of, decoded, factor, open_netcdf, plane_of, text_of
 from mjsheaf.errors import InputError, expected, in_field, listed, shortened
 from mjsheaf.files import digest_of
+from mjsheaf.recordings.cf import Plane, converts, coordinates_of, decoded, factor, open_netcdf, plane_of, text_of
 
 if TYPE_CHECKING:
     import xarray as xr

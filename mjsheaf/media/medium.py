@@ -32,8 +32,8 @@ from mjsheaf.media.waves import WaveArrays
 from mjsheaf.vectors import add
 
 if TYPE_CHECKING:
+    from mjsheaf.loop.system import System
     from mjsheaf.scenario import Scenario
-    from mjsheaf.system import System
 
 
 Parts = tuple[Any, ...]

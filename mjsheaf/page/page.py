@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from importlib.resources import files
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -29,8 +29,8 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
-from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.law.obstacles import HALF_SPACE
+from mjsheaf.loop.system import Phase, System
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
 from mjsheaf.results.store import at_rows, thin
 from mjsheaf.scenario import Scenario
@@ -51,10 +51,12 @@ from mjsheaf.show.played import (
 )
 from mjsheaf.show.solids import kinds_of, obstacle_places, obstacle_solids, quaternion_of
 from mjsheaf.show.style import OBSTACLE, list_scales
-from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.effects import capability_of, of_each
 
-Bounds = Sequence[tuple[RunBound, HeldBound]]
+if TYPE_CHECKING:
+    from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
+
+Bounds = Sequence[tuple["RunBound", "HeldBound"]]
 
 _BODIES = {None: "ideal kinematics", "mujoco": "MuJoCo bodies", "fused": "bodies moved by the fused engine"}
 

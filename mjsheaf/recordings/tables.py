@@ -20,8 +20,8 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.cf import decoded, factor, open_netcdf, to_plane
 from mjsheaf.errors import InputError, in_field, listed, shortened
+from mjsheaf.recordings.cf import decoded, factor, open_netcdf, to_plane
 from mjsheaf.section import Number, Section
 
 if TYPE_CHECKING:

@@ -25,8 +25,8 @@ from mjsheaf.law.law import disagreement
 from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.loop.engine import READERS, Log, Trajectory
+from mjsheaf.loop.system import Phase, System
 from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
-from mjsheaf.system import Phase, System
 from mjsheaf.team import Edge
 from mjsheaf.team.team import Path
 

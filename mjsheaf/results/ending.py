@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import thinned
-from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import authority_of, capability_of, turning_of
 
 if TYPE_CHECKING:

@@ -31,11 +31,11 @@ from scipy.spatial import cKDTree
 from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.errors import joined as in_words
+from mjsheaf.loop.system import Phase, System
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.ending import ROUNDING, Stuck, find_stuck
 from mjsheaf.results.store import pieces_of
 from mjsheaf.show.played import joined
-from mjsheaf.system import Phase, System
 from mjsheaf.team import Team
 from mjsheaf.vehicles.effects import capability_of, of_each
 

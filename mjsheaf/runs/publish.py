@@ -31,6 +31,7 @@ from mjsheaf.files import SUFFIXES, digest, dump_yaml, naming, write_whole
 from mjsheaf.law.in_python import Controller
 from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import prepare_run
+from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.page import bound_curves, page_of
 from mjsheaf.progress import shown
@@ -46,7 +47,6 @@ from mjsheaf.scenario.slips import slips_of
 from mjsheaf.show.panels import figure_bytes, save_figure
 from mjsheaf.show.plots import draw_configurations, draw_errors, draw_trajectories
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, FigureOptions
-from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.loading import files_of, read_description
 from mjsheaf.video import VideoOptions
 from mjsheaf.video.film import Film, film_of, video_options

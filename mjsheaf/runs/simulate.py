@@ -12,10 +12,10 @@ from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.law.in_python import Controller, Law, controller_of
 from mjsheaf.loop.engine import Trajectory, samples_in_piece
 from mjsheaf.loop.session import Session, engine_of, require_engine
+from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.progress import shown
 from mjsheaf.results.dataset import in_pieces, make_datasets
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.threads import usable_processors
 
 Progress = Callable[[str, int, int], None]

@@ -15,8 +15,8 @@ from pydantic import Discriminator, Field, Tag, ValidationError
 
 from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.law.law import Station
+from mjsheaf.loop.system import Phase, System, TimeGrid
 from mjsheaf.section import Id, NonNegative, Section, split_path, validation_problems
-from mjsheaf.system import Phase, System, TimeGrid
 from mjsheaf.team import Edge, Team
 
 _FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run

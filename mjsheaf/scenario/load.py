@@ -24,7 +24,7 @@ from mjsheaf.files import (
     resource_directory,
 )
 from mjsheaf.law.in_python import Controller
-from mjsheaf.paths import Recorded
+from mjsheaf.law.paths import Recorded
 from mjsheaf.scenario.events import Join
 from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
 from mjsheaf.section import plain, split_path, validation_problems

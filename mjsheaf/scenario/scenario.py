@@ -23,16 +23,16 @@ from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.edges import bound_slopes, pack_links
 from mjsheaf.law.law import ControlArrays, LawArrays, Station, pack_law, with_seed
+from mjsheaf.law.paths import Fixed, Motion, pack_motions
 from mjsheaf.law.safety import Safety
 from mjsheaf.law.terms import Terms, pack_rounds, pack_terms
+from mjsheaf.loop.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.media import Disturbance, FlowField, varying
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
-from mjsheaf.paths import Fixed, Motion, pack_motions
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.sheaf.nonlinear import Measure
-from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import Group, PairOrEdge
 from mjsheaf.team.links import Links

@@ -6,10 +6,10 @@
 import numpy as np
 
 from mjsheaf.errors import listed
+from mjsheaf.law.paths import Adrift, Motion, Recorded, Static
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.medium import mean_flow
-from mjsheaf.paths import Adrift, Motion, Recorded, Static
 from mjsheaf.scenario.scenario import Scenario
 from mjsheaf.vehicles.effects import shortfalls_of
 from mjsheaf.vehicles.vehicle import Vehicle

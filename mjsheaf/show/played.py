@@ -15,6 +15,7 @@ import xarray as xr
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.law.obstacles import ObstacleArrays, points_kept_from
+from mjsheaf.loop.system import Phase
 from mjsheaf.media.medium import WITHOUT_MEAN, mean_flow
 from mjsheaf.media.waves import Components
 from mjsheaf.results.dataset import labelled_edges
@@ -22,7 +23,6 @@ from mjsheaf.results.metrics import mean_known
 from mjsheaf.results.store import length_of_piece, pieces_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import automatic_scales, groups_of, round_number
-from mjsheaf.system import Phase
 from mjsheaf.team import Edge
 
 UPRIGHT: Array = np.array([1.0, 0.0, 0.0, 0.0])

@@ -36,6 +36,7 @@ from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.files import digest
 from mjsheaf.loop.session import prepare_run
+from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.metrics import communication, error_series_of, late_errors
@@ -44,7 +45,6 @@ from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import map_vehicles
 from mjsheaf.section import PER_AGENT_RMS, finite
-from mjsheaf.system import System
 from mjsheaf.threads import ONE_THREAD, usable_processors
 
 if TYPE_CHECKING:

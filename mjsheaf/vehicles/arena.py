@@ -24,8 +24,8 @@ from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
 from mjsheaf.files import resource_directory
 from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArrays, centres
+from mjsheaf.law.paths import position_at
 from mjsheaf.mujoco_import import mujoco, refusing
-from mjsheaf.paths import position_at
 from mjsheaf.vehicles.loading import is_at_origin, mass_properties, read_spec
 from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
 

@@ -8,12 +8,12 @@ import xarray as xr
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.loop.mujoco_engine import arena_of
+from mjsheaf.loop.system import Phase
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.results.metrics import law_in_words
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.scenario import Video
 from mjsheaf.show.played import OUTLIER_FACTOR, UPRIGHT, Played, Poses, Region, played
-from mjsheaf.system import Phase
 
 DRAFT_FPS = 15
 

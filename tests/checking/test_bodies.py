@@ -18,8 +18,8 @@ from mjsheaf.checking.loop import body_loop as bodies
 from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop
 from mjsheaf.checking.loop.linear_team import mean_medium
 from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.system import System
 from tests import builders
 from tests.builders import QUADROTOR_PAIR
 from tests.checking.growth import growth_rate, growth_rate_with_terms

@@ -12,8 +12,8 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import CheckRecord, examine
-from mjsheaf.checking.figures import draw_check
 from mjsheaf.checking.report import PAGE_WIDTH, report
+from mjsheaf.cli.figures import draw_check
 from mjsheaf.cli.options import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios

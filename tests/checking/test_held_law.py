@@ -18,8 +18,8 @@ from mjsheaf.checking.loop.body_loop import loop_on_path
 from mjsheaf.checking.loop.held_law import Envelope, envelope, law_loop, loop_of
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
+from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.system import System
 from tests.builders import medium, random_scenario
 from tests.running import run_ideal
 from tests.strategies import cases

@@ -22,8 +22,8 @@ from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.law import new_memory
 from mjsheaf.loop.linear import LinearVehicle
+from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.system import System
 from tests.builders import random_scenario
 from tests.checking.derived_law import DerivedLaw
 

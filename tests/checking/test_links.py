@@ -35,8 +35,8 @@ from mjsheaf.checking.loop.links import (
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.cli.check import check as check_command
 from mjsheaf.cli.options import NotHeldError
+from mjsheaf.loop.system import System
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
-from mjsheaf.system import System
 from tests.builders import random_scenario
 from tests.running import run_ideal
 from tests.strategies import tried

@@ -11,8 +11,8 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking import check
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.links import limit_from_eigenvalues
+from mjsheaf.loop.system import System
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import System
 from tests.builders import make_scenario
 
 PERIOD = 0.01

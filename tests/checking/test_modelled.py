@@ -14,7 +14,7 @@ from mjsheaf.checking.loop.linear_law import unmodelled_parts
 from mjsheaf.law.edges import LINK, LinkArrays
 from mjsheaf.law.law import EdgeArrays, LawArrays
 from mjsheaf.law.terms import Integral, Newton, RoundArrays, TermArrays, Terms
-from mjsheaf.system import System
+from mjsheaf.loop.system import System
 
 SCENARIO = "steady_current"
 

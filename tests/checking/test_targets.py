@@ -13,8 +13,8 @@ from mjsheaf.checking.theorem import targets
 from mjsheaf.checking.theorem.constants import coarser, difference_along
 from mjsheaf.checking.theorem.flow_bounds import bound_slopes
 from mjsheaf.checking.theorem.targets import Carrier, Cells, follow_targets
+from mjsheaf.law.paths import Lissajous, Motion, Waypoints, pack_motions, reference_bounds
 from mjsheaf.media.varying import evaluate
-from mjsheaf.paths import Lissajous, Motion, Waypoints, pack_motions, reference_bounds
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import field_of, flow_jacobian
 from tests.checking.adversarial import adversarial_scenario

@@ -296,7 +296,7 @@ def test_a_pair_that_begins_too_close_does_not_hide_another() -> None:
 def test_the_plot_of_a_check_has_the_verdict_of_the_trial(tmp_path: Path) -> None:
     from mjsheaf.checking import Examination, examine_scenario
     from mjsheaf.checking.check import try_out
-    from mjsheaf.checking.figures import draw_check
+    from mjsheaf.cli.figures import draw_check
     from mjsheaf.show.style import AS_USUAL
 
     scenario = lone("otter", [5.0, 0.0], {}, expect={"physics": {"tracking_error": 0.0}})

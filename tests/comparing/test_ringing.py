@@ -16,8 +16,8 @@ from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.margins import RingingRecord, find_ringing
 from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.loop.session import engine_of
+from mjsheaf.loop.system import System, phases_of
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import System, phases_of
 from tests.builders import approx, two_aircraft, two_boats
 
 HULLS = {"agents": "hull", "targets": "hull"}

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 import mjsheaf
 from mjsheaf.arrays import Array
-from mjsheaf.paths import MAX_DEVIATION, Recorded, fit_curve, pack_motions, reference_bounds
+from mjsheaf.law.paths import MAX_DEVIATION, Recorded, fit_curve, pack_motions, reference_bounds
 from mjsheaf.scenario.slips import slips_of
 
 

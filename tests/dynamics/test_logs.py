@@ -24,9 +24,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from mjsheaf.cf import EARTH
 from mjsheaf.errors import InputError
 from mjsheaf.recordings import read_positions
+from mjsheaf.recordings.cf import EARTH
 from mjsheaf.recordings.logs import POSITIONS
 
 SECOND = 10**9

@@ -12,9 +12,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mjsheaf import paths as motion
 from mjsheaf.errors import InputError
-from mjsheaf.paths import Lissajous, Motion, Waypoints
+from mjsheaf.law import paths as motion
+from mjsheaf.law.paths import Lissajous, Motion, Waypoints
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 import mjsheaf
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.files import read_yaml
-from mjsheaf.paths import Recorded, Waypoints, add_reference, pack_motions, reference_bounds
+from mjsheaf.law.paths import Recorded, Waypoints, add_reference, pack_motions, reference_bounds
 
 SCENARIO: dict[str, Any] = {
     "time": {"end": 4},

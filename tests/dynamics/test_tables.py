@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf.cf import EARTH
 from mjsheaf.errors import InputError
 from mjsheaf.recordings import read_positions
+from mjsheaf.recordings.cf import EARTH
 
 PATH = [[0.0, 1.0, 2.0, 3.0], [0.5, 2.0, 4.0, 3.5], [2.0, 3.0, 8.0, 4.0]]
 PLANE = [row[:3] for row in PATH]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mjsheaf.cf import EARTH
 from mjsheaf.errors import InputError
 from mjsheaf.recordings import read_positions
+from mjsheaf.recordings.cf import EARTH
 
 COUNT = 4
 T = np.array([0.0, 60.0, 120.0, 300.0])

@@ -11,9 +11,9 @@ import xarray as xr
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.law.law import carry, edges_kept, evaluate_law, new_memory
+from mjsheaf.loop.system import Phase
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import Phase
 
 BACKENDS: dict[str, dict[str, Any]] = {
     "ideal": {"backend": "ideal"},

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 import mjsheaf
 from mjsheaf.checking.theorem.of_run import bound_of_run
+from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.system import System
 from tests.builders import random_scenario, velocity_commands
 from tests.running import run_ideal
 

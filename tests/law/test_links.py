@@ -26,12 +26,12 @@ from mjsheaf.law import pack_law
 from mjsheaf.law.edges import linked_edges, pack_links
 from mjsheaf.law.in_python import LocalSample, PerAgent
 from mjsheaf.law.law import carry, evaluate_law, look, new_memory
+from mjsheaf.loop.system import Phase
 from mjsheaf.noise import LARGEST_NORMAL, normal_of, stream_of, uniforms
 from mjsheaf.results.dataset import join
 from mjsheaf.results.store import dataset_bytes, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import Phase
 from mjsheaf.team import Edge
 from mjsheaf.team.links import Exact, Link, LinkModel, Links
 from tests.builders import mixed_scenario, two_boats

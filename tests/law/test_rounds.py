@@ -17,11 +17,11 @@ from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.law.law import Memory, carry, evaluate_law, look, new_memory
+from mjsheaf.loop.system import System
 from mjsheaf.noise import stream_of, uniforms
 from mjsheaf.results import dataset_bytes
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import System
 from tests.builders import make_scenario, mixed_scenario
 from tests.law.test_terms import ALL, FEEDFORWARD, MOVING, NEWTON, Array, long_team, unlike_team
 

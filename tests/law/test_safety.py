@@ -15,11 +15,11 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import MjsheafError
 from mjsheaf.law.law import new_memory
 from mjsheaf.law.obstacles import distances
+from mjsheaf.law.paths import add_reference, position_at
 from mjsheaf.law.safety import Safety, keep_apart, pack_safety
-from mjsheaf.paths import add_reference, position_at
+from mjsheaf.loop.system import phases_of
 from mjsheaf.results.metrics import safety_of
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import phases_of
 from tests.builders import DATA, refused
 from tests.strategies import cases
 

@@ -23,9 +23,9 @@ from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.law.law import Memory, evaluate_law, new_memory
 from mjsheaf.law.terms import TermArrays, contraction, new_lines, new_term_memory, solve
 from mjsheaf.loop.session import Session
+from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.team import Edge, Team
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import REPOSITORY, make_scenario, mixed_scenario, random_scenario

@@ -14,12 +14,12 @@ from mjsheaf import World, check, load_scenario, save, simulate
 from mjsheaf.checking import examine
 from mjsheaf.checking.report import report
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.loop.system import Phase
 from mjsheaf.results import check_expectation, summarize
 from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.runs.publish import execute
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import Phase
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, VideoOptions, film_of
 from mjsheaf.video.scene import ABSENT, COMMUNICATION, Decorator, owners_of_geoms

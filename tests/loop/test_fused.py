@@ -24,9 +24,9 @@ from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, advance_block
 from mjsheaf.loop.mujoco_engine import apply_forces
+from mjsheaf.loop.system import on_engine
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
-from mjsheaf.system import on_engine
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import DATA, POWERED, RAFT, altered, find, make_scenario, mixed_scenario, refused
 

@@ -15,9 +15,9 @@ from scipy.linalg import expm
 from mjsheaf import load_scenario, simulate
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.loop.engine import Trajectory
+from mjsheaf.loop.system import System
 from mjsheaf.results import make_datasets
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import System
 from tests.builders import FACTS, FLOW, Simulated, make_scenario, medium, mixed_scenario, velocity_commands
 from tests.running import run_ideal
 

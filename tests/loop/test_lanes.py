@@ -13,8 +13,8 @@ from mjsheaf.loop.block import advance_lanes
 from mjsheaf.loop.engine import new_log
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import NEVER
+from mjsheaf.loop.system import on_engine
 from mjsheaf.scenario import load_scenario
-from mjsheaf.system import on_engine
 
 ARITHMETIC = re.compile(r"^\s+v?(?:add|sub|mul|div|sqrt|max|min|fn?m(?:add|sub)\d+)([ps]d)\s+(.*)$")
 CPU = Path("/proc/cpuinfo")

@@ -10,9 +10,9 @@ from mjsheaf import World, load_scenario
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, Worlds
+from mjsheaf.loop.system import Phase, System, on_engine, phases_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import Phase, System, on_engine, phases_of
 from mjsheaf.team import Team
 from tests.builders import mixed_scenario, two_boats
 from tests.running import run_ideal, run_physics, stream_ideal, stream_physics

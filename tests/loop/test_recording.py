@@ -11,8 +11,8 @@ from mjsheaf import Session, World, load_scenario, simulate, simulate_many
 from mjsheaf.live.live import Recorder
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.loop import ClosedLoop
+from mjsheaf.loop.system import System
 from mjsheaf.results.dataset import make_datasets
-from mjsheaf.system import System
 from tests.builders import mixed_scenario
 from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from mjsheaf.cf import EARTH
+from mjsheaf.recordings.cf import EARTH
 
 LENGTH = 100.0
 """Side of one gyre, m."""

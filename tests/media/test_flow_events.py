@@ -10,11 +10,11 @@ from mjsheaf import check, simulate
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import Log
+from mjsheaf.loop.system import Phase, System, on_engine
 from mjsheaf.media import FlowField
 from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import media_of
-from mjsheaf.system import Phase, System, on_engine
 from tests.builders import mixed_scenario
 from tests.page.pages import said_in
 from tests.running import stream_ideal, stream_physics

@@ -6,8 +6,8 @@ from matplotlib.patches import Polygon
 
 from mjsheaf import load_scenario, plot, simulate
 from mjsheaf.law.obstacles import centres, distances
+from mjsheaf.loop.system import System
 from mjsheaf.show.solids import outline
-from mjsheaf.system import System
 
 _WALLS = [
     {"kind": "capsule", "ends": [[0.0, -1.0, 3.0], [1.0, 1.0, 7.0]], "radius": 0.5},

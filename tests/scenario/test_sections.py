@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from mjsheaf.errors import InputError
+from mjsheaf.law.paths import Lissajous, Waypoints
 from mjsheaf.media import Disturbance, FlowField
 from mjsheaf.media.flow import Source
-from mjsheaf.paths import Lissajous, Waypoints
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
 from mjsheaf.section import Section

@@ -43,10 +43,10 @@ from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.loop.linear import LinearVehicle
+from mjsheaf.loop.system import Phase, System, whole_ratio
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.ending import Ending, Stuck, ending_of_motion
 from mjsheaf.section import Record
-from mjsheaf.system import Phase, System, whole_ratio
 from mjsheaf.threads import one_thread
 
 LARGEST_WHOLE = 400

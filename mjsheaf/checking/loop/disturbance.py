@@ -38,11 +38,11 @@ from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.errors import UndecidedError, select_true
 from mjsheaf.loop.linear import LinearVehicle
+from mjsheaf.loop.system import System
 from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
 from mjsheaf.media.medium import of_kind
 from mjsheaf.media.waves import Components
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
-from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
 
 Complex = NDArray[np.complex128]

@@ -38,10 +38,10 @@ from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
 from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.law.terms import traffic_of
+from mjsheaf.loop.system import System
 from mjsheaf.media.varying import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record, per_agent
-from mjsheaf.system import System
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
 _NOTHING = 1e-40  # of a response: all that follows is lost in rounding

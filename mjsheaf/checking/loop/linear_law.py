@@ -33,9 +33,9 @@ from mjsheaf.errors import UndecidedError, listed, select_true
 from mjsheaf.law.custom import names_of
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.law.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_memory
+from mjsheaf.law.paths import MotionArrays
 from mjsheaf.law.terms import RoundArrays
-from mjsheaf.paths import MotionArrays
-from mjsheaf.system import System
+from mjsheaf.loop.system import System
 
 INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 """Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the

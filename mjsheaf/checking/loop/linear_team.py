@@ -13,8 +13,8 @@ from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import TargetPath, targets_loop
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
+from mjsheaf.loop.system import System, whole_ratio
 from mjsheaf.media.medium import WITHOUT_MEAN
-from mjsheaf.system import System, whole_ratio
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
 
 PointKey = tuple[int, bytes]

@@ -29,8 +29,8 @@ from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues, spectrum_o
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.terms import TermArrays
+from mjsheaf.loop.system import System
 from mjsheaf.section import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Finite, Norm, Record, per_agent
-from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.links import KINDS
 

@@ -13,9 +13,9 @@ from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import velocities_along
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.law import disagreement
+from mjsheaf.loop.system import System
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.section import Finite, Record
-from mjsheaf.system import System
 from mjsheaf.vehicles.effects import (
     authority_of,
     capability_of,

@@ -29,9 +29,9 @@ from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.errors import UndecidedError, select_true
 from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
+from mjsheaf.loop.system import System
 from mjsheaf.media.varying import evaluate
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
-from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of
 

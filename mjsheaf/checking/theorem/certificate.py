@@ -49,8 +49,8 @@ from mjsheaf.checking.theorem.flow_bounds import singular_points
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets, targets_loop
 from mjsheaf.checking.theorem.theorem import Rho, Theorem, least_gain, theorem_1
 from mjsheaf.errors import select_true
+from mjsheaf.loop.system import System
 from mjsheaf.section import Finite, Record
-from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.allocation import is_rank_deficient, without_full_row_rank

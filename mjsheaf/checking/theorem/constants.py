@@ -37,13 +37,13 @@ from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.flow_bounds import Supremum, bound_slopes, supremum
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.checking.theorem.theorem import disturbance_bound
+from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.media.gridded import GridArrays
 from mjsheaf.media.gusts import FrozenArrays, GustArrays
 from mjsheaf.media.medium import Parts, bounds_of, moving_along, undisturbed
 from mjsheaf.media.varying import VaryingArrays, evaluate
 from mjsheaf.media.waves import WaveArrays
-from mjsheaf.system import System
 
 _PARTS = 4  # into which a cell is cut
 _MOST_NUMBERS = 8_000_000  # of f_B over cells that were cut

@@ -11,9 +11,9 @@ from mjsheaf.checking.loop.held_law import envelope
 from mjsheaf.checking.loop.linear_law import because_of, unmodelled_parts
 from mjsheaf.checking.theorem.certificate import Certificate, certify
 from mjsheaf.errors import UndecidedError
+from mjsheaf.loop.system import Phase, System, during
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import pieces_of
-from mjsheaf.system import Phase, System, during
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -39,13 +39,13 @@ from mjsheaf.compile.tiers import tiered
 from mjsheaf.errors import listed, select_true
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges, with_seed
+from mjsheaf.law.paths import MotionArrays, add_reference, reference_bounds
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
+from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.media.medium import MediumArrays, moving_velocity, of_kind
 from mjsheaf.media.waves import WaveArrays
-from mjsheaf.paths import MotionArrays, add_reference, reference_bounds
 from mjsheaf.section import Finite, Record
-from mjsheaf.system import System
 
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""

@@ -14,6 +14,7 @@ from mjsheaf.checking.examination import Examination
 from mjsheaf.checking.problems import headline
 from mjsheaf.checking.record import CheckRecord
 from mjsheaf.checking.theorem.certificate import Certificate
+from mjsheaf.loop.system import System
 from mjsheaf.show.panels import (
     MOST_NAMED,
     NORMAL,
@@ -30,7 +31,6 @@ from mjsheaf.show.panels import (
     settle,
 )
 from mjsheaf.show.style import AS_USUAL, BLUE, RED, TARGET, FigureOptions
-from mjsheaf.system import System
 
 _FREE, _CARRIED, _OWN, _GAP = RED, BLUE, "#E69F00", "#4B5563"
 _TARGET_KEY = key("target", color=TARGET, marker="*")

@@ -14,12 +14,12 @@ from mjsheaf.errors import InputError, in_field
 from mjsheaf.law import ControlArrays, LawArrays, edges_of
 from mjsheaf.law.law import Station, no_station
 from mjsheaf.law.obstacles import ObstacleArrays
+from mjsheaf.law.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.law.safety import Safety, SafetyArrays, pack_safety
 from mjsheaf.media import FlowField, varying
 from mjsheaf.media.flow import AXIS, CENTRE
 from mjsheaf.media.medium import MediumArrays, Parts, bounds_of, pack_medium, pack_parts
 from mjsheaf.media.varying import Bounds, Exposure
-from mjsheaf.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.team import Team
 from mjsheaf.vehicles.allocation import EffectivenessArrays
 from mjsheaf.vehicles.effects import Effects, capability_of, embody, of_each

@@ -290,7 +290,7 @@ class Recorded(Selection, _Source):
     """A path through recorded positions: a cubic spline (not-a-knot) through the samples, unless that leaves the track.
 
     Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away. A
-    loaded scenario has the samples of a file in place of its path. See `mjsheaf.paths` for uneven samples.
+    loaded scenario has the samples of a file in place of its path. See `mjsheaf.law.paths` for uneven samples.
     """
 
     pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
