@@ -20,7 +20,7 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
@@ -38,7 +38,7 @@ from mjsheaf.results.store import enclosing_run, read_mapping, record_in
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.show.style import AS_USUAL, FigureOptions
 from mjsheaf.studies.plan import Plan
-from mjsheaf.studies.workers import STATUSES, JobResult, Point, Workers
+from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, JobResult, Point, SchedulerError, Workers
 
 _LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
 _RUNS, _TRAJECTORIES = "runs", "trajectories"
@@ -58,9 +58,9 @@ class BusyError(InputError):
 class StudyDirectory:
     """Directory of a study, locked by this process; created by `open_directory`."""
 
-    def __init__(self, path: Path, plan: Plan) -> None:
+    def __init__(self, path: Path, plan: Plan, made: list[Path]) -> None:
         self.path = path
-        self._plan = plan
+        self._plan, self._made = plan, made
 
     def ended(self) -> dict[int, dict[str, Any]]:
         """Return the records of runs that have ended, by number, ignoring files that do not match their point."""
@@ -94,6 +94,14 @@ class StudyDirectory:
                 (self.path / name).unlink(missing_ok=True)
             for name, content in files.items():
                 write_whole(self.path / name, content)
+
+    def leave(self) -> None:
+        """Remove the directory if this command created it and no run has ended."""
+        if self.path in self._made and not _has_runs(self.path):
+            for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
+                with suppress(OSError):
+                    (self.path / name).unlink(missing_ok=True)
+            _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
 
     def writing(self) -> AbstractContextManager[None]:
         """Turn an error of the file system into one that names the directory."""
@@ -146,13 +154,18 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
         BusyError: Another command uses it.
     """
     _check_place(path)
-    with naming(path, "choose another --out", PlaceError):
-        path.mkdir(parents=True, exist_ok=True)
-        lock = (path / _LOCK).open("a")
+    missing = [place for place in (path, *path.absolute().parents) if not place.exists()]
+    try:
+        with naming(path, "choose another --out", PlaceError):
+            path.mkdir(parents=True, exist_ok=True)
+            lock = (path / _LOCK).open("a")
+    except PlaceError:
+        _remove_empty(missing)
+        raise
     with lock:
         _take(lock, path)
         _check_place(path)  # again, because only the lock excludes other writers
-        directory = StudyDirectory(path, plan)
+        directory = StudyDirectory(path, plan, missing)
         with directory.writing():
             _begin(path, plan)
         yield directory
@@ -237,6 +250,12 @@ def _remove_parts(path: Path) -> None:
                 part.unlink(missing_ok=True)
 
 
+def _remove_empty(places: list[Path]) -> None:
+    for place in places:
+        with suppress(OSError):
+            os.rmdir(place)
+
+
 def _leaves(value: Any, path: str = "") -> dict[str, str]:
     """Return the text of all plain values, empty lists and empty mappings in a value, by field path."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -315,7 +334,8 @@ def run_study(
     Raises:
         PlaceError: The directory holds something else or cannot be written. Runs that have ended are kept.
         BusyError: Another command uses the directory.
-        SchedulerError: The cluster cannot be reached, or the connection is lost. Runs that have ended are kept.
+        SchedulerError: The cluster cannot be reached, or the connection is lost. Runs that have ended are kept. If
+            there are none, a directory that was created for the study is removed.
     """
     from mjsheaf.progress import shown
 
@@ -342,13 +362,17 @@ def _simulate(
     """Simulate the missing runs of a study and save each one in its place; return their records by number."""
     records = {}
     count = len(plan.points)
-    with workers() as runner:
-        report("running", count - len(missing), count)
-        with closing(runner.run(plan.job(point) for point in missing)) as results:
-            for done, result in enumerate(results, count - len(missing) + 1):
-                place.save(result)
-                records[result.record["run"]] = result.record
-                report("running", done, count)
+    try:
+        with workers() as runner:
+            report("running", count - len(missing), count)
+            with closing(runner.run(plan.job(point) for point in missing)) as results:
+                for done, result in enumerate(results, count - len(missing) + 1):
+                    place.save(result)
+                    records[result.record["run"]] = result.record
+                    report("running", done, count)
+    except (SchedulerError, ForeignWorkerError):
+        place.leave()
+        raise
     return records
 
 

@@ -210,13 +210,19 @@ class Team:
     @property
     def law_jacobian(self) -> sparse.csr_array:
         """Derivative of the agents' eta by the positions of all members, of linear edges, shape (n_q, n)."""
-        linear = [
-            e if e.slope is None else replace(e, F_tail=e.slope.F_tail, F_head=e.slope.F_head, weight=e.slope.matrix)
-            for e in self.measuring_edges
-        ]
-        stalks = {member.id: member.dimension for member in (*self.members, _GROUND)}
-        jacobian = NonlinearSheaf(stalks, linear).gradient_jacobian(np.zeros(len(self.slots)))
-        return jacobian[: int(self.first_state[-1])]
+        slots = np.cumsum([0, *(member.dimension for member in self.members)])
+        place = {
+            member.id: np.arange(*ends) for member, ends in zip(self.members, itertools.pairwise(slots), strict=True)
+        }
+        place[GROUND] = np.zeros(0, dtype=np.int64)
+        agents = set(self.agent_ids)
+        blocks = []
+        for e in self.measuring_edges:
+            F_tail, F_head, K, _ = e.slope or Slope(e.F_tail, e.F_head, e.weight, e.b)
+            ends = [(e.tail, -F_tail), (e.head, F_head)]
+            moved = [end for end in ends if end[0] in agents and not (e.directed and end[0] == e.head)]
+            blocks += [(place[i][:, None], place[j][None], F.T @ K @ G) for i, F in moved for j, G in ends]
+        return assembled(blocks, (int(self.first_state[-1]), int(slots[-1]))).tocsr()
 
     def harmonic_extension(self, positions: Array) -> Array:
         """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents.

@@ -118,9 +118,13 @@ def test_without_a_scheduler_another_may_be_asked_for(tmp_path: Path) -> None:
     def nobody() -> Any:
         raise SchedulerError("nobody answers")
 
+    (tmp_path / "out").mkdir()
     with pytest.raises(SchedulerError):
         run_study(small_plan(), tmp_path / "out", nobody)
     assert (tmp_path / "out" / "study.json").exists()
+    with pytest.raises(SchedulerError):
+        run_study(small_plan(), tmp_path / "deep" / "new", nobody)
+    assert not (tmp_path / "deep").exists()
     assert run_study(small_plan(gains=(5.0,)), tmp_path / "out", IN_THREADS).begun == 2
     assert json.loads((tmp_path / "out" / "study.json").read_text())["runs"] == 2
 
