@@ -19,7 +19,7 @@ from zlib import crc32
 
 import numpy as np
 
-from mjsheaf.compile.jit import INTERPRETED, Dispatcher
+from mjsheaf.compile.jit import INTERPRETED, Dispatcher, Held
 from mjsheaf.compile.machine_code import source_hash
 
 _MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
@@ -85,17 +85,18 @@ class Tiered:
         """Call the function, in Python or compiled."""
         if INTERPRETED:
             return self.compiled(*arguments)
-        kinds = _kinds_of(arguments)
+        values = tuple(one.value if isinstance(one, Held) else one for one in arguments)
+        kinds = _kinds_of(values)
         if kinds not in self._left:
             spent = _total_time(_file_of_times(self.compiled, kinds))
             self._left[kinds] = self._seconds if spent <= _PROCESSES * self._seconds else 0.0
-        if self._left[kinds] <= 0.0 or (self._numbers < np.inf and _numbers_in(arguments) > self._numbers):
+        if self._left[kinds] <= 0.0 or (self._numbers < np.inf and _numbers_in(values) > self._numbers):
             self._hand_over(kinds)
             return self.compiled(*arguments)
         self._python = self._python or in_python(self.compiled)
         begun = thread_time()
         with np.errstate(all="ignore"):  # as compiled code
-            result = self._python(*(_as_records(arguments) if self._records else arguments))
+            result = self._python(*(_as_records(values) if self._records else values))
         self._take(kinds, thread_time() - begun)
         return result
 

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Room, lay_out
-from mjsheaf.compile.jit import INTERPRETED, inline_jit, jit, on_stack, pinned
+from mjsheaf.compile.jit import INTERPRETED, held, inline_jit, jit, on_stack, pinned
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError
 from mjsheaf.law.custom import naming_terms
@@ -172,18 +172,17 @@ class Fused(ClosedLoop):
 
     def continue_in(self, room: Room) -> Loop:
         """Continue with a copy of the loop in a room, and return that; see `loop_in`."""
-        self._loop = self.loop_in(room)
+        self._go_on(self.loop_in(room))
         self._values = room.since(0)[: len(self._values)]
-        self._count = self._loop.state.steps
         return self._loop
 
     def _command(self) -> None:
-        command_all(self._loop, self.time)
+        command_all(self._held, self.time)
 
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         self._bad[:] = NEVER
         if self._pool is None:
-            advance(self._loop, self._rigid, count, recorder, self._bad)
+            advance(self._held, self._rigid, count, recorder, self._bad)
         else:
             # Not by this thread, where Ctrl-C would leave some vehicles behind.
             moving = self._pool.submit(self._move_in_parts, self._pool, step + count, recorder)
@@ -201,12 +200,12 @@ class Fused(ClosedLoop):
         while self.steps_taken < end and self._bad.min() == NEVER:
             k = self.steps_taken
             span = min(params.per_law - k % params.per_law, end - k)
-            row = begin_span(self._loop, k, recorder)
+            row = begin_span(self._held, k, recorder)
             others = [
-                pool.submit(_advance_part, self._loop, self._rigid, first, last, k, span, log, row, self._bad)
+                pool.submit(_advance_part, self._held, self._rigid, first, last, k, span, log, row, self._bad)
                 for first, last in pairwise(self._ends[1:])
             ]
-            _advance_part(self._loop, self._rigid, 0, self._ends[1], k, span, log, row, self._bad)
+            _advance_part(self._held, self._rigid, 0, self._ends[1], k, span, log, row, self._bad)
             for other in others:
                 other.result()
             self._count[0] = k + span
@@ -323,6 +322,7 @@ class Worlds:
         self._loops = [run.continue_in(Room(row)) for run, row in zip(runs, self.values, strict=True)]
         self._errors = SquareErrors(system.team)
         self._positions = self.columns.state.x.astype(np.int64)
+        self._held = held(self._loop)
         self._nothing = new_log(0, system.law, actuators=len(self._loop.state.ctrl))
         self._starts = self.values.copy()
         self._bad = np.full((W, len(system.team.members)), NEVER)
@@ -368,7 +368,7 @@ class Worlds:
         """
         system = self._runs[0].system
         with naming_terms(system.law.custom, system.team, self._loop.state.memory.evaluated):
-            take_periods(self._loop, self._row, self._rigid, self._nothing, self.values, alive, self._bad)
+            take_periods(self._held, self._row, self._rigid, self._nothing, self.values, alive, self._bad)
         diverged, found = (self._bad != NEVER).any(axis=1), {}
         for w in np.flatnonzero(diverged & alive).tolist():
             vehicle = int(np.argmin(self._bad[w]))

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, Room, lay_out
-from mjsheaf.compile.jit import inline_jit, jit, pinned
+from mjsheaf.compile.jit import held, inline_jit, jit, pinned
 from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory, no_station
 from mjsheaf.loop.engine import (
     Engine,
@@ -319,6 +319,7 @@ class Ideal(Engine):
             self._surplus,
             system.station,
         )
+        self._held = held(self._control), held(self._integrator)
         self._unrecorded = self._recorder(1)  # which each sample overwrites
 
     def _new_log(self, samples: int) -> Log:
@@ -364,10 +365,11 @@ class Ideal(Engine):
             The number of samples recorded, and the vehicle that blew up or -1; V where the team was integrated as one.
         """
         row = min(int(recorder.written[0]), len(recorder.log.positions) - count)
+        control, integrator = self._held
         done, broken = _run(
-            self._control,
-            self._control if self.system.grid.continuous else None,
-            self._integrator,
+            control,
+            control if self.system.grid.continuous else None,
+            integrator,
             self.system.grid.span(step, step + count),
             count if advance else 0,
             self._x,

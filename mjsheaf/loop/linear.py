@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, lay_out
+from mjsheaf.compile.jit import held
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.law import ControlArrays
 from mjsheaf.law.law import no_station
@@ -185,11 +186,12 @@ class _Bench:
         flows = [FlowField(dimension=3, drift=point.medium.tolist()) for point in points]
         medium = pack_medium(V, n == 2, flows, np.arange(V), 0.0)
         heading = np.array([point.heading for point in points])
-        fleet, self.arrays = pack_fleet(vehicles, heading, timestep), mujoco_arrays(self.model, self.data)
+        fleet, arrays = pack_fleet(vehicles, heading, timestep), mujoco_arrays(self.model, self.data)
         helm, gain = np.full(V, AUTOPILOT, dtype=np.int8), self.model.actuator_gainprm
         params = Params(control, medium, fleet, no_station(V), helm, gain, timestep)
         bodies = self.data.qpos, self.data.qvel, self.data.ctrl, self.data.act
         self.loop = lay_out(lambda room: new_loop(params, lambda _: bodies, room))[1]
+        self.compiled = held(self.loop), held(arrays)
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]
         lagging = np.diff(np.append(0, np.cumsum(self.model.actuator_actadr >= 0))[arena.thruster])
@@ -263,7 +265,7 @@ class _Bench:
         """Let all vehicles fly or sail under their commands, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
-            evaluate_forces(self.loop, self.arrays, 0.0)
+            evaluate_forces(*self.compiled, 0.0)
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()
         self.act = self.data.act.copy()
@@ -297,7 +299,7 @@ class _Bench:
         x, R = self.loop.state.x, self._rotations()
         controlled_positions(self.loop.params.fleet, self.data.qpos, x)
         begin = x.copy()
-        evaluate_forces(self.loop, self.arrays, 0.0)
+        evaluate_forces(*self.compiled, 0.0)
         mujoco.mj_step(self.model, self.data)
         dq, after = np.empty(self.model.nv), self.still.copy()
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
-from mjsheaf.compile.jit import inline_jit, pinned
+from mjsheaf.compile.jit import held, inline_jit, pinned
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller
 from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory
@@ -288,6 +288,7 @@ class ClosedLoop(Engine):
     """
 
     _loop: Loop
+    _held: Any  # the same, for compiled code
     _values: Array  # all numbers of the state
     _gain: Array  # of all actuators
     _heading: Array | None = None  # of the vehicles of `_fleet`
@@ -333,8 +334,12 @@ class ClosedLoop(Engine):
         return new_loop(self.params(), self._bodies, room)
 
     def _lay_out(self) -> None:
-        self._values, self._loop = lay_out(self.new_loop)
-        self._count = self._loop.state.steps
+        self._values, loop = lay_out(self.new_loop)
+        self._go_on(loop)
+
+    def _go_on(self, loop: Loop) -> None:
+        """Continue with a loop."""
+        self._loop, self._held, self._count = loop, held(loop), loop.state.steps
 
     def _enter(self) -> None:
         before = self._loop.state
@@ -391,7 +396,7 @@ class ClosedLoop(Engine):
         return system.control_of_bodies
 
     def _evaluate_law(self) -> None:
-        _run_law(self._loop, self.time)
+        _run_law(self._held, self.time)
 
     def _place_targets(self, recorder: Recorder) -> None:
         _place_targets(self._fleet, self._loop.state.qpos, self._loop.state.x, recorder)
@@ -399,7 +404,7 @@ class ClosedLoop(Engine):
     def _record_now(self, recorder: Recorder) -> None:
         self._evaluate_law()
         self._command()
-        _record(self._loop, recorder.log, int(recorder.written[0]), 0, len(self._vehicles))
+        _record(self._held, recorder.log, int(recorder.written[0]), 0, len(self._vehicles))
         recorder.written[0] += 1
 
     def _describe_blow_up(self, vehicle: int, step: int) -> str:
@@ -480,5 +485,5 @@ class ClosedLoop(Engine):
     def saturation(self) -> Array:
         """Fraction of each vehicle's thrusters whose command is at its limit, shape (V,)."""
         log = self._new_log(1)
-        _record(self._loop, log, 0, 0, len(self._vehicles))
+        _record(self._held, log, 0, 0, len(self._vehicles))
         return log.saturation[0]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray, Room
-from mjsheaf.compile.jit import external, inline_jit, jit, on_stack, pinned
+from mjsheaf.compile.jit import external, held, inline_jit, jit, on_stack, pinned
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError, expected
 from mjsheaf.law.in_python import Controller, Law
@@ -156,7 +156,7 @@ class World(ClosedLoop):
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         touched = self.system.obstacles if self.system.bodies.contacts else None
-        self._arrays = mujoco_arrays(self.model, self.data, movers_of(touched))
+        self._arrays = held(mujoco_arrays(self.model, self.data, movers_of(touched)))
         self._gain = self.model.actuator_gainprm
 
     def _bodies(self, room: Room) -> Bodies:
@@ -170,7 +170,7 @@ class World(ClosedLoop):
         return round((self.data.time - self.system.grid.start) / self._timestep)
 
     def _command(self) -> None:
-        evaluate_forces(self._loop, self._arrays, self.time)
+        evaluate_forces(self._held, self._arrays, self.time)
 
     def _begin(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
@@ -198,7 +198,7 @@ class World(ClosedLoop):
 
     @quiet()
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
-        bad = _advance(self._loop, self._arrays, step, count, recorder)
+        bad = _advance(self._held, self._arrays, step, count, recorder)
         if bad < 0:
             return None
         data = self.data
