@@ -30,13 +30,13 @@ class Outer(NamedTuple):
     other: bool
     inner: Inner
     parts: tuple[Inner, ...]
-    count: int
+    number: int
 
 
 @inline_jit
-def read_and_write(outer):  # type: ignore[no-untyped-def]
+def read_and_write(outer):
     inner = outer.inner
-    total = outer.scale * inner.grid[1, 2] + inner.pair[0] * inner.pair[1] + 100 * len(inner) + outer.count
+    total = outer.scale * inner.grid[1, 2] + inner.pair[0] * inner.pair[1] + 100 * len(inner) + outer.number
     for k in range(inner.kinds.shape[0]):
         total += inner.kinds[k].weight * inner.small[k]
     inner.grid[0, 0] += 1.0
@@ -45,18 +45,18 @@ def read_and_write(outer):  # type: ignore[no-untyped-def]
 
 
 @jit
-def by_value(outer):  # type: ignore[no-untyped-def]
+def by_value(outer):
     return read_and_write(outer)
 
 
 @jit
-def by_address(outer):  # type: ignore[no-untyped-def]
+def by_address(outer):
     return read_and_write(pinned(pinned(outer)))
 
 
 def in_python(outer: Outer) -> float:
     inner = outer.inner
-    total = outer.scale * inner.grid[1, 2] + inner.pair[0] * inner.pair[1] + 100 * len(inner) + outer.count
+    total = outer.scale * inner.grid[1, 2] + inner.pair[0] * inner.pair[1] + 100 * len(inner) + outer.number
     total += (inner.kinds["weight"] * inner.small).sum() + outer.parts[0].grid[0, 1]
     inner.grid[0, 0] += 1.0
     return float(total if inner.flag and not outer.other else -total)
