@@ -14,9 +14,10 @@ reachable. Only the values r at the free roots remain unknown: x = P r + G y wit
 P r that satisfy all edges. This is a small problem instead of a large one.
 
 The certificate: |delta x| >= |x| / |G| for x orthogonal to P. So delta has at most dim r singular values below 1 / |G|,
-which is compared with the tolerance. The forest has only edges whose F_w is an isometry and whose F_u lengthens no
-vector, such as rotations and projections on axes. Then |x_w| <= |x_u| + |y_e|, so that |G| is at most the number of
-vertices of a component, far from any tolerance. If too many values remain unknown, the general method above is used.
+which is compared with the tolerance. The inequality |x_w| <= a |x_u| + b |y_e| with a >= |F_w^+ F_u| and b >= |F_w^+|
+bounds G entry by entry, and |G|^2 <= |G|_1 |G|_inf, both sums along the forest. Rotations give
+|G|^2 <= depth times size of a tree, far from any tolerance. If the bound is too weak for a component, the general
+method above is used.
 """
 
 from typing import Any, NamedTuple
@@ -152,7 +153,7 @@ def smallest_eigenvectors(factor: splinalg.SuperLU, known: Array, count: int, to
     operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
     try:
         return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=tolerance)[1]
-    except splinalg.ArpackError:  # more eigenvalues are equal than its few vectors span: more vectors
+    except splinalg.ArpackError:  # so many eigenvalues are equal that its few vectors span them all: more of them
         return splinalg.eigsh(operator, k=count, ncv=min(n, 6 * count), which="LM", v0=start, tol=tolerance)[1]
 
 
@@ -204,7 +205,7 @@ def _lanczos_null_space(matrix: sparse.csr_array, scale: float, rtol: float) -> 
             raise SheafError(f"the null space of this {matrix.shape} map has dimension over {n // 2}: too large")
 
 
-_STRETCH = 1e-6  # largest relative change of lengths by the maps of a forest
+_LEAST_CONDITION = 1e-3  # of maps that may carry a value on along a forest
 _MOST_OPEN = 64  # free directions of one component; with more of them the small problem is not small
 _MOST_FOREST_ENTRIES = 30_000_000  # of P
 _BOUND_MARGIN = 2.0  # for the rounding of the bounds
@@ -212,30 +213,34 @@ _SECTION_ACCURACY = 1e-7  # relative: sections are then good to rounding over th
 
 
 class Ways(NamedTuple):
-    """Edges of a bundle, each in a direction u to w in which it may belong to a forest.
+    """Ways from vertices u to free vertices w, in one direction of a bundle, by injective and well-conditioned maps.
 
     Attributes:
         source, target: Vertices u and w, shape (k,).
         edge: Numbers of the edges in the bundle, shape (k,).
+        inverse: Bound b of |F_w^+|, shape (k,).
         F_source, F_target: Maps F_u and F_w of all edges of the bundle.
+        gram: F_w^T F_w of all of them.
     """
 
     source: IntArray
     target: IntArray
     edge: IntArray
+    inverse: Array
     F_source: Array
     F_target: Array
+    gram: Array
 
 
 class Forest(NamedTuple):
     """Forest on the free vertices.
 
     Attributes:
-        order: All vertices, each after its parent, shape (V,).
+        order: Held vertices, then free ones, each after its parent, shape (V,).
         parent: Parent of each vertex; -1 of free roots and held vertices, shape (V,).
         carries: Vertices w with a free parent u and matrices F_w^+ F_u, shapes (k,) and (k, n_w, n_u), of equal shapes.
         component: Number of each vertex's component of connected free vertices, shape (V,).
-        bound: Bound on |G| in each component, by its number, shape (V,).
+        rows, columns: Bounds on |G|_inf and |G|_1 of each component, shape (V,).
         norm_low, norm_high: Bounds on the largest singular value of delta on the free vertices.
     """
 
@@ -243,32 +248,41 @@ class Forest(NamedTuple):
     parent: IntArray
     carries: list[tuple[IntArray, Array]]
     component: IntArray
-    bound: Array
+    rows: Array
+    columns: Array
     norm_low: float
     norm_high: float
 
 
-def _is_isometry(F: Array) -> BoolArray:
-    """Return True for each of maps (k, m, n) with F^T F = I."""
-    gram = F.transpose(0, 2, 1) @ F
-    return np.asarray(np.abs(gram - np.eye(F.shape[2])).reshape(len(F), -1).sum(axis=1) <= _STRETCH)
+def _eigenvalue_bounds(gram: Array) -> tuple[Array, Array]:
+    """Bound the smallest and largest eigenvalue of matrices (k, n, n), by Gershgorin's theorem where that is tight."""
+    radius = np.abs(gram).sum(axis=2)
+    largest = radius.max(axis=1, initial=0.0)
+    smallest = (2.0 * np.einsum("kaa->ka", gram) - radius).min(axis=1, initial=np.inf)
+    poor = ~(smallest > 0.5 * largest)
+    if poor.any():
+        exact = np.linalg.eigvalsh(gram[poor]).min(axis=1, initial=np.inf)
+        smallest[poor] = exact - ROUNDING * largest[poor]
+    return smallest, largest
 
 
 def _find_ways(edges: EdgeSet, free: BoolArray) -> list[Ways]:
     ways = []
     for e in edges.bundles:
-        ends = [(v, F, _is_isometry(F)) for v, F in ((e.tail, e.F_tail), (e.head, e.F_head))]
-        for (u, F_u, rigid), (w, F_w, keeps) in (ends, ends[::-1]):
-            short = rigid if rigid.all() else rigid | _is_isometry(F_u.transpose(0, 2, 1))
-            edge = np.flatnonzero(free[w] & short & keeps)
-            ways.append(Ways(u[edge], w[edge], edge, F_u, F_w))
+        for u, F_u, w, F_w in ((e.tail, e.F_tail, e.head, e.F_head), (e.head, e.F_head, e.tail, e.F_tail)):
+            gram = np.einsum("kma,kmb->kab", F_w, F_w)
+            smallest, largest = _eigenvalue_bounds(gram)
+            good = free[w] & (smallest >= np.maximum(_LEAST_CONDITION**2 * largest, np.finfo(float).tiny))
+            edge = np.flatnonzero(good)
+            ways.append(Ways(u[edge], w[edge], edge, smallest[edge] ** -0.5, F_u, F_w, gram))
     return ways
 
 
 def grow(edges: EdgeSet, free: BoolArray) -> Forest:
     """Grow the forest on the free vertices, given by a mask (V,); the others are held at a value.
 
-    Its roots are the held vertices, and free ones that are reached from none of those before.
+    Its roots are the held vertices, and one free vertex of each set of vertices that all reach one another and are
+    reached by no others.
     """
     count = len(free)
     ways = _find_ways(edges, free)
@@ -279,37 +293,62 @@ def grow(edges: EdgeSet, free: BoolArray) -> Forest:
     tail, head = edges.ends
     inside = free[tail] & free[head]
     component = csgraph.connected_components(_graph(tail[inside], head[inside], count), directed=False)[1]
-    # All trees grow from one vertex more, whose number is V: first to held vertices, then to those of large stalks, as
-    # these reach smaller ones. Depth first, what none before has reached becomes a root.
-    apart = np.bincount(np.concatenate([source, target]), minlength=count) == 0
-    linked = np.flatnonzero(~apart)
-    first = linked[np.lexsort((-np.diff(edges.column)[linked], free[linked]))]
-    indices = np.concatenate([graph.indices, first])
+    group = component  # where all ways lead in both directions, all free vertices of a component reach one another
+    if len(target) < np.count_nonzero(free[tail]) + np.count_nonzero(free[head]):
+        group = csgraph.connected_components(graph, connection="strong")[1]
+    reached = np.zeros(count, dtype=bool)
+    reached[group[target[group[source] != group[target]]]] = True
+    roots = np.flatnonzero(free & ~reached[group])
+    roots = roots[np.argsort(np.diff(edges.column)[roots], kind="stable")[::-1]]
+    root = np.full(count, -1)
+    root[group[roots]] = roots  # of each group the first of the smallest stalks, which leave the least open
+    roots = root[root >= 0]
+    held = np.flatnonzero(~free)
+    # All trees grow from one vertex more, whose number is V.
+    indices = np.concatenate([graph.indices, held, roots])
     indptr = np.concatenate([graph.indptr, [len(indices)]])
     graph = sparse.csr_array((np.ones(len(indices)), indices, indptr), shape=(count + 1, count + 1))
-    order, parent = csgraph.depth_first_order(graph, count)
-    order = np.concatenate([np.flatnonzero(apart), order[1:]])
-    parent = np.where(parent[:count] == count, -1, np.maximum(parent[:count], -1)).astype(np.int64)
+    order, parent = csgraph.breadth_first_order(graph, count)
+    order = order[1:].astype(np.int64)
+    parent = np.where(parent[:count] == count, -1, parent[:count]).astype(np.int64)
 
     taken = np.flatnonzero(parent[target] == source)[::-1]
     way_of = np.full(count, -1)
     way_of[target[taken]] = taken  # of parallel edges the first
+    a = np.zeros(count)
+    b = np.zeros(count)
     carries = []
     begin = 0
     for way in ways:
         w = np.flatnonzero((way_of >= begin) & (way_of < begin + len(way.target)))
+        b[w] = way.inverse[way_of[w] - begin]
         w = w[free[parent[w]]]  # a held vertex carries nothing of x
         k = way.edge[way_of[w] - begin]
-        F_w = way.F_target[k]
-        back = F_w.transpose(0, 2, 1)
-        carries.append((w, np.linalg.solve(back @ F_w, back @ way.F_source[k])))
+        M = np.linalg.solve(way.gram[k], np.einsum("kma,kmb->kab", way.F_target[k], way.F_source[k]))
+        square = np.einsum("kma,kmb->kab", M, M)
+        frobenius = np.einsum("kaa->k", square)
+        a[w] = np.sqrt(np.minimum(frobenius, np.abs(square).sum(axis=2).max(axis=1, initial=0.0)))
+        carries.append((w, M))
         begin += len(way.target)
 
-    size = np.bincount(component[free], minlength=count)
-    return Forest(order, parent, carries, component, size * np.exp(2.0 * _STRETCH * size), *_norms(edges, free))
+    reach = b.copy()  # row of |G| that belongs to a vertex
+    below = np.ones(count)  # what a unit at a vertex adds to its tree, itself included
+    ancestor = parent.copy()  # the next one, then the one two steps up, then four
+    while (v := np.flatnonzero(ancestor >= 0)).size:
+        up = ancestor[v]
+        below += np.bincount(up, a[v] * below[v], count)
+        reach[v] += a[v] * reach[up]
+        a[v] *= a[up]
+        ancestor[v] = ancestor[up]
+    rows = np.zeros(count)
+    columns = np.zeros(count)
+    np.maximum.at(rows, component[free], reach[free])
+    np.maximum.at(columns, component[free], (b * below)[free])
+    return Forest(order, parent, carries, component.astype(np.int64), rows, columns, *_norms(edges, free))
 
 
 def _graph(source: IntArray, target: IntArray, count: int) -> sparse.csr_array:
+    # Parallel edges become one entry: SciPy's search for strong components does not end on repeated ones.
     return sparse.coo_array((np.ones(len(source)), (source, target)), shape=(count, count)).tocsr()
 
 
@@ -387,7 +426,7 @@ def certified_sections(edges: EdgeSet, free: BoolArray, rtol: float) -> tuple[li
         the free vertices that belong to other components, shape (V,).
     """
     forest = grow(edges, free)
-    G = forest.bound
+    G = np.sqrt(forest.rows * forest.columns)
     enough = _BOUND_MARGIN * rtol * forest.norm_high  # singular values of at least this are surely not zero
     root = free & (forest.parent == -1)
     open_ = np.bincount(forest.component[root], np.diff(edges.column)[root], len(free)).astype(np.int64)  # dim r

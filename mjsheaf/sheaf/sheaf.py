@@ -53,7 +53,6 @@ from mjsheaf.sheaf.sections import (
     certified_sections,
     cokernel_basis,
     section_basis,
-    sparse_null_space,
 )
 from mjsheaf.threads import one_thread
 
@@ -684,14 +683,23 @@ class Sheaf(Cochains):
         for b in self.edges.bundles:
             kept[b.number] = inside[b.tail] & inside[b.head]
         if edges is not None:
-            known, chosen = np.flatnonzero(kept).tolist(), list(edges)
-            if len(set(chosen)) != len(chosen) or any(type(e) is bool or e not in known for e in chosen):
-                raise SheafError(f"edges {chosen}: expected different numbers of edges between these vertices, {known}")
+            chosen = list(edges)
+            known = {
+                e for e in chosen if isinstance(e, int | np.integer) and type(e) is not bool and 0 <= e < len(kept)
+            }
+            if len(known) != len(chosen) or not all(kept[e] for e in known):
+                between = np.flatnonzero(kept).tolist()
+                raise SheafError(
+                    f"edges {chosen}: expected different numbers of edges between these vertices, {between}"
+                )
             kept[:] = False
-            kept[np.array(chosen, dtype=np.int64)] = True
-        rows = [rows[kept[b.number]].ravel() for b, rows in zip(self.edges.bundles, self.edges.rows, strict=True)]
-        delta = self.edges.delta[np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))]
-        return sparse_null_space(delta[:, self.columns_of(at)], rtol).toarray()
+            kept[list(known)] = True
+        sheaf, vertices = Sheaf(dict(zip(names, self._dimension[at].tolist(), strict=True))), self.vertices
+        for b in self.edges.bundles:
+            mine = kept[b.number]
+            ends = ([vertices[v] for v in end[mine].tolist()] for end in (b.tail, b.head))
+            sheaf.add_edges(*ends, b.F_tail[mine], b.F_head[mine])
+        return sheaf.global_sections(rtol=rtol)
 
     def cohomology_basis(self, *, rtol: float = RANK_TOLERANCE) -> Array:
         """Basis of H^1(G; F) = coker delta by its harmonic representatives, orthonormal in K, shape (m, h1).
