@@ -295,7 +295,8 @@ def pinned(value: Any) -> Any:
     """Return a named tuple that functions hand on by its address, and those in it likewise; in Python, itself.
 
     Compiled code hands on every number of a tuple by itself, and numba and LLVM take most of their time for that: the
-    loop of a run has over a thousand. It is an argument of the compiled function that calls this, and does not outlive it.
+    loop of a run has over a thousand. The tuple is an argument of the function that calls this, and does not outlive
+    the call.
     """
     return value
 
