@@ -697,8 +697,8 @@ class Sheaf(Cochains):
         sheaf, vertices = Sheaf(dict(zip(names, self._dimension[at].tolist(), strict=True))), self.vertices
         for b in self.edges.bundles:
             mine = kept[b.number]
-            ends = ([vertices[v] for v in end[mine].tolist()] for end in (b.tail, b.head))
-            sheaf.add_edges(*ends, b.F_tail[mine], b.F_head[mine])
+            tails, heads = ([vertices[v] for v in end[mine].tolist()] for end in (b.tail, b.head))
+            sheaf.add_edges(tails, heads, b.F_tail[mine], b.F_head[mine])
         return sheaf.global_sections(rtol=rtol)
 
     def cohomology_basis(self, *, rtol: float = RANK_TOLERANCE) -> Array:
