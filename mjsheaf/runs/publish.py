@@ -445,16 +445,21 @@ def plot_again(
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
-    found = []
-    progress("plotting", 0, 1)
+    drawn: dict[Path, bytes] = {}
+    with store.reopen_run(directory) as (scenario, dataset, _):
+        phases = scenario.phases
+        plots = _figures_of(scenario, phases, thinned(dataset), bounds_of_phases(phases, dataset), figures)
+        for done, (name, draw) in enumerate(plots.items()):
+            progress("plotting", done, len(plots))
+            with MATPLOTLIB:
+                drawn |= {folder / f"{name}.{form}": data for form, data in figure_bytes(draw(), figures).items()}
+    progress("plotting", len(plots), len(plots))
     with naming(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for name, figure in plot(directory, title=figures.title).items():
-        for form, data in figure_bytes(figure, figures).items():
-            found.append(folder / f"{name}.{form}")
-            with naming(found[-1]):
-                write_whole(found[-1], data)
-    return sorted(found)
+    for path, data in drawn.items():
+        with naming(path):
+            write_whole(path, data)
+    return sorted(drawn)
 
 
 def _plot(

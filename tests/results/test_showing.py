@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 import mjsheaf
 from mjsheaf.errors import InputError
+from mjsheaf.runs.publish import plot_again
 from mjsheaf.show.panels import write_figure
 
 NAMES = ["errors", "trajectories", "configurations"]
@@ -136,3 +137,16 @@ def test_what_is_no_run_is_refused(result: xr.Dataset, tmp_path: Path) -> None:
         mjsheaf.plot(tmp_path)
     with pytest.raises(InputError, match="cannot be written"):
         mjsheaf.replay(result).save(tmp_path / "none" / "page.html")
+
+
+def test_plots_are_drawn_again_one_by_one_and_a_refusal_leaves_nothing(directory: Path, tmp_path: Path) -> None:
+    reported: list[tuple[str, int, int]] = []
+    for place in (tmp_path / "typo", tmp_path / "a" / "plots"):
+        with pytest.raises(InputError, match="holds no result"):
+            plot_again(tmp_path / "typo", place, progress=lambda *step: reported.append(step))
+    assert not reported
+    assert list(tmp_path.iterdir()) == []
+    found = plot_again(directory, tmp_path / "plots", progress=lambda *step: reported.append(step))
+    assert found == sorted(tmp_path / "plots" / f"{name}.png" for name in NAMES)
+    assert all(file.read_bytes() == (directory / file.name).read_bytes() for file in found)
+    assert reported == [("plotting", done, len(NAMES)) for done in range(len(NAMES) + 1)]
