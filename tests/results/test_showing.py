@@ -20,6 +20,7 @@ import mjsheaf
 from mjsheaf.errors import InputError
 from mjsheaf.runs.publish import plot_again
 from mjsheaf.show.panels import write_figure
+from tests.commands import call
 
 NAMES = ["errors", "trajectories", "configurations"]
 
@@ -150,3 +151,12 @@ def test_plots_are_drawn_again_one_by_one_and_a_refusal_leaves_nothing(directory
     assert found == sorted(tmp_path / "plots" / f"{name}.png" for name in NAMES)
     assert all(file.read_bytes() == (directory / file.name).read_bytes() for file in found)
     assert reported == [("plotting", done, len(NAMES)) for done in range(len(NAMES) + 1)]
+
+
+def test_a_machine_without_opengl_is_told_so(
+    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("mjsheaf.video.available_backend", lambda: (None, "nothing works"))
+    assert call("video", directory, "--out", tmp_path / "a.mp4") == 2
+    assert "no video can be drawn here: nothing works" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
