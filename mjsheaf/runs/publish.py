@@ -87,7 +87,8 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
                 shutil.copyfile(file, directory / home / place)
         section[key] = str(copies[section[key]] / source.name)
         if section.get("sha256", "") not in ("", digest(directory / section[key])):
-            raise InputError(f"flow: path: {source} has changed since the run read it; run again")
+            name = next(name for name, other in raw["flow"].items() if other is section)
+            raise InputError(f"flow.{name}.path: {source} has changed since the run read it; run again")
     if copies:
         store.write_checksums(directory / store.VEHICLES)
     path = directory / "scenario.yaml"
