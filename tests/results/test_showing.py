@@ -4,7 +4,9 @@ Oracles: the files that `mjsheaf run` leaves; pyplot's own list of figures; an H
 """
 
 import base64
+import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -138,6 +140,15 @@ def test_what_is_no_run_is_refused(result: xr.Dataset, tmp_path: Path) -> None:
         mjsheaf.plot(tmp_path)
     with pytest.raises(InputError, match="cannot be written"):
         mjsheaf.replay(result).save(tmp_path / "none" / "page.html")
+
+
+def test_a_run_without_a_checksum_is_not_said_to_have_changed(directory: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(directory, tmp_path / "run")
+    summary = json.loads((copy / "summary.json").read_text())
+    del summary["result_sha256"]
+    (copy / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(InputError, match=r"summary.json has no checksum of result.nc; run the scenario again"):
+        mjsheaf.plot(copy)
 
 
 def test_plots_are_drawn_again_one_by_one_and_a_refusal_leaves_nothing(directory: Path, tmp_path: Path) -> None:
