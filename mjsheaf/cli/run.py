@@ -550,6 +550,7 @@ def video(
     with progress_bars() as bars:
         from mjsheaf.results.store import reopen_run, save_summary
         from mjsheaf.runs.publish import video_entry
+        from mjsheaf.video import available_backend
         from mjsheaf.video.draw import draw_video
         from mjsheaf.video.film import film_of, video_options
 
@@ -559,6 +560,9 @@ def video(
             path = own if out is None else out
             require_file_name("--out", path, ".mp4")
             require_outside_of_runs(path, own)
+            backend, reason = available_backend()
+            if backend is None:
+                raise InputError(f"no video can be drawn here: {reason}")
             frames = draw_video([film_of(scenario, dataset)], path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")

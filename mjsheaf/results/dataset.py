@@ -420,13 +420,18 @@ def fault_of(dataset: xr.Dataset) -> str:
     if dataset.attrs["backend"] not in _BACKEND_WORDS:
         return f"has the backend {dataset.attrs['backend']!r}"
     time = Variable("time", ("time",), "s", "time", lambda s: s.trajectory.time)
-    always = {"", _BACKEND_WORDS[dataset.attrs["backend"]]}
-    for entry in (time, *COORDINATES, *VARIABLES):
+    phase = Variable("phase", ("time",), "1", "phase", lambda s: s.trajectory.time)
+    entries = [time, phase, *COORDINATES, *VARIABLES]
+    names = [entry.name for entry in entries]
+    expected = {"", _BACKEND_WORDS[dataset.attrs["backend"]]}
+    # What is present under one condition is present together.
+    expected |= {entry.present for entry in entries if entry.name in dataset.variables and names.count(entry.name) == 1}
+    for entry in entries:
         if entry.name in dataset.variables:
             fault = _fault_of_variable(dataset.variables[entry.name], entry)
             if fault:
                 return fault
-        elif entry.present in always:
+        elif entry.present in expected:
             return f"has no {entry.name}"
     if not dataset.sizes["time"]:
         return "has no samples"

@@ -462,7 +462,9 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     summary, data = read_mapping(directory / "summary.json"), directory / "result.nc"
     if summary is None or not _is_whole(summary):
         raise InputError(f"{directory}: summary.json cannot be read; expected the mapping that a run leaves there")
-    if digest(data) != summary.get(RESULT_DIGEST):  # HDF5 reads damaged data without an error, or crashes
+    if not summary.get(RESULT_DIGEST):
+        raise InputError(f"{directory}: summary.json has no checksum of result.nc; run the scenario again")
+    if digest(data) != summary[RESULT_DIGEST]:  # HDF5 reads damaged data without an error, or crashes
         raise InputError(f"{directory}: result.nc has changed since the run; run the scenario again")
     with open_dataset(data) as dataset:
         yield dataset, summary

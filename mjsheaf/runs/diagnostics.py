@@ -239,28 +239,29 @@ def _about_the_surface(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Not
     if system.bodies.surface == "none" or not flying.any():
         return []
     bodies = dataset.attrs["backend"] == "physics"
-    z = np.concatenate(
-        [dataset[f"{kind}_height"] if bodies else dataset[f"{kind}_position"][..., 2] for kind in ("agent", "target")],
-        axis=1,
-    )
     nobody = np.zeros(len(members), dtype=np.bool_)
     lost = np.array([nobody if phase.system.stopped is None else phase.system.stopped for phase in phases])
-    depth = np.where(flying & ~lost[dataset["phase"].values], height - z, 0.0)
-    under = int((depth > 0.0).any(axis=0).sum())
+    first, depth = np.full(len(members), np.inf), np.zeros(len(members))  # time and largest depth below the surface
+    quantity = "height" if bodies else "position"
+    for piece in pieces_of(dataset, [f"agent_{quantity}", f"target_{quantity}", "phase"]):
+        z = joined(piece, quantity) if bodies else joined(piece, quantity)[..., 2]
+        # NaN after a blow-up compares as False.
+        below = np.where(flying & ~lost[piece["phase"].values] & (z < height), height - z, 0.0)
+        first = np.minimum(first, np.where(below > 0.0, piece["time"].values[:, None], np.inf).min(axis=0))
+        depth = np.maximum(depth, below.max(axis=0))
+    under = int(np.isfinite(first).sum())
     if not under:
         return []
-    v = int(depth.max(axis=0).argmax())
-    first = float(dataset["time"][int((depth[:, v] > 0.0).argmax())])
-    deepest = float(depth[:, v].max())
+    v = int(depth.argmax())
     name = members[v].id
     where = "under water" if system.bodies.surface == "water" else "in the ground"
     what = "an aircraft" if v < N else "a target in space"
     verb = "goes" if under == 1 else "go"
     text = (
         f"{_and_others(name, under - 1)} {verb} {where}: {name}, {what}, is below the surface from "
-        f"t = {first:.6g} s on, by up to {deepest:.3g} m; the surface does not stop vehicles in space"
+        f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop vehicles in space"
     )
-    return [Note("submerged", text, name, first, deepest)]
+    return [Note("submerged", text, name, float(first[v]), float(depth[v]))]
 
 
 def _about_distances(system: System, dataset: xr.Dataset) -> list[Note]:
@@ -269,15 +270,16 @@ def _about_distances(system: System, dataset: xr.Dataset) -> list[Note]:
     if len(members) < 2:
         return []
     sizes = np.array([vehicle.size for vehicle in system.vehicles])
-    apart = joined(dataset, "separation")
-    closest = np.unique(apart.argmin(axis=0)[apart.min(axis=0) < sizes.max()])
-    near = dataset[["agent_body_position", "target_body_position"]].isel(time=closest)
     found: list[tuple[float, float, float, int, int]] = []  # distance over size; distance, m; time, s; both vehicles
-    for when, x in zip(near["time"].values.tolist(), joined(near, "body_position"), strict=True):
-        pairs = cKDTree(x).query_pairs(float(sizes.max()), output_type="ndarray")
-        distance = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
-        share = distance / (0.5 * sizes[pairs].sum(axis=1))
-        found += [(share[n], distance[n], when, *pairs[n].tolist()) for n in np.flatnonzero(share < 1.0)]
+    names = [f"{kind}_{what}" for kind in ("agent", "target") for what in ("body_position", "separation")]
+    for piece in pieces_of(dataset, names):
+        apart = joined(piece, "separation")
+        near = piece.isel(time=np.unique(apart.argmin(axis=0)[apart.min(axis=0) < sizes.max()]))
+        for when, x in zip(near["time"].values.tolist(), joined(near, "body_position"), strict=True):
+            pairs = cKDTree(x).query_pairs(float(sizes.max()), output_type="ndarray")
+            distance = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+            share = distance / (0.5 * sizes[pairs].sum(axis=1))
+            found += [(share[n], distance[n], when, *pairs[n].tolist()) for n in np.flatnonzero(share < 1.0)]
     if not found:
         return []
     _, distance, time, i, j = min(found)

@@ -87,7 +87,8 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
                 shutil.copyfile(file, directory / home / place)
         section[key] = str(copies[section[key]] / source.name)
         if section.get("sha256", "") not in ("", digest(directory / section[key])):
-            raise InputError(f"flow: path: {source} has changed since the run read it; run again")
+            name = next(name for name, other in raw["flow"].items() if other is section)
+            raise InputError(f"flow.{name}.path: {source} has changed since the run read it; run again")
     if copies:
         store.write_checksums(directory / store.VEHICLES)
     path = directory / "scenario.yaml"
@@ -445,16 +446,21 @@ def plot_again(
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
-    found = []
-    progress("plotting", 0, 1)
+    drawn: dict[Path, bytes] = {}
+    with store.reopen_run(directory) as (scenario, dataset, _):
+        phases = scenario.phases
+        plots = _figures_of(scenario, phases, thinned(dataset), bounds_of_phases(phases, dataset), figures)
+        for done, (name, draw) in enumerate(plots.items()):
+            progress("plotting", done, len(plots))
+            with MATPLOTLIB:
+                drawn |= {folder / f"{name}.{form}": data for form, data in figure_bytes(draw(), figures).items()}
+    progress("plotting", len(plots), len(plots))
     with naming(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for name, figure in plot(directory, title=figures.title).items():
-        for form, data in figure_bytes(figure, figures).items():
-            found.append(folder / f"{name}.{form}")
-            with naming(found[-1]):
-                write_whole(found[-1], data)
-    return sorted(found)
+    for path, data in drawn.items():
+        with naming(path):
+            write_whole(path, data)
+    return sorted(drawn)
 
 
 def _plot(

@@ -192,7 +192,10 @@ class StudyFile(Section):
         swept = self.paths
         given = [*self.set, *swept]
         for path, other in ((later, earlier) for k, later in enumerate(given) for earlier in given[:k]):
-            if f"{other}.".startswith(f"{path}."):
+            if path == other:
+                twice = "both set and swept" if path in self.set else "swept twice"
+                raise ValueError(f"{path}: is {twice}; give it once")
+            if other.startswith(f"{path}."):
                 before = "set" if other in self.set else "swept before it"
                 raise ValueError(f"{path}: would overwrite {other}, which is {before}; give it once, or first")
         _check_items(self.set, swept)

@@ -399,8 +399,7 @@ class _Processes:
 
 
 # glibc would hand a run's 30 MB back and get them anew, zeroed page by page, for the next: a seventh of a light run.
-_OF_WORKERS = {
-    **dict.fromkeys(ONE_THREAD, "1"),
+_ROOM = {
     "MALLOC_MMAP_THRESHOLD_": str(2**25),  # bytes, the largest that glibc takes
     "MALLOC_TRIM_THRESHOLD_": str(2**30),
 }
@@ -414,8 +413,9 @@ def _spawning() -> Iterator[None]:
     """
     resource_tracker.ensure_running()  # before SIGINT is blocked, as starting the tracker unblocks it
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    before = {name: os.environ.get(name) for name in _OF_WORKERS}
-    os.environ.update(_OF_WORKERS)
+    given = {**_ROOM, **os.environ, **dict.fromkeys(ONE_THREAD, "1")}  # the user's own thresholds stay
+    before = {name: os.environ.get(name) for name in (*_ROOM, *ONE_THREAD)}
+    os.environ.update({name: given[name] for name in before})
     try:
         yield
     finally:

@@ -102,12 +102,15 @@ def open_context(backend: str, width: int, height: int) -> Any:
 
 def _draw_ball() -> None:
     """Draw a white ball on a black background with the backend that MUJOCO_GL names, and look at the pixels."""
-    import mujoco
+    try:
+        import mujoco
 
-    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    renderer = mujoco.Renderer(model, 64, 64)
+        model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        renderer = mujoco.Renderer(model, 64, 64)
+    except AttributeError:  # PyOpenGL has None where it does not find a library, and fails when that is used
+        sys.exit("its library is not installed")
     renderer.update_scene(data)
     pixels = renderer.render()
     if int(pixels.max()) - int(pixels.min()) < 50:

@@ -10,8 +10,9 @@ import pytest
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.checking.theorem.of_run import bound_of_run, held_bound_of_run
 from mjsheaf.mujoco_import import mujoco
+from mjsheaf.results import store
 from mjsheaf.results.ending import ending_of_motion
-from mjsheaf.runs.diagnostics import notes_of_run
+from mjsheaf.runs.diagnostics import _about_the_surface, notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import QUADROTOR_PAIR
@@ -122,6 +123,21 @@ def test_an_aircraft_below_the_surface(surface: str, words: str) -> None:
         assert found.number == pytest.approx(2.0, abs=0.05)
     assert "submerged" not in noted({**deep, "scene.surface": "none"})
     assert "submerged" not in noted({**deep, "scene.height": -3})
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_places_after_a_blow_up_are_not_below_the_surface(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    deep = load_scenario(CALM, {"agents.Q2.position": [6, 0, -2], "time.end": 0.4})
+    result = simulate(deep, backend)
+    name = "agent_height" if backend == "physics" else "agent_position"
+    result[name][10:, 0] = np.nan
+    result[name][15:] = np.nan
+    monkeypatch.setattr(store, "length_of_piece", lambda _: 7)
+    (note,) = _about_the_surface(deep.phases, result)
+    assert (note.agent, note.time) == ("Q2", 0.0)
+    assert note.number == pytest.approx(2.0, abs=0.05)
+    assert "Q2 goes in the ground" in note.text
+    assert "nan" not in note.text
 
 
 def test_a_target_may_start_below_the_surface_and_not_go_there() -> None:

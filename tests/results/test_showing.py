@@ -4,7 +4,9 @@ Oracles: the files that `mjsheaf run` leaves; pyplot's own list of figures; an H
 """
 
 import base64
+import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,9 @@ from matplotlib.figure import Figure
 
 import mjsheaf
 from mjsheaf.errors import InputError
+from mjsheaf.runs.publish import plot_again
 from mjsheaf.show.panels import write_figure
+from tests.commands import call
 
 NAMES = ["errors", "trajectories", "configurations"]
 
@@ -136,3 +140,34 @@ def test_what_is_no_run_is_refused(result: xr.Dataset, tmp_path: Path) -> None:
         mjsheaf.plot(tmp_path)
     with pytest.raises(InputError, match="cannot be written"):
         mjsheaf.replay(result).save(tmp_path / "none" / "page.html")
+
+
+def test_a_run_without_a_checksum_is_not_said_to_have_changed(directory: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(directory, tmp_path / "run")
+    summary = json.loads((copy / "summary.json").read_text())
+    del summary["result_sha256"]
+    (copy / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(InputError, match=r"summary.json has no checksum of result.nc; run the scenario again"):
+        mjsheaf.plot(copy)
+
+
+def test_plots_are_drawn_again_one_by_one_and_a_refusal_leaves_nothing(directory: Path, tmp_path: Path) -> None:
+    reported: list[tuple[str, int, int]] = []
+    for place in (tmp_path / "typo", tmp_path / "a" / "plots"):
+        with pytest.raises(InputError, match="holds no result"):
+            plot_again(tmp_path / "typo", place, progress=lambda *step: reported.append(step))
+    assert not reported
+    assert list(tmp_path.iterdir()) == []
+    found = plot_again(directory, tmp_path / "plots", progress=lambda *step: reported.append(step))
+    assert found == sorted(tmp_path / "plots" / f"{name}.png" for name in NAMES)
+    assert all(file.read_bytes() == (directory / file.name).read_bytes() for file in found)
+    assert reported == [("plotting", done, len(NAMES)) for done in range(len(NAMES) + 1)]
+
+
+def test_a_machine_without_opengl_is_told_so(
+    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("mjsheaf.video.available_backend", lambda: (None, "nothing works"))
+    assert call("video", directory, "--out", tmp_path / "a.mp4") == 2
+    assert "no video can be drawn here: nothing works" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

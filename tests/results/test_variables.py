@@ -18,7 +18,7 @@ from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import READERS
 from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
-from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, reference
+from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, fault_of, reference
 from mjsheaf.results.store import Memory, send
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario
@@ -179,3 +179,17 @@ def test_a_damaged_dataset_is_refused_by_name(doing: str, damage: Any, said: str
     arguments = [tmp_path / "run"] if doing == "save" else []
     with pytest.raises(InputError, match=re.escape(said)):
         getattr(mjsheaf, doing)(broken, *arguments)
+
+
+@pytest.mark.parametrize("name", ["midpoint", "paper_safe", "paper_delay"])
+def test_a_dataset_without_one_of_its_variables_is_refused(name: str) -> None:
+    """Also where only some runs have the variable."""
+    run = mjsheaf.load_scenario(name, {"time.end": 0.1})
+    whole = simulate(run, "ideal")
+    assert fault_of(whole) == ""
+    optional = {entry.name for entry in VARIABLES if entry.present == "without links"}
+    for variable in {str(found) for found in whole.variables} - optional:
+        broken = whole.drop_vars(variable)
+        broken.encoding["scenario"] = whole.encoding["scenario"]
+        with pytest.raises(InputError, match=f"the result has no {variable}"):
+            mjsheaf.replay(broken)

@@ -23,6 +23,7 @@ from mjsheaf.studies.workers import (
     JobResult,
     SchedulerError,
     Workers,
+    _spawning,
     local_workers,
     new_record,
     run_job,
@@ -134,6 +135,19 @@ def tells_of_itself(job: Job) -> JobResult:
     blocked = signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
     alone = {os.environ[name] for name in ONE_THREAD} == {"1"}
     return JobResult(new_record(job.point, 0, "finished", f"{os.getpid()} {blocked} {alone}"))
+
+
+def test_workers_keep_the_thresholds_of_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    trim, mmap = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"
+    monkeypatch.setenv(trim, "1000")
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    monkeypatch.delenv(mmap, raising=False)
+    before = dict(os.environ)
+    with _spawning():
+        assert os.environ[trim] == "1000"
+        assert int(os.environ[mmap]) > 2**20
+        assert {os.environ[name] for name in ONE_THREAD} == {"1"}
+    assert dict(os.environ) == before
 
 
 @pytest.mark.long

@@ -83,6 +83,16 @@ def test_drivers_that_misbehave(monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
     assert reason in available_backend()[1]
 
 
+def test_a_library_that_is_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """PyOpenGL has None in its place."""
+    (tmp_path / "mujoco.py").write_text("None.glGetError")
+    probe = tmp_path / "probe.py"
+    probe.write_text(f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n" + gl.PROBE.read_text())
+    monkeypatch.setattr(gl, "PROBE", probe)
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    assert "(osmesa: its library is not installed)" in available_backend()[1]
+
+
 @pytest.mark.parametrize("before", [None, "glx"])
 def test_environment_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch, before: str | None) -> None:
     if before is None:
