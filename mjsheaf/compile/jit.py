@@ -380,7 +380,7 @@ def _layout(kind: Any) -> np.dtype[Any]:
         words = [(name, "i8") for name in ("counts", "parent", "size", "item", "data")]
         return np.dtype([*words, ("shape", "i8", (kind.ndim,)), ("strides", "i8", (kind.ndim,))], align=True)
     if isinstance(kind, types.BaseTuple):
-        layout = np.dtype([(f"f{k}", _layout(held)) for k, held in enumerate(iter(kind))], align=True)  # type: ignore[arg-type]
+        layout = np.dtype([(f"f{k}", _layout(held)) for k, held in enumerate(kind.types)], align=True)  # type: ignore[attr-defined]
         target = cpu_target.target_context
         assert layout.itemsize == target.get_abi_sizeof(target.get_value_type(kind)), kind
         return layout
