@@ -119,12 +119,14 @@ class Modes(NamedTuple):
         agent: number of the agent that moves most, -1 where unknown, shape (k,).
         moves: True where positions take part, shape (k,).
         shown: How far positions displaced by 1 m move in the mode, shape (k,), m.
+        sure: True where it belongs to an eigenvalue that H surely has, shape (k,).
     """
 
     factor: NDArray[np.complex128]
     agent: IntArray
     moves: BoolArray
     shown: Array
+    sure: BoolArray
 
     @property
     def radius(self) -> float:
@@ -186,7 +188,9 @@ class Block(NamedTuple):
             if len(self.owner):
                 agent = np.where(moves, self.owner[np.abs(self.places[:, held] @ z).argmax(axis=-2)], -1)
             agent = np.broadcast_to(agent, factors.shape)
-            yield Modes(factors.ravel().astype(np.complex128), agent.ravel(), moves.ravel(), shown.ravel())
+            sure = (agent >= 0) | bool(len(self.owner))
+            factor = factors.ravel().astype(np.complex128)
+            yield Modes(factor, agent.ravel(), moves.ravel(), shown.ravel(), sure.ravel())
 
     def growth(self, gain: float) -> float:
         """Return the growth over a period of the fastest growing mode."""
@@ -216,9 +220,12 @@ class TeamLoop(NamedTuple):
         counts = every.moves | (np.hypot(every.factor.real, every.factor.imag) > np.exp(self.neutral))
         return Modes(*(x[counts] for x in every))
 
-    def is_stable(self, modes: Modes) -> bool:
-        """Return True if modes decay."""
-        return bool(np.log(modes.radius) < self.neutral)
+    def is_stable(self, modes: Modes) -> bool | None:
+        """Return True if modes decay; None if only those do not whose eigenvalues H need not have."""
+        grows = ~(np.hypot(modes.factor.real, modes.factor.imag) < np.exp(self.neutral))
+        if not grows.any():
+            return True
+        return False if modes.sure[grows].any() else None
 
     def largest_gain(
         self,
@@ -296,13 +303,14 @@ def body_loop(
         return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost, stable_over_exact_links=stable)
     number, damping, size = modes.least_damped()
     agent = system.team.agent_ids[modes.agent[number]] if modes.agent[number] >= 0 else None
+    perhaps = "only eigenvalues between the smallest and the largest would be unstable, if H has them"
     return BodyLoop(
         stable=stable,
         spectral_radius=modes.radius,
         period=period,
         largest_gain=loop.largest_gain(system.gain, least_damping) if gain else None,
         least_damped=Swing(damping=damping, frequency=size / period, agent=agent),
-        reason="",
+        reason=perhaps if stable is None else "",
         stable_over_exact_links=exact.is_stable(exact.modes(system.gain)) if age else None,
     )
 
