@@ -38,7 +38,7 @@ from mjsheaf.checking.loop.linear_team import (
     response_of,
 )
 from mjsheaf.checking.loop.sampled_loop import closed, delayed
-from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, spectrum_of
+from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
@@ -459,9 +459,9 @@ def _whole(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> B
     team = system.team
     owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
     problem = team.law_problem
-    Q = np.eye(problem.H.shape[0]) if problem.unique else linalg.null_space(problem.null_basis.T)
+    H = problem.H.toarray() if team.symmetric else matrix_of(team)
+    Q = np.eye(len(H)) if problem.unique else linalg.null_space(problem.null_basis.T)
     if not system.law.extended:
-        H = problem.H.toarray()
         return joined(models, lambda gain: without_memory(-gain * H), Q, owner)
     values, vectors = held_modes(system, spectrum)
     model = model_of(system.law, system.grid.period)
