@@ -307,6 +307,13 @@ def test_what_cannot_be_said_is_undecided(scenario: dict[str, Any], drift: list[
     assert why in loop.reason
 
 
+def test_a_loop_that_is_not_finite_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bodies, "closed", lambda plant, law: np.full((1, 12, 12), np.nan))
+    loop = loop_of(chain(["quadrotor"] * 2))
+    assert loop.stable is None
+    assert loop.reason.startswith("the loop cannot be solved: ")
+
+
 def test_a_large_team_of_unlike_vehicles_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bodies, "LARGEST_WHOLE", 20)
     loop = loop_of(chain(["otter", "wamv", "otter"]))

@@ -294,10 +294,12 @@ def body_loop(
                     raise UndecidedError("measurements are delayed by too many periods")
             except UndecidedError as error:
                 lost = str(error)
-    except (UndecidedError, InputError) as error:
+        modes = loop.modes(system.gain)
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        unsolved = isinstance(error, np.linalg.LinAlgError)  # a matrix that is not finite
+        reason = lost or (f"the loop cannot be solved: {error}" if unsolved else str(error))
         obstacle = _OBSTACLES.get(type(error), "")
-        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost or str(error), obstacle=obstacle)
-    modes = loop.modes(system.gain)
+        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=reason, obstacle=obstacle)
     stable = loop.is_stable(modes)
     if lost:
         return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost, stable_over_exact_links=stable)
@@ -524,6 +526,6 @@ def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
         block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
         loop = TeamLoop([block], period_of_law(system))
         modes = loop.modes(1.0)
-    except UndecidedError as error:
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
     return TargetsOnBodies(stable=loop.is_stable(modes), spectral_radius=modes.radius, reason="")
