@@ -107,15 +107,16 @@ def _page(record: BaseModel, rows: Mapping[str, _Row], before: Mapping[str, _Row
     changed.sort(key=lambda row: order.get(row.path.split(".")[0], len(order)))
     for part, group in groupby(changed, lambda row: row.path.split(".")[0]):
         value = getattr(record, part)
-        doc = type(value[0] if isinstance(value, list) else value).__doc__ or ""
-        meaning = " ".join(doc.split("\n\n")[0].split()).removesuffix(".")
+        one = value[0] if isinstance(value, list) and value else value
+        about = type(one).__doc__ if isinstance(one, BaseModel) else type(record).model_fields[part].description
+        title = " ".join((about or "").split("\n\n")[0].split()).removesuffix(".")
         yield Text()
-        yield Text.assemble((part, "bold"), "  ", (meaning, "dim"), no_wrap=True, overflow="ellipsis")
+        yield Text.assemble((part, "bold"), "  ", (title, "dim"), no_wrap=True, overflow="ellipsis")
         named = [(f"  {row.path.removeprefix(part).removeprefix('.')}", row) for row in group]
         width = max(len(name) for name, _ in named)
         for name, row in named:
             old = "; ".join(before[row.path].lines) if row.path in before else ""
-            meaning = f"before: {old}" if old else row.meaning
+            meaning = f"before: {old}" if old else "" if row.meaning == title else row.meaning
             for k, line in enumerate(row.lines):
                 start = f"{'' if k else name:<{width}}  "
                 if len(line) > _WIDEST_VALUE:

@@ -14,6 +14,7 @@ from mjsheaf.comparing.margins import (
     DemandRecord,
     FastestRecord,
     GainTrialRecord,
+    LoopRecord,
     RingingRecord,
     VelocityLimitRecord,
 )
@@ -80,14 +81,21 @@ class CompareRecord(FiniteRecord):
     harm: list[str] = Field(
         default_factory=list, description="warnings about the terms in the scenario as given, as `run` notes them"
     )
+    usable_gain: float | None = Field(
+        description="largest k1 at which the vehicles' loop neither rings nor is unstable, 1/s; null if every gain is "
+        "usable, or if the loop is undecided, or if the law is in Python"
+    )
     gains: list[GainTrialRecord] = Field(
         default_factory=list, description="runs at the present gain, then at higher ones; none where none is worth it"
     )
+    loop: LoopRecord | None = Field(None, description="loop over all phases; null under a law in Python")
     time_s: float = Field(description="length of the run")
     formation_size_m: Finite = Field(description="RMS over edges inside groups of their desired length")
     ladder: list[RungRecord]
     budgets: list[BudgetRecord]
-    ringing: RingingRecord | None = Field(description="loop in the worst phase; null under a law in Python")
+    ringing: RingingRecord | None = Field(
+        description="loop in the phase in which it is least damped, without losses of links; null under a law in Python"
+    )
     ringing_phase: int | None = Field(None, description="number of the phase of `ringing`; null without events")
     convergence: ConvergenceRecord
     velocity_limit: VelocityLimitRecord | None = Field(None, description="null where no agent has one")
@@ -106,14 +114,6 @@ class CompareRecord(FiniteRecord):
         """Return the budget of one error."""
         wanted = (scope, measure, statistic)
         return next(b for b in self.budgets if (b.scope, b.measure, b.statistic) == wanted)
-
-    @property
-    def usable_gain(self) -> float | None:
-        """Largest k1 at which the vehicles' loop neither rings nor is unstable, 1/s; None where every gain is usable.
-
-        None too where the loop is undecided, and under a law in Python.
-        """
-        return None if self.ringing is None else self.ringing.usable_gain
 
     @property
     def law_in_words(self) -> str:
@@ -160,8 +160,8 @@ def verdict_of(record: CompareRecord) -> list[str]:
     """Compose the sentences of the verdict, the most important first."""
     sentences = _harmful_terms(record)  # they come first, as they explain why a team does not converge
     causes = ["its error DIVERGES"] if record.rung("all").ending == "diverging" else []
-    loop = record.ringing
-    if loop is not None and loop.stable is False:
+    loop = next((one for one in (record.loop, record.ringing) if one is not None and one.stable is False), None)
+    if loop is not None:
         largest = loop.largest_gain
         limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
         causes.append(f"the loop of its vehicles is unstable{limit}")
@@ -319,6 +319,9 @@ def _gain(
         f"above {ringing.usable_gain:.2g} 1/s the damping ratio is below {MIN_DAMPING}, limited by "
         f"{LIMITED_BY[ringing.effect]}"
     )
+    largest = None if record.loop is None else record.loop.largest_gain
+    if largest is not None and largest < ringing.usable_gain:  # in another phase
+        limit = f"above {largest:.2g} 1/s the vehicles' loop is unstable"
     cure = f"lower controller.gain, or {_RINGING_CURES[ringing.effect]}" if ringing.effect in _RINGING_CURES else ""
     now = f"gain {record.gain:g} 1/s: "
     if mode.damping < least_damping:

@@ -16,6 +16,7 @@ from mjsheaf.comparing.margins import (
     find_ringing,
     try_gains,
     velocity_limit_of,
+    worst_loop,
 )
 from mjsheaf.comparing.measures import (
     Series,
@@ -112,19 +113,24 @@ def _about_law(
 ) -> dict[str, Any]:
     """Return the fields of a `CompareRecord` about the law; a law in Python has only a name."""
     if law is not None:
-        return {"law": law.label, "controller": law.label, "gain": None, "ringing": None}
+        return {"law": law.label, "controller": law.label, "gain": None, "usable_gain": None, "ringing": None}
     system = phases[0].system
     progress("closing the vehicles' loop", 0, 1)
     number, ringing = find_ringing(phases, runs["ideal"].dataset)
+    loop = worst_loop(phases, runs["ideal"].dataset)
     progress("closing the vehicles' loop", 1, 1)
     terms = examine_terms(phases, runs["all"].dataset) if any(phase.system.law.extended for phase in phases) else None
     harm = [] if terms is None else terms["harm"]
+    gains = [loop.largest_gain, *([] if ringing is None else [ringing.largest_gain, ringing.usable_gain])]
+    largest, usable = (min(filter(None, some), default=None) for some in (gains[:2], gains))
     return {
         "law": law_of(system),
         "gain": system.gain,
         "terms": list(system.law.term_names),
         "harm": harm,
-        "gains": try_gains(phases, runs["all"], None if ringing is None else ringing.largest_gain, progress),
+        "usable_gain": usable,
+        "gains": try_gains(phases, runs["all"], largest, progress),
+        "loop": loop,
         "ringing": ringing,
         "ringing_phase": None if ringing is None or len(phases) == 1 else number,
     }

@@ -62,6 +62,16 @@ class RingingRecord(BodyLoop):
     )
 
 
+class LoopRecord(FiniteRecord):
+    """Stability of the vehicles' loop for small motions, as `check` reports it, over all phases."""
+
+    stable: bool | None = Field(
+        description="false where the loop of a phase is unstable, else null where that of a phase is undecided"
+    )
+    largest_gain: float | None = Field(description="smallest of all phases from which on a mode grows, 1/s; or null")
+    reason: str = Field(description="why it is undecided in a phase, or empty")
+
+
 class GainTrialRecord(FiniteRecord):
     """A run of the bodies at a gain."""
 
@@ -78,16 +88,32 @@ def find_ringing(phases: Sequence[Phase], ideal: xr.Dataset) -> tuple[int, Ringi
     Returns:
         Number of the phase, and the loop; None if no phase has two samples.
     """
-    loops = dict[int, BodyLoop]()
-    for k in np.unique(ideal["phase"].values).tolist():
-        system, data = of_phase(phases, ideal, k)
-        if data.sizes["time"] > 1:
-            loops[k] = loop_in_run(_without_losses(system), data)
+    loops = {k: loop_in_run(_without_losses(system), data) for k, system, data in _ways(phases, ideal)}
     if not loops:
         return 0, None
     damping = {k: np.inf if loop.least_damped is None else loop.least_damped.damping for k, loop in loops.items()}
     number = min(damping, key=damping.__getitem__)
     return number, _with_usable_gains(loops[number], *of_phase(phases, ideal, number))
+
+
+def worst_loop(phases: Sequence[Phase], ideal: xr.Dataset) -> LoopRecord:
+    """Analyse the loop of the bodies in the mean flow along the ideal run, over its links, in the worst phase."""
+    loops = [loop_in_run(system, data) for _, system, data in _ways(phases, ideal)]
+    stable = {loop.stable for loop in loops}
+    reasons = [*(loop.reason for loop in loops), "" if loops else "the run is too short"]
+    return LoopRecord(
+        stable=next((verdict for verdict in (False, None, True) if verdict in stable), None),
+        largest_gain=min((loop.largest_gain for loop in loops if loop.largest_gain is not None), default=None),
+        reason=next(filter(None, reasons), ""),
+    )
+
+
+def _ways(phases: Sequence[Phase], ideal: xr.Dataset) -> Iterator[tuple[int, System, xr.Dataset]]:
+    """Yield the number, the system and the data of each phase of the ideal run that has two samples."""
+    for k in np.unique(ideal["phase"].values).tolist():
+        system, data = of_phase(phases, ideal, k)
+        if data.sizes["time"] > 1:
+            yield k, system, data
 
 
 def _with_usable_gains(

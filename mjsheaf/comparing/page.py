@@ -275,7 +275,8 @@ def _ringing(record: CompareRecord) -> Group | Text:
     about = f"about {mode.agent or 'all agents'}{when}"
     title = f"ringing: the least damped mode ({about}) has the damping ratio {mode.damping:.3f} at {mode.frequency:.3g}"
     note = f"the gain is usable while every mode has a damping ratio of {MIN_DAMPING}: it overshoots by 37% at most"
-    limit = f"limited by {LIMITED_BY[ringing.effect]}; unstable above {_number(ringing.largest_gain)} 1/s"
+    known = [one.largest_gain for one in (ringing, record.loop) if one is not None and one.largest_gain is not None]
+    limit = f"limited by {LIMITED_BY[ringing.effect]}; unstable above {_number(min(known, default=None))} 1/s"
     return _under(f"{title} rad/s", table, note, limit)
 
 

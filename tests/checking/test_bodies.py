@@ -247,6 +247,18 @@ def test_a_large_team_is_decided_over_the_interval_of_its_spectrum(monkeypatch: 
     assert loop_of(scenario, 5.0).stable is False
 
 
+@pytest.mark.parametrize(("agent", "stable"), [(-1, None), (1, False)])
+def test_what_only_a_sampled_eigenvalue_makes_unstable_is_undecided(
+    monkeypatch: pytest.MonkeyPatch, agent: int, stable: bool | None
+) -> None:
+    monkeypatch.setattr(bodies, "_eigenvalues", lambda *args: (np.array([1.0, 50.0]), np.array([0, agent])))
+    loop = loop_of(chain(["quadrotor"] * 2))
+    assert loop.stable is stable
+    assert loop.reason.startswith("only eigenvalues between") is (stable is None)
+    assert loop.spectral_radius is not None
+    assert loop.spectral_radius > 1.0
+
+
 def test_a_hold_of_hours_leaves_no_trace_of_what_a_vehicle_does_by_itself() -> None:
     """Its modes decay to a factor of exactly 0 within a period: no warning, and no growth."""
     scenario = chain(["hull"] * 2, period=2e4)
@@ -293,6 +305,13 @@ def test_what_cannot_be_said_is_undecided(scenario: dict[str, Any], drift: list[
     loop = loop_of(scenario, drift=drift)
     assert (loop.stable, loop.spectral_radius, loop.largest_gain, loop.least_damped) == (None, None, None, None)
     assert why in loop.reason
+
+
+def test_a_loop_that_is_not_finite_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bodies, "closed", lambda plant, law: np.full((1, 12, 12), np.nan))
+    loop = loop_of(chain(["quadrotor"] * 2))
+    assert loop.stable is None
+    assert loop.reason.startswith("the loop cannot be solved: ")
 
 
 def test_a_large_team_of_unlike_vehicles_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -340,3 +340,12 @@ def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
     ahead = mjsheaf.check(lone(0.5, 0.1, PM, controller=law), trial=False)["disturbance"]
     assert ahead["rms"] is None
     assert "follows the targets" in ahead["reason"]
+
+
+def test_a_loop_that_is_not_finite_has_no_prediction(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*args: Any) -> None:
+        raise np.linalg.LinAlgError("not finite")
+
+    monkeypatch.setattr("mjsheaf.checking.loop.disturbance.whole_loop", fails)
+    sea = mjsheaf.check(team(), trial=False)["disturbance"]
+    assert (sea["rms"], sea["reason"], sea["bodies_reason"]) == (None, "not finite", "not finite")

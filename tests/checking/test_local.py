@@ -297,6 +297,14 @@ def test_the_steady_error_of_a_directed_team_is_that_of_its_run() -> None:
     assert integral["steady"]["reason"] == "H is not symmetric, and the law has terms"
 
 
+def test_directed_teams_with_many_rows_are_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjsheaf.checking.spectrum.DENSE_STATES", 5)
+    record = check(following(), trial=False)
+    why = "H has 6 rows; all its eigenvalues are found up to 5"
+    assert (record["margins"]["bodies"]["stable"], record["margins"]["bodies"]["reason"]) == (None, why)
+    assert (record["steady"]["ideal"], record["steady"]["reason"]) == (None, why)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("terms", [{"integral": {"gain": 0.2}}, {"drift": {"filter": 0.1}}])
 def test_terms_of_directed_teams_are_read_off_the_law(terms: Any) -> None:

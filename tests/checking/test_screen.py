@@ -108,6 +108,20 @@ def test_after_an_event_the_whole_report_has_what_differs() -> None:
     assert any(line.startswith("fragility") for line in lines[:start])
 
 
+def test_the_whole_report_says_when_the_last_absent_agent_joins() -> None:
+    agents = [{"id": "A1", "position": [1, 0]}, {"id": "A2", "position": [3, 0]}]
+    fields = {"agents": agents, "communication": [["A1", "A2"]], "sensing": [["A1", "left"], ["A1", "right"]]}
+    targets = [{"id": id, "position": [x, 0], "motion": {"kind": "static"}} for id, x in (("left", 0), ("right", 2))]
+    events = [{"time": 10.0, "join": "A2"}]
+    scenario = mjsheaf.load_scenario("midpoint", {**fields, "targets": targets, "events": events})
+    lines = page(examine_scenario(scenario).record)
+    later = lines[lines.index("From 10 s on: join A2") :]
+    absent = later.index("absent  agents that are lost or have yet to join")
+    assert later[absent + 1].split() == ["null", "before:", "A2"]
+    titles = [line for line in later if line.startswith("jump")]
+    assert titles[0] == "jump  |q*_new - q*_old| at its start, of the agents present before and after, m"
+
+
 def page(record: CheckRecord) -> list[str]:
     console = Console(width=120, file=StringIO())
     console.print(report(record))

@@ -16,7 +16,7 @@ from mjsheaf.checking.theorem.targets import Carrier, Cells, follow_targets
 from mjsheaf.law.paths import Lissajous, Motion, Waypoints, pack_motions, reference_bounds
 from mjsheaf.media.varying import evaluate
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import field_of, flow_jacobian
+from tests.builders import field_of, flow_jacobian, mixed_scenario
 from tests.checking.adversarial import adversarial_scenario
 from tests.checking.oracle import Truth, solve
 
@@ -83,6 +83,23 @@ def test_the_bound_on_the_difference_is_tight_where_agents_meet_what_targets_do_
     bound = difference_along(system, follow_targets(system), Carrier(system)).bound
     largest = np.hypot(5.0, 2.0)  # at the jet's centre, across the drift
     assert largest <= bound <= 1.002 * largest
+
+
+def test_of_a_map_that_is_too_large_to_store_norms_bound_the_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    system, rng = mixed_scenario().system, np.random.default_rng(0)
+    N, M = len(system.team.agents), len(system.team.targets)
+    stored = Carrier(system)
+    monkeypatch.setattr(targets, "_DENSE", 0)
+    large = Carrier(system)
+    motions = rng.standard_normal((5, M, 3)) + 1j * rng.standard_normal((5, M, 3))
+    np.testing.assert_allclose(large.extend(motions.real), stored.extend(motions.real), atol=1e-9)
+    np.testing.assert_allclose(large.carry(motions), stored.carry(motions), atol=1e-9)
+    radii, slopes, moves = rng.random((5, M)), rng.random((5, N)), rng.random((5, N))
+    assert large.reach(radii).shape == (5, N)
+    assert (stored.reach(radii) <= large.reach(radii)).all()
+    moved, away = np.linalg.norm(stored.carry(motions.real), axis=1), np.linalg.norm(motions.real, axis=2)
+    assert (moved <= large.spread(away, slopes, moves)).all()
+    assert np.isfinite(large.spread(radii, slopes, moves)).all()
 
 
 def _moving(**changes: Any) -> dict[str, Any]:

@@ -12,8 +12,10 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
+from mjsheaf.checking.loop.body_loop import BodyLoop, Swing
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.compare import Comparison
+from mjsheaf.comparing.margins import worst_loop
 from mjsheaf.comparing.measures import present_in
 from mjsheaf.comparing.page import WIDTH, report_text
 from mjsheaf.comparing.variants import ladder_of, run_ablation
@@ -101,9 +103,35 @@ def test_the_whole_run_keeps_its_fields(record: CompareRecord) -> None:
     last = record.phases[-1].errors["all"]["team"].final
     assert record.rung("all").errors["team"].final == last
     assert record.gain == 1.0
+    assert record.loop is not None
     assert record.ringing is not None
     assert record.ringing_phase in range(3)
     assert record.verdict
+
+
+@pytest.mark.parametrize(
+    ("stable", "worst"), [([True, None, False], False), ([True, None, True], None), ([True, True, True], True)]
+)
+def test_the_loop_is_that_of_the_worst_of_all_phases(
+    stable: list[bool | None], worst: bool | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last phase is the least damped, and the second has the smallest gain."""
+    scenario = three_boats()
+    found = [
+        BodyLoop(
+            stable=one,
+            spectral_radius=0.9,
+            period=0.02,
+            largest_gain=gain,
+            least_damped=Swing(damping=damping, frequency=1.0, agent="A1"),
+            reason="not known" if one is None else "",
+        )
+        for one, gain, damping in zip(stable, (5.0, 2.0, None), (0.5, 0.4, 0.3), strict=True)
+    ]
+    loops = iter(found)
+    monkeypatch.setattr("mjsheaf.comparing.margins.loop_in_run", lambda system, data: next(loops))
+    loop = worst_loop(scenario.phases, simulate(scenario, "ideal"))
+    assert (loop.stable, loop.largest_gain, loop.reason) == (worst, 2.0, "not known" if None in stable else "")
 
 
 def test_an_absent_agent_counts_neither_in_distances_nor_in_saturation(comparison: Comparison) -> None:

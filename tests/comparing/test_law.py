@@ -77,6 +77,7 @@ def test_the_law_is_named_and_no_gain_advised(record: CompareRecord, laws: Path)
     assert record.gain is None
     assert record.gains == []
     assert record.usable_gain is None
+    assert record.loop is None
     assert record.ringing is None
     page = report_text(record)
     assert "laws.py:Same" in page

@@ -38,7 +38,7 @@ from mjsheaf.checking.loop.linear_team import (
     response_of,
 )
 from mjsheaf.checking.loop.sampled_loop import closed, delayed
-from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, spectrum_of
+from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
@@ -119,12 +119,14 @@ class Modes(NamedTuple):
         agent: number of the agent that moves most, -1 where unknown, shape (k,).
         moves: True where positions take part, shape (k,).
         shown: How far positions displaced by 1 m move in the mode, shape (k,), m.
+        sure: True where it belongs to an eigenvalue that H surely has, shape (k,).
     """
 
     factor: NDArray[np.complex128]
     agent: IntArray
     moves: BoolArray
     shown: Array
+    sure: BoolArray
 
     @property
     def radius(self) -> float:
@@ -186,7 +188,9 @@ class Block(NamedTuple):
             if len(self.owner):
                 agent = np.where(moves, self.owner[np.abs(self.places[:, held] @ z).argmax(axis=-2)], -1)
             agent = np.broadcast_to(agent, factors.shape)
-            yield Modes(factors.ravel().astype(np.complex128), agent.ravel(), moves.ravel(), shown.ravel())
+            sure = (agent >= 0) | bool(len(self.owner))
+            factor = factors.ravel().astype(np.complex128)
+            yield Modes(factor, agent.ravel(), moves.ravel(), shown.ravel(), sure.ravel())
 
     def growth(self, gain: float) -> float:
         """Return the growth over a period of the fastest growing mode."""
@@ -216,9 +220,12 @@ class TeamLoop(NamedTuple):
         counts = every.moves | (np.hypot(every.factor.real, every.factor.imag) > np.exp(self.neutral))
         return Modes(*(x[counts] for x in every))
 
-    def is_stable(self, modes: Modes) -> bool:
-        """Return True if modes decay."""
-        return bool(np.log(modes.radius) < self.neutral)
+    def is_stable(self, modes: Modes) -> bool | None:
+        """Return True if modes decay; None if only those do not whose eigenvalues H need not have."""
+        grows = ~(np.hypot(modes.factor.real, modes.factor.imag) < np.exp(self.neutral))
+        if not grows.any():
+            return True
+        return False if modes.sure[grows].any() else None
 
     def largest_gain(
         self,
@@ -287,22 +294,25 @@ def body_loop(
                     raise UndecidedError("measurements are delayed by too many periods")
             except UndecidedError as error:
                 lost = str(error)
-    except (UndecidedError, InputError) as error:
+        modes = loop.modes(system.gain)
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        unsolved = isinstance(error, np.linalg.LinAlgError)  # a matrix that is not finite
+        reason = lost or (f"the loop cannot be solved: {error}" if unsolved else str(error))
         obstacle = _OBSTACLES.get(type(error), "")
-        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost or str(error), obstacle=obstacle)
-    modes = loop.modes(system.gain)
+        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=reason, obstacle=obstacle)
     stable = loop.is_stable(modes)
     if lost:
         return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost, stable_over_exact_links=stable)
     number, damping, size = modes.least_damped()
     agent = system.team.agent_ids[modes.agent[number]] if modes.agent[number] >= 0 else None
+    perhaps = "only eigenvalues between the smallest and the largest would be unstable, if H has them"
     return BodyLoop(
         stable=stable,
         spectral_radius=modes.radius,
         period=period,
         largest_gain=loop.largest_gain(system.gain, least_damping) if gain else None,
         least_damped=Swing(damping=damping, frequency=size / period, agent=agent),
-        reason="",
+        reason=perhaps if stable is None else "",
         stable_over_exact_links=exact.is_stable(exact.modes(system.gain)) if age else None,
     )
 
@@ -451,9 +461,9 @@ def _whole(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> B
     team = system.team
     owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
     problem = team.law_problem
-    Q = np.eye(problem.H.shape[0]) if problem.unique else linalg.null_space(problem.null_basis.T)
+    H = problem.H.toarray() if team.symmetric else matrix_of(team)
+    Q = np.eye(len(H)) if problem.unique else linalg.null_space(problem.null_basis.T)
     if not system.law.extended:
-        H = problem.H.toarray()
         return joined(models, lambda gain: without_memory(-gain * H), Q, owner)
     values, vectors = held_modes(system, spectrum)
     model = model_of(system.law, system.grid.period)
@@ -516,6 +526,6 @@ def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
         block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
         loop = TeamLoop([block], period_of_law(system))
         modes = loop.modes(1.0)
-    except UndecidedError as error:
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
     return TargetsOnBodies(stable=loop.is_stable(modes), spectral_radius=modes.radius, reason="")

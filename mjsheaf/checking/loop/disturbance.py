@@ -36,7 +36,7 @@ from mjsheaf.checking.loop.linear_law import require_model
 from mjsheaf.checking.loop.linear_team import ideal_team, linear_vehicles, period_of_law
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.errors import UndecidedError, select_true
+from mjsheaf.errors import InputError, UndecidedError, select_true
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.loop.system import System
 from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
@@ -152,13 +152,13 @@ def predict_rms(
         _require_known(system)
         _require_one_side(system)
         ideal = _rms(system, _ideal_loop(system, spectrum), np.zeros(len(system.team.targets)))
-    except UndecidedError as error:
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         reasons = dict.fromkeys(("reason", "bodies_reason"), str(error))
         return DisturbanceRecord(rms=None, agents=dict.fromkeys(ids), bodies={}, **known, **reasons)
     try:
         tau = np.array([v.reduced_model().tau.max() for v in system.vehicles[len(ids) :]])
         bodies = dict(zip(ids, _rms(system, _body_loop(system, spectrum, medium), tau).tolist(), strict=True))
-    except UndecidedError as error:
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         bodies_reason = str(error)
     rms = float(np.sqrt(np.mean(ideal**2)))
     agents = dict(zip(ids, ideal.tolist(), strict=True))

@@ -23,6 +23,7 @@ from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
 from mjsheaf.checking.loop.linear_law import model_of, require_model, without_memory
 from mjsheaf.checking.loop.linear_team import ideal_team, linear_vehicles, medium_on_path
 from mjsheaf.checking.loop.sampled_loop import driven
+from mjsheaf.checking.spectrum import matrix_of
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
 from mjsheaf.checking.theorem.targets import Carrier
@@ -233,7 +234,7 @@ def _follow(
     Raises:
         UndecidedError: The loop has too many states, or is unstable.
     """
-    H = system.team.law_problem.H.toarray()
+    H = system.team.law_problem.H.toarray() if system.team.symmetric else matrix_of(system.team)
     n = len(H)
     if system.team.symmetric:
         values, vectors = held_modes(system, certificate.spectrum)

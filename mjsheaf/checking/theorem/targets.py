@@ -32,6 +32,7 @@ from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.flow_bounds import bound_slopes, flow_scale, flow_slope
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.remember import remember_last
@@ -50,6 +51,7 @@ from mjsheaf.section import Finite, Record
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
 
+_DENSE = 200_000  # numbers of K = H^-1 B that are held as a matrix
 _MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
 _SHARE_OF_DECAY = 0.25  # of the fastest time constant
 _SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
@@ -58,18 +60,21 @@ _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and rel
 
 
 class Carrier:
-    """Map K = H^-1 B from motions of the targets to their harmonic extension."""
+    """Map K = H^-1 B from motions of the targets to their harmonic extension.
+
+    If K is too large to store, sigma_max(B) / lambda_min(H) bounds the norms of its blocks.
+    """
 
     def __init__(self, system: System) -> None:
         self._team = system.team
-        problem = system.team.law_problem
+        self._problem = problem = system.team.law_problem
         n_q, n_p = problem.B.shape
         rest = problem.extend(np.zeros(n_p))
-        self._K = problem.extend(np.eye(n_p)) - rest  # (n_p, n_q)
-        self._rest = rest
+        self._rest = self._offset = rest
         if system.team.linearised_at is not None and not problem.unique:
             free = problem.sparse_null_basis  # motions that are free stay as they were at the linearisation
             self._rest = rest + free @ (free.T @ (system.team.linearised_at[:n_q] - rest))
+        self._K = problem.extend(np.eye(n_p)) - rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
         self._own = _places(system)
 
     def extend(self, targets: Array) -> Array:
@@ -78,21 +83,38 @@ class Carrier:
 
     def carry(self, motions: NDArray[Any]) -> NDArray[Any]:
         """K applied to motions of the targets (..., M, 3), stacked, (..., n_q)."""
-        return motions.reshape(*motions.shape[:-2], -1)[..., self._own] @ self._K
+        flat = motions.reshape(*motions.shape[:-2], -1)[..., self._own]
+        if self._K is not None:
+            return flat @ self._K
+        if np.iscomplexobj(flat):
+            return self.carry(motions.real) + 1j * self.carry(motions.imag)
+        return self._problem.extend(flat) - self._offset
 
     def reach(self, radii: Array) -> Array:
         """Bound the motion of each agent's q*_i, shape (..., N), if targets move by at most `radii`, shape (..., M)."""
-        return np.asarray(radii @ self._blocks.T)
+        if self._blocks is not None:
+            return np.asarray(radii @ self._blocks.T)
+        return np.repeat(self._norm * np.linalg.norm(radii, axis=-1, keepdims=True), len(self._team.agents), axis=-1)
 
     def spread(self, radii: Array, slopes: Array, moves: Array) -> Array:
         """A bound on |K s + F r|: s within `radii` (..., M), r within `moves` and F within `slopes` (..., N), (...)."""
         with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
             own = np.where(moves > 0.0, slopes * moves, 0.0)
-        return np.linalg.norm(radii @ self._blocks.T + own, axis=-1)
+        if self._blocks is not None:
+            return np.linalg.norm(radii @ self._blocks.T + own, axis=-1)
+        return self._norm * np.linalg.norm(radii, axis=-1) + np.linalg.norm(own, axis=-1)
 
     @cached_property
-    def _blocks(self) -> Array:
-        """|K_ik|, shape (N, M)."""
+    def _norm(self) -> float:
+        """A bound on |K|."""
+        spectrum = spectrum_of(self._team)
+        return spectrum.sigma_max_B / float(spectrum.smallest[0]) if spectrum.smallest.size else np.inf
+
+    @cached_property
+    def _blocks(self) -> Array | None:
+        """|K_ik|, shape (N, M); None if K is too large."""
+        if self._K is None:
+            return None
         N, M = len(self._team.agents), len(self._team.targets)
         padded = np.zeros((3 * M, N, 3))
         padded[self._own] = self._team.unpack(self._K)
