@@ -57,7 +57,8 @@ def test_the_usable_gain_is_below_the_stable_one(record: CompareRecord) -> None:
     assert record.ringing is not None
     assert record.ringing.largest_gain is not None
     assert record.usable_gain is not None
-    assert record.usable_gain == record.ringing.usable_gain < record.ringing.largest_gain
+    assert record.usable_gain == record.ringing.usable_gain
+    assert record.usable_gain < record.ringing.largest_gain
     assert record.loop is not None
     assert (record.loop.largest_gain, record.loop.stable, record.loop.reason) == (record.ringing.largest_gain, True, "")
 
