@@ -12,6 +12,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.compile import tiers
+from mjsheaf.compile.jit import Held
 
 COUNT = """
 from numba.core import event
@@ -50,10 +51,11 @@ def test_python_and_compiled_code_agree_to_the_bit(name: str, monkeypatch: pytes
     calls: dict[str, int] = {}
 
     def call_both(self: tiers.Tiered, *arguments: Any) -> Any:
-        arrays = [x for x in leaves(arguments) if isinstance(x, np.ndarray) and x.flags.writeable]
+        values = tuple(x.value if isinstance(x, Held) else x for x in arguments)
+        arrays = [x for x in leaves(values) if isinstance(x, np.ndarray) and x.flags.writeable]
         before = [x.copy() for x in arrays]
         with np.errstate(all="ignore"):
-            result = tiers.in_python(self.compiled)(*tiers._as_records(arguments))
+            result = tiers.in_python(self.compiled)(*tiers._as_records(values))
         by_python = [x.tobytes() for x in arrays]
         for x, value in zip(arrays, before, strict=True):
             x[...] = value
