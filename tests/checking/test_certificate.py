@@ -207,6 +207,7 @@ def test_an_undecided_assumption_is_not_one_that_holds(
     assert not record["region"]["verified"]
 
 
+@pytest.mark.slow
 def test_a_pole_that_the_bound_keeps_agents_away_from_is_no_hindrance(pole: dict[str, Any]) -> None:
     pole["flow"]["agents"]["drift"] = [0.5, 0.0]
     record = mjsheaf.check(scenario_from_mapping(pole), trial=False)

@@ -91,6 +91,7 @@ def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
     assert approx(compared.runs[1].late_difference.tracking_error, rel=1e-6) == expected
 
 
+@pytest.mark.slow
 def test_every_error_states_its_norm(compared: RunsRecord) -> None:
     held = [record for _, record in records(compared.model_dump(mode="json")) if errors_of(record)]
     assert len(held) == 4 * len(compared.runs)

@@ -164,6 +164,7 @@ def test_one_seed_determines_all_episodes(name: str) -> None:
     np.testing.assert_equal(same.reset(), first)
 
 
+@pytest.mark.slow
 def test_info_names_the_seed() -> None:
     scenario = random_scenario()
     whole, team = env(scenario), parallel_env(scenario)

@@ -134,6 +134,7 @@ def violations(scenario: Scenario) -> tuple[xr.Dataset, Array]:
     return simulate(scenario, backend="ideal"), np.array(found)
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("seed", [1, 6, 14, 21])
 def test_no_pair_comes_too_near(seed: int) -> None:
     scenario = load_scenario(random_swap(seed))

@@ -39,6 +39,7 @@ def on_bodies(simulated: Simulated) -> xr.Dataset:
     return simulated("paper", "physics")
 
 
+@pytest.mark.slow
 def test_published_run_on_bodies_comes_within_a_percent(on_bodies: xr.Dataset, simulated: Simulated) -> None:
     """Mean disagreement over the last 25 s at m / D = 0.01 s."""
     ideal = simulated("paper", "ideal")

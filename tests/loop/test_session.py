@@ -91,6 +91,7 @@ def test_periods_are_the_samples_of_simulate(fields: dict[str, Any], engine: str
         np.testing.assert_array_equal(attitude, run["agent_orientation"].values)
 
 
+@pytest.mark.slow
 @engines
 def test_what_looks_changes_nothing(engine: str) -> None:
     scenario = mixed_scenario(**TANGLED)
@@ -223,6 +224,7 @@ def test_a_law_in_python_is_a_loop_of_the_users_own(engine: str) -> None:
     np.testing.assert_array_equal(np.array(positions)[:, :3], run["agent_position"].fillna(0.0).values)
 
 
+@pytest.mark.slow
 @engines
 def test_commands_are_added_or_take_the_place_of_the_law(engine: str) -> None:
     scenario = mixed_scenario(controller={**HELD, "velocity_limit": 2.0}, links={"all": {"noise": 0.02}})
