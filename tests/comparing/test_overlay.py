@@ -98,6 +98,7 @@ def test_every_error_states_its_norm(compared: RunsRecord) -> None:
     assert {record["norm"] for record in [*held, *compared.model_dump()["runs"]]} == {"per_agent_rms"}
 
 
+@pytest.mark.slow
 def test_a_longer_run_on_another_grid_is_compared_where_all_are(compared: RunsRecord) -> None:
     longer = compared.runs[2]
     assert (compared.start_s, compared.end_s) == (0.0, 3.0)

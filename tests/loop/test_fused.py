@@ -188,6 +188,7 @@ def of_lanes(folder: Path) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_a_step_in_lanes_is_that_of_mujoco(tmp_path: Path) -> None:
     assert off_by(of_vehicles(of_lanes(tmp_path), 0.002), 30, 3) < EPSILON
 

@@ -106,6 +106,7 @@ def test_what_looks_changes_nothing(engine: str) -> None:
     np.testing.assert_array_equal(watched.state, plain.state)
 
 
+@pytest.mark.slow
 @engines
 def test_a_seed_is_a_run(engine: str) -> None:
     scenario = mixed_scenario(**TANGLED)
@@ -164,6 +165,7 @@ def test_without_random_numbers_seeds_are_alike(engine: str) -> None:
     np.testing.assert_array_equal(end_of(session)[1:], own[1:])  # but for the seed
 
 
+@pytest.mark.slow(each=True)
 @engines
 @pytest.mark.parametrize("at", [0, 7, 10, 15])
 def test_a_state_goes_on_to_the_bit(engine: str, at: int) -> None:
