@@ -251,6 +251,21 @@ def export(
     print_lines(*paths)
 
 
+def _open_page(directory: Path, browser: bool) -> None:
+    """Say where the page of a finished run is, and open it."""
+    from mjsheaf.results.store import open_run
+    from mjsheaf.runs.publish import replay
+
+    path = directory / "report.html"
+    with open_run(directory):
+        pass
+    if not path.is_file():
+        replay(directory).save(path)
+    print_lines(f"open in a browser: {path}")
+    if browser:
+        webbrowser.open(path.resolve().as_uri())
+
+
 def view(
     source: Annotated[
         str,
@@ -279,17 +294,7 @@ def view(
     command. What you do is recorded as the `events:` of a scenario that reproduces the session bit for bit.
     """
     if Path(source).is_dir():
-        from mjsheaf.results.store import open_run
-        from mjsheaf.runs.publish import replay
-
-        path = Path(source) / "report.html"
-        with open_run(Path(source)):
-            pass
-        if not path.is_file():
-            replay(source).save(path)
-        print_lines(f"open in a browser: {path}")
-        if browser:
-            webbrowser.open(path.resolve().as_uri())
+        _open_page(Path(source), browser)
         return
     with ExitStack() as loading:
         loading.enter_context(progress_bars("preparing the run"))
