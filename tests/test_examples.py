@@ -1,4 +1,4 @@
-"""Every example runs, and so does the notebook, which has no output in it."""
+"""Every example runs, and so does the notebook, which has no output in it; the site runs each of them too."""
 
 import json
 import runpy
@@ -23,7 +23,7 @@ def _without_a_display(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(path.name, marks=[] if path.name in QUICK else [pytest.mark.slow])
+        pytest.param(path.name, marks=[] if path.name in QUICK else [pytest.mark.long])
         for path in sorted(EXAMPLES.glob("*.py"))
     ],
 )

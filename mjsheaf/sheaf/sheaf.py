@@ -764,9 +764,6 @@ class Sheaf(Cochains):
         b = np.zeros(delta.shape[0]) if offset is None else np.asarray(offset, dtype=np.float64)
         if b.shape != (delta.shape[0],) or not np.isfinite(b).all():
             raise SheafError(f"offset has the shape {b.shape}; expected {delta.shape[0]} finite numbers")
-        if len(value) <= DENSE_COLUMNS:  # the shortest correction d with delta d = delta x - b
-            section = value - np.linalg.lstsq(delta.toarray(), delta @ value - b, RANK_TOLERANCE)[0]
-            return self.unpack(section) if isinstance(x, Mapping) else section
         found, left = certified_sections(self.edges, self.free([]), RANK_TOLERANCE)
         section = np.zeros_like(value)
         if left.any():
