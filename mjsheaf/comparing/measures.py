@@ -84,8 +84,7 @@ def series_at_q_star(phases: Sequence[Phase], dataset: xr.Dataset) -> Series:
     parts = []
     for k in np.unique(number):
         here = number == k
-        time = dataset["time"].values[here]
-        team, groups = metrics.error_series(phases[k].system.team, positions[here], time=time)
+        team, groups = metrics.error_series(phases[k].system.team, positions[here], time=dataset["time"].values[here])
         parts.append({TEAM: team, **groups})
     return {
         scope: {name: np.concatenate([part[scope][name] for part in parts]) for name in own}

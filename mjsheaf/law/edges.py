@@ -110,23 +110,15 @@ def move_offsets(ramp, kinds, edges, t):
         for r in range(edges.first[e], edges.first[e + 1]):
             ramp.aim[r] = ramp.first[r] + (t - ramp.start) * ramp.rate[r]
             square += ramp.aim[r] * ramp.aim[r]
-        desire(kinds, edges, e, ramp.aim, np.sqrt(square))
-
-
-@inline_jit
-def desire(kinds, edges, e, aim, length):
-    """Write b or the desired value of an edge whose aim (m,) has this length, m."""
-    if len(kinds) == 0:
         for r in range(edges.first[e], edges.first[e + 1]):
-            edges.b[r] = aim[r]
-        return
-    for r in range(edges.first[e], edges.first[e + 1]):
-        if kinds.code[e] == POSITION:
-            edges.b[r] = aim[r]
-        elif kinds.code[e] == RANGE:
-            kinds.desired[r] = length if r == edges.first[e] else 0.0
-        else:
-            kinds.desired[r] = -aim[r] / length
+            if len(kinds) == 0:  # noqa: SIM114 - then there are no codes
+                edges.b[r] = ramp.aim[r]
+            elif kinds.code[e] == POSITION:
+                edges.b[r] = ramp.aim[r]
+            elif kinds.code[e] == RANGE:
+                kinds.desired[r] = np.sqrt(square) if r == edges.first[e] else 0.0
+            else:
+                kinds.desired[r] = -ramp.aim[r] / np.sqrt(square)
 
 
 @inline_jit

@@ -403,10 +403,11 @@ class SquareErrors:
         The time in s matters while formations change.
         """
         q, p = self.team.split(x)
-        if self._linear:
-            goal = self._rest + np.einsum("pq,...p->...q", self._carry, p)
-        else:
-            goal = self.team.extend(p, q, time=time)
+        goal = (
+            self._rest + np.einsum("pq,...p->...q", self._carry, p)
+            if self._linear
+            else self.team.extend(p, q, time=time)
+        )
         return np.add.reduceat((goal - q) ** 2, self.team.first_state[:-1], axis=-1)
 
 

@@ -41,18 +41,20 @@ class Groups(Section):
 
 
 class _Move(NamedTuple):
-    """Change of a formation between two samples."""
+    """Change of a formation between two samples, with its outcome in words."""
 
     start: int
     end: int
     before: Formation
+    outcome: str
 
-    def at(self, sample: int, after: Formation, dimensions: Sequence[int]) -> Formation:
-        """Return the formation at a sample, `after` from the end on, for members of these dimensions."""
+    def at(self, sample: int, after: Formation, dimension: Mapping[str, int]) -> Formation:
+        """Return the formation at a sample, `after` from the end on, with the dimension of each member."""
         share = (sample - self.start) / (self.end - self.start)
         if not 0.0 < share < 1.0:
             return self.before if share <= 0.0 else after
-        ends = zip(self.before.places(dimensions), after.places(dimensions), strict=True)
+        own = [dimension[member] for member in after.members]
+        ends = zip(self.before.places(own), after.places(own), strict=True)
         places = [(one + share * (other - one)).tolist() for one, other in ends]
         return Explicit(name=after.name, members=after.members, about=after.about, displacements=places)
 
@@ -106,11 +108,11 @@ class State:
 
     def formations_at(self, sample: int) -> list[Formation]:
         """Return the formations at a sample, in their order."""
-        found = []
-        for name, after in self.formations.items():
-            dimensions = [self.team.members[self.team.index[member]].dimension for member in after.members]
-            found.append(self.moves[name].at(sample, after, dimensions) if name in self.moves else after)
-        return found
+        dimension = {member.id: member.dimension for member in self.team.members}
+        return [
+            self.moves[name].at(sample, after, dimension) if name in self.moves else after
+            for name, after in self.formations.items()
+        ]
 
     @property
     def absent(self) -> set[str]:
@@ -268,14 +270,11 @@ class Change(Event):
                 found.setdefault(names[0], {}).update(own)
         return found
 
-    def end_in(self, grid: TimeGrid) -> int:
-        """Return the number of the sample at which the change is complete, perhaps beyond the end of the run."""
-        with in_field("over"):
-            return _sample_of(self.time + (self.over or 0.0), grid, beyond=True)
-
     def _reshape(self, state: State) -> None:
         """Change formations."""
-        start, end = _sample_of(self.time, state.grid), self.end_in(state.grid)
+        start = _sample_of(self.time, state.grid)
+        with in_field("over"):
+            end = _sample_of(self.time + (self.over or 0.0), state.grid, beyond=True)
         for name, fields in self.reshaped().items():
             with in_field(f"set.formations.{name}"):
                 before = state.formations.get(name)
@@ -287,9 +286,8 @@ class Change(Event):
                 if name in state.moves and start < state.moves[name].end:
                     raise InputError("still changes from an earlier event; expected a later time")
             state.formations[name] = _reshaped(before, fields)
-            state.moves.pop(name, None)
             if end > start:
-                state.moves[name] = _Move(start, end, before)
+                state.moves[name] = _Move(start, end, before, self.outcome)
 
     def touches(self, part: str) -> bool:
         """Return True if the event changes that part of the controller, or fields in it."""
@@ -318,9 +316,9 @@ def _require_changing(path: str, sections: Mapping[str, Section]) -> None:
     """Refuse a field that no event can change, or whose section is missing."""
     if path in _FIXED or not _CHANGING.fullmatch(path):
         raise InputError(
-            "cannot change during a run; expected a field of controller but for its periods, a field of "
-            "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
-            "links.all, links.communication or links.sensing, or one of safety, or of formations.NAME"
+            "cannot change during a run; expected a field of controller but for its periods, of flow.agents, "
+            "flow.targets, flow.air, flow.water, safety or formations.NAME, or noise, bias, loss, range or hold of "
+            "links.all, links.communication or links.sensing"
         )
     if path.startswith("safety.") and "safety" not in sections:
         raise InputError("the scenario has no section safety; expected one from the start of the run")
@@ -393,7 +391,7 @@ def _changed(section: Section, name: str, values: Iterable[tuple[str, Any]]) -> 
 _PLACING = {"name", "members", "about", "height", "centre"}  # fields of a formation that no shape has of its own
 
 
-def _reshaped(group: Formation, fields: Mapping[str, Any]) -> Formation:
+def _reshaped(group: Formation, fields: dict[str, Any]) -> Formation:
     """Return a formation with other fields; a shape replaces all that the shape before it had of its own.
 
     Raises:
@@ -401,11 +399,10 @@ def _reshaped(group: Formation, fields: Mapping[str, Any]) -> Formation:
     """
     kept = _PLACING if "shape" in fields else set(type(group).model_fields)
     raw = group.model_dump(mode="json", exclude_none=True, include=kept)
-    new = dict(fields)
     if {"side", "radius"} & fields.keys():  # one takes the place of the other
         raw = {name: value for name, value in raw.items() if name not in ("side", "radius")}
     try:
-        return Groups.model_validate({"formations": {group.name: raw | new}}).formations[group.name]
+        return Groups.model_validate({"formations": {group.name: raw | fields}}).formations[group.name]
     except ValidationError as error:
         raise InputError(*(f"set.{line}" for line in validation_problems(error, Groups))) from None
 
@@ -436,19 +433,11 @@ def phases_of_events(
         return (Phase(0, whole),)
     grid = whole.grid
     numbers: dict[int, list[int]] = {0: []}  # of the events at each sample
-    reached: dict[int, list[str]] = {}  # changes that are complete at each sample, in words
     for k, event in enumerate(events):
         with in_field(f"events.{k}.time"):
             numbers.setdefault(_sample_of(event.time, grid), []).append(k)
-        if isinstance(event, Change) and event.over:
-            with in_field(f"events.{k}"):
-                end = event.end_in(grid)
-            if end <= grid.steps:
-                numbers.setdefault(end, [])
-                reached.setdefault(end, []).append(f"{event.outcome} reached")
-    begins = sorted(numbers.items())
     state = State(whole.team, grid, dict(sections), {group.name: group for group in whole.team.formations})
-    state.waiting = find_waiting([events[k] for _, own in begins for k in own], whole.team)
+    state.waiting = find_waiting([events[k] for _, own in sorted(numbers.items()) for k in own], whole.team)
     state.drifting = frozenset(drifting)
     for id in drifting:
         if id not in state.waiting:
@@ -457,12 +446,19 @@ def phases_of_events(
                 f"{{time: ..., join: {id}}} as its first"
             )
     phases = []
-    for (start, own), (following, _) in zip(begins, [*begins[1:], (grid.steps, [])], strict=True):
+    begins = set(numbers)
+    while begins:
+        start = min(begins)
+        own = numbers.get(start, [])
+        words = dict.fromkeys(f"{move.outcome} reached" for move in state.moves.values() if move.end == start)
         for k in own:
             with in_field(f"events.{k}"):
                 if start == 0 and isinstance(events[k], Join):
                     raise InputError("join: at the start of the run; expected a later time, or no event")
                 events[k].apply(state)
+        begins |= {move.end for move in state.moves.values()}
+        begins = {sample for sample in begins if start < sample <= grid.steps}
+        following = min(begins, default=grid.steps)
         with in_field(f"events.{own[-1] if own else 0}"):
             now, then = state.formations_at(start), state.formations_at(following)
             team = state.present_team(whole.team if now == list(whole.team.formations) == then else place(now))
@@ -471,8 +467,7 @@ def phases_of_events(
                 team.begin_ramp(ends[0], ends[1], state.present_team(place(then)))
             unchanged = team is whole.team and state.sections == sections
             system = whole if unchanged else adapt(team, state.sections)
-        words = (*reached.get(start, ()), *(events[k].words for k in own))
-        phases.append(Phase(start, _stopped(system, state), words))
+        phases.append(Phase(start, _stopped(system, state), (*words, *(events[k].words for k in own))))
     return tuple(phases)
 
 
