@@ -491,7 +491,7 @@ def with_ramp(law: LawArrays, team: Team) -> LawArrays:
         return law
     first, last = (
         np.concatenate([np.zeros(0), *(e.aim for e in (*t.communication, *t.sensing, *t.target_edges, *t.anchors))])
-        for t in (team, team.ramp.team)
+        for t in (team.ramp.first, team.ramp.last)
     )
     rate = (last - first) / (team.ramp.end - team.ramp.start)
     edges = law.edges

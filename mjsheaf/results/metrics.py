@@ -93,8 +93,9 @@ def _centering(team: Team, formation: Formation, positions: Array, time: Array |
     target = team.index[formation.about]
     shared = min(team.members[v].dimension for v in [*members, target])
     mean = _mean_place(team, known, shared)
-    if team.ramp is not None and time is not None:
-        mean = mean + team.ramp.share(time) * (_mean_place(team.ramp.team, known, shared) - mean)
+    if team.ramp is not None:
+        first, last = (_mean_place(one, known, shared) for one in (team.ramp.first, team.ramp.last))
+        mean = first + team.ramp.share(time) * (last - first)
     centroid = positions[:, members, :shared].mean(axis=1)
     return np.linalg.norm(centroid - positions[:, target, :shared] - mean, axis=1)
 

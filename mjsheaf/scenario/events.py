@@ -22,6 +22,7 @@ from mjsheaf.loop.system import Phase, System, TimeGrid
 from mjsheaf.section import Id, NonNegative, Section, split_path, validation_problems
 from mjsheaf.team import Edge, Formation, Team
 from mjsheaf.team.edges import Explicit, Group
+from mjsheaf.team.team import Ramp
 
 _FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run
 _CHANGING = re.compile(
@@ -279,8 +280,7 @@ class Change(Event):
             with in_field(f"set.formations.{name}"):
                 before = state.formations.get(name)
                 if before is None:
-                    known = expected(name, state.formations) if state.formations else "the scenario has none"
-                    raise InputError(f"unknown formation; {known}")
+                    raise InputError(f"unknown formation; {expected(name, state.formations or ['none'])}")
                 if fixed := sorted({"name", "members", "about"} & fields.keys()):
                     raise InputError(f"{fixed[0]} cannot change during a run; expected fields of shape or place")
                 if name in state.moves and start < state.moves[name].end:
@@ -456,15 +456,17 @@ def phases_of_events(
                 if start == 0 and isinstance(events[k], Join):
                     raise InputError("join: at the start of the run; expected a later time, or no event")
                 events[k].apply(state)
-        begins |= {move.end for move in state.moves.values()}
-        begins = {sample for sample in begins if start < sample <= grid.steps}
-        following = min(begins, default=grid.steps)
+        turns = {sample for move in state.moves.values() for sample in (move.start, move.end)}
+        ahead = {sample for sample in turns if sample > start}
+        begins = {sample for sample in begins | turns if start < sample <= grid.steps}
         with in_field(f"events.{own[-1] if own else 0}"):
-            now, then = state.formations_at(start), state.formations_at(following)
-            team = state.present_team(whole.team if now == list(whole.team.formations) == then else place(now))
-            if now != then:
-                ends = [float(grid.span(k, k + 1)[0]) for k in (start, following)]
-                team.begin_ramp(ends[0], ends[1], state.present_team(place(then)))
+            now = state.formations_at(start)
+            team = state.present_team(place(now) if ahead or now != list(whole.team.formations) else whole.team)
+            if ahead:
+                ends = max(turns - ahead), min(ahead)
+                teams = [state.present_team(place(state.formations_at(sample))) for sample in ends]
+                times = [grid.start + grid.period * sample for sample in (*ends, start)]
+                team.begin_ramp(Ramp(times[0], times[1], teams[0], teams[1], times[2]))
             unchanged = team is whole.team and state.sections == sections
             system = whole if unchanged else adapt(team, state.sections)
         phases.append(Phase(start, _stopped(system, state), (*words, *(events[k].words for k in own))))

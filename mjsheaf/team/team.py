@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,21 +31,34 @@ _GROUND = Member(GROUND, 0)
 _COINCIDENT = 1e-9  # m, between places of a formation
 
 
-class Ramp(NamedTuple):
+@dataclass(frozen=True)
+class Ramp:
     """Change of a team's formations: places move in straight lines, and offsets follow from where they are.
+
+    It does not depend on how events divide it into phases: that a phase begins meanwhile changes no bit.
 
     Attributes:
         start, end: Times at which it begins and ends, s.
-        team: Team at the end, with the same members and edges.
+        first, last: The team then, with the same members and edges.
+        begin: Time at which the present phase begins, s.
     """
 
     start: float
     end: float
-    team: "Team"
+    first: "Team"
+    last: "Team"
+    begin: float
 
-    def share(self, time: ArrayLike) -> Array:
-        """Return the fraction of the change made at times (T,) in s, shape (T, 1)."""
-        return (np.asarray(time, dtype=np.float64)[..., None] - self.start) / (self.end - self.start)
+    def share(self, time: ArrayLike | None) -> Array:
+        """Return the fraction of the change made at times (T,) in s, shape (T, 1); as the phase begins without one."""
+        now = np.asarray(self.begin if time is None else time, dtype=np.float64)
+        return (now[..., None] - self.start) / (self.end - self.start)
+
+    @cached_property
+    def moved(self) -> Array:
+        """Change of q* of the present agents, with the H of the law, stacked, shape (n_q,), m."""
+        still = np.zeros(len(self.first.slots) - int(self.first.first_state[-1]))
+        return np.asarray(self.last.law_problem.extend(still) - self.first.law_problem.extend(still))
 
 
 class Team:
@@ -64,7 +77,7 @@ class Team:
         linearised_at: Stacked positions at which a team of other edges was linearised to get this one; None else.
         absent: ids of agents that are no part of the team now, as they are lost or have yet to join: they keep their
             places in all arrays, have no edges, and the harmonic extension is that of the others.
-        ramp: Change of its formations; None if they stay as they are. All else describes the team as it begins.
+        ramp: Change of its formations; None if they stay. All else describes the team as the phase begins.
     """
 
     def __init__(
@@ -136,14 +149,14 @@ class Team:
             absent,
         )
 
-    def begin_ramp(self, start: float, end: float, team: "Team") -> None:
-        """Let the places of formations move to those of another team with the same edges, between two times in s.
+    def begin_ramp(self, ramp: Ramp) -> None:
+        """Let the places of formations move from a phase on.
 
         Raises:
             InputError: On its way, a range or bearing edge has both ends in one place.
         """
-        self.ramp = Ramp(start, end, team)
-        for edge, other in zip(self.measuring_edges, team.measuring_edges, strict=True):
+        self.ramp = ramp
+        for edge, other in zip(ramp.first.measuring_edges, ramp.last.measuring_edges, strict=True):
             if edge.measures == "position":
                 continue
             way = other.aim - edge.aim
@@ -151,30 +164,30 @@ class Team:
             if np.linalg.norm(edge.aim + share * way) < _COINCIDENT:
                 raise InputError(
                     f"over: brings the places of {edge.tail} and {edge.head} together at "
-                    f"{start + share * (end - start):.4g} s, where they have no {edge.measures}; expected a smaller "
-                    "turn, or the change at once"
+                    f"{ramp.start + share * (ramp.end - ramp.start):.4g} s, where they have no {edge.measures}; "
+                    "expected a smaller turn, or the change at once"
                 )
 
     def desired_at(self, time: ArrayLike | None) -> Array | None:
         """Return the desired values of all rows of measuring edges at times (T,) in s, shape (T, m).
 
-        Without a time, those at the start. None if they do not change.
+        Without a time, those as the phase begins. None if they do not change.
         """
         if self.ramp is None:
             return None
-        teams = (self, self.ramp.team)
+        teams = (self.ramp.first, self.ramp.last)
         first, last = (np.concatenate([np.zeros(0), *(e.aim for e in team.measuring_edges)]) for team in teams)
-        share = self.ramp.share(np.atleast_1d(self.ramp.start if time is None else time))
-        return self.nonlinear_sheaf.desired_of(first + share * (last - first))
+        return self.nonlinear_sheaf.desired_of(np.atleast_2d(first + self.ramp.share(time) * (last - first)))
 
     def edges_at(self, time: float) -> tuple[Edge, ...]:
         """Return the measuring edges with the offsets that they have at a time in s."""
         desired = self.desired_at(time)
         if desired is None:
             return self.measuring_edges
-        ends = np.cumsum([len(e.b) for e in self.measuring_edges])[:-1]
-        values = zip(self.measuring_edges, np.split(desired[0], ends), strict=True)
-        return tuple(replace(e, offset=value[: len(e.desired)]) for e, value in values)
+        values = np.split(desired[0], np.cumsum([len(e.b) for e in self.measuring_edges])[:-1])
+        return tuple(
+            replace(e, offset=value[: len(e.desired)]) for e, value in zip(self.measuring_edges, values, strict=True)
+        )
 
     @cached_property
     def present(self) -> BoolArray:
@@ -206,7 +219,9 @@ class Team:
             self.target_formation,
             self.anchors,
         )
-        remaining.ramp = self.ramp and self.ramp._replace(team=self.ramp.team.remaining)
+        remaining.ramp = self.ramp and replace(
+            self.ramp, first=self.ramp.first.remaining, last=self.ramp.last.remaining
+        )
         return remaining
 
     @property
@@ -301,12 +316,12 @@ class Team:
 
         If q* is not linear in p, or the team has neither targets nor anchors, this is the solution near the agents'
         positions q (..., n_q), or near 0 without q; see `mjsheaf.team.team`. It continues a path if one is given.
-        While formations change, it is that of times (...), s, or of the start without them.
+        While formations change, it is that of times (...), s, or as the phase begins without them.
         """
-        if self.plain:
+        if self.plain and self.ramp is not None:
+            known = self.ramp.first.dirichlet.extend(p) + self.ramp.share(time) * self.ramp.moved
+        elif self.plain:
             known = self.dirichlet.extend(p)
-            if self.ramp is not None and time is not None:
-                known = known + self.ramp.share(time) * self.moved
         else:
             present = np.repeat(self.present, np.diff(self.first_state))
             start = np.zeros((*p.shape[:-1], len(present))) if q is None else q
@@ -317,14 +332,6 @@ class Team:
         q = np.full((*p.shape[:-1], int(self.first_state[-1])), np.nan)
         q[..., np.repeat(self.present, np.diff(self.first_state))] = known
         return q
-
-    @cached_property
-    def moved(self) -> Array:
-        """Change of q* of the present agents over a ramp, stacked, shape (n_q,), m; of the law's linear H."""
-        still = np.zeros(len(self.slots) - int(self.first_state[-1]))
-        if self.ramp is None:
-            return np.zeros(self.law_problem.H.shape[0])
-        return np.asarray(self.ramp.team.law_problem.extend(still) - self.law_problem.extend(still))
 
     @cached_property
     def linear(self) -> bool:

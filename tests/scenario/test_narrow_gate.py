@@ -13,7 +13,7 @@ from tests.test_claims import agrees
 
 BEFORE, JUMP = 15.0, 5.0  # s
 LINKS = load_scenario("noisy_harbour").links.model_dump(mode="json", exclude_none=True)
-ROWS = {
+ROWS: dict[str, dict[str, Any]] = {
     "ideal kinematics": {"backend": "ideal"},
     "ideal kinematics, changes of 20 s": {"backend": "ideal", "over": 20.0},
     "bodies": {},
@@ -49,7 +49,7 @@ def errors_about_changes(data: xr.Dataset, scenario: Scenario) -> list[float]:
 @pytest.mark.parametrize("name", ROWS)
 def test_the_error_through_a_change_is_that_before_it(name: str) -> None:
     """At most twice, also with noisy links and in half of the time; distances are kept at every sample."""
-    options: dict[str, Any] = dict(ROWS[name])
+    options = dict(ROWS[name])
     backend = options.pop("backend", "physics")
     scenario = gate(**options)
     data = simulate(scenario, backend)

@@ -264,10 +264,9 @@ def _drive(
     # How far q* may be from the middle of its period: by the cells that cover it.
     cells = path.cells
     period = np.clip(((0.5 * (cells.begin + cells.end) - system.grid.start) / h).astype(int), 0, K - 1)
-    reach = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
-    centre = carrier.extend(cells.centre, 0.5 * (cells.begin + cells.end))
-    reach += carrier.slide(cells.end - cells.begin)
-    away = np.linalg.norm(team.unpack(centre - middle[period]), axis=2) + reach
+    reach = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend) + carrier.slide(cells.end - cells.begin)
+    there = carrier.extend(cells.centre, 0.5 * (cells.begin + cells.end))
+    away = np.linalg.norm(team.unpack(there - middle[period]), axis=2) + reach
     moves, ripple = np.zeros((K, N)), np.zeros(K)
     np.maximum.at(moves, period, away)
     carried = carrier.carry(cells.drift)

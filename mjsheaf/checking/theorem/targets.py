@@ -39,7 +39,7 @@ from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered
 from mjsheaf.errors import listed, select_true
 from mjsheaf.law.edges import LinkArrays
-from mjsheaf.law.law import ControlArrays, edges_of, evaluate_law, new_memory, pack_edges, with_seed
+from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges, with_seed
 from mjsheaf.law.paths import MotionArrays, add_reference, reference_bounds
 from mjsheaf.loop.ideal import new_integrator, slope_of, take_step
 from mjsheaf.loop.system import System
@@ -80,14 +80,14 @@ class Carrier:
         self._K = problem.extend(np.eye(n_p)) - rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
         self._own = _places(system)
         self._ramp = ramp = system.team.ramp
-        self.rate = np.zeros(n_q) if ramp is None else system.team.moved / (ramp.end - ramp.start)
+        self.rate = np.zeros(n_q) if ramp is None else ramp.moved / (ramp.end - ramp.start)
 
     def extend(self, targets: Array, time: Array | None = None) -> Array:
         """q* of targets at (..., M, 3), stacked, (..., n_q), m; at times (...) in s, or as formations begin."""
         q_star = self.carry(targets) + self._rest
         if self._ramp is None or time is None:
             return q_star
-        return q_star + (time - self._ramp.start)[..., None] * self.rate
+        return q_star + (time - self._ramp.begin)[..., None] * self.rate
 
     def slide(self, duration: Array) -> Array:
         """How far each q*_i moves in half of durations (T,) in s while formations change, shape (T, N), m."""
@@ -325,8 +325,16 @@ class _UnknownPathError(Exception):
 def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]:
     """All on which the targets' path depends; of the agents only where they begin."""
     alone, team = _targets_alone(system), (system.team.members, sorted(system.team.absent), system.law.edges)
-    ramp = system.team.ramp and (system.team.ramp[:2], edges_of(system.team.ramp.team))
-    return alone, team, ramp, system.initial, system.grid, system.effectiveness, MOST_STEPS
+    ramp = system.team.ramp
+    return (
+        alone,
+        team,
+        ramp and (ramp.begin, ramp.start, ramp.end, ramp.moved),
+        system.initial,
+        system.grid,
+        system.effectiveness,
+        MOST_STEPS,
+    )
 
 
 @remember_last(_path_key)
