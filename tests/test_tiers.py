@@ -155,7 +155,7 @@ def test_every_combination_of_types_has_a_time_of_its_own(tmp_path: Path, monkey
         for i in range(x.shape[0]):
             x[i] /= 2.0
 
-    monkeypatch.setattr(tiers, "_file_of_times", lambda _, kinds: tmp_path / str(kinds[1][0]))
+    monkeypatch.setattr(tiers, "_file_of_times", lambda _, kinds: tmp_path / str(kinds[0][0]))
     function = tiers.Tiered(halve, seconds=1e-9)
     for count, number in enumerate((np.float64, np.float32)):
         function(np.ones(3, number))

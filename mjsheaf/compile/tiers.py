@@ -19,7 +19,7 @@ from zlib import crc32
 
 import numpy as np
 
-from mjsheaf.compile.jit import INTERPRETED, Dispatcher, Held
+from mjsheaf.compile.jit import INTERPRETED, Dispatcher, Held, kinds_of
 from mjsheaf.compile.machine_code import source_hash
 
 _MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
@@ -85,11 +85,13 @@ class Tiered:
         """Call the function, in Python or compiled."""
         if INTERPRETED:
             return self.compiled(*arguments)
-        values = tuple(one.value if isinstance(one, Held) else one for one in arguments)
-        kinds = _kinds_of(values)
+        kinds = tuple(one.kinds if isinstance(one, Held) else kinds_of(one) for one in arguments)
         if kinds not in self._left:
             spent = _total_time(_file_of_times(self.compiled, kinds))
             self._left[kinds] = self._seconds if spent <= _PROCESSES * self._seconds else 0.0
+        if self._left[kinds] == -math.inf:
+            return self.compiled(*arguments)
+        values = tuple(one.value if isinstance(one, Held) else one for one in arguments)
         if self._left[kinds] <= 0.0 or (self._numbers < np.inf and _numbers_in(values) > self._numbers):
             self._hand_over(kinds)
             return self.compiled(*arguments)
@@ -172,13 +174,6 @@ def _numbers_in(tree: Any) -> int:
     if isinstance(tree, tuple):
         return sum(map(_numbers_in, tree))
     return int(np.size(tree)) if isinstance(tree, np.ndarray) else 0
-
-
-def _kinds_of(tree: Any) -> Any:
-    """Return the types of arguments as numba compiles for them; layouts of arrays do not count."""
-    if isinstance(tree, tuple):
-        return type(tree), *map(_kinds_of, tree)
-    return (tree.dtype, tree.ndim) if isinstance(tree, np.ndarray) else type(tree)
 
 
 def _as_records(tree: Any) -> Any:

@@ -299,18 +299,19 @@ class Worlds:
 
         Raises:
             InputError: A run differs from the first in what worlds share, has begun, has events or another phase, a law
-                in Python, or a team whose q* is no linear function of the targets.
+                in Python, headings that its seed draws, or a team whose q* is no linear function of the targets.
         """
         first, system = runs[0], runs[0].system
-        self._shared, self._rigid = _shared(first.params()), first.compiled[1]
+        shared, self._rigid = _shared(first.params()), first.compiled[1]
         for run in runs:
             start, *later = run.phases
             own = (_shared(run.params()), run.compiled[1], run.system.team.members, run.system.grid)
-            alike = _are_equal(own, (self._shared, self._rigid, system.team.members, system.grid))
-            if not (alike and run.system.team.plain) or run.steps_taken or later or start.events or run.controller:
+            alike = _are_equal(own, (shared, self._rigid, system.team.members, system.grid)) and run.system.team.plain
+            turned = run.scenario is not None and run.scenario.spread.heading > 0.0  # a seed changes what they share
+            if not alike or run.steps_taken or later or start.events or run.controller or turned:
                 raise InputError(
-                    f"{system.name}: expected runs of one team at their start, without events, a law in Python, or "
-                    "edges of ranges, bearings or directions, in worlds that step together"
+                    f"{system.name}: expected runs of one team at their start, without events, headings that a seed "
+                    "draws, a law in Python, or edges of ranges, bearings or directions, in worlds that step together"
                 )
         W = len(runs)
         self._runs = list(runs)
@@ -320,6 +321,7 @@ class Worlds:
         numbers[:] = np.arange(len(numbers))
         self.values = np.zeros((W, len(self._row)))
         self._loops = [run.continue_in(Room(row)) for run, row in zip(runs, self.values, strict=True)]
+        self._seeded = [_seeded(loop.params) for loop in self._loops]
         self._errors = SquareErrors(system.team)
         self._positions = self.columns.state.x.astype(np.int64)
         self._held = held(self._loop)
@@ -335,21 +337,14 @@ class Worlds:
         return self.values[:, 0].astype(np.int64)
 
     def begin(self, seeds: Mapping[int, int]) -> None:
-        """Begin runs anew, each with a seed, by the numbers of their worlds.
-
-        Raises:
-            InputError: A seed changes what worlds share.
-        """
+        """Begin runs anew, each with a seed, by the numbers of their worlds."""
         which = np.array(list(seeds), dtype=np.int64)
         new = np.array([w for w, seed in seeds.items() if seed != self._runs[w].seed], dtype=np.int64)
         for w in new.tolist():
             run = self._runs[w]
             run.take_seed(seeds[w])
-            params = run.params()
-            if not _are_equal(_shared(params), self._shared):
-                raise InputError(f"seed {run.seed} changes what worlds that step together share")
             self.values[w, : len(self._empty)] = self._empty
-            for own, value in zip(_seeded(self._loops[w].params), _seeded(params), strict=True):
+            for own, value in zip(self._seeded[w], _seeded(run.params()), strict=True):
                 own[...] = value
             run.place()
             run.close_loop(sample=True)

@@ -847,6 +847,8 @@ class Scenario(Section):
             changes |= {"initial": initial, "motion": motion}
         harmonics, law = self.disturbance.draw(self.team, self.seed), with_seed(law, self.seed)
         shared = {"steady_medium": system.steady_medium, "station": system.station}
+        if not system.moving:
+            shared["moving"] = ()
         system = replace(system, seed=self.seed, harmonics=harmonics, law=law, **changes)
         vars(system).update(shared)
         system.require_fitting()

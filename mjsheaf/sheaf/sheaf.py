@@ -747,18 +747,33 @@ class Sheaf(Cochains):
         """
         return self.dirichlet_problem(list(boundary)).harmonic_extension(boundary)
 
-    def nearest_global_section(self, x: Cochain) -> Any:
-        """Orthogonal projection of a 0-cochain on H^0; a mapping gives a mapping, a vector a vector."""
-        value = self.pack(x)
+    def nearest_global_section(self, x: Cochain, *, offset: ArrayLike | None = None) -> Any:
+        """Orthogonal projection of a 0-cochain on H^0, or on the states whose edges differ by an offset.
+
+        Those are the x with delta x = b or, where there is none, with the least |delta x - b|.
+
+        Args:
+            x: 0-cochain; a mapping gives a mapping, a vector a vector.
+            offset: b, one edge after another, in the order of `offset`, which returns that of the edges; zero unless
+                given.
+
+        Raises:
+            SheafError: The offset has another shape, or is not finite.
+        """
+        value, delta = self.pack(x), self.edges.delta
+        b = np.zeros(delta.shape[0]) if offset is None else np.asarray(offset, dtype=np.float64)
+        if b.shape != (delta.shape[0],) or not np.isfinite(b).all():
+            raise SheafError(f"offset has the shape {b.shape}; expected {delta.shape[0]} finite numbers")
+        if len(value) <= DENSE_COLUMNS:  # the shortest correction d with delta d = delta x - b
+            section = value - np.linalg.lstsq(delta.toarray(), delta @ value - b, RANK_TOLERANCE)[0]
+            return self.unpack(section) if isinstance(x, Mapping) else section
         found, left = certified_sections(self.edges, self.free([]), RANK_TOLERANCE)
-        if left.any() and len(value) > DENSE_COLUMNS:  # the shortest correction d with delta d = delta x
-            delta = self.edges.delta
-            section = value - splinalg.lsmr(delta, delta @ value, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
-        elif left.any():
-            sections = section_basis(self.edges, self.free([]), RANK_TOLERANCE)
-            section = sections @ (sections.T @ value)
+        section = np.zeros_like(value)
+        if left.any():
+            section, b = value.copy(), b - delta @ value
         else:
-            section = np.zeros_like(value)
             for place, basis in found:
                 section[place] = basis @ (basis.T @ value[place])
+        if b.any():
+            section += splinalg.lsmr(delta, b, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
         return self.unpack(section) if isinstance(x, Mapping) else section

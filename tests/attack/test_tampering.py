@@ -149,6 +149,7 @@ def test_edited_record_is_run_again(study: Path, tmp_path: Path) -> None:
     assert (directory / "table.csv").read_bytes() == (study / "table.csv").read_bytes()
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("text", [b"", b"{", b"[]", b"null", b"{}", b"\xff", b"[" * 100_000])
 def test_damaged_study_file(text: bytes, study: Path, tmp_path: Path) -> None:
     directory = tmp_path / "study"

@@ -54,6 +54,7 @@ def last_line(code: str) -> list[object]:
     return found
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize(
     ("arguments", "may_load"),
     [

@@ -263,6 +263,7 @@ def test_the_oracle_agrees_with_the_ideal_backend(seed: int) -> None:
     np.testing.assert_allclose([truth.error[0], truth.error[-1]], [error[0], error[-1]], rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_oracle_meets_a_closed_form() -> None:
     """One agent, lambda = 3: e' = -3 k e + v, with a steady drift of the target, from e(0) = 2 along x."""
     raw = {

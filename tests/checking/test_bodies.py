@@ -95,6 +95,7 @@ def test_two_quadrotors_swing_up_where_check_says() -> None:
     hold_against_simulation({**QUADROTOR_PAIR, **coarse})
 
 
+@pytest.mark.slow
 def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "ring.yaml"
     path.write_text(json.dumps(QUADROTOR_PAIR))
@@ -286,6 +287,7 @@ def test_headings_that_nothing_holds_are_no_instability() -> None:
     assert loops[0].spectral_radius == pytest.approx(loops[1].spectral_radius, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_what_is_free_does_not_enter() -> None:
     """Nothing holds the drones' common height, whose factor of 1 is no mode of the law."""
     record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"), trial=False)["margins"]["bodies"]

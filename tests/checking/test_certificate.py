@@ -167,6 +167,7 @@ def test_links_that_tell_nothing_do_not_connect() -> None:
     assert "fall into 2 parts" in record["assumptions"][4]["witness"]
 
 
+@pytest.mark.slow
 def test_agents_without_an_effectiveness_of_their_own_count_too() -> None:
     raw = _pushed(1.0, 0.1, 1.0)
     raw["agents"] += [{"id": "B", "position": [1.0, 0.0], "vehicle": "otter", "effectiveness": None}]
@@ -207,6 +208,7 @@ def test_an_undecided_assumption_is_not_one_that_holds(
     assert not record["region"]["verified"]
 
 
+@pytest.mark.slow
 def test_a_pole_that_the_bound_keeps_agents_away_from_is_no_hindrance(pole: dict[str, Any]) -> None:
     pole["flow"]["agents"]["drift"] = [0.5, 0.0]
     record = mjsheaf.check(scenario_from_mapping(pole), trial=False)
@@ -227,6 +229,7 @@ def test_a_users_rho_gives_finite_sets() -> None:
     assert steep["initial_error_inside_S"] in (False, None)
 
 
+@pytest.mark.slow
 def test_a_run_whose_targets_go_elsewhere_is_not_certified() -> None:
     scenario = mjsheaf.load_scenario("certified", {"time.end": 3.0})
     result = mjsheaf.simulate(scenario, "ideal")

@@ -229,6 +229,7 @@ def test_coarse_records_do_not_hide_fast_targets() -> None:
     assert coarse["f_bar"] >= 2 * 4 * np.pi
 
 
+@pytest.mark.slow
 def test_a_pole_where_an_agent_should_be_fails_and_does_not_crash() -> None:
     pole = {"dimension": 2, "core": 0.0, "vortices": [{"centre": [0.0, 0.0], "gamma": 2.0}]}
     still = {"kind": "static", "pull": 1.0}

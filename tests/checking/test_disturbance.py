@@ -168,6 +168,7 @@ PULLED = {
 """Two boats about a target that is pulled back, in waves whose height is 1/200 of their length."""
 
 
+@pytest.mark.slow
 def test_steep_waves_are_named_as_beyond_a_linear_prediction() -> None:
     """The waves of PM are 2 pi 9.81 m long."""
     for height, beyond in ((0.9, []), (1.2, ["slow drift in groups of steep waves"])):
@@ -342,6 +343,7 @@ def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
     assert "follows the targets" in ahead["reason"]
 
 
+@pytest.mark.slow
 def test_a_loop_that_is_not_finite_has_no_prediction(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*args: Any) -> None:
         raise np.linalg.LinAlgError("not finite")

@@ -81,6 +81,7 @@ def test_the_bound_is_never_exceeded(piece: int) -> None:
     assert sum(map(held, seeds)) > 0.9 * len(seeds)
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("seed", range(STUDIED, STUDIED + 12))
 def test_some_bounds_are_never_exceeded(seed: int) -> None:
     held(seed)

@@ -915,6 +915,7 @@ def test_rounds_that_are_late_or_lost_are_undecided(term: str) -> None:
         assert found["ok"]  # null alone fails nothing
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("name", ["midpoint", "leader_follower"])
 def test_the_gain_that_is_proposed_is_stable_over_links_that_delay(name: str) -> None:
     """Oracle: the loop itself, with its delays, just below and above the largest gain."""

@@ -172,6 +172,7 @@ def test_a_target_that_passes_through_the_surface_of_waves_has_no_known_path() -
     assert warnings == ["", "diver passes through the surface of the waves"]
 
 
+@pytest.mark.slow
 def test_the_path_of_targets_in_waves_lies_within_its_cells() -> None:
     system = waving(controller={"gain": 3.0, "control_period": 0.05}).system
     path = follow_targets(system)

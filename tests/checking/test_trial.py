@@ -280,6 +280,7 @@ def test_a_boat_without_a_linear_model_is_undecided_unless_it_is_tried() -> None
     assert "untried" not in {one["kind"] for one in mjsheaf.check(scenario)["problems"]}
 
 
+@pytest.mark.slow
 def test_a_pair_that_begins_too_close_does_not_hide_another() -> None:
     """B and its target begin 1 m apart where 4 m are required; A and its target close in from afar."""
     fields = lone("otter", [20.0, 0.0], {"motion": {"kind": "waypoints", "points": [[1000, 0]], "speed": 5.0}})

@@ -47,7 +47,7 @@ IN_TURN = [run for k, run in enumerate(EVERY) if k % 4 in (0, 3)]
     ("name", "backend"),
     [
         *(
-            pytest.param(*run, marks=[] if k % 3 == 0 else [pytest.mark.slow(each=True)])
+            pytest.param(*run, marks=[] if k % 5 == 0 else [pytest.mark.slow(each=True)])
             for k, run in enumerate(IN_TURN)
         ),
         *(pytest.param(*run, marks=pytest.mark.long) for run in EVERY if run not in IN_TURN),

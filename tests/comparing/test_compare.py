@@ -38,6 +38,7 @@ def record() -> CompareRecord:
     return compare(two_boats("otter", "hull")).record
 
 
+@pytest.mark.slow
 def test_errors_of_a_rung_are_those_of_a_run(record: CompareRecord) -> None:
     scenario = two_boats("otter", "hull")
     for key, backend in (("ideal", "ideal"), ("all", "physics")):

@@ -89,6 +89,7 @@ def test_the_late_error_of_a_phase_is_that_of_its_last_half(record: CompareRecor
     assert approx(record.phases[1].errors["ideal"]["team"].late.tracking_error, rel=1e-9) == expected
 
 
+@pytest.mark.slow
 def test_budgets_of_each_phase_sum_to_the_whole(record: CompareRecord) -> None:
     for phase in record.phases:
         assert len(phase.budgets) == len(record.budgets)

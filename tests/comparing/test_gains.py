@@ -41,6 +41,7 @@ def test_trials_are_plain_runs_at_their_gains(record: CompareRecord) -> None:
     assert record.gains[0].late == record.rung("all").errors["team"].late
 
 
+@pytest.mark.slow
 def test_the_verdict_says_what_limits_and_the_page_what_was_measured(record: CompareRecord) -> None:
     assert record.ringing is not None
     (limit,) = [s for s in record.verdict if s.startswith("gain 1 1/s")]

@@ -72,6 +72,7 @@ def test_the_paper_s_law_in_python_compares_like_the_compiled_one(record: Compar
     assert record.rung("all-terms").errors == compiled.rung("all").errors
 
 
+@pytest.mark.slow
 def test_the_law_is_named_and_no_gain_advised(record: CompareRecord, laws: Path) -> None:
     assert record.controller == record.law == f"{laws}:Same"
     assert record.gain is None

@@ -91,12 +91,14 @@ def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
     assert approx(compared.runs[1].late_difference.tracking_error, rel=1e-6) == expected
 
 
+@pytest.mark.slow
 def test_every_error_states_its_norm(compared: RunsRecord) -> None:
     held = [record for _, record in records(compared.model_dump(mode="json")) if errors_of(record)]
     assert len(held) == 4 * len(compared.runs)
     assert {record["norm"] for record in [*held, *compared.model_dump()["runs"]]} == {"per_agent_rms"}
 
 
+@pytest.mark.slow
 def test_a_longer_run_on_another_grid_is_compared_where_all_are(compared: RunsRecord) -> None:
     longer = compared.runs[2]
     assert (compared.start_s, compared.end_s) == (0.0, 3.0)

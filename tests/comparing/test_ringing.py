@@ -137,6 +137,7 @@ def test_noise_and_losses_do_not_ring_and_delay_leaves_less_gain() -> None:
     assert approx(late.without["links"], rel=1e-6) == perfect.usable_gain
 
 
+@pytest.mark.slow(each=True)
 @settings(max_examples=10)
 @given(st.integers(10, 100))
 def test_a_longer_hold_leaves_less_gain(steps: int) -> None:
@@ -163,6 +164,7 @@ def boats(vehicle: str, **fields: Any) -> System:
     return two_boats(vehicle, "hull", **{"controller": {"gain": 1.0, "control_period": 0.02}, **fields}).system
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize(
     ("vehicle", "fields", "effect"),
     [

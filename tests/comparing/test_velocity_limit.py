@@ -31,6 +31,7 @@ def record() -> CompareRecord:
     return compare(limited(0.4)).record
 
 
+@pytest.mark.slow
 def test_the_runs_without_it_are_plain_runs(record: CompareRecord) -> None:
     found = record.velocity_limit
     assert found is not None

@@ -164,6 +164,7 @@ def test_one_seed_determines_all_episodes(name: str) -> None:
     np.testing.assert_equal(same.reset(), first)
 
 
+@pytest.mark.slow
 def test_info_names_the_seed() -> None:
     scenario = random_scenario()
     whole, team = env(scenario), parallel_env(scenario)
@@ -181,6 +182,7 @@ def test_info_names_the_seed() -> None:
     assert info["seed"].tolist() == [next_seed(next_seed(7)), next_seed(8)]
 
 
+@pytest.mark.slow
 def test_runs_of_a_vector_are_single_environments_whenever_they_end() -> None:
     """Each goes on by its own seeds: rewards, observations and seeds are those of `env`, to the bit."""
     scenario = random_scenario()

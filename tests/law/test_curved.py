@@ -190,6 +190,7 @@ def test_noise_is_that_of_the_range_and_of_the_bearing() -> None:
             assert np.abs(np.linalg.norm(y, axis=1) - length).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_laws_in_python_get_measurement_jacobian_and_residual() -> None:
     """By these and the maps the law can be written anew: both runs are alike."""
 
@@ -341,6 +342,7 @@ def test_no_position_makes_h_larger_than_its_bound(measures: str) -> None:
             assert np.allclose(H, linear, atol=1e-12)
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_rounds_of_agents_in_one_place_are_finite(measures: str) -> None:
     """An edge without a direction counts with M = 0; a third agent pulls the two apart or leaves them there."""

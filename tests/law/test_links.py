@@ -189,6 +189,7 @@ class Local:
         return -3.0 * eta
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_local_form_does_the_same(backend: str) -> None:
     scenario = tangled()

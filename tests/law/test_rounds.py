@@ -330,6 +330,7 @@ def test_check_does_not_claim_to_know_the_held_law(fields: dict[str, Any]) -> No
     assert loop_of(load_scenario("paper", fields).system).radius < 1.0  # the paper's law has no rounds
 
 
+@pytest.mark.slow
 def test_rounds_over_no_edge_at_all() -> None:
     """All links are cut: H is 0, no agent receives messages, and all stay."""
     rest = {"links": {"rounds": {"delay": 0.02, "loss": 0.3}}, "events": [{"time": 0.1, "cut": ["A1", "T1"]}]}

@@ -134,6 +134,7 @@ def violations(scenario: Scenario) -> tuple[xr.Dataset, Array]:
     return simulate(scenario, backend="ideal"), np.array(found)
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("seed", [1, 6, 14, 21])
 def test_no_pair_comes_too_near(seed: int) -> None:
     scenario = load_scenario(random_swap(seed))
@@ -199,6 +200,7 @@ def test_commands_of_a_run_are_those_of_a_quadratic_program(seed: int, dimension
         np.testing.assert_allclose(commands[k, v, :dimension], u, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_what_is_too_far_to_matter_changes_no_bit() -> None:
     """Unlike speeds, lost agents, targets and media: with no vehicle skipped the commands and causes are the same."""
     scenario, V, N, skipped = load_scenario(swap(40)), 40, 36, 0
@@ -433,6 +435,7 @@ def test_an_event_changes_the_distance() -> None:
     assert away[-1].min() > 2.5  # pairs that are too near are driven apart
 
 
+@pytest.mark.slow
 def test_a_law_in_python_is_filtered_too() -> None:
     def together(t: float, sample: Any) -> Array:
         return np.asarray(-sample.truth.positions[: len(sample.disagreement)])

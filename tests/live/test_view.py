@@ -92,7 +92,7 @@ def test_the_recorded_scenario_repeats_the_session_to_the_bit(
     scenario = load_scenario(name, overrides)
     lost = scenario.team.agent_ids[0]
     frames = []
-    with Watched(scenario, backend, speed=2.0) as run:
+    with Watched(scenario, backend, speed=0.2) as run:  # which does not end before the session pauses
         status, _, page = get(run.url)
         assert status == 200
         said = said_in(page)

@@ -39,6 +39,7 @@ def on_bodies(simulated: Simulated) -> xr.Dataset:
     return simulated("paper", "physics")
 
 
+@pytest.mark.slow
 def test_published_run_on_bodies_comes_within_a_percent(on_bodies: xr.Dataset, simulated: Simulated) -> None:
     """Mean disagreement over the last 25 s at m / D = 0.01 s."""
     ideal = simulated("paper", "ideal")
@@ -48,6 +49,7 @@ def test_published_run_on_bodies_comes_within_a_percent(on_bodies: xr.Dataset, s
     assert body != pytest.approx(point, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_published_run_on_bodies_ends_where_it_was_measured_to(on_bodies: xr.Dataset) -> None:
     measured = FACTS["bodies_gain_10"]["mean_disagreement_at_49.99"]
     assert float(on_bodies.time[-1]) == pytest.approx(49.99)

@@ -152,6 +152,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
 # -- one step ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_step_of_every_vehicle_is_that_of_mujoco(tmp_path: Path) -> None:
     assert off_by(of_vehicles([*POWERED, *unlike(tmp_path)], 0.002), 30, 1) < EPSILON
 
@@ -187,6 +188,7 @@ def of_lanes(folder: Path) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_a_step_in_lanes_is_that_of_mujoco(tmp_path: Path) -> None:
     assert off_by(of_vehicles(of_lanes(tmp_path), 0.002), 30, 3) < EPSILON
 

@@ -91,6 +91,7 @@ def test_periods_are_the_samples_of_simulate(fields: dict[str, Any], engine: str
         np.testing.assert_array_equal(attitude, run["agent_orientation"].values)
 
 
+@pytest.mark.slow
 @engines
 def test_what_looks_changes_nothing(engine: str) -> None:
     scenario = mixed_scenario(**TANGLED)
@@ -105,6 +106,7 @@ def test_what_looks_changes_nothing(engine: str) -> None:
     np.testing.assert_array_equal(watched.state, plain.state)
 
 
+@pytest.mark.slow
 @engines
 def test_a_seed_is_a_run(engine: str) -> None:
     scenario = mixed_scenario(**TANGLED)
@@ -163,6 +165,7 @@ def test_without_random_numbers_seeds_are_alike(engine: str) -> None:
     np.testing.assert_array_equal(end_of(session)[1:], own[1:])  # but for the seed
 
 
+@pytest.mark.slow(each=True)
 @engines
 @pytest.mark.parametrize("at", [0, 7, 10, 15])
 def test_a_state_goes_on_to_the_bit(engine: str, at: int) -> None:
@@ -223,6 +226,7 @@ def test_a_law_in_python_is_a_loop_of_the_users_own(engine: str) -> None:
     np.testing.assert_array_equal(np.array(positions)[:, :3], run["agent_position"].fillna(0.0).values)
 
 
+@pytest.mark.slow
 @engines
 def test_commands_are_added_or_take_the_place_of_the_law(engine: str) -> None:
     scenario = mixed_scenario(controller={**HELD, "velocity_limit": 2.0}, links={"all": {"noise": 0.02}})

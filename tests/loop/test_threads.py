@@ -31,6 +31,7 @@ def any_team_is_worth_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 1)
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize("name", ["swarm_radio_shadow", "swarm"])
 def test_threads_do_not_change_a_bit(name: str) -> None:
     """Of a swarm over links that fail, with events in mid-run, and of one over exact links."""
@@ -39,6 +40,7 @@ def test_threads_do_not_change_a_bit(name: str) -> None:
     assert all(other == one for other in more)
 
 
+@pytest.mark.slow
 def test_the_vehicles_are_divided_among_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each is moved by one of them between two evaluations of the law; a team alone in a thread is not divided."""
     parts: list[tuple[int, int]] = []

@@ -177,6 +177,7 @@ def test_a_hull_at_speed_meets_the_frequency_of_encounter(speed: float) -> None:
     assert found == pytest.approx(abs(rate - rate**2 / GRAVITY * speed), abs=2.0 * np.pi / 2000.0)
 
 
+@pytest.mark.slow
 def test_a_run_meets_the_sea_that_medium_returns() -> None:
     """On ideal kinematics; `test_on_bodies` has the others."""
     scenario = sea({**JONSWAP, "spreading": "cos2"})

@@ -127,6 +127,7 @@ def test_a_notebook_shows_the_page_in_a_frame(source: str, tmp_path: Path, reque
     assert outside == []  # needs no network
 
 
+@pytest.mark.slow
 def test_the_page_of_a_directory_is_its_own(directory: Path) -> None:
     assert mjsheaf.replay(directory).html.encode() == (directory / "report.html").read_bytes()
 

@@ -61,6 +61,7 @@ def test_a_free_team_is_refused_or_drifts_and_says_so(backend: str) -> None:
     assert float(result["tracking_error"][-1].max()) < 25.0
 
 
+@pytest.mark.slow
 def test_paper_centering_matches_the_published_account(simulated: Simulated) -> None:
     final = summarize(load_scenario("paper").system.team, simulated("paper", "ideal"))
     assert 7.2 < final["centering_error"] < 7.4  # "up to 7.3 m from their targets"

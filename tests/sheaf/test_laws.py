@@ -5,9 +5,12 @@ fractions.
 """
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjsheaf import Sheaf
+from mjsheaf.errors import SheafError
 from tests.strategies import EdgeSpec, SheafSpec, exact_rank, orthogonal, sheaves, split, vectors
 
 
@@ -159,3 +162,24 @@ def test_nearest_global_section_is_the_orthogonal_projection(spec: SheafSpec, se
     by_vertex = sheaf.nearest_global_section(split(spec, list(spec.stalks), x))
     assert list(by_vertex) == list(spec.stalks)
     np.testing.assert_array_equal(np.concatenate(list(by_vertex.values())), section)
+    np.testing.assert_allclose(sheaf.nearest_global_section(x, offset=np.zeros(sheaf.shape[0])), section, atol=1e-12)
+
+
+@given(sheaves(), st.integers(0, 2**31))
+def test_with_an_offset_it_is_the_projection_on_the_states_with_these_differences(spec: SheafSpec, seed: int) -> None:
+    sheaf = spec.build()
+    rng = np.random.default_rng(seed)
+    x, b = rng.standard_normal(spec.n), rng.standard_normal(sheaf.shape[0])
+    found = sheaf.nearest_global_section(x, offset=b)
+    tolerance = float(1e-7 * (1.0 + np.linalg.norm(found)) * (1.0 + np.linalg.norm(spec.delta, 2)) ** 2)
+    np.testing.assert_allclose(spec.delta.T @ (spec.delta @ found - b), 0.0, atol=tolerance)  # the least residual
+    np.testing.assert_allclose(sheaf.global_sections().T @ (x - found), 0.0, atol=1e-2 * tolerance)
+
+
+@pytest.mark.parametrize("offset", [[0.0], [np.nan] * 4])
+def test_an_offset_that_does_not_fit_is_refused(offset: list[float]) -> None:
+    sheaf = Sheaf({"A": 2, "B": 2, "C": 2})
+    sheaf.add_edge("A", "B", np.eye(2), np.eye(2))
+    sheaf.add_edge("B", "C", np.eye(2), np.eye(2))
+    with pytest.raises(SheafError, match="expected 4 finite numbers"):
+        sheaf.nearest_global_section(np.zeros(6), offset=offset)
