@@ -44,6 +44,7 @@ def test_f_bar_has_the_velocity_of_q_star() -> None:
     assert certify(during(scenario.phases, 0)).constants.difference.bound < 0.5 * bound
 
 
+@pytest.mark.slow
 def test_no_run_exceeds_its_bounds_through_a_change() -> None:
     scenario = changing([change()])
     data = simulate(scenario, "ideal")
@@ -59,6 +60,7 @@ def test_no_run_exceeds_its_bounds_through_a_change() -> None:
     assert bounds[1][1].settled_ratio > 0.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "terms", [{"feedforward": {"rounds": 3, "filter": 0.1}}, {"drift": {}}, {"newton": {"rounds": 2}}]
 )
@@ -73,6 +75,7 @@ def test_the_bound_with_terms_holds_from_the_first_sample(terms: dict[str, Any])
     assert held.settled_ratio > 0.2
 
 
+@pytest.mark.slow
 def test_check_names_each_phase_and_its_speeds() -> None:
     record = check(changing([change(), change({"formations.ring.radius": 3}, time=0.8, over=None)]), trial=False)
     phases = record["phases"]
@@ -89,6 +92,7 @@ def test_check_names_each_phase_and_its_speeds() -> None:
     assert steady[2] < steady[0] + 0.5
 
 
+@pytest.mark.slow
 def test_a_change_from_the_start_has_no_predicted_error() -> None:
     record = check(changing([change(time=0.0)]), trial=False)
     assert record["steady"]["ideal"] is None

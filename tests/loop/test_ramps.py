@@ -18,6 +18,7 @@ BEGIN, OVER = 0.2, 0.4  # s, of the change in most of these tests
 FIRST, LAST = 10, 30  # its samples
 MOVED = {"formations.ring.radius": 1.5, "formations.ring.angle": 40.0, "formations.ring.centre": [0.5, 0.2, 0.3]}
 EXACT = {"rounds": 60}
+BACKENDS = ["ideal", pytest.param("physics", marks=pytest.mark.slow)]
 
 
 def ring(events: list[dict[str, Any]], **fields: Any) -> Scenario:
@@ -84,7 +85,7 @@ def rms(data: xr.Dataset) -> Array:
     return np.asarray(np.sqrt((data["tracking_error"].values ** 2).mean(axis=1)))
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_q_star_is_the_extension_of_interpolated_offsets(backend: str) -> None:
     scenario = ring([change()])
     data = simulate(scenario, backend, engine="mujoco")
@@ -115,6 +116,7 @@ def test_at_once_is_the_run_of_the_new_scenario_from_there(over: float | None) -
         np.testing.assert_allclose(data[name].values, fresh[name].values, rtol=0, atol=1e-12, err_msg=name)
 
 
+@pytest.mark.slow
 def test_with_exact_feedforward_the_error_decays_as_without_a_change() -> None:
     """On ideal kinematics, without flow: the offsets' rate is known and exact, from the first sample of a change on."""
     law = {"gain": 2.0, "control_period": PERIOD, "feedforward": EXACT}
@@ -152,6 +154,7 @@ def test_a_change_in_two_halves_gives_the_same_q_star() -> None:
         np.testing.assert_allclose(whole[name].values, halves[name].values, rtol=0, atol=1e-12, equal_nan=True)
 
 
+@pytest.mark.slow
 def test_engines_agree() -> None:
     law = {"gain": 2.0, "control_period": PERIOD, "feedforward": {"rounds": 3}}
     scenario = ring([change()], controller=law)
@@ -160,6 +163,7 @@ def test_engines_agree() -> None:
         np.testing.assert_allclose(mujoco[name].values, fused[name].values, rtol=0, atol=1e-9, err_msg=name)
 
 
+@pytest.mark.slow
 def test_over_links_the_disagreement_is_the_true_one_and_silence_has_no_effect() -> None:
     """Without any measurement agents stay where they are, whatever the offsets do."""
     scenario = ring([change()], links={"all": {"noise": 0.1}})
@@ -181,6 +185,7 @@ def test_over_links_the_disagreement_is_the_true_one_and_silence_has_no_effect()
     assert not silent["velocity_command"].fillna(0.0).values.any()
 
 
+@pytest.mark.slow
 def test_a_law_in_python_sees_the_offsets_of_now() -> None:
     seen = []
 
@@ -200,7 +205,7 @@ def test_a_law_in_python_sees_the_offsets_of_now() -> None:
     np.testing.assert_allclose(seen, np.nan_to_num(plain["harmonic_extension"].values[: len(seen)]), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_a_session_and_an_environment_are_the_run(backend: str) -> None:
     scenario = ring([change()])
     data = simulate(scenario, backend)
@@ -223,6 +228,7 @@ def test_a_session_and_an_environment_are_the_run(backend: str) -> None:
             assert reward == pytest.approx(-float((data["tracking_error"].values[k] ** 2).sum()), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_runs_on_two_engines_at_a_time_do_not_share_offsets() -> None:
     """One system, two runs at different times: each has its own offsets."""
     scenario = ring([change()])
@@ -236,6 +242,7 @@ def test_runs_on_two_engines_at_a_time_do_not_share_offsets() -> None:
     assert (scenario.phases[1].system.law.edges.b == copy.deepcopy(scenario).phases[1].system.law.edges.b).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_ranges_and_bearings_follow_their_places(measures: str) -> None:
     """Places move in straight lines, so that at all times some team fits all edges: it is q*."""
@@ -302,7 +309,7 @@ def test_a_change_that_cannot_be(event: dict[str, Any], message: str) -> None:
     assert len(str(error.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_a_change_may_end_after_the_run(backend: str) -> None:
     """The run is then the beginning of the longer one, to the bit, as with `--set time.end=...`."""
     whole, begun = (simulate(ring([change()], time={"end": end}), backend) for end in (1.0, 0.4))
@@ -311,6 +318,7 @@ def test_a_change_may_end_after_the_run(backend: str) -> None:
         np.testing.assert_array_equal(begun[name].values, whole[name].values[:21], err_msg=name)
 
 
+@pytest.mark.slow
 def test_a_phase_that_begins_meanwhile_changes_no_bit() -> None:
     """As a live session needs it, which repeats what happened with other events in it."""
     law = {"gain": 2.0, "control_period": PERIOD, "feedforward": {"rounds": 3}}
@@ -327,6 +335,7 @@ def test_changes_of_one_formation_follow_one_another() -> None:
     assert len(ring([change(), change({"formations.ring.radius": 2}, time=0.6)]).phases) == 4
 
 
+@pytest.mark.slow
 def test_a_turn_through_one_point_is_refused_for_ranges_and_found_by_check() -> None:
     half_turn = change({"formations.ring.angle": 180})
     raw = ring([half_turn]).model_dump(mode="json", exclude_none=True)
