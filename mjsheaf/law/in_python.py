@@ -107,7 +107,7 @@ class Sample:
 
     Attributes:
         time: Time of the sample, s.
-        team: The team, read-only; `team.agent_ids` names the rows of arrays.
+        team: The team as the phase begins, read-only; `team.agent_ids` names the rows of arrays.
         edges: The edges at which agents measure: communication, sensing, anchors; with the offsets of now.
         measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
             where nothing is received. Of a range edge the distance, shape (1,), m; of a bearing edge the unit vector
@@ -316,7 +316,8 @@ class LocalSample:
     """Local information of one agent at a sample.
 
     Attributes:
-        edges: Present edges of the agent; a subset of its `Agent.edges` in a phase with other edges.
+        edges: Present edges of the agent, with the offsets of now; a subset of its `Agent.edges` in a phase with other
+            edges.
         measurements: y_e of each of them, m; -b_e where nothing is received. See `Sample` for these and the next two.
         jacobians: dh/dz of each of them.
         residuals: What each measurement lacks of the desired one.
