@@ -4,8 +4,8 @@ Each event happens at a sample and begins a phase of the run there (see `phases_
 first event is `join` is disconnected until then; such an agent holds its position, unless it is to drift. A lost agent
 is disconnected and its thrusters stop; a lost target continues, and no agent senses it.
 
-A formation changes at once or over a time, in which its members' places move in straight lines. The change over a time
-is a phase of its own, or several if something else happens meanwhile; in each, places begin where they are then.
+A formation changes at once or over a time. Its members' places then move in straight lines. Such a change is a phase of
+its own, or several if something else happens meanwhile; in each, places begin where they are then.
 """
 
 import re

@@ -153,7 +153,7 @@ class Team:
         """Let the places of formations move from a phase on.
 
         Raises:
-            InputError: On its way, a range or bearing edge has both ends in one place.
+            InputError: A range or bearing edge has both ends in one place on the way.
         """
         self.ramp = ramp
         for edge, other in zip(ramp.first.measuring_edges, ramp.last.measuring_edges, strict=True):
