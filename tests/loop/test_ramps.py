@@ -221,11 +221,15 @@ def test_a_session_and_an_environment_are_the_run(backend: str) -> None:
             session.step()
         np.testing.assert_array_equal(session.observe().truth.positions, later)
     if backend == "physics":
-        episode = envs.env(scenario)
+        episode, vector = envs.env(scenario), envs.vector_env(scenario, 2)
         episode.reset(seed=scenario.seed)
+        vector.reset(seed=[scenario.seed] * 2)
         for k in range(1, 25):
             _, reward, *_ = episode.step(np.zeros(int(np.prod(episode.action_space.shape or ()))))
-            assert reward == pytest.approx(-float((data["tracking_error"].values[k] ** 2).sum()), rel=1e-9)
+            error = float((data["tracking_error"].values[k] ** 2).sum())
+            assert reward == pytest.approx(-error, rel=1e-9)
+            rewards = vector.step(np.zeros(vector.action_space.shape))[1]
+            np.testing.assert_allclose(rewards, -error, rtol=1e-9)
 
 
 @pytest.mark.slow
