@@ -379,10 +379,15 @@ class AloneFused(Fused):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario.phases, controller=lambda *_: self.wanted[None])
-        state, V = self._loop.state, np.arange(len(self._vehicles))
-        self.data = SimpleNamespace(qpos=state.qpos, qvel=state.qvel, act=state.act, ctrl=state.ctrl)
+        V = np.arange(len(self._vehicles))
         first = np.cumsum([0, *(len(vehicle.channels) for vehicle in self._vehicles)])
         self.arena = SimpleNamespace(vehicles=self._vehicles, qpos=7 * V, dof=6 * V, thruster=first)
+
+    @property
+    def data(self) -> Any:
+        """The state, which lies elsewhere after a reset."""
+        state = self._loop.state
+        return SimpleNamespace(qpos=state.qpos, qvel=state.qvel, act=state.act, ctrl=state.ctrl)
 
 
 def alone(

@@ -263,6 +263,13 @@ McapOption = Annotated[
 Ros2Option = Annotated[
     bool, typer.Option("--ros2", help="Write run_ros2/, a bag for ROS 2 tools such as RViz. Needs the extra mcap.")
 ]
+LiveOption = Annotated[
+    bool,
+    typer.Option(
+        "--live", help="Show the run in Foxglove while it goes on, at ws://127.0.0.1:8765. Needs the extras mcap, live."
+    ),
+]
+FOXGLOVE = "live in Foxglove: open a connection to ws://127.0.0.1:8765"
 TitleOption = Annotated[bool, typer.Option("--title/--no-title", help="Give the plots a title.")]
 
 
@@ -277,9 +284,9 @@ def figure_options(formats: str, title: bool) -> "FigureOptions":
     return FigureOptions(tuple(formats.split(",")), title)
 
 
-def formats_of(mcap: bool, ros2: bool) -> list[str]:
-    """Return the keys of `mjsheaf.export.FORMATS` that --mcap and --ros2 select."""
-    return [name for name, chosen in (("mcap", mcap), ("ros2", ros2)) if chosen]
+def formats_of(**chosen: bool) -> list[str]:
+    """Return the keys of `mjsheaf.export.FORMATS` that options like --mcap select."""
+    return [name for name, wanted in chosen.items() if wanted]
 
 
 class NotHeldError(MjsheafError):

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from mjsheaf.cli.options import (
+    FOXGLOVE,
     Backend,
     BackendOption,
     ControllerOption,
     Engine,
     EngineOption,
     FormatOption,
+    LiveOption,
     McapOption,
     NotHeldError,
     OutOption,
@@ -61,7 +63,7 @@ _MAX_NOTES = 4  # lines
 _MAX_ROWS = 5  # of the table
 
 
-def announcing(scenario: "Scenario", backend: str, progress: "Progress") -> "Progress":
+def announcing(scenario: "Scenario", backend: str, progress: "Progress", *more: str) -> "Progress":
     """Return `progress` that prints what runs before its first report: a run that is refused prints nothing."""
     announced = False
 
@@ -70,6 +72,7 @@ def announcing(scenario: "Scenario", backend: str, progress: "Progress") -> "Pro
         if not announced:
             announced = True
             print_start(scenario, backend)
+            print_lines(*more)
         progress(what, done, total)
 
     return report
@@ -243,6 +246,7 @@ def run(
     threads: ThreadsOption = None,
     mcap: McapOption = False,
     ros2: Ros2Option = False,
+    live: LiveOption = False,
 ) -> None:
     """Simulate a scenario and write data, plots, a page that replays the run, and a video.
 
@@ -279,8 +283,8 @@ def run(
                 controller=law,
                 origin=origin,
                 figures=figures,
-                exports=formats_of(mcap, ros2),
-                progress=announcing(loaded, str(backend), bars),
+                exports=formats_of(mcap=mcap, ros2=ros2, live=live),
+                progress=announcing(loaded, str(backend), bars, *([FOXGLOVE] if live else [])),
             )
     print_outcome(outcome, overridden=bool(overrides))
     if options is not None:

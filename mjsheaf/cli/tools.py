@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mjsheaf.cli.options import (
+    FOXGLOVE,
     Backend,
     BackendOption,
     Engine,
     EngineOption,
+    LiveOption,
     McapOption,
     Ros2Option,
     SeedOption,
@@ -231,7 +233,7 @@ def export(
     The log has the pose of every vehicle, the scene with edges coloured by residual, desired positions and flow, errors
     and commands, events as messages, and the scenario. `run --mcap` writes the same file during a run.
     """
-    formats = formats_of(mcap, ros2)
+    formats = formats_of(mcap=mcap, ros2=ros2)
     if not formats:
         raise InputError("export: expected --mcap, --ros2 or both")
     if out is not None and len(formats) > 1:
@@ -247,6 +249,21 @@ def export(
             require_outside_of_runs(out, directory / FORMATS[formats[0]])
         paths = [export_run(directory, name, out) for name in formats]
     print_lines(*paths)
+
+
+def _open_page(directory: Path, browser: bool) -> None:
+    """Say where the page of a finished run is, and open it."""
+    from mjsheaf.results.store import open_run
+    from mjsheaf.runs.publish import replay
+
+    path = directory / "report.html"
+    with open_run(directory):
+        pass
+    if not path.is_file():
+        replay(directory).save(path)
+    print_lines(f"open in a browser: {path}")
+    if browser:
+        webbrowser.open(path.resolve().as_uri())
 
 
 def view(
@@ -269,6 +286,7 @@ def view(
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0 takes a free one.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    live: LiveOption = False,
 ) -> None:
     """Run a scenario in the browser: pause, set speed, gain and flow, lose agents, cut links. Or open a finished run.
 
@@ -276,20 +294,11 @@ def view(
     command. What you do is recorded as the `events:` of a scenario that reproduces the session bit for bit.
     """
     if Path(source).is_dir():
-        from mjsheaf.results.store import open_run
-        from mjsheaf.runs.publish import replay
-
-        path = Path(source) / "report.html"
-        with open_run(Path(source)):
-            pass
-        if not path.is_file():
-            replay(source).save(path)
-        print_lines(f"open in a browser: {path}")
-        if browser:
-            webbrowser.open(path.resolve().as_uri())
+        _open_page(Path(source), browser)
         return
     with ExitStack() as loading:
         loading.enter_context(progress_bars("preparing the run"))
+        from mjsheaf.export import require_installed
         from mjsheaf.live.live import SPEEDS
         from mjsheaf.live.live import view as view_live
         from mjsheaf.scenario.load import load_scenario
@@ -298,12 +307,14 @@ def view(
             raise InputError(f"--speed {speed:g}: expected 0 or one of {', '.join(f'{s:g}' for s in SPEEDS)}")
         if out is not None and out.exists():
             raise InputError(f"--out {out}: exists; expected the name of a new directory")
+        kinds = require_installed(["live"] if live else [])
         loaded = load_scenario(source, changes_of(overrides, seed))
         kept = ["nothing was written"]
 
         def announce(url: str) -> None:
             loading.close()
             print_lines(f"open in a browser: {url}", "the run starts when the page opens and ends when it is closed")
+            print_lines(*([FOXGLOVE] if live else []))
             if browser:
                 webbrowser.open(url)
 
@@ -325,5 +336,9 @@ def view(
 
         pace = speed or math.inf
         with in_field(source), saying_what_is_kept(lambda: kept[0]):
-            view_live(loaded, str(backend), engine=str(engine), port=port, speed=pace, opened=announce, recorded=record)
+            sinks = [kind(Path(os.devnull), loaded, loaded.phases, Path(os.devnull), math.inf) for kind in kinds]
+            view_live(
+                loaded, str(backend), engine=str(engine), port=port, speed=pace, sinks=sinks, opened=announce,
+                recorded=record,
+            )  # fmt: skip
     print_lines(kept[0])

@@ -4,6 +4,7 @@ Poses are exact, and times are to the nanosecond. Desired positions are rounded 
 initial size, so that files stay small.
 """
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -224,7 +225,7 @@ FORMATS = {"mcap": "run.mcap", "ros2": BAG}
 
 
 def require_installed(formats: Sequence[str]) -> list[Callable[..., Sink]]:
-    """Return the sinks of formats, keys of `FORMATS`.
+    """Return the sinks of formats, keys of `FORMATS` or 'live'.
 
     Raises:
         InputError: The packages of the extra `mcap` are not installed.
@@ -234,8 +235,9 @@ def require_installed(formats: Sequence[str]) -> list[Callable[..., Sink]]:
         try:
             found.append(import_module(f"mjsheaf.export.{name}").Log)
         except ImportError as error:
+            extras = "mcap,live" if name == "live" else "mcap"
             raise InputError(
-                f"--{name} needs packages that are not installed ({error.name}): pip install 'mjsheaf[mcap]'"
+                f"--{name} needs packages that are not installed ({error.name}): pip install 'mjsheaf[{extras}]'"
             ) from None
     return found
 
@@ -251,9 +253,9 @@ def make_sink(format_name: str, path: Path, scenario: Scenario, phases: Sequence
 
 
 def sinks_of(formats: Sequence[str], directory: Path, scenario: Scenario, phases: Sequence[Phase]) -> list[Sink]:
-    """Return the sinks that write a run's exports into its directory, which has scenario.yaml."""
+    """Return the sinks that write a run's exports into its directory, which has scenario.yaml; 'live' writes none."""
     source = directory / "scenario.yaml"
-    return [make_sink(name, directory / FORMATS[name], scenario, phases, source) for name in formats]
+    return [make_sink(name, directory / FORMATS.get(name, os.devnull), scenario, phases, source) for name in formats]
 
 
 def export_run(directory: Path, format_name: str, out: Path | None = None) -> Path:

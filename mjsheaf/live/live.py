@@ -22,6 +22,7 @@ from mjsheaf.checking.loop.linear_team import medium_on_path
 from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.errors import InputError, MjsheafError, UndecidedError, in_field
+from mjsheaf.export.log import LogSink
 from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
 from mjsheaf.loop.system import System
@@ -389,6 +390,8 @@ class LiveRun:
         if chunk is None:
             return
         for sink in self._sinks:
+            if isinstance(sink, LogSink):
+                sink.phases = self.recorder.session.engine.phases  # the user's events among them
             if self.recorder.samples == chunk.sizes["time"]:
                 sink.open(chunk.variables, chunk.attrs)
             sink.write(chunk)

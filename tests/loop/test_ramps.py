@@ -228,7 +228,7 @@ def test_a_session_and_an_environment_are_the_run(backend: str) -> None:
             _, reward, *_ = episode.step(np.zeros(int(np.prod(episode.action_space.shape or ()))))
             error = float((data["tracking_error"].values[k] ** 2).sum())
             assert reward == pytest.approx(-error, rel=1e-9)
-            rewards = vector.step(np.zeros((2, int(np.prod(episode.action_space.shape or ()))))[:])[1]
+            rewards = vector.step(np.zeros((2, int(np.prod(episode.action_space.shape or ())))))[1]
             np.testing.assert_allclose(rewards, -error, rtol=1e-9)
 
 

@@ -1,0 +1,106 @@
+"""Sink that shows a run to Foxglove while it goes on: the messages of an MCAP file, on a websocket on loopback."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import foxglove
+import xarray as xr
+from foxglove.websocket import WebSocketServer
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from mjsheaf.errors import InputError
+from mjsheaf.export import mcap
+from mjsheaf.export.log import Moment
+from mjsheaf.loop.system import Phase
+from mjsheaf.scenario import Scenario
+
+PORT = 8765
+"""Port on 127.0.0.1, Foxglove's own."""
+_FRAME = 0.03  # least simulated time between messages, s
+_AGAIN = 1.0  # time after which vehicles are shown again to those who have come since, s
+
+
+class Log(mcap.Log):
+    """Sink that serves a run.
+
+    Attributes:
+        pace: Simulated seconds per second that the run may take at most; infinite where others pace it.
+    """
+
+    def __init__(
+        self, path: Path, scenario: Scenario, phases: Sequence[Phase], attachment: Path, pace: float = 1.0
+    ) -> None:
+        """Serve from the first sample on; nothing is written to `path`, the null device."""
+        super().__init__(path, scenario, phases, attachment)
+        self.pace = pace
+        self._server: WebSocketServer | None = None
+        self._first, self._sent = -1, 0  # ns
+        self._begun, self._shown = 0.0, -math.inf  # s
+
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Begin to serve.
+
+        Raises:
+            InputError: The port is taken.
+        """
+        super().open(variables, attrs)
+        kinds: dict[str, Any] = {
+            "/tf": FrameTransforms,
+            "/vehicles": SceneUpdate,
+            "/scene": SceneUpdate,
+            "/log": LogMessage,
+        }
+        kinds |= {f"/{topic}": kind for topic, kind in self._kinds.items()}
+        self._context = context = foxglove.Context()  # which does not outlive its last reference
+        # Before the server: who connects while a channel is added may be told that there is none.
+        self._channels = {
+            topic: foxglove.Channel(
+                topic,
+                schema=foxglove.Schema(
+                    name=kind.DESCRIPTOR.full_name,
+                    encoding="protobuf",
+                    data=build_file_descriptor_set(kind).SerializeToString(),
+                ),
+                message_encoding="protobuf",
+                context=context,
+            )
+            for topic, kind in kinds.items()
+        }
+        try:
+            self._server = foxglove.start_server(name=self.scenario.name, host="127.0.0.1", port=PORT, context=context)
+        except RuntimeError as error:
+            raise InputError(f"--live: port {PORT} on 127.0.0.1: {error}; expected that nothing else uses it") from None
+
+    def write_moment(self, moment: Moment) -> None:
+        """Send a sample when its time has come."""
+        if self._first < 0:
+            self._first, self._begun = moment.time, time.monotonic()
+        elif moment.phase == self._phase and moment.time - self._sent < 1e9 * _FRAME:
+            return
+        due = self._begun + (moment.time - self._first) / 1e9 / self.pace
+        time.sleep(max(0.0, due - time.monotonic()))
+        if time.monotonic() - self._shown >= _AGAIN:
+            self._shown = time.monotonic()
+            self.write_vehicles()
+        self._sent = moment.time
+        super().write_moment(moment)
+
+    def _send(self, topic: str, message: Any) -> None:
+        self._channels[topic].log(message.SerializeToString(), log_time=self.last)
+
+    def finish(self) -> None:
+        """Write no index."""
+
+    def close(self) -> None:
+        """Say how the run ended, and serve no more."""
+        try:
+            super().close()
+        finally:
+            if self._server is not None:
+                self._server.stop()

@@ -1,0 +1,124 @@
+"""A run that is served to Foxglove, as Foxglove's own client receives it."""
+
+import base64
+import json
+import socket
+import subprocess
+import threading
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from mjsheaf import load_scenario
+from mjsheaf.export import live as served
+from tests.builders import REPOSITORY
+from tests.commands import call
+
+CLIENT = REPOSITORY / "web" / "foxglove_client.mjs"
+needs_client = pytest.mark.skipif(
+    not (REPOSITORY / "web" / "node_modules" / "@foxglove").is_dir(), reason="node or web/node_modules is missing"
+)
+
+
+@pytest.fixture
+def port(monkeypatch: pytest.MonkeyPatch) -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        number = int(free.getsockname()[1])
+    monkeypatch.setattr(served, "PORT", number)
+    return number
+
+
+def watched(port: int, during: Callable[[], object]) -> list[dict[str, Any]]:
+    """Return what the client receives while something goes on."""
+    found: list[dict[str, Any]] = []
+
+    def follow() -> None:
+        for _ in range(100):  # until the server is there
+            client = subprocess.run(
+                ["node", str(CLIENT), f"ws://127.0.0.1:{port}"], capture_output=True, text=True, timeout=120
+            )
+            assert client.returncode == 0 or "ECONNREFUSED" in client.stderr, client.stderr
+            if client.returncode == 0:
+                found.extend(map(json.loads, client.stdout.splitlines()))
+                return
+
+    thread = threading.Thread(target=follow, daemon=True)
+    thread.start()
+    during()
+    thread.join(30.0)
+    return found
+
+
+def messages_of(file: Path) -> dict[tuple[str, int], bytes]:
+    with file.open("rb") as stream:
+        return {
+            (channel.topic, message.log_time): message.data
+            for _, channel, message in make_reader(stream).iter_messages()
+        }
+
+
+@needs_client
+@pytest.mark.slow
+def test_a_client_receives_the_messages_of_the_mcap_file(port: int, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    command = ["run", "midpoint", "--backend", "ideal", "--set", "time.end=4", "--no-video", "--mcap", "--live"]
+    received = watched(port, partial(call, *command, "--out", out))
+    written = messages_of(out / "run.mcap")
+    topics = {message["topic"] for message in received}
+    assert {"/tf", "/scene", "/vehicles", "/errors"} <= topics
+    assert all(message["encoding"] == "protobuf" for message in received)
+    names = {message["topic"]: message["schemaName"] for message in received}
+    assert (names["/tf"], names["/scene"]) == ("foxglove.FrameTransforms", "foxglove.SceneUpdate")
+    same = [message for message in received if message["topic"] != "/vehicles"]  # which are shown again
+    assert len(same) > 50
+    for message in same:
+        data = base64.b64decode(message["bytes"])
+        assert data == written[message["topic"], int(message["timestamp"])], message["topic"]
+    times = [int(message["timestamp"]) for message in received if message["topic"] == "/tf"]
+    assert times == sorted(times)
+
+
+def test_a_port_that_is_taken_is_named(port: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", port))
+        other.listen()
+        code = call("run", "midpoint", "--no-video", "--live", "--out", tmp_path / "run")
+    assert code == 2
+    assert f"port {port} on 127.0.0.1" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+def test_nothing_listens_unless_asked(port: int, tmp_path: Path) -> None:
+    assert call("run", "midpoint", "--backend", "ideal", "--no-video", "--out", tmp_path / "run") == 0
+    with socket.socket() as client:
+        assert client.connect_ex(("127.0.0.1", port)) != 0
+
+
+def test_events_of_a_user_are_served_too(port: int, tmp_path: Path) -> None:
+    """The phases of a session that is watched grow; messages of the log tell of them."""
+    from mjsheaf.live.live import Recorder
+    from mjsheaf.loop.session import Session
+
+    scenario = load_scenario("midpoint", {"time.end": 1.0})
+    with Session(scenario, "ideal") as session:
+        sink = served.Log(tmp_path / "null", scenario, scenario.phases, tmp_path / "null", pace=1e9)
+        said: list[str] = []
+        sink.write_log = lambda level, words: said.append(words)  # type: ignore[method-assign]
+        recorder = Recorder(session)
+        first, _ = recorder.record(5)
+        assert first is not None
+        sink.open(first.variables, first.attrs)
+        sink.write(first)
+        recorder.do({"gain": 0.5 * scenario.controller.gain})
+        sink.phases = session.engine.phases
+        then, _ = recorder.record(5)
+        assert then is not None
+        sink.write(then)
+        sink.close()
+    assert said == [f"gain = {0.5 * scenario.controller.gain:g}"]

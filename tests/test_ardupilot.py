@@ -1,0 +1,171 @@
+"""The example's bridge to ArduPilot: the published fields of packets, and a network that loses and repeats them."""
+
+import json
+import runpy
+import select
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.arrays import Array
+from tests.builders import REPOSITORY
+
+EXAMPLE = runpy.run_path(str(REPOSITORY / "examples" / "20_ardupilot.py"))
+DURATION = 0.25  # s
+
+
+def relay(port: int, seed: int) -> int:
+    """Return a port from which datagrams go to another and back, lost, repeated and late ones among them."""
+    rng = np.random.default_rng(seed)
+    near, far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    near.bind(("127.0.0.1", 0))
+    far.bind(("127.0.0.1", 0))
+
+    def run() -> None:
+        client: Any = None
+        late: list[tuple[socket.socket, bytes, Any]] = []
+        while True:
+            ready = select.select([near, far], [], [], 5.0)[0]
+            if not ready:
+                return
+            for own in ready:
+                data, peer = own.recvfrom(4096)
+                client = peer if own is near else client
+                out: tuple[socket.socket, bytes, Any] = (
+                    (far, data, ("127.0.0.1", port)) if own is near else (near, data, client)
+                )
+                for to, what, where in late:
+                    to.sendto(what, where)
+                late.clear()
+                chance = rng.random()
+                if chance > 0.1:  # else it is lost
+                    out[0].sendto(out[1], out[2])
+                if chance > 0.8:  # repeated at once, or later
+                    out[0].sendto(out[1], out[2])
+                elif chance > 0.6:
+                    late.append(out)
+
+    threading.Thread(target=run, daemon=True).start()
+    return int(near.getsockname()[1])
+
+
+def test_what_the_network_loses_repeats_and_delays_changes_no_bit() -> None:
+    flight: Callable[..., Array] = EXAMPLE["flight"]
+    plain = flight(DURATION)
+    assert plain.shape == (round(DURATION / EXAMPLE["PERIOD"]), 3, 3)
+    bad = flight(DURATION, lambda ports: [relay(port, seed) for seed, port in enumerate(ports)])
+    np.testing.assert_array_equal(bad, plain)
+
+
+@pytest.fixture
+def bridge() -> Iterator[Any]:
+    made = EXAMPLE["Bridge"](mjsheaf.load_scenario(EXAMPLE["SCENARIO"]), first_port=0)
+    yield made
+    made.close()
+
+
+class Autopilots:
+    """Sockets that send frames by hand, one for each vehicle."""
+
+    def __init__(self, bridge: Any) -> None:
+        self.bridge = bridge
+        self.sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in bridge.ports]
+        for own in self.sockets:
+            own.bind(("127.0.0.1", 0))
+            own.settimeout(2.0)
+
+    def send(self, k: int, frame: bytes) -> None:
+        self.sockets[k].sendto(frame, ("127.0.0.1", self.bridge.ports[k]))
+        self.bridge.receive(k, *self.bridge.sockets[k].recvfrom(256))
+
+    def answer(self, k: int) -> bytes:
+        return self.sockets[k].recv(4096)
+
+
+def frame_of(count: int, pwm: int = 1500, outputs: int = 16) -> bytes:
+    magic = {16: 18458, 32: 29569}[outputs]
+    return struct.pack(f"<HHI{outputs}H", magic, 400, count, *[pwm] * outputs)
+
+
+def test_answers_have_the_published_fields_in_their_frames(bridge: Any) -> None:
+    """Level; drones point east, a yaw of 90 degrees, and the boat 60 degrees to the left of that."""
+    pilots = Autopilots(bridge)
+    for k in range(3):
+        pilots.send(k, frame_of(1, 1000 if k < 2 else 1500, outputs=32 if k == 1 else 16))
+    assert set(bridge.waiting) == {0, 1, 2}
+    bridge.step()
+    for k, place in enumerate(([-3.0, 0.0, 10.0], [3.0, 0.0, 10.0], [0.0, -5.0, 0.0])):
+        text = pilots.answer(k)
+        assert text[:1] == text[-1:] == b"\n"
+        state = json.loads(text)
+        assert set(state) == {"timestamp", "imu", "position", "velocity", "quaternion"}
+        assert set(state["imu"]) == {"gyro", "accel_body"}
+        assert state["timestamp"] == pytest.approx(EXAMPLE["PERIOD"])
+        bearing = np.deg2rad(0.0 if k < 2 else 60.0)  # from east to the left
+        hand = 0.0 if k < 2 else 1.0  # a scenario has a boat's position at a point ahead of its body
+        east, north, up = place - hand * np.array([np.cos(bearing), np.sin(bearing), 0.0])
+        np.testing.assert_allclose(state["position"], [north, east, -up], atol=2e-2)
+        half = 0.5 * (0.5 * np.pi - bearing)
+        np.testing.assert_allclose(np.abs(state["quaternion"]), [np.cos(half), 0.0, 0.0, np.sin(half)], atol=1e-2)
+
+
+def test_thrust_is_felt_up_and_a_turn_to_the_right_is_positive(bridge: Any) -> None:
+    pilots, answers = Autopilots(bridge), []
+    for count in range(1, 41):
+        for k in range(3):
+            pwm = [1500] * 16
+            if k == 0:  # more thrust of the rotors on the left: it rolls to the right
+                pwm[:4] = [1400, 1600, 1600, 1400]
+            if k == 2:
+                pwm[0], pwm[2] = 1700, 1300  # the boat turns to the right
+            pilots.send(k, struct.pack("<HHI16H", 18458, 400, count, *pwm))
+        bridge.step()
+        answers = [json.loads(pilots.answer(k)) for k in range(3)]
+    assert answers[0]["imu"]["gyro"][0] > 0.1
+    assert answers[1]["imu"]["accel_body"][2] < -5.0  # down is positive: it is pushed up
+    assert abs(answers[1]["imu"]["gyro"][0]) < 1e-9
+    assert answers[2]["imu"]["gyro"][2] > 0.0
+
+
+def test_each_frame_counts_once_and_what_is_none_not_at_all(bridge: Any) -> None:
+    pilots = Autopilots(bridge)
+    for junk in (b"", b"junk", struct.pack("<HHI16H", 1, 400, 1, *[1500] * 16), frame_of(1)[:-2]):
+        pilots.send(0, junk)
+    assert not bridge.waiting
+    for k in range(3):
+        pilots.send(k, frame_of(7))
+    bridge.step()
+    first = [pilots.answer(k) for k in range(3)]
+    pilots.send(1, frame_of(7, 1900))  # its answer was lost
+    assert pilots.answer(1) == first[1]
+    pilots.send(1, frame_of(6, 1900))  # it was delayed
+    assert not bridge.waiting
+    pilots.send(1, frame_of(2**32 - 1, 1900))  # as seen from 7, before it
+    assert not bridge.waiting
+    pilots.send(1, frame_of(8))
+    assert list(bridge.waiting) == [1]
+    assert len(bridge.track) == 1
+
+
+def test_an_autopilot_that_starts_anew_starts_the_run_anew(bridge: Any) -> None:
+    pilots = Autopilots(bridge)
+    for count in (1, 2):
+        for k in range(3):
+            pilots.send(k, frame_of(count))
+        bridge.step()
+    others = Autopilots(bridge)
+    others.send(0, frame_of(1))
+    assert bridge.session.time == 0.0
+    assert list(bridge.waiting) == [0]
+
+
+def test_a_silent_autopilot_is_named(bridge: Any) -> None:
+    Autopilots(bridge).send(0, frame_of(1))
+    with pytest.raises(TimeoutError, match="D2, B1"):
+        bridge.serve(1.0, patience=0.05)
