@@ -9,7 +9,9 @@ import sys
 from mjsheaf import load_scenario, simulate
 from mjsheaf.scenario import list_scenarios
 
-WITH_TERMS = ("feedforward", "noisy", "paper_delay", "paper_half_lost", "gusts", "localisation", "steady_current")
+WITH_TERMS = (
+    *("feedforward", "gate", "noisy", "paper_delay", "paper_half_lost", "gusts", "localisation", "steady_current"),
+)
 """Parts of names of scenarios whose terms, links or gusts only slow tests have on the fused engine."""
 
 LOOPS = {"ideal": ("ideal", "mujoco"), "mujoco": ("physics", "mujoco"), "fused": ("physics", "fused")}

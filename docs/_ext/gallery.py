@@ -26,6 +26,7 @@ SECTIONS = {
         *("harbour_lost_hexarotor", "noisy_harbour", "swarm_radio_shadow", "paper_delay", "paper_half_lost"),
         "noisy_odometry",
     ),
+    "Formations that change, vehicles that keep apart": ("narrow_gate", "harbour_piers", "swap", "paper_safe"),
     MORE: ("midpoint", "surface_tracks_air", "local_frames", "altitude_anchor", "tetrahedron"),
     REFUSED: ("split_team", "unseen_target", "singular_flow", "lost_thruster", "air_tracks_surface"),
 }

@@ -100,13 +100,13 @@ def examine(
         old = phases[k - 1].system
         path = before.certificate.constants.path
         targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
-        away = np.linalg.norm(_q_star(phase.system, targets) - _q_star(old, targets), axis=1)
+        away = np.linalg.norm(_q_star(phase.system, targets) - _q_star(old, targets, phase.time), axis=1)
         jumps = {id: float(x) for id, x in zip(old.team.agent_ids, away, strict=True) if np.isfinite(x)}
         beyond = beyond or bool(old.law.extended or before.record.law.unmodelled)
         joining = _distances_of_joining(phases[: k + 1], targets)
         known = phase.system.law.extended or not beyond
         start = before.end + math.hypot(*jumps.values(), *joining) if known else math.inf
-        system = during(phases, k, _settled(old, phase.system, targets))
+        system = during(phases, k, _settled(old, phase.system, targets, phase.time))
         before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
         records.append(_phase_record(phase, before.record, jumps))
     problems = list(first.record.problems)
@@ -148,9 +148,9 @@ def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
     return np.array([np.interp(time, path.time, values) for values in known.T]).reshape(M, 3)
 
 
-def _q_star(system: System, targets: Array) -> Array:
-    """q* of targets (M, 3), padded, shape (N, 3), m; NaN for absent agents."""
-    return system.team.harmonic_extension(np.concatenate([system.initial[: len(system.team.agents)], targets]))
+def _q_star(system: System, targets: Array, time: float | None = None) -> Array:
+    """q* of targets (M, 3) at a time in s, or at the start, padded, shape (N, 3), m; NaN for absent agents."""
+    return system.team.harmonic_extension(np.concatenate([system.initial[: len(system.team.agents)], targets]), time)
 
 
 def _distances_of_joining(phases: Sequence[Phase], targets: Array) -> list[float]:
@@ -171,9 +171,12 @@ def _stays(system: System, agent: int) -> bool:
     return flow + float(system.largest_disturbance[agent]) <= float(system.waiting.limit[agent])
 
 
-def _settled(old: System, new: System, targets: Array) -> Array:
-    """Return positions after the old system came to rest, shape (V, 3), m; joining vehicles are where they began."""
-    settled = _q_star(old, targets)
+def _settled(old: System, new: System, targets: Array, time: float) -> Array:
+    """Return positions after the old system came to rest, shape (V, 3), m; joining vehicles are where they began.
+
+    The time in s is that at which the new one begins.
+    """
+    settled = _q_star(old, targets, time)
     return np.concatenate([np.where(np.isnan(settled), new.initial[: len(settled)], settled), targets])
 
 

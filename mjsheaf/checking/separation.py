@@ -245,7 +245,7 @@ def _constraints(
     )
 
 
-def _places(system: System, certificate: Certificate) -> tuple[Array, Array]:
+def _places(system: System, certificate: Certificate, *, samples_of_ramp: int = 1000) -> tuple[Array, Array]:
     """Return times (T,) in s and q* with the targets there, in space, shape (T, V, 3), m."""
     path, team = certificate.constants.path, system.team
     start = system.grid.start
@@ -253,7 +253,10 @@ def _places(system: System, certificate: Certificate) -> tuple[Array, Array]:
     times: Array = start + system.grid.period * path.stride * np.arange(len(samples), dtype=np.float64)
     if not len(samples):
         times, samples = np.array([start]), system.initial[None, len(team.agents) :]
-    q_star: Array = team.unpack(Carrier(system).extend(samples))
+    if path.cells is None and team.ramp is not None:  # places change although nothing is known of the targets
+        times = system.grid.samples[:: max(1, system.grid.steps // samples_of_ramp)]
+        samples = np.repeat(samples[:1], len(times), axis=0)
+    q_star: Array = team.unpack(Carrier(system).extend(samples, times))
     lift = np.zeros((len(system.planar), 3))
     lift[system.planar, 2] = system.bodies.surface_height
     return times, np.concatenate([q_star, samples], axis=1) + lift

@@ -83,7 +83,9 @@ def series_at_q_star(phases: Sequence[Phase], dataset: xr.Dataset) -> Series:
     number = dataset["phase"].values
     parts = []
     for k in np.unique(number):
-        team, groups = metrics.error_series(phases[k].system.team, positions[number == k])
+        team, groups = metrics.error_series(
+            phases[k].system.team, positions[number == k], time=dataset["time"].values[number == k]
+        )
         parts.append({TEAM: team, **groups})
     return {
         scope: {name: np.concatenate([part[scope][name] for part in parts]) for name in own}

@@ -331,7 +331,7 @@ class Episode:
             }
         if self._errors.team is not world.system.team:
             self._errors = SquareErrors(world.system.team)
-        self._rewards = np.where(self.present, -self._errors(sample.truth.positions), 0.0)
+        self._rewards = np.where(self.present, -self._errors(sample.truth.positions, sample.time), 0.0)
 
 
 def _copy(kind: type[Episode], scenario: Scenario, options: dict[str, Any], present: Mapping[str, Any]) -> Episode:

@@ -30,6 +30,14 @@ link, at sample n, in this order:
 Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks.
 
 Numbers that agents send each other in rounds have links of their own: see `mjsheaf.law.terms`.
+
+While formations change, every edge has a vector a(t), its aim, that moves in a straight line: b of positions, and of
+ranges and bearings the vector from head to tail between the places in formation. Desired values follow from it: b = a,
+r = |a|, g* = -a / |a|. Let z' and a' be rates. The vector that is pulled back, at a measurement that stays, changes by
+
+    position   a'
+    range      -g (a . a') / |a|
+    bearing    P_g (a' - a (a . a') / |a|^2) / |a|,    P_g = I - g g^T
 """
 
 from collections.abc import Sequence
@@ -74,6 +82,82 @@ def pack_kinds(edges: Sequence[Edge]) -> Any:
             value[: len(edge.offset)] = edge.offset
         desired.append(value)
     return EdgeKinds(np.array([names.index(edge.measures) for edge in edges], dtype=np.int64), np.concatenate(desired))
+
+
+class OffsetRamp(NamedTuple):
+    """Offsets of the edges of a team that change; see the module.
+
+    Attributes:
+        start: Time at which they begin to change, s.
+        first: Aims at the start, shape (m,), m.
+        rate: Their velocities, shape (m,), m/s.
+        aim: Aims at the last evaluation of the law, shape (m,), m; with b and desired values, a run's own.
+    """
+
+    start: float
+    first: Array
+    rate: Array
+    aim: Array
+
+
+@inline_jit
+def move_offsets(ramp, kinds, edges, t):
+    """Write aims, b and desired values of time t, s, if they change."""
+    if len(ramp) == 0:
+        return
+    for e in range(edges.tail.shape[0]):
+        square = 0.0
+        for r in range(edges.first[e], edges.first[e + 1]):
+            ramp.aim[r] = ramp.first[r] + (t - ramp.start) * ramp.rate[r]
+            square += ramp.aim[r] * ramp.aim[r]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            if len(kinds) == 0:  # noqa: SIM114 - then there are no codes
+                edges.b[r] = ramp.aim[r]
+            elif kinds.code[e] == POSITION:
+                edges.b[r] = ramp.aim[r]
+            elif kinds.code[e] == RANGE:
+                kinds.desired[r] = np.sqrt(square) if r == edges.first[e] else 0.0
+            else:
+                kinds.desired[r] = -ramp.aim[r] / np.sqrt(square)
+
+
+@inline_jit
+def add_changes(ramp, kinds, edges, agents, y, right):
+    """Add to the right side (V, 3) of H v = B p' the share of offsets that change, at measurements y (m,)."""
+    if len(ramp) == 0:
+        return
+    for e in range(edges.tail.shape[0]):
+        i, j = edges.tail[e], edges.head[e]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            change = change_of(kinds, ramp, edges, y, e, r)
+            for c in range(3):
+                if edges.listens[e, 0] and i < agents:
+                    right[i, c] += edges.P_tail[r, c] * change
+                if edges.listens[e, 1] and j < agents:
+                    right[j, c] -= edges.P_head[r, c] * change
+
+
+@inline_jit
+def change_of(kinds, ramp, edges, y, e, r):
+    """Return by how much row r of what edge e pulls back changes at measurements y (m,), m/s; see the module."""
+    if len(kinds) == 0:
+        return ramp.rate[r]
+    if kinds.code[e] == POSITION:
+        return ramp.rate[r]
+    square, length2, growth, turn, lean = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(edges.first[e], edges.first[e + 1]):
+        z, aim = y[k] + edges.b[k], ramp.aim[k]
+        square += z * z
+        length2 += aim * aim
+        growth += aim * ramp.rate[k]
+        turn += z * ramp.rate[k]
+        lean += z * aim
+    if square == 0.0:
+        return 0.0
+    z, share = y[r] + edges.b[r], growth / length2
+    if kinds.code[e] == RANGE:
+        return -growth / np.sqrt(length2 * square) * z
+    return (ramp.rate[r] - share * ramp.aim[r] - (turn - share * lean) / square * z) / np.sqrt(length2)
 
 
 @inline_jit

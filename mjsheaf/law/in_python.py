@@ -94,11 +94,12 @@ class Truth:
     positions: Array
     attitude: Array
     _team: Team  # the run's own
+    _time: float = 0.0
 
     @cached_property
     def harmonic_extension(self) -> Array:
         """q*, padded, shape (N, 3), m."""
-        return self._team.harmonic_extension(self.positions)
+        return self._team.harmonic_extension(self.positions, self._time)
 
 
 class Sample:
@@ -106,8 +107,8 @@ class Sample:
 
     Attributes:
         time: Time of the sample, s.
-        team: The team, read-only; `team.agent_ids` names the rows of arrays.
-        edges: The edges at which agents measure: communication, sensing, anchors.
+        team: The team as the phase begins, read-only; `team.agent_ids` names the rows of arrays.
+        edges: The edges at which agents measure: communication, sensing, anchors; with the offsets of now.
         measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
             where nothing is received. Of a range edge the distance, shape (1,), m; of a bearing edge the unit vector
             from tail to head; both zero where nothing is received.
@@ -142,9 +143,9 @@ class Sample:
         N = len(view.team.agents)
         self.time = time
         self.team: Team = view.shown
-        self.edges = view.edges
+        self.edges = view.edges if view.team.ramp is None else view.shown.edges_at(time)
         self.measurements, self.jacobians, self.residuals = list[Array](), list[Array](), list[Array]()
-        for edge, place in zip(view.edges, view.places, strict=True):
+        for edge, place in zip(self.edges, view.places, strict=True):
             y = memory.y[place].copy()  # of the relative position, less b
             h, J, residual = y, np.eye(len(y)), y + edge.b
             if edge.measures != "position" and edge.offset is not None:
@@ -161,7 +162,7 @@ class Sample:
         self.angular_velocity = velocity[:, 3:].copy()
         self.displacement = displacement
         self.attitude = attitude[:N].copy()
-        self.truth = Truth(positions, attitude, view.team)
+        self.truth = Truth(positions, attitude, view.team, time)
         self._view = view
         self._traffic = traffic
 
@@ -315,7 +316,8 @@ class LocalSample:
     """Local information of one agent at a sample.
 
     Attributes:
-        edges: Present edges of the agent; a subset of its `Agent.edges` in a phase with other edges.
+        edges: Present edges of the agent, with the offsets of now; a subset of its `Agent.edges` in a phase with other
+            edges.
         measurements: y_e of each of them, m; -b_e where nothing is received. See `Sample` for these and the next two.
         jacobians: dh/dz of each of them.
         residuals: What each measurement lacks of the desired one.
@@ -397,7 +399,7 @@ class PerAgent:
         for i, law in enumerate(self._laws):
             with _naming(ids[i]):
                 local = LocalSample(
-                    self._edges[i],
+                    tuple(sample.edges[k] for k in self._own[i]),
                     [sample.measurements[k].copy() for k in self._own[i]],
                     [sample.jacobians[k].copy() for k in self._own[i]],
                     [sample.residuals[k].copy() for k in self._own[i]],

@@ -4,6 +4,7 @@
 control period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K
 and desired value b,
 
+    offsets     b_e, where formations change (see `mjsheaf.law.edges`)
     measure     y_e = F_j x_j - F_i x_i
     deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.law.edges`)
     compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.edges`)
@@ -38,9 +39,11 @@ from mjsheaf.law.edges import (
     LinkArrays,
     LinkedRows,
     LinkMemory,
+    OffsetRamp,
     carry_link,
     compare,
     deliver,
+    move_offsets,
     new_link_memory,
     pack_kinds,
 )
@@ -73,6 +76,8 @@ class EdgeArrays(NamedTuple):
         P_tail, P_head: K F, whose transpose pulls back, shape (m, 3).
         b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
         kinds: What edges compare; () where all compare positions.
+        ramp: OffsetRamp with which b and the desired values of `kinds` change, those of the last evaluation then; ()
+            where they stay.
     """
 
     tail: IntArray
@@ -85,6 +90,7 @@ class EdgeArrays(NamedTuple):
     P_head: Array
     b: Array
     kinds: Any = ()
+    ramp: Any = ()
 
     def renumbered(self, number: IntArray) -> "EdgeArrays":
         """Return the same edges between other vehicles, where vehicle v of these is number[v]."""
@@ -339,6 +345,7 @@ def evaluate_law(control, t, x, carried, memory):
     """
     law, edges = control.law, control.law.edges
     V = x.shape[0]
+    move_offsets(edges.ramp, edges.kinds, edges, t)
     navigate(law.terms.present, law, x, carried, memory.command, memory.terms)
     measure(edges, x, memory.y)
     deliver(law.links.present, law, t, x, carried is not None, memory.y, memory.terms, memory.links)
@@ -418,17 +425,19 @@ def disagree(edges, x, y, residual):
 
 
 @jit
-def _disagreement(law, x, y, residual):
+def _disagreement(law, times, x, y, residual):
     for k in range(x.shape[0]):
+        move_offsets(law.edges.ramp, law.edges.kinds, law.edges, times[k])
         disagree(law.edges, x[k], y, residual[k])
 
 
-def disagreement(law: LawArrays, positions: Array) -> Array:
+def disagreement(law: LawArrays, positions: Array, times: Array | None = None) -> Array:
     """eta = delta^T K (delta x - b) of every vehicle, as the loops compute it where links are exact.
 
     Args:
         law: the law.
         positions: padded, shape (..., V, 3), m.
+        times: Time of each of them, s, if offsets change; see `with_ramp`.
 
     Returns:
         Of the same shape, m; of targets L_T p - c_T, zero in what a vehicle has no coordinate for.
@@ -436,7 +445,7 @@ def disagreement(law: LawArrays, positions: Array) -> Array:
     x = np.ascontiguousarray(positions, dtype=np.float64)
     flat = x.reshape(-1, *x.shape[-2:])
     residual = np.empty_like(flat)
-    _disagreement(law, flat, np.empty(len(law.edges.b)), residual)
+    _disagreement(law, np.zeros(len(flat)) if times is None else times, flat, np.empty(len(law.edges.b)), residual)
     return residual.reshape(x.shape)
 
 
@@ -474,6 +483,25 @@ def edges_of(team: Team) -> EdgeArrays:
     """Return all edges of a team as arrays."""
     kinds = [(team.communication, True), (team.sensing, False), (team.target_edges, True), (team.anchors, False)]
     return pack_edges(team.members, kinds)
+
+
+def with_ramp(law: LawArrays, team: Team) -> LawArrays:
+    """Return the law of a team whose offsets change, in arrays of its own; itself if they stay."""
+    if team.ramp is None:
+        return law
+    first, last = (
+        np.concatenate([np.zeros(0), *(e.aim for e in (*t.communication, *t.sensing, *t.target_edges, *t.anchors))])
+        for t in (team.ramp.first, team.ramp.last)
+    )
+    rate = (last - first) / (team.ramp.end - team.ramp.start)
+    edges = law.edges
+    return law._replace(
+        edges=edges._replace(
+            b=edges.b.copy(),
+            kinds=edges.kinds and edges.kinds._replace(desired=edges.kinds.desired.copy()),
+            ramp=OffsetRamp(team.ramp.start, first, rate, first.copy()),
+        )
+    )
 
 
 def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], bool]]) -> EdgeArrays:

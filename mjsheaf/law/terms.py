@@ -2,7 +2,7 @@
 
 With H and B of the harmonic extension H q* = B p + c, an agent at a sample
 
-    feedforward   adds v + lead (v - v_before), where H v = B p' is the velocity of q*
+    feedforward   adds v + lead (v - v_before), where H v = B p' + c' is the velocity of q*
     newton        commands k1 delta, where H delta = -eta, instead of -k1 eta
     drift         subtracts the agent's own estimate of the medium velocity
     integral      subtracts k_I z, where z' = eta
@@ -45,7 +45,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.law.edges import Slopes, distance, linked_edges, next_state, require_held, slope
+from mjsheaf.law.edges import Slopes, add_changes, distance, linked_edges, next_state, require_held, slope
 from mjsheaf.noise import normals, stream_of, uniforms
 from mjsheaf.section import NonNegative, Positive, Section
 from mjsheaf.team import Team
@@ -872,6 +872,7 @@ def _sense_targets(law, y, memory):
                 velocity = a * velocity + b * along * (y[r] + edges.b[r])
             for c in range(3):
                 measured[i, c] += edges.P_tail[r, c] * velocity
+    add_changes(edges.ramp, edges.kinds, edges, terms.agents, y, measured)
 
 
 @inline_jit

@@ -18,7 +18,7 @@ from mjsheaf.compile.jit import for_each, inline_jit
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.in_python import Controller, Law, Sample, View, controller_of
-from mjsheaf.law.law import ControlArrays, LawArrays, Memory, carry
+from mjsheaf.law.law import ControlArrays, LawArrays, Memory, carry, with_ramp
 from mjsheaf.law.terms import Traffic
 from mjsheaf.loop.system import Phase, System, on_engine, phases_of
 from mjsheaf.media.medium import MediumState, unknown_flow
@@ -455,6 +455,7 @@ class Engine(ABC):
     def _law_of_phase(self) -> ControlArrays:
         """Return law and references of the present system, without the agents' own law if they are commanded."""
         control = self._control_of(self.system)
+        control = control._replace(law=with_ramp(control.law, self.system.team))
         if not self._commanded:
             return control
         supplied = len(self.system.team.agents)

@@ -387,15 +387,22 @@ class SquareErrors:
         self.team = team
         agents = int(team.first_state[-1])
         targets = len(team.slots) - agents
-        self._linear = team.plain and agents * targets <= _MAX_CARRIED
+        self._linear = team.plain and team.ramp is None and agents * targets <= _MAX_CARRIED
         if self._linear:
             self._rest = team.extend(np.zeros(targets))
             self._carry = team.extend(np.eye(targets)) - self._rest
 
-    def __call__(self, x: Array) -> Array:
-        """Compute them where vehicles are at x (..., V, 3), m, shape (..., N), m^2; NaN for absent agents."""
+    def __call__(self, x: Array, time: float | None = None) -> Array:
+        """Compute them where vehicles are at x (..., V, 3), m, shape (..., N), m^2; NaN for absent agents.
+
+        The time in s matters while formations change.
+        """
         q, p = self.team.split(x)
-        goal = self._rest + np.einsum("pq,...p->...q", self._carry, p) if self._linear else self.team.extend(p, q)
+        goal = (
+            self._rest + np.einsum("pq,...p->...q", self._carry, p)
+            if self._linear
+            else self.team.extend(p, q, time=time)
+        )
         return np.add.reduceat((goal - q) ** 2, self.team.first_state[:-1], axis=-1)
 
 

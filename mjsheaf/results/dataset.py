@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.law.edges import NEW, SILENT
-from mjsheaf.law.law import disagreement
+from mjsheaf.law.law import disagreement, with_ramp
 from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.loop.engine import READERS, Log, Trajectory
@@ -77,12 +77,14 @@ class Samples:
     @cached_property
     def errors(self) -> Errors:
         """Errors of the team."""
-        return evaluate_errors(self.team, self.positions, self.path)
+        return evaluate_errors(self.team, self.positions, self.path, self.trajectory.time)
 
     @cached_property
     def eta(self) -> Array:
         """True disagreement of the agents, padded, shape (T, V, 3), m."""
-        return disagreement(self.system.law, self.positions) if self.linked else self.log.residual
+        if not self.linked:
+            return self.log.residual
+        return disagreement(with_ramp(self.system.law, self.team), self.positions, self.trajectory.time)
 
     @cached_property
     def own_edges(self) -> list[Key]:

@@ -62,22 +62,25 @@ class Errors:
         return np.max(distances, axis=0) if distances else np.full(len(self.tracking), np.nan)
 
 
-def evaluate_errors(team: Team, positions: Array, path: Path | None = None) -> Errors:
-    """Compute all errors from positions (T, V, 3), with a q* that continues a path if one is given."""
+def evaluate_errors(team: Team, positions: Array, path: Path | None = None, time: Array | None = None) -> Errors:
+    """Compute all errors from positions (T, V, 3), with a q* that continues a path if one is given.
+
+    Times (T,), s, matter while formations change.
+    """
     q, p = team.split(positions)
-    q_star = team.extend(p, q, path)
-    residuals = team.edge_residuals(positions)
+    q_star = team.extend(p, q, path, time)
+    residuals = team.edge_residuals(positions, time)
     number = {id(edge): e for e, edge in enumerate(team.measuring_edges)}
     inside = {f.name: [number[id(edge)] for edge in team.formation_edges(f)] for f in team.formations}
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
         tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),
         formation={name: residuals[:, edges] for name, edges in inside.items()},
-        centering={f.name: _centering(team, f, positions) for f in team.formations},
+        centering={f.name: _centering(team, f, positions, time) for f in team.formations},
     )
 
 
-def _centering(team: Team, formation: Formation, positions: Array) -> Array:
+def _centering(team: Team, formation: Formation, positions: Array, time: Array | None) -> Array:
     """Compute the distance of the centroid from the target's projection plus the mean desired displacement, (T,), m.
 
     Only the coordinates that all members and the target share count. An explicit `offset` of an edge changes the law,
@@ -89,11 +92,20 @@ def _centering(team: Team, formation: Formation, positions: Array) -> Array:
     members = [team.index[m] for m in known]
     target = team.index[formation.about]
     shared = min(team.members[v].dimension for v in [*members, target])
-    wanted = np.array([team.displacement[m][:shared] for m in known])
-    mean = wanted.mean(axis=0)
-    mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel only up to rounding
+    mean = _mean_place(team, known, shared)
+    if team.ramp is not None:
+        first, last = (_mean_place(one, known, shared) for one in (team.ramp.first, team.ramp.last))
+        mean = first + team.ramp.share(time) * (last - first)
     centroid = positions[:, members, :shared].mean(axis=1)
     return np.linalg.norm(centroid - positions[:, target, :shared] - mean, axis=1)
+
+
+def _mean_place(team: Team, members: Sequence[str], axes: int) -> Array:
+    """Return the mean of the first coordinates of the members' displacements, shape (axes,), m."""
+    wanted = np.array([team.displacement[m][:axes] for m in members])
+    mean = wanted.mean(axis=0)
+    mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel only up to rounding
+    return np.asarray(mean)
 
 
 def separations(positions: Array) -> Array:
@@ -212,7 +224,7 @@ MEASURES = ("mean_disagreement", "tracking_error", "formation_error", "centering
 
 
 def error_series(
-    team: Team, positions: Array, disagreement: Array | None = None
+    team: Team, positions: Array, disagreement: Array | None = None, time: Array | None = None
 ) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
     """Compute the errors over time of the team and of each group, by measure, shape (T,), m; NaN if undefined.
 
@@ -220,8 +232,9 @@ def error_series(
         team: Team whose errors are computed.
         positions: Positions of the vehicles, shape (T, V, 3), m.
         disagreement: Disagreement |eta_i|, shape (T, N), m; None leaves out `mean_disagreement`.
+        time: Times of the samples, shape (T,), s; they matter while formations change.
     """
-    errors = evaluate_errors(team, positions)
+    errors = evaluate_errors(team, positions, time=time)
 
     def measures(members: list[int] | slice, formation: Array, centering: Array) -> dict[str, Array]:
         eta = {} if disagreement is None else {"mean_disagreement": mean_known(disagreement[:, members])}

@@ -1,14 +1,17 @@
-"""Events: agents and targets are lost or join, links are cut or restored, fields of controller and links change.
+"""Events: agents and targets are lost or join, links are cut or restored, formations and fields of the law change.
 
 Each event happens at a sample and begins a phase of the run there (see `phases_of_events`). An agent or a target whose
 first event is `join` is disconnected until then; such an agent holds its position, unless it is to drift. A lost agent
 is disconnected and its thrusters stop; a lost target continues, and no agent senses it.
+
+A formation changes at once or over a time. Its members' places then move in straight lines. Such a change is a phase of
+its own, or several if something else happens meanwhile; in each, places begin where they are then.
 """
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, ValidationError
@@ -17,7 +20,9 @@ from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.law.law import Station
 from mjsheaf.loop.system import Phase, System, TimeGrid
 from mjsheaf.section import Id, NonNegative, Section, split_path, validation_problems
-from mjsheaf.team import Edge, Team
+from mjsheaf.team import Edge, Formation, Team
+from mjsheaf.team.edges import Explicit, Group
+from mjsheaf.team.team import Ramp
 
 _FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run
 _CHANGING = re.compile(
@@ -30,21 +35,52 @@ _ROUNDING = 1e-6  # largest distance between a time and its sample, periods
 _Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
 
 
+class Groups(Section):
+    """Formations by name, as events change them."""
+
+    formations: dict[str, Group] = Field(description="the groups")
+
+
+class _Move(NamedTuple):
+    """Change of a formation between two samples, with its outcome in words."""
+
+    start: int
+    end: int
+    before: Formation
+    outcome: str
+
+    def at(self, sample: int, after: Formation, dimension: Mapping[str, int]) -> Formation:
+        """Return the formation at a sample, `after` from the end on, with the dimension of each member."""
+        share = (sample - self.start) / (self.end - self.start)
+        if not 0.0 < share < 1.0:
+            return self.before if share <= 0.0 else after
+        own = [dimension[member] for member in after.members]
+        ends = zip(self.before.places(own), after.places(own), strict=True)
+        places = [(one + share * (other - one)).tolist() for one, other in ends]
+        return Explicit(name=after.name, members=after.members, about=after.about, displacements=places)
+
+
 @dataclass
 class State:
     """Changes made by the events up to now.
 
     Attributes:
         team: with everybody present and all edges.
+        grid: Sample times.
         lost: ids of agents and targets that are lost.
         waiting: ids of those that have yet to join.
         drifting: Ids of agents that do not hold their position until they join.
         cut: pairs whose edges are cut.
         sections: Controller, links and flow as they are now, by name.
+        formations: Formations by name, as they are once they have changed.
+        moves: Changes of formations over a time, by name, past ones included.
     """
 
     team: Team
+    grid: TimeGrid
     sections: dict[str, Section]
+    formations: dict[str, Formation] = field(default_factory=dict)
+    moves: dict[str, _Move] = field(default_factory=dict)
     lost: set[str] = field(default_factory=set)
     waiting: set[str] = field(default_factory=set)
     drifting: frozenset[str] = frozenset()
@@ -71,13 +107,21 @@ class State:
             )
         return frozenset(pair)
 
+    def formations_at(self, sample: int) -> list[Formation]:
+        """Return the formations at a sample, in their order."""
+        dimension = {member.id: member.dimension for member in self.team.members}
+        return [
+            self.moves[name].at(sample, after, dimension) if name in self.moves else after
+            for name, after in self.formations.items()
+        ]
+
     @property
     def absent(self) -> set[str]:
         """Agents that are not part of the team now."""
         return {id for id in self.lost | self.waiting if id in self.team.agent_ids}
 
-    def present_team(self) -> Team:
-        """The team as it is now.
+    def present_team(self, team: Team) -> Team:
+        """Return a team with those who are present now and the edges that are whole.
 
         Raises:
             InputError: no agent is left.
@@ -89,7 +133,7 @@ class State:
         def is_active(edge: Edge) -> bool:
             return frozenset(edge.between) not in self.cut and edge.head not in unseen
 
-        return self.team.changed(sorted(self.absent), is_active) if self.absent | unseen | self.cut else self.team
+        return team.changed(sorted(self.absent), is_active) if self.absent | unseen | self.cut else team
 
 
 class Event(Section):
@@ -181,14 +225,24 @@ class Join(Event):
 
 
 class Change(Event):
-    """Change fields of the controller, of the flow, or of the links of all edges or of a kind."""
+    """Change fields of the controller, of the flow, of formations, or of the links of all edges or of a kind."""
 
-    set: dict[str, Any] = Field(description="values by path, such as controller.gain or flow.water.drift", min_length=1)
+    set: dict[str, Any] = Field(
+        description="values by path, such as controller.gain, flow.water.drift or formations.NAME.radius", min_length=1
+    )
+    over: NonNegative | None = Field(
+        None,
+        description="time in which formations change, a whole number of samples: their places move in straight lines; "
+        "at once unless given; may end after the run [s]",
+    )
 
     def apply(self, state: State) -> None:
-        """Change them, all at once, if the values are valid."""
-        paths = [path for path, _ in self.values()]
-        if not paths:
+        """Change them, all at once or over a time, if the values are valid."""
+        self._reshape(state)
+        paths = [path for path, _ in self.values() if not path.startswith("formations.")]
+        if self.over and paths:
+            raise InputError(f"over: only formations change over a time; expected another event for {paths[0]}")
+        if not (paths or self.reshaped()):
             raise InputError("set.controller: names no field; expected fields of controller and their values")
         for path in paths:
             with in_field("set"):
@@ -205,6 +259,36 @@ class Change(Event):
                 own = "controller.custom" if name == "controller" else name
                 raise InputError(f"set.{own}: an event cannot name a file, {new[0]}; expected {place}")
 
+    def reshaped(self) -> dict[str, dict[str, Any]]:
+        """Return the new fields of each formation that changes, by its name."""
+        found: dict[str, dict[str, Any]] = {}
+        for path, value in self.values():
+            first, *names = path.split(".", 2)
+            if first == "formations" and names:
+                own = {names[1]: value} if len(names) > 1 else value
+                if not isinstance(own, Mapping):
+                    raise InputError(f"set.{path}: expected fields of a formation and their values")
+                found.setdefault(names[0], {}).update(own)
+        return found
+
+    def _reshape(self, state: State) -> None:
+        """Change formations."""
+        start = _sample_of(self.time, state.grid)
+        with in_field("over"):
+            end = _sample_of(self.time + (self.over or 0.0), state.grid, beyond=True)
+        for name, fields in self.reshaped().items():
+            with in_field(f"set.formations.{name}"):
+                before = state.formations.get(name)
+                if before is None:
+                    raise InputError(f"unknown formation; {expected(name, state.formations or ['none'])}")
+                if fixed := sorted({"name", "members", "about"} & fields.keys()):
+                    raise InputError(f"{fixed[0]} cannot change during a run; expected fields of shape or place")
+                if name in state.moves and start < state.moves[name].end:
+                    raise InputError("still changes from an earlier event; expected a later time")
+            state.formations[name] = _reshaped(before, fields)
+            if end > start:
+                state.moves[name] = _Move(start, end, before, self.outcome)
+
     def touches(self, part: str) -> bool:
         """Return True if the event changes that part of the controller, or fields in it."""
         return any(f"{path}.".startswith(f"controller.{part}.") for path, _ in self.values())
@@ -219,7 +303,12 @@ class Change(Event):
 
     @property
     def words(self) -> str:
-        """For example: gain = 5, or: all.loss = 0.5."""
+        """For example: gain = 5, or: ring.radius = 2 over 10 s."""
+        return self.outcome + (f" over {self.over:g} s" if self.over else "")
+
+    @property
+    def outcome(self) -> str:
+        """The new values in words."""
         return ", ".join(f"{path.partition('.')[2]} = {_in_words(value)}" for path, value in self.values())
 
 
@@ -227,9 +316,9 @@ def _require_changing(path: str, sections: Mapping[str, Section]) -> None:
     """Refuse a field that no event can change, or whose section is missing."""
     if path in _FIXED or not _CHANGING.fullmatch(path):
         raise InputError(
-            "cannot change during a run; expected a field of controller but for its periods, a field of "
-            "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
-            "links.all, links.communication or links.sensing, or one of safety"
+            "cannot change during a run; expected a field of controller but for its periods, of flow.agents, "
+            "flow.targets, flow.air, flow.water, safety or formations.NAME, or noise, bias, loss, range or hold of "
+            "links.all, links.communication or links.sensing"
         )
     if path.startswith("safety.") and "safety" not in sections:
         raise InputError("the scenario has no section safety; expected one from the start of the run")
@@ -299,11 +388,31 @@ def _changed(section: Section, name: str, values: Iterable[tuple[str, Any]]) -> 
         raise InputError(*(f"{name}.{line}" for line in lines)) from None
 
 
+_PLACING = {"name", "members", "about", "height", "centre"}  # fields of a formation that no shape has of its own
+
+
+def _reshaped(group: Formation, fields: dict[str, Any]) -> Formation:
+    """Return a formation with other fields; a shape replaces all that the shape before it had of its own.
+
+    Raises:
+        InputError: A field is unknown or its value not valid; the message begins with the field.
+    """
+    kept = _PLACING if "shape" in fields else set(type(group).model_fields)
+    raw = group.model_dump(mode="json", exclude_none=True, include=kept)
+    if {"side", "radius"} & fields.keys():  # one takes the place of the other
+        raw = {name: value for name, value in raw.items() if name not in ("side", "radius")}
+    try:
+        return Groups.model_validate({"formations": {group.name: raw | fields}}).formations[group.name]
+    except ValidationError as error:
+        raise InputError(*(f"set.{line}" for line in validation_problems(error, Groups))) from None
+
+
 def phases_of_events(
     events: Sequence[Event],
     whole: System,
     sections: Mapping[str, Section],
     adapt: Callable[[Team, Mapping[str, Section]], System],
+    place: Callable[[Sequence[Formation]], Team],
     drifting: Collection[str] = (),
 ) -> tuple[Phase, ...]:
     """The phases of a run: one that begins with the run, and one at each sample at which something happens.
@@ -313,6 +422,7 @@ def phases_of_events(
         whole: The system with all agents and targets present.
         sections: Controller, links, flow and, if there is one, safety at the start, by name.
         adapt: makes the system of another team, and of other sections.
+        place: Makes the team of other formations.
         drifting: Ids of agents that drift with the medium until they join.
 
     Raises:
@@ -321,13 +431,13 @@ def phases_of_events(
     """
     if not events and not drifting:
         return (Phase(0, whole),)
+    grid = whole.grid
     numbers: dict[int, list[int]] = {0: []}  # of the events at each sample
     for k, event in enumerate(events):
         with in_field(f"events.{k}.time"):
-            numbers.setdefault(_sample_of(event.time, whole.grid), []).append(k)
-    begins = sorted(numbers.items())
-    state = State(whole.team, dict(sections))
-    state.waiting = find_waiting([events[k] for _, own in begins for k in own], whole.team)
+            numbers.setdefault(_sample_of(event.time, grid), []).append(k)
+    state = State(whole.team, grid, dict(sections), {group.name: group for group in whole.team.formations})
+    state.waiting = find_waiting([events[k] for _, own in sorted(numbers.items()) for k in own], whole.team)
     state.drifting = frozenset(drifting)
     for id in drifting:
         if id not in state.waiting:
@@ -336,17 +446,30 @@ def phases_of_events(
                 f"{{time: ..., join: {id}}} as its first"
             )
     phases = []
-    for start, own in begins:
+    begins = set(numbers)
+    while begins:
+        start = min(begins)
+        own = numbers.get(start, [])
+        words = dict.fromkeys(f"{move.outcome} reached" for move in state.moves.values() if move.end == start)
         for k in own:
             with in_field(f"events.{k}"):
                 if start == 0 and isinstance(events[k], Join):
                     raise InputError("join: at the start of the run; expected a later time, or no event")
                 events[k].apply(state)
+        turns = {sample for move in state.moves.values() for sample in (move.start, move.end)}
+        ahead = {sample for sample in turns if sample > start}
+        begins = {sample for sample in begins | turns if start < sample <= grid.steps}
         with in_field(f"events.{own[-1] if own else 0}"):
-            team = state.present_team()
+            now = state.formations_at(start)
+            team = state.present_team(place(now) if ahead or now != list(whole.team.formations) else whole.team)
+            if ahead:
+                ends = max(turns - ahead), min(ahead)
+                teams = [state.present_team(place(state.formations_at(sample))) for sample in ends]
+                times = [grid.start + grid.period * sample for sample in (*ends, start)]
+                team.begin_ramp(Ramp(times[0], times[1], teams[0], teams[1], times[2]))
             unchanged = team is whole.team and state.sections == sections
             system = whole if unchanged else adapt(team, state.sections)
-        phases.append(Phase(start, _stopped(system, state), tuple(events[k].words for k in own)))
+        phases.append(Phase(start, _stopped(system, state), (*words, *(events[k].words for k in own))))
     return tuple(phases)
 
 
@@ -378,12 +501,12 @@ def _stopped(system: System, state: State) -> System:
     return replace(system, law=system.law._replace(limit=limit), stopped=stopped, waiting=waiting)
 
 
-def _sample_of(time: float, grid: TimeGrid) -> int:
-    """The number of the sample at a time in s."""
+def _sample_of(time: float, grid: TimeGrid, *, beyond: bool = False) -> int:
+    """The number of the sample at a time in s; `beyond` the end of the run too, if so."""
     place = (time - grid.start) / grid.period
     nearest = round(place)
     at = f"{grid.start + nearest * grid.period:.9g}"
-    if not 0 <= nearest <= grid.steps:
+    if not 0 <= nearest <= grid.steps and not beyond:
         end = grid.start + grid.steps * grid.period
         raise InputError(f"{time:g} s lies outside the run; expected {grid.start:g} to {end:g} s")
     if abs(place - nearest) > _ROUNDING * max(1.0, abs(place) * 1e-3):

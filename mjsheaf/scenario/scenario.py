@@ -33,7 +33,7 @@ from mjsheaf.noise import generator_of
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.sheaf.nonlinear import Measure
-from mjsheaf.team import Anchor, Member, Team
+from mjsheaf.team import Anchor, Formation, Member, Team
 from mjsheaf.team.edges import Group, PairOrEdge
 from mjsheaf.team.links import Links
 from mjsheaf.vehicles import allocation as effectivenesses
@@ -702,7 +702,8 @@ class Scenario(Section):
         None, description="the targets' own consensus; targets ignore one another unless given"
     )
     events: list[AnyEvent] = Field(
-        default_factory=list, description="what happens during the run: losses, joins, cuts, changed fields"
+        default_factory=list,
+        description="what happens during the run: losses, joins, cuts, changes of fields and formations",
     )
     flow: Flow = Field(Flow(), description="velocity of the medium; at rest unless given")
     safety: Safety | None = Field(
@@ -755,6 +756,10 @@ class Scenario(Section):
                 raise InputError(
                     f"target_edges.{k}.{name}: targets have no links; expected between, map, weight, offset"
                 )
+        return self._placed(self.formations)
+
+    def _placed(self, formations: Sequence[Formation]) -> Team:
+        """Return the team with other formations."""
         height = self.scene.height
         return Team(
             [replace(agent.member, height=height) for agent in self.agents],
@@ -762,7 +767,7 @@ class Scenario(Section):
             self.communication,
             self.sensing,
             self.target_edges,
-            self.formations,
+            formations,
             self.target_formation.group if self.target_formation else None,
             self.anchors,
         )
@@ -794,7 +799,7 @@ class Scenario(Section):
         sections = {"controller": self.controller, "links": self.links, "flow": self.flow}
         sections |= {"safety": self.safety} if self.safety else {}
         drifting = [agent.id for agent in self.agents if agent.drift]
-        return phases_of_events(self.events, self.whole, sections, self._adapted, drifting)
+        return phases_of_events(self.events, self.whole, sections, self._adapted, self._placed, drifting)
 
     @property
     def system(self) -> System:

@@ -372,13 +372,27 @@ class NonlinearSheaf:
         fits = [_largest((exact[r, r] - fitting[r, r]).data) <= tolerance for r in rows]
         return [None if one else exact[r, r].toarray() for one, r in zip(fits, rows, strict=True)]
 
-    def residuals(self, x: Array) -> Array:
-        """Compute |h - h*| of every edge at 0-cochains (T, n), shape (T, E); of a bearing times abs(z)."""
+    def desired_of(self, aims: Array) -> Array:
+        """Return h* of every row, shape (T, m), from a vector of every edge (T, m), opposite to the desired z.
+
+        h* of positions is the vector itself, that of ranges its length, and that of bearings its direction, turned
+        round.
+        """
+        length = self._arrays.lengths(aims)
+        bearing = np.divide(-aims, length, out=np.zeros_like(aims), where=length > 0.0)
+        return np.where(self._arrays.code == 0, aims, np.where(self._arrays.code == 1, length, bearing))
+
+    def residuals(self, x: Array, desired: Array | None = None) -> Array:
+        """Compute |h - h*| of every edge at 0-cochains (T, n), shape (T, E); of a bearing times abs(z).
+
+        `desired` has other values h* of every row, shape (T, m), one for each cochain.
+        """
         arrays = self._arrays
+        desired = arrays.desired if desired is None else desired
         z = (arrays.D @ x.T).T + arrays.lift
-        off = np.where(arrays.code == 0, z + arrays.desired, z - arrays.lengths(z) * arrays.desired)
+        off = np.where(arrays.code == 0, z + desired, z - arrays.lengths(z) * desired)
         begin = arrays.first[:-1]
-        of_range = np.abs(arrays.norms(z) - arrays.desired[begin])
+        of_range = np.abs(arrays.norms(z) - desired[..., begin])
         return np.where(arrays.code[begin] == 1, of_range, arrays.norms(off))
 
     def gradient(self, x: Any) -> Array:

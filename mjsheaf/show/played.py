@@ -236,7 +236,7 @@ def residuals_in(chunk: xr.Dataset, phases: Sequence[Phase], positions: Array) -
         labelled = labelled_edges(system)
         columns = [number[key] for key, _ in labelled]
         with np.errstate(all="ignore"):  # of what blew up
-            own = system.team.edge_residuals(positions[here])[:, : len(labelled)]
+            own = system.team.edge_residuals(positions[here], chunk["time"].values[here])[:, : len(labelled)]
         residual[np.ix_(here, columns)] = own
     return residual
 

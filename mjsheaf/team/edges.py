@@ -75,10 +75,13 @@ class Edge(NonlinearEdge):
         link: what it has of a link's fields by itself; None where nothing.
         slope: Derivative of the pull of a range or bearing edge that this edge linearises and that does not fit; None
             where F^T K F is it.
+        apart: F_tail o_tail - F_head o_head of the places in formations that the offset of a range or bearing edge is
+            from, shape (m,), m; None if the edge has its own.
     """
 
     link: Link | None = None
     slope: Slope | None = None
+    apart: Array | None = None
 
     def __str__(self) -> str:
         return f"the anchor of {self.tail}" if self.head == GROUND else f"[{self.tail}, {self.head}]"
@@ -92,6 +95,18 @@ class Edge(NonlinearEdge):
     def linear(self) -> bool:
         """True if positions are compared and both ends measure."""
         return self.measures == "position" and not self.directed
+
+    @property
+    def aim(self) -> Array:
+        """Vector from head to tail that the desired value follows from, shape (m,), m.
+
+        It is the desired value of positions; ranges take its length, and bearings its direction, turned round.
+        """
+        if self.measures == "position":
+            return self.b
+        if self.apart is not None:
+            return self.apart
+        return self.desired[0] * np.eye(len(self.F_tail))[0] if self.measures == "range" else -self.desired
 
     @property
     def equation(self) -> tuple[Any, ...]:
@@ -357,6 +372,10 @@ class Formation(Tagged):
         None, description="id of the target that the group's centre should follow; free unless given"
     )
     height: Number = Field(0.0, description="added to z of spatial members [m]")
+    centre: Point | None = Field(
+        None,
+        description="displacement of the whole group, x, y or x, y, z, added to each place; none unless given [m]",
+    )
 
     def corners(self) -> Array:
         """Places about the origin, one for each member, shape (count, 2) or (count, 3), m."""
@@ -374,7 +393,13 @@ class Formation(Tagged):
         spatial = np.zeros((len(corners), 3))
         spatial[:, : corners.shape[1]] = corners
         spatial[:, 2] += self.height
-        return [o[:n].copy() for o, n in zip(spatial, dimensions, strict=True)]
+        return [self._displaced(o[:n].copy()) for o, n in zip(spatial, dimensions, strict=True)]
+
+    def _displaced(self, place: Array) -> Array:
+        """Return a place (n,) with the displacement of the group added, m."""
+        for axis, value in enumerate((self.centre or [])[: len(place)]):
+            place[axis] += value
+        return place
 
 
 class Polygon(Formation):
@@ -446,7 +471,7 @@ class Explicit(Formation):
         for k, (o, n) in enumerate(zip(self.displacements, dimensions, strict=True)):
             if len(o) != n:
                 raise InputError(f"displacement {k} has {len(o)} entries, but the member has dimension {n}")
-        return [np.array(o, dtype=np.float64) for o in self.displacements]
+        return [self._displaced(np.array(o, dtype=np.float64)) for o in self.displacements]
 
 
 Group = Annotated[Polygon | Line | Tetrahedron | Explicit, Field(discriminator="shape")]

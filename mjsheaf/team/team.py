@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import sparse
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
@@ -30,6 +31,36 @@ _GROUND = Member(GROUND, 0)
 _COINCIDENT = 1e-9  # m, between places of a formation
 
 
+@dataclass(frozen=True)
+class Ramp:
+    """Change of a team's formations: places move in straight lines, and offsets follow from where they are.
+
+    It does not depend on how events divide it into phases: that a phase begins meanwhile changes no bit.
+
+    Attributes:
+        start, end: Times at which it begins and ends, s.
+        first, last: The team then, with the same members and edges.
+        begin: Time at which the present phase begins, s.
+    """
+
+    start: float
+    end: float
+    first: "Team"
+    last: "Team"
+    begin: float
+
+    def share(self, time: ArrayLike | None) -> Array:
+        """Return the fraction of the change made at times (T,) in s, shape (T, 1); as the phase begins without one."""
+        now = np.asarray(self.begin if time is None else time, dtype=np.float64)
+        return (now[..., None] - self.start) / (self.end - self.start)
+
+    @cached_property
+    def moved(self) -> Array:
+        """Change of q* of the present agents, with the H of the law, stacked, shape (n_q,), m."""
+        still = np.zeros(len(self.first.slots) - int(self.first.first_state[-1]))
+        return np.asarray(self.last.law_problem.extend(still) - self.first.law_problem.extend(still))
+
+
 class Team:
     """Agents and targets on a sheaf, with the formation as edge offsets.
 
@@ -46,6 +77,7 @@ class Team:
         linearised_at: Stacked positions at which a team of other edges was linearised to get this one; None else.
         absent: ids of agents that are no part of the team now, as they are lost or have yet to join: they keep their
             places in all arrays, have no edges, and the harmonic extension is that of the others.
+        ramp: Change of its formations; None if they stay. All else describes the team as the phase begins.
     """
 
     def __init__(
@@ -77,6 +109,7 @@ class Team:
         self.target_formation = target_formation
         self.absent = frozenset(absent)
         self.linearised_at: Array | None = None
+        self.ramp: Ramp | None = None
         if not self.agents:
             raise InputError("agents: a team needs at least one agent")
         for v, member in enumerate(self.members):
@@ -116,6 +149,46 @@ class Team:
             absent,
         )
 
+    def begin_ramp(self, ramp: Ramp) -> None:
+        """Let the places of formations move from a phase on.
+
+        Raises:
+            InputError: A range or bearing edge has both ends in one place on the way.
+        """
+        self.ramp = ramp
+        for edge, other in zip(ramp.first.measuring_edges, ramp.last.measuring_edges, strict=True):
+            if edge.measures == "position":
+                continue
+            way = other.aim - edge.aim
+            share = float(np.clip(-(edge.aim @ way) / ((way @ way) or 1.0), 0.0, 1.0))
+            if np.linalg.norm(edge.aim + share * way) < _COINCIDENT:
+                raise InputError(
+                    f"over: brings the places of {edge.tail} and {edge.head} together at "
+                    f"{ramp.start + share * (ramp.end - ramp.start):.4g} s, where they have no {edge.measures}; "
+                    "expected a smaller turn, or the change at once"
+                )
+
+    def desired_at(self, time: ArrayLike | None) -> Array | None:
+        """Return the desired values of all rows of measuring edges at times (T,) in s, shape (T, m).
+
+        Without a time, those as the phase begins. None if they do not change.
+        """
+        if self.ramp is None:
+            return None
+        teams = (self.ramp.first, self.ramp.last)
+        first, last = (np.concatenate([np.zeros(0), *(e.aim for e in team.measuring_edges)]) for team in teams)
+        return self.nonlinear_sheaf.desired_of(np.atleast_2d(first + self.ramp.share(time) * (last - first)))
+
+    def edges_at(self, time: float) -> tuple[Edge, ...]:
+        """Return the measuring edges with the offsets that they have at a time in s."""
+        desired = self.desired_at(time)
+        if desired is None:
+            return self.measuring_edges
+        values = np.split(desired[0], np.cumsum([len(e.b) for e in self.measuring_edges])[:-1])
+        return tuple(
+            replace(e, offset=value[: len(e.desired)]) for e, value in zip(self.measuring_edges, values, strict=True)
+        )
+
     @cached_property
     def present(self) -> BoolArray:
         """True for each agent that is part of the team now, shape (N,)."""
@@ -127,7 +200,7 @@ class Team:
         if not self.absent:
             return self
         members = {f.name: [m for m in f.members if m not in self.absent] for f in self.formations}
-        return Team(
+        remaining = Team(
             [agent for agent in self.agents if agent.id not in self.absent],
             self.targets,
             self.communication,
@@ -146,6 +219,10 @@ class Team:
             self.target_formation,
             self.anchors,
         )
+        remaining.ramp = self.ramp and replace(
+            self.ramp, first=self.ramp.first.remaining, last=self.ramp.last.remaining
+        )
+        return remaining
 
     @property
     def measuring_edges(self) -> tuple[Edge, ...]:
@@ -224,26 +301,32 @@ class Team:
             blocks += [(place[i][:, None], place[j][None], F.T @ K @ G) for i, F in moved for j, G in ends]
         return assembled(blocks, (int(self.first_state[-1]), int(slots[-1]))).tocsr()
 
-    def harmonic_extension(self, positions: Array) -> Array:
+    def harmonic_extension(self, positions: Array, time: ArrayLike | None = None) -> Array:
         """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents.
 
-        NaN for absent agents.
+        NaN for absent agents. Times (...), s, matter while formations change.
         """
         q, p = self.split(positions)
-        return self.unpack(self.extend(p, q))
+        return self.unpack(self.extend(p, q, time=time))
 
-    def extend(self, p: Array, q: Array | None = None, path: "Path | None" = None) -> Array:
+    def extend(
+        self, p: Array, q: Array | None = None, path: "Path | None" = None, time: ArrayLike | None = None
+    ) -> Array:
         """Return the stacked q* (..., n_q) of stacked targets (..., n_p), m; NaN for absent agents.
 
         If q* is not linear in p, or the team has neither targets nor anchors, this is the solution near the agents'
         positions q (..., n_q), or near 0 without q; see `mjsheaf.team.team`. It continues a path if one is given.
+        While formations change, it is that of times (...), s, or as the phase begins without them.
         """
-        if self.plain:
+        if self.plain and self.ramp is not None:
+            known = self.ramp.first.dirichlet.extend(p) + self.ramp.share(time) * self.ramp.moved
+        elif self.plain:
             known = self.dirichlet.extend(p)
         else:
             present = np.repeat(self.present, np.diff(self.first_state))
             start = np.zeros((*p.shape[:-1], len(present))) if q is None else q
-            known = self.remaining.shapes.extend(p, start[..., present], path or Path())
+            remaining = self.remaining
+            known = remaining.shapes.extend(p, start[..., present], path or Path(), remaining.desired_at(time))
         if not self.absent:
             return known
         q = np.full((*p.shape[:-1], int(self.first_state[-1])), np.nan)
@@ -310,6 +393,7 @@ class Team:
             linear[id(e)] = replace(e, **linear_maps(e, z)._asdict(), measures="position", lift=None, slope=slope)
         team = self.with_edges(linear)
         team.linearised_at = stacked
+        team.ramp = self.ramp if self.linear else None  # of others it says nothing but for their start
         return team
 
     def with_edges(self, changed: Mapping[int, Edge]) -> "Team":
@@ -353,12 +437,13 @@ class Team:
         q, p = self.split(positions)
         return not self.shapes.has_free_motions(self.extend(p, q), p)
 
-    def edge_residuals(self, positions: Array) -> Array:
+    def edge_residuals(self, positions: Array, time: ArrayLike | None = None) -> Array:
         """Compute |F_i x_i - F_j x_j - b| of all measuring edges at positions (T, V, 3), shape (T, E), m.
 
-        On a range or bearing edge it is the distance from the desired length or direction.
+        On a range or bearing edge it is the distance from the desired length or direction. Times (T,), s, matter while
+        formations change.
         """
-        return self.nonlinear_sheaf.residuals(self.pack(positions))
+        return self.nonlinear_sheaf.residuals(self.pack(positions), self.desired_at(time))
 
     @cached_property
     def target_sheaf(self) -> Sheaf:
@@ -467,7 +552,7 @@ def _with_offset(edge: Edge, displacement: Mapping[str, Array]) -> Edge:
             f"offset: the formations give [{edge.tail}, {edge.head}] no {edge.measures}, as both ends have one place; "
             "expected an offset, or different places"
         )
-    return replace(edge, offset=np.array([far]) if edge.measures == "range" else -apart / far)
+    return replace(edge, offset=np.array([far]) if edge.measures == "range" else -apart / far, apart=apart)
 
 
 _EXACT = 1e-7  # of the team's size: residual of an exact shape
@@ -508,17 +593,23 @@ class Shapes:
         """Solver with targets and ground held."""
         return self._team.nonlinear_sheaf.solver([*self._team.target_ids, GROUND])
 
-    def extend(self, p: Array, q: Array, path: Path) -> Array:
-        """Return q* (..., n_q) of targets at p (..., n_p), near agents at q (..., n_q), m; it continues the path."""
+    def extend(self, p: Array, q: Array, path: Path, desired: Array | None = None) -> Array:
+        """Return q* (..., n_q) of targets at p (..., n_p), near agents at q (..., n_q), m; it continues the path.
+
+        `desired` has the desired values of all rows, shape (..., m), if they change.
+        """
         boundary = p.reshape(-1, p.shape[-1]) if p.shape[-1] else np.zeros((int(np.prod(p.shape[:-1])), 0))
         start = q.reshape(-1, q.shape[-1])
         found = np.full_like(start, np.nan)
         for k, (held, near) in enumerate(zip(boundary, start, strict=True)):
+            if desired is not None:
+                now = desired.reshape(-1, desired.shape[-1])[k % len(desired)]
+                self.solver.arrays = replace(self.solver.arrays, desired=now)
             if np.isfinite(held).all() and np.isfinite(near).all():
                 if path.last is None or path.moving:
                     path.last = self.first(held, near).x
                     path.moving = path.moving and self.has_free_motions(path.last, held)
-                elif path.held is None or not np.array_equal(held, path.held):
+                elif path.held is None or desired is not None or not np.array_equal(held, path.held):
                     path.last = self.solver.settle(path.last, held).x
                 found[k] = path.last
             path.held = held

@@ -33,6 +33,7 @@ SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
     "bearings": ("bearing_formation", {}),
     "ranges": ("range_formation", {}),
     "directed": ("leader_follower", {}),
+    "formations": ("narrow_gate", {"events": [{"time": 0.5, "set": {"formations.boats.radius": 10}, "over": 4}]}),
 }
 ENGINES = [("ideal", "mujoco"), ("physics", "mujoco"), ("physics", "fused")]
 NAMES = ("agent_position", "target_position", "disagreement", "tracking_error", "velocity_command", "phase")
@@ -43,7 +44,7 @@ def shortened(name: str) -> Scenario:
     base, overrides = SCENARIOS[name]
     overrides = {"physics.contacts": False, **overrides}
     grid = load_scenario(base, overrides).whole.grid
-    return load_scenario(base, {**overrides, "time.end": grid.start + PERIODS * grid.period, "events": []})
+    return load_scenario(base, {"events": [], **overrides, "time.end": grid.start + PERIODS * grid.period})
 
 
 def random_action(rng: np.random.Generator, scenario: Scenario) -> dict[str, Any]:

@@ -231,7 +231,8 @@ def _drive(
     if path.stride > 1 or len(path.samples) * n_q > most:
         raise UndecidedError("the run has too many samples")
     carrier = Carrier(system)
-    q_star, K = carrier.extend(path.samples), len(path.samples) - 1
+    K = len(path.samples) - 1
+    q_star = carrier.extend(path.samples, system.grid.span(0, K + 1))
     W, middle = np.diff(q_star, axis=0) / h, 0.5 * (q_star[1:] + q_star[:-1])
     unsure = 2.0 * float(np.linalg.norm(carrier.reach(np.full(len(team.targets), path.error)))) / h
     total, v = unsure, np.zeros_like(W)
@@ -239,7 +240,9 @@ def _drive(
         from scipy.signal import lfilter
 
         c = residual_polynomial(values, terms.feedforward, *terms.eigenvalues)
-        rate, lead = _filtered(W @ vectors, terms.measured), float(terms.lead[0])
+        # Agents know how offsets change: that is not filtered, and nothing is added at the first sample of a run.
+        known = np.where(np.arange(K) > 0, 1.0, 0.0)[:, None] * (carrier.rate @ vectors)
+        rate, lead = _filtered((W - carrier.rate) @ vectors, terms.measured) + known, float(terms.lead[0])
         for one, kept in enumerate(c):
             rate[:, one] = lfilter([1.0 - kept], [1.0, -kept], rate[:, one])
         before = np.vstack([np.zeros((1, n_q)), rate[:-1]])
@@ -261,8 +264,9 @@ def _drive(
     # How far q* may be from the middle of its period: by the cells that cover it.
     cells = path.cells
     period = np.clip(((0.5 * (cells.begin + cells.end) - system.grid.start) / h).astype(int), 0, K - 1)
-    reach = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
-    away = np.linalg.norm(team.unpack(carrier.extend(cells.centre) - middle[period]), axis=2) + reach
+    reach = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend) + carrier.slide(cells.end - cells.begin)
+    there = carrier.extend(cells.centre, 0.5 * (cells.begin + cells.end))
+    away = np.linalg.norm(team.unpack(there - middle[period]), axis=2) + reach
     moves, ripple = np.zeros((K, N)), np.zeros(K)
     np.maximum.at(moves, period, away)
     carried = carrier.carry(cells.drift)

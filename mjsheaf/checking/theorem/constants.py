@@ -8,6 +8,13 @@ K = H^-1 B,
     |q*_i - centre| <= R_i = sum_k |K_ik| r_k,
     |f_B,i - f_B,i at the centre| <= sum_k |K_ik| s_k + R_i sup |df_i/dq| over that ball.
 
+While formations change, offsets are linear in time, and so are c and q* beyond H^-1 B p: q* = H^-1 (B p + c(t)) has the
+velocity H^-1 (B p' + c'), with c' constant. The proof of the theorem uses e' = q*' - q' alone, so it holds with
+
+    f_B = H^-1 B f_p(p, t) + H^-1 c' - f_q(q*).
+
+Over a cell of duration h, q*_i is within h |(H^-1 c')_i| / 2 of where it is at mid-time, which R_i includes.
+
 As long as |e(t)| <= R(t), each agent is within R(t) of its q*_i(t). So bounds on the flow's slope and speed over the
 tube of that radius about q* hold along the run.
 
@@ -61,7 +68,8 @@ class Difference:
     Attributes:
         bound: never exceeded by |f_B| along the path, m/s; infinite where the path is not known or meets a singularity.
         time: about when it is largest, s.
-        carried, own, values: H^-1 B f_p, f_q(q*) and f_B at the path's own instants, stacked, shape (T, n_q), m/s.
+        carried, own, values: H^-1 (B f_p + c'), f_q(q*) and f_B at the path's own instants, stacked, shape (T, n_q),
+            m/s.
         shaken: H^-1 B omega_p there, what the targets' disturbances ask of the agents, less what moves in the medium
             that the agents meet at q*, m/s.
     """
@@ -85,8 +93,8 @@ def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Diff
 
 
 def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tuple[Array, Array, Array]:
-    """Return H^-1 B f_p, f_q(q*), and what disturbances add to their difference; see `Difference`."""
-    carried = carrier.carry(np.nan_to_num(path.drift))
+    """Return H^-1 (B f_p + c'), f_q(q*), and what disturbances add to their difference; see `Difference`."""
+    carried = carrier.carry(np.nan_to_num(path.drift)) + carrier.rate
     N = len(system.team.agents)
     shaking = evaluate(system.harmonics[N:], path.time)
     if system.moving:
@@ -135,9 +143,9 @@ def _some(cells: Cells, which: BoolArray | slice) -> Cells:
 
 def _bound(system: System, carrier: Carrier, cells: Cells) -> Array:
     """Bound |f_B| over cells from above, and its largest value in each from below, shape (2, n), m/s."""
-    moves = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
-    q_star = carrier.extend(cells.centre)
-    centre = np.linalg.norm(carrier.carry(cells.drift) - agent_flow(system, q_star), axis=1)
+    moves = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend) + carrier.slide(cells.end - cells.begin)
+    q_star = carrier.extend(cells.centre, 0.5 * (cells.begin + cells.end))
+    centre = np.linalg.norm(carrier.carry(cells.drift) + carrier.rate - agent_flow(system, q_star), axis=1)
     spread = carrier.spread(cells.spread, agent_slopes(system, q_star, moves), moves)
     upper = centre + spread
     return np.stack([np.where(np.isnan(upper), np.inf, upper), np.nan_to_num(np.maximum(centre - spread, 0.0))])
@@ -359,10 +367,11 @@ def _bound_shared(system: System, path: TargetPath, carrier: Carrier, piece: Any
     if slope == 0.0:
         return sigma * speed + _ROUNDING * speed, 0.0
     assert path.cells is not None
-    _, _, centre, reach = coarser(path.cells, _MOST_SPANS)
-    places = np.concatenate([system.team.unpack(carrier.extend(centre)), centre], axis=1)
+    begin, end, centre, reach = coarser(path.cells, _MOST_SPANS)
+    places = np.concatenate([system.team.unpack(carrier.extend(centre, 0.5 * (begin + end))), centre], axis=1)
     middle = (places * met[:, None]).sum(axis=1) / max(met.sum(), 1.0)
-    away = np.linalg.norm(places - middle[:, None], axis=2) + np.concatenate([carrier.reach(reach), reach], axis=1)
+    moved = carrier.reach(reach) + carrier.slide(end - begin)
+    away = np.linalg.norm(places - middle[:, None], axis=2) + np.concatenate([moved, reach], axis=1)
     away *= met
     apart = float(carrier.spread(away[:, N:], np.ones_like(away[:, :N]), away[:, :N]).max())
     return (sigma * speed + slope * apart) * (1.0 + _ROUNDING) + _ROUNDING * speed, slope
@@ -426,8 +435,8 @@ def tube_about(
     assert path.cells is not None
     N = len(system.team.agents)
     begin, end, targets, reach = coarser(path.cells, max(1, min(_MOST_SPANS, boxes // N)))
-    centre = system.team.unpack(carrier.extend(targets))
-    wide = np.maximum(radius(begin), radius(end))[:, None] + carrier.reach(reach)
+    centre = system.team.unpack(carrier.extend(targets, 0.5 * (begin + end)))
+    wide = np.maximum(radius(begin), radius(end))[:, None] + carrier.reach(reach) + carrier.slide(end - begin)
     low, high = centre - wide[..., None], centre + wide[..., None]
     planar = np.array([agent.dimension == 2 for agent in system.team.agents])
     low[:, planar, 2] = high[:, planar, 2] = 0.0

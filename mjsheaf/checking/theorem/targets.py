@@ -63,6 +63,9 @@ class Carrier:
     """Map K = H^-1 B from motions of the targets to their harmonic extension.
 
     If K is too large to store, sigma_max(B) / lambda_min(H) bounds the norms of its blocks.
+
+    Attributes:
+        rate: H^-1 c', the velocity of q* while formations change, stacked, shape (n_q,), m/s.
     """
 
     def __init__(self, system: System) -> None:
@@ -76,10 +79,19 @@ class Carrier:
             self._rest = rest + free @ (free.T @ (system.team.linearised_at[:n_q] - rest))
         self._K = problem.extend(np.eye(n_p)) - rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
         self._own = _places(system)
+        self._ramp = ramp = system.team.ramp
+        self.rate = np.zeros(n_q) if ramp is None else ramp.moved / (ramp.end - ramp.start)
 
-    def extend(self, targets: Array) -> Array:
-        """q* of targets at (..., M, 3), stacked, (..., n_q), m."""
-        return self.carry(targets) + self._rest
+    def extend(self, targets: Array, time: Array | None = None) -> Array:
+        """q* of targets at (..., M, 3), stacked, (..., n_q), m; at times (...) in s, or as formations begin."""
+        q_star = self.carry(targets) + self._rest
+        if self._ramp is None or time is None:
+            return q_star
+        return q_star + (time - self._ramp.begin)[..., None] * self.rate
+
+    def slide(self, duration: Array) -> Array:
+        """How far each q*_i moves in half of durations (T,) in s while formations change, shape (T, N), m."""
+        return 0.5 * duration[:, None] * np.linalg.norm(self._team.unpack(self.rate), axis=1)
 
     def carry(self, motions: NDArray[Any]) -> NDArray[Any]:
         """K applied to motions of the targets (..., M, 3), stacked, (..., n_q)."""
@@ -313,7 +325,16 @@ class _UnknownPathError(Exception):
 def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]:
     """All on which the targets' path depends; of the agents only where they begin."""
     alone, team = _targets_alone(system), (system.team.members, sorted(system.team.absent), system.law.edges)
-    return alone, team, system.initial, system.grid, system.effectiveness, MOST_STEPS
+    ramp = system.team.ramp
+    return (
+        alone,
+        team,
+        ramp and (ramp.begin, ramp.start, ramp.end, ramp.moved),
+        system.initial,
+        system.grid,
+        system.effectiveness,
+        MOST_STEPS,
+    )
 
 
 @remember_last(_path_key)
@@ -342,7 +363,7 @@ def follow_targets(
     still = np.repeat(system.initial[None], 2, axis=0)
     if M == 0:
         none = still[:, N:]
-        return TargetPath(span, still, none, extend(none), None, 0.0, none[:1], 1, "there are no targets")
+        return TargetPath(span, still, none, extend(none, span), None, 0.0, none[:1], 1, "there are no targets")
     try:
         if not np.isfinite(system.moving_bounds.speed[N:]).all():
             raise _UnknownPathError("they meet gusts, which are not bounded")
@@ -357,14 +378,22 @@ def follow_targets(
         cells = _cells_of(system, steps, error)
     except _UnknownPathError as unknown:
         return TargetPath(
-            span, still, np.full((2, M, 3), np.nan), extend(still[:, N:]), None, np.inf, still[:0, N:], 1, str(unknown)
+            span,
+            still,
+            np.full((2, M, 3), np.nan),
+            extend(still[:, N:], span),
+            None,
+            np.inf,
+            still[:0, N:],
+            1,
+            str(unknown),
         )
     most = max(50, _MOST_NUMBERS // max(n_q, 3 * len(system.team.members)))
     kept = np.unique(np.linspace(0, len(cells.begin) - 1, min(sampled, most)).astype(np.int64))
     time, drift = np.append(cells.begin[kept], cells.end[-1]), np.append(cells.drift[kept], cells.drift[-1:], axis=0)
     positions = np.repeat(system.initial[None], len(time), axis=0)
     positions[:-1, N:], positions[-1, N:] = cells.centre[kept] - cells.half[kept], cells.centre[-1] + cells.half[-1]
-    q_star = extend(positions[:, N:])
+    q_star = extend(positions[:, N:], time)
     return TargetPath(time, positions, drift, q_star, cells, error, samples[:: _between(system)], _stride(system), "")
 
 
