@@ -1,5 +1,6 @@
 """Videos, drawn frame by frame and written to an MP4: H.264, yuv420p, which plays everywhere."""
 
+import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -220,6 +221,8 @@ def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float)
     # Rendering is the expensive part, and x264 competes with it for the cores: these options take a third less work
     # than those of the preset at the same file size.
     x264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
+    # Otherwise it forks next to threads, where Python's own hooks can fail in the child. Ctrl-C reaches ffmpeg, too.
+    os.environ.setdefault("IMAGEIO_FFMPEG_NO_PREVENT_SIGINT", "1")
     # imageio recognises videos by their extension, which a temporary file does not have.
     plugin = iio.imopen(part, "w", plugin="FFMPEG", extension=".mp4", legacy_mode=True)
     writer = plugin.legacy_get_writer(
