@@ -59,9 +59,9 @@ def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> d
         for field, planar in {(int(system.field[i]), bool(system.planar[i])) for i in v}:
             own = (system.field[v] == field) & (system.planar[v] == planar)
             vehicle = int(v[own][0])
-            middle = x[own] + 0.5 * h * mean_flow(system, vehicle, float(t), x[own])
+            middle = x[own] + 0.5 * h * mean_flow(system.medium, vehicle, float(t), x[own])
             known = np.isfinite(middle).all(axis=1)
-            step = h * mean_flow(system, vehicle, float(t) + 0.5 * h, np.where(known[:, None], middle, x[own]))
+            step = h * mean_flow(system.medium, vehicle, float(t) + 0.5 * h, np.where(known[:, None], middle, x[own]))
             x[own] += np.where(np.isfinite(step) & known[:, None], step, 0.0)
     away = np.linalg.norm(x - first.initial[v], axis=1)
     return {scenario.targets[k].id: float(far) for k, far in zip(free, away, strict=True) if far > least}

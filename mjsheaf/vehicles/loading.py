@@ -445,7 +445,7 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     if not (movable and np.linalg.eigvalsh(about_centre)[0] > mujoco.mjMINVAL):
         raise InputError(f"{path}: its mass or inertia is too small or too large to move; expected those of a vehicle")
     carried = float((model.body_mass * model.body_gravcomp).sum())
-    drag = description.drag
+    drag, size, windage = description.drag, _size(model, data), description.windage
     linear = np.full(3, mass / drag.time_constant) if drag.time_constant else np.array(drag.linear, dtype=np.float64)
     vehicle = Vehicle(
         name=name,
@@ -465,13 +465,14 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
             for b in range(1, model.nbody)
         ],
         radius=_radius(model),
-        size=_size(model, data),
+        size=size,
         actuators=_actuators(path, model, data, description.actuators),
         hold=description.attitude,
         drag=linear,
         angular_drag=np.array(drag.angular, dtype=np.float64),
         quadratic_drag=np.array([*drag.quadratic, *drag.angular_quadratic], dtype=np.float64),
         added_mass=np.array(description.added_mass or [0.0] * 6, dtype=np.float64),
+        windage=np.zeros(4) if windage is None else windage.pack(size),
     )
     _check(vehicle)
     return vehicle
