@@ -460,14 +460,14 @@ class System:
 
     @cached_property
     def mean_wind(self) -> Array:
-        """The wind above each hull where it begins, without gusts, as it is in the end, shape (V, 3), m/s.
+        """Velocity of the air above each hull relative to the water, where it begins, shape (V, 3), m/s.
 
-        It is zero for vehicles on which no wind acts.
+        It is without gusts and waves, as it is in the end, and zero for vehicles on which no wind acts.
         """
         for wind in self.wind:
-            end = self.grid.start + self.grid.steps * self.grid.period
+            v, end = int(np.argmax(wind.met)), self.grid.start + self.grid.steps * self.grid.period  # of any hull
             above = np.array([[0.0, 0.0, vehicle.windage[3]] for vehicle in self.vehicles])
-            found = mean_flow(wind.air, int(np.argmax(wind.met)), end, self.initial + above)  # of any hull
+            found = mean_flow(wind.air, v, end, self.initial + above) - mean_flow(self.medium, v, end, self.initial)
             return found * wind.met[:, None] * [1.0, 1.0, 0.0]
         return np.zeros_like(self.initial)
 

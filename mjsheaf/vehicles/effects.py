@@ -155,11 +155,10 @@ def hold_station(vehicle: Vehicle, heading: float, current: Array, wind: Array) 
     heading += float(stable[np.abs(stable).argmin()]) if len(stable) else 0.0
     pushed, (u, v) = _push_at_station(vehicle, np.array(heading), current, wind)
     G, (X, Y, N) = vehicle.moving_mass * vehicle.rate, -pushed
-    force = np.array([X - G[0] * u, Y - G[1] * v, 0.0, 0.0, 0.0, N])
-    ahead, port, *_, turn = _solve_drag(
-        np.concatenate([vehicle.drag, vehicle.angular_drag]) + G, vehicle.quadratic_drag, force
-    )
-    port = port if vehicle.steering.attitude else vehicle.steering.hand * turn - v
+    D, Q = np.append(vehicle.drag[:2], vehicle.angular_drag[2]), vehicle.quadratic_drag[[0, 1, 5]]
+    ahead, port = _solve_drag(D[:2] + G[:2], Q[:2], np.array([X - G[0] * u, Y - G[1] * v]))
+    if not vehicle.steering.attitude:
+        port = vehicle.steering.hand * _solve_drag(D[2] + G[5], Q[2], N) - v
     c, s = math.cos(heading), math.sin(heading)
     command = np.array([c * ahead - s * port, s * ahead + c * port])
     return heading, command, vehicle.allocation @ [X, Y, 0.0, 0.0, 0.0, N]

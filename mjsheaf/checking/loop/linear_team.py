@@ -137,8 +137,11 @@ def _held_point(
     In wind, it turns until nothing pushes it abeam.
     """
     vehicle, heading, wind = system.vehicles[number], float(system.bodies.heading[number]), system.mean_wind[number]
-    if vehicle.steering.attitude or wind.any():
+    if wind.any():
+        wind = wind + medium
         return HeldPoint(vehicle, medium, hold_station(vehicle, heading, medium, wind)[0], wind)
+    if vehicle.steering.attitude:
+        return HeldPoint(vehicle, medium, heading)
     span = system.grid.period * system.grid.steps
     if float(np.hypot(medium[0], medium[1])) * span < time_constants * vehicle.steering.hand:
         return HeldPoint(vehicle, np.zeros(3), heading)

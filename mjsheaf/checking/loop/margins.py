@@ -108,8 +108,8 @@ class Margins(Record):
     )
     wind: dict[str, tuple[float, Finite]] = Field(
         {},
-        description="agents on which wind acts: the strongest wind above them where they begin, without gusts, and the "
-        "largest wind of that direction in which actuators and velocity limit hold them, m/s; null: more than 200 m/s",
+        description="agents on which wind acts: the mean wind above them, relative to their places, and the largest of "
+        "that direction in which actuators and velocity limit hold them there, m/s; null: more than 200 m/s",
     )
     falling: dict[str, str] = Field(
         {}, description="agents whose vehicle turns over and falls once it leans to its limit: why, with numbers"
@@ -141,11 +141,15 @@ def margins(system: System, certificate: Certificate) -> Margins:
 
 
 def _wind_margins(system: System, certificate: Certificate) -> dict[str, tuple[float, float]]:
-    """Return the wind above each agent on which it acts, and the largest that it can hold in the mean current, m/s."""
+    """Return the wind above each agent on which it acts, and the largest in which it holds station, m/s."""
     found, windy = {}, np.flatnonzero(system.mean_wind[: len(system.team.agents)].any(axis=1)).tolist()
     current = np.nan_to_num(medium_on_path(system, certificate.constants.path)) if windy else np.zeros(0)
     for i in windy:
-        wind, heading, limit = system.mean_wind[i], float(system.bodies.heading[i]), float(system.law.limit[i])
+        wind, heading, limit = (
+            system.mean_wind[i] + current[i],
+            float(system.bodies.heading[i]),
+            float(system.law.limit[i]),
+        )
         largest = largest_wind(system.vehicles[i], heading, current[i], wind, limit)
         found[system.team.agents[i].id] = float(np.linalg.norm(wind)), largest
     return found

@@ -129,7 +129,7 @@ def steady_error(
                 raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
             drift = np.zeros((len(limit), 3))
             for i in np.flatnonzero(system.mean_wind[: len(limit)].any(axis=1)).tolist():
-                heading, wind = float(system.bodies.heading[i]), system.mean_wind[i]
+                heading, wind = float(system.bodies.heading[i]), system.mean_wind[i] + medium[i]
                 drift[i, :2] = -medium[i, :2] - hold_station(system.vehicles[i], heading, medium[i], wind)[1]
             blown = path._replace(flow=path.flow + drift.reshape(-1)[system.team.slots[: path.flow.shape[1]]])
             bodies, speed, _ = _follow(system, certificate, law, vehicles, fastest, blown)
