@@ -454,8 +454,9 @@ class System:
             return ()
         places, field = self.initial.copy(), np.zeros_like(self.field)
         places[:, 2] = self.bodies.surface_height + heights
-        calm = self.harmonics[:, :0]
-        above = replace(self, initial=places, flows=[air], flow_names=("wind",), field=field, harmonics=calm)
+        above = replace(
+            self, initial=places, flows=[air], flow_names=("wind",), field=field, harmonics=self.harmonics[:, :0]
+        )
         return (WindArrays((heights > 0.0).astype(np.int64), above.medium),)
 
     @cached_property

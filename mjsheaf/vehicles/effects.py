@@ -198,6 +198,16 @@ def largest_wind(vehicle: Vehicle, heading: float, current: Array, wind: Array, 
     return float(bisect(room, 0.0, _STRONGEST, xtol=0.01)) if room(0.0) > 0.0 else 0.0
 
 
+def leeway_of(vehicle: Vehicle, wind: Array) -> Array:
+    """Return the velocity through the water of a hull without thrust that lies across a wind (3,), m/s.
+
+    The wind is relative to the water. Y (W - v)^2 = D v + Q v^2 has this root.
+    """
+    W, Y = float(np.linalg.norm(wind)), vehicle.windage[1]
+    speed = _solve_drag(vehicle.drag[1] + 2.0 * Y * W, vehicle.quadratic_drag[1] - Y, Y * W * W)
+    return np.asarray(wind * speed / max(W, 1e-9))
+
+
 def _push_at_station(vehicle: Vehicle, heading: Array, current: Array, wind: Array) -> tuple[Array, Array]:
     """Return force ahead and to port, N, and yaw moment, N m, on a hull at rest at headings (...), shape (3, ...).
 

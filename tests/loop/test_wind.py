@@ -256,6 +256,13 @@ def test_the_predicted_error_is_that_of_the_run(boat: str) -> None:
     assert seen > 0.1
 
 
+def test_a_buoy_in_the_wind_drifts_as_far_as_check_says() -> None:
+    given = scenario("buoy", [6.0, 2.0], CURRENT, [0.0], time={"end": 60})
+    data = simulate(given, engine="fused")["target_position"].values[:, 0, :2]
+    under_way = 2.0 * np.linalg.norm(data[-1] - data[len(data) // 2])  # without the time that it takes to drift
+    assert check(given, trial=False)["drifts"]["T0"] == pytest.approx(under_way, rel=0.01)
+
+
 def test_standing_against_the_wind_is_not_being_stuck() -> None:
     answer = check(scenario("wamv", [12.0, 5.0], headings=[60.0]))
     assert answer["ok"], answer
