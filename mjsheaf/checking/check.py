@@ -181,7 +181,8 @@ def foreseen_error(record: CheckRecord) -> float | None:
 
     It is that on ideal kinematics if it is not known on the vehicles.
     """
-    if len(record.phases) > 1 or WIND_ON_TARGETS in record.steady.leaves_out:
+    unknown = WIND_ON_TARGETS in record.steady.leaves_out or (record.margins.wind and record.steady.bodies is None)
+    if len(record.phases) > 1 or unknown:
         return None
     steady, moved = record.steady, record.disturbance
     parts = [

@@ -54,12 +54,15 @@ class HeldPoint:
         medium: steady velocity of the medium, world axes, shape (3,), m/s.
         heading: that it holds, or from which it starts to turn where it holds none, rad.
         wind: steady velocity of the air above a hull, world axes, shape (3,), m/s.
+        command: commanded velocity through the medium near which it holds its place, world axes, shape (3,), m/s; None
+            where the medium alone decides on it.
     """
 
     vehicle: Vehicle
     medium: Array
     heading: float
     wind: Array = field(default_factory=lambda: np.zeros(3))
+    command: Array | None = None
 
 
 class LinearVehicle(NamedTuple):
@@ -212,7 +215,8 @@ class _Bench:
         self.qpos = np.hstack([np.zeros((V, 3)), quaternions_of(heading)])
         trim = np.concatenate([vehicle.trim for vehicle in vehicles])  # of level vehicles
         self.qvel, self.act = np.zeros((V, 6)), trim[self.model.actuator_actadr >= 0]
-        self.command = -np.array([point.medium for point in points]).reshape(V, 3) * self.controlled
+        commands = [-point.medium if point.command is None else point.command for point in points]
+        self.command = np.array(commands).reshape(V, 3) * self.controlled
 
     def settle(self) -> list[str]:
         """Bring every vehicle to its equilibrium; say for each why there is none, or nothing."""

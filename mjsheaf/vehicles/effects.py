@@ -135,13 +135,13 @@ def _least_surge(vehicle: Vehicle, moment: float) -> float:
 def hold_station(vehicle: Vehicle, heading: float, current: Array, wind: Array) -> tuple[float, Array, Array]:
     """Find how a vehicle on the surface holds station in current and wind.
 
-    One that holds a heading is turned until its attitude hold makes the opposite moment. A boat held at its hand point
-    swings until nothing pushes it abeam. The force is that which the autopilot makes for a velocity v_c through the
-    water, D v_c + Q |v_c| v_c + M k_v (v_c - v_r).
+    One with an attitude hold turns until that balances the moments of wind and water. A boat at its hand point turns
+    until no force acts abeam. The force of the autopilot for a velocity v_c through the water is
+    D v_c + Q |v_c| v_c + M k_v (v_c - v_r).
 
     Args:
         vehicle: The vehicle.
-        heading: Heading that it holds, or from which it swings, rad.
+        heading: Heading that it holds, or from which it turns, rad.
         current: Velocity of the water, world axes, shape (2,) or more, m/s.
         wind: Velocity of the air, likewise.
 
@@ -168,8 +168,8 @@ def largest_wind(vehicle: Vehicle, heading: float, current: Array, wind: Array, 
     """Find the largest wind of a direction in which a vehicle on the surface holds station.
 
     It does if the velocity that it is commanded is within the limit, and its efforts within those of its actuators. A
-    boat at its hand point must also come up into the wind from any heading, at which it drifts: its actuators must
-    overcome the moments of the wind and of the water.
+    boat at its hand point must also turn into the wind while it drifts at any heading. So its actuators must balance
+    the moments of wind and water there.
 
     Args:
         vehicle, heading, current: See `hold_station`.
@@ -177,12 +177,12 @@ def largest_wind(vehicle: Vehicle, heading: float, current: Array, wind: Array, 
         limit: Velocity limit, m/s.
 
     Returns:
-        The largest wind, m/s; infinite if it is beyond 200 m/s.
+        The largest wind, m/s; infinite if it is beyond 200 m/s, or not known, as of boats with one-sided thrusters.
     """
     from scipy.optimize import bisect
 
     def room(speed: float) -> float:
-        air = speed * wind / np.linalg.norm(wind)
+        air = speed * wind / max(float(np.linalg.norm(wind)), 1e-9)
         _, command, effort = hold_station(vehicle, heading, current, air)
         efforts = [effort]
         if not vehicle.steering.attitude:
@@ -193,7 +193,7 @@ def largest_wind(vehicle: Vehicle, heading: float, current: Array, wind: Array, 
         shares = [_share_within(vehicle, 0.0 * effort, effort) for effort in efforts]
         return min(*shares, limit / max(float(np.linalg.norm(command)), 1e-9), 2.0) - 1.0
 
-    if room(_STRONGEST) > 0.0:
+    if is_one_sided(vehicle) or room(_STRONGEST) > 0.0:
         return float("inf")
     return float(bisect(room, 0.0, _STRONGEST, xtol=0.01)) if room(0.0) > 0.0 else 0.0
 

@@ -263,6 +263,14 @@ def test_a_buoy_in_the_wind_drifts_as_far_as_check_says() -> None:
     assert check(given, trial=False)["drifts"]["T0"] == pytest.approx(under_way, rel=0.01)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [0.3, 4.0])
+@pytest.mark.parametrize("boat", ["wamv_azimuth", "otter_rudder"])
+def test_check_has_no_fault_to_find_in_a_wind_that_a_boat_can_hold(boat: str, speed: float) -> None:
+    answer = check(scenario(boat, [speed, 0.2 * speed], headings=[40.0]))
+    assert answer["ok"], answer
+
+
 def test_standing_against_the_wind_is_not_being_stuck() -> None:
     answer = check(scenario("wamv", [12.0, 5.0], headings=[60.0]))
     assert answer["ok"], answer

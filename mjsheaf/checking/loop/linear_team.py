@@ -110,7 +110,7 @@ def _require_linear(
     speed = float(np.linalg.norm(point.medium))
     if isinstance(model, str):
         why = f"{model} (some push one way only)" if is_one_sided(point.vehicle) else model
-        if speed < still and not point.wind.any():
+        if speed < still:
             raise NoModelError(f"{name} has no linear model at rest: {why}")
         raise OverpoweredError(
             f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place"
@@ -138,8 +138,9 @@ def _held_point(
     """
     vehicle, heading, wind = system.vehicles[number], float(system.bodies.heading[number]), system.mean_wind[number]
     if wind.any():
-        wind = wind + medium
-        return HeldPoint(vehicle, medium, hold_station(vehicle, heading, medium, wind)[0], wind)
+        lies, command, _ = hold_station(vehicle, heading, medium, wind + medium)
+        lies = heading if vehicle.steering.attitude else lies
+        return HeldPoint(vehicle, medium, lies, wind + medium, np.append(command, 0.0))
     if vehicle.steering.attitude:
         return HeldPoint(vehicle, medium, heading)
     span = system.grid.period * system.grid.steps

@@ -109,7 +109,7 @@ class Margins(Record):
     wind: dict[str, tuple[float, Finite]] = Field(
         {},
         description="agents on which wind acts: the mean wind above them, relative to their places, and the largest of "
-        "that direction in which actuators and velocity limit hold them there, m/s; null: more than 200 m/s",
+        "that direction in which actuators and velocity limit hold them there, m/s; null: not known, or above 200 m/s",
     )
     falling: dict[str, str] = Field(
         {}, description="agents whose vehicle turns over and falls once it leans to its limit: why, with numbers"
