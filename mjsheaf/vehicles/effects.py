@@ -35,7 +35,7 @@ from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
 
 SURGE, YAW = 0, 5
 _TURNING_SHARE = 0.12  # fraction of the speed ahead above which a boat that cannot back turns round under way
-_AROUND = np.radians(np.arange(-180.0, 181.0))  # headings, rad
+_AROUND = np.radians(np.arange(-181.0, 182.0))  # headings, rad, a little more than once around
 _STRONGEST = 200.0  # m/s, of winds that are sought
 _HALF = 0.5  # fraction of the largest yaw moment at which its price in surge is taken
 

@@ -14,6 +14,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet, wind_wrench
 from mjsheaf.loop.session import engine_of
 from mjsheaf.scenario import Scenario
+from mjsheaf.vehicles.effects import hold_station
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import AIR_DENSITY, Vehicle
 from tests.builders import altered
@@ -269,6 +270,14 @@ def test_a_buoy_in_the_wind_drifts_as_far_as_check_says() -> None:
 def test_check_has_no_fault_to_find_in_a_wind_that_a_boat_can_hold(boat: str, speed: float) -> None:
     answer = check(scenario(boat, [speed, 0.2 * speed], headings=[40.0]))
     assert answer["ok"], answer
+
+
+@pytest.mark.parametrize("heading", [0.0, 45.0, 180.0])
+def test_a_boat_at_its_hand_point_lies_with_its_bows_in_the_wind(heading: float) -> None:
+    wind = np.array([5.0, 0.0, 0.0])
+    lies, command, _ = hold_station(load_vehicle("otter"), np.radians(heading), np.zeros(3), wind)
+    assert np.cos(lies) == pytest.approx(-1.0, abs=2e-4)
+    assert command[0] < -0.01
 
 
 def test_standing_against_the_wind_is_not_being_stuck() -> None:
