@@ -49,6 +49,8 @@ def _section(vehicle: Vehicle, directory: Path) -> str:
         ("added mass: surge, sway, heave", "kg", _triple(vehicle.added_mass[:3])),
         ("rate of the autopilot k_v", "1/s", f"{vehicle.rate:g}" if vehicle.rate else "none"),
     ]
+    if vehicle.windage.any():
+        rows.append(("force of a wind of 10 m/s: ahead, abeam", "N", _triple(100.0 * vehicle.windage[:2])))
     table = "\n".join(f"| {what} | {unit} | {value} |" for what, unit, value in rows)
     lines = [f"## {vehicle.name}\n", f"{fields.prose(d.summary[:1].upper() + d.summary[1:])}.\n"]
     lines += [f"Numbers: {fields.prose(d.source)}.\n"] if d.source else []
@@ -69,7 +71,7 @@ def _limit(value: float) -> str:
 
 
 def _triple(values: Any) -> str:
-    return ", ".join(f"{v:g}" for v in values)
+    return ", ".join(f"{v:.4g}" for v in values)
 
 
 def _plot(vehicle: Vehicle, path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from mjsheaf.arguments import require_scenario
 from mjsheaf.checking.examination import examine_scenario
+from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS
 from mjsheaf.checking.problems import describe_changes, untried_of
 from mjsheaf.checking.record import CheckRecord, Problem, TriedFix
 from mjsheaf.checking.report import screen
@@ -180,7 +181,8 @@ def foreseen_error(record: CheckRecord) -> float | None:
 
     It is that on ideal kinematics if it is not known on the vehicles.
     """
-    if len(record.phases) > 1:
+    unknown = WIND_ON_TARGETS in record.steady.leaves_out or (record.margins.wind and record.steady.bodies is None)
+    if len(record.phases) > 1 or unknown:
         return None
     steady, moved = record.steady, record.disturbance
     parts = [

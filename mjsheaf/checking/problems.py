@@ -237,7 +237,16 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
     slow = list(_of_slow(part))
     yield from slow
     carried = part.disturbance.carried_off
-    if part.margins.bodies.obstacle == "overpowered" and not slow:
+    blown = {id: (wind, most) for id, (wind, most) in part.margins.wind.items() if most is not None and wind > most}
+    if blown:
+        worst_id, (wind, most) = min(blown.items(), key=lambda item: item[1][1] / item[1][0])
+        yield Problem(
+            kind="wind",
+            what=f"{listed(blown)} cannot hold station in the wind",
+            why=f"above {worst_id} it is {wind:.3g} m/s, and {worst_id} holds station in at most {most:.3g} m/s",
+            fix="less wind, stronger vehicles, or a higher velocity_limit if the vehicle allows it",
+        )
+    if part.margins.bodies.obstacle == "overpowered" and not slow and not blown:
         yield Problem(kind="flow", what="a vehicle cannot hold its place in the flow", why=part.margins.bodies.reason)
     if carried:
         worst_id = max(carried, key=carried.__getitem__)

@@ -128,7 +128,7 @@ class Problem(Record):
 
     kind: str = Field(
         description="assumption_1 to assumption_7, rigid, place, undecided, held_law, links, bodies, targets, turning, "
-        "flow, gusts, slow, limited, unsafe, room, or untried"
+        "flow, wind, gusts, slow, limited, unsafe, room, or untried"
     )
     what: str = Field(description="what is wrong, in a few words")
     why: str = Field("", description="the reason, with numbers, or empty")

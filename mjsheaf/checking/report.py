@@ -217,6 +217,11 @@ def _numbers(
     yield "Theorem 1", _theorem(record.theorem)
     if record.safety is not None:
         yield "separation", _separation(record.safety)
+    if record.margins.wind:
+        held = ", ".join(
+            f"{id} {'not known' if most is None else f'{most:.3g}'}" for id, (_, most) in record.margins.wind.items()
+        )
+        yield "wind on hulls", f"holds station against wind of at most (m/s): {held}"
     if record.drifts:
         far = ", ".join(f"{name} {distance:.3g} m" for name, distance in list(record.drifts.items())[:most_drifts])
         yield "targets adrift", f"the flow carries them: {far}"

@@ -475,6 +475,7 @@ def _limited(system: System, data: "xr.Dataset", *, nearly: float = 1.0 - 1e-9, 
     commanded = np.linalg.norm(command.mean(axis=0), axis=1)
     missing = np.linalg.norm((command - made).mean(axis=0), axis=1)
     short = (commanded > MIN_SPEED) & (missing > shortfall * commanded)
+    short &= ~system.mean_wind[: len(limit)].any(axis=1)  # against wind on its hull, an agent is commanded to move
     return np.where(short, 1.0, at_limit.mean(axis=0))
 
 

@@ -122,6 +122,14 @@ def _limit(value: float) -> str:
 
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, or path of the file to write.")],
+    vehicle: Annotated[
+        Path | None,
+        typer.Option(
+            "--vehicle",
+            metavar="FILE",
+            help="Write the description of the vehicle in an MJCF file instead; TODO marks what the file does not say.",
+        ),
+    ] = None,
     netcdf: Annotated[
         Path | None,
         typer.Option(
@@ -131,7 +139,7 @@ def new(
         ),
     ] = None,
 ) -> None:
-    """Write NAME.yaml, a commented scenario to start from. It runs as it is.
+    """Write NAME.yaml, a commented scenario to start from, which runs as it is; or a vehicle's description.
 
     An existing file is not replaced.
     """
@@ -146,15 +154,36 @@ def new(
     if name in list_scenarios():
         raise InputError(f"{name}: is the name of an included scenario; expected another name")
     require_file_name("NAME", path, ".yaml", ".yml")
+    quoted = shlex.quote(str(path))
+    following = f"mjsheaf check {quoted}, then mjsheaf run {quoted}"
     template = Path(__file__).parents[1] / "scenario" / "template.yaml"
     text = template.read_text(encoding="utf-8").replace("{file}", path.name).replace("{name}", name_from(path))
-    if netcdf is not None:
+    if vehicle is not None and netcdf is not None:
+        raise InputError("--vehicle writes a vehicle and --from-netcdf a scenario; expected one of them")
+    if vehicle is not None:
+        from mjsheaf.vehicles.loading import propose_description
+
+        with in_field("--vehicle"):
+            text = propose_description(vehicle, _beside(vehicle, path))
+        following = f"replace each TODO, then mjsheaf list --vehicles {quoted}"
+    elif netcdf is not None:
         with progress_bars("reading the netCDF file"):
             text = _within_flow(text, netcdf, path)
     with naming(path):
         write_whole(path, text.encode("utf-8"))
-    quoted = shlex.quote(str(path))
-    print_lines(f"wrote {path}; next: mjsheaf check {quoted}, then mjsheaf run {quoted}")
+    print_lines(f"wrote {path}; next: {following}")
+
+
+def _beside(file: Path, path: Path) -> str:
+    """Return the path of a file relative to the directory of the file that names it.
+
+    Raises:
+        InputError: It lies outside that directory.
+    """
+    beside = os.path.relpath(file.absolute(), path.absolute().parent)
+    if beside.startswith(".."):
+        raise InputError(f"{file} lies outside the directory of {path}; expected a file there or below it")
+    return beside
 
 
 def _within_flow(text: str, netcdf: Path, path: Path) -> str:
@@ -172,9 +201,7 @@ def _within_flow(text: str, netcdf: Path, path: Path) -> str:
                 f"{netcdf} has a flow within {found.clear:.3g} m of its best place, for {found.duration:.3g} s; "
                 f"expected {_ROOM:g} m and {_LEAST_DURATION:g} s or more"
             )
-        beside = os.path.relpath(netcdf.absolute(), path.absolute().parent)
-        if beside.startswith(".."):
-            raise InputError(f"{netcdf} lies outside the directory of {path}; expected a file there or below it")
+        beside = _beside(netcdf, path)
     lines = [
         f"  {found.medium}:",
         f"    # {found.grid.box}; without gaps within {found.clear:.4g} m",

@@ -32,11 +32,12 @@ from mjsheaf.loop.bodies import (
     drag_wrench,
     rest_on_surface,
     share_with_medium,
+    wind_wrench,
 )
 from mjsheaf.loop.loop import AUTOPILOT, HUGE, OUTSIDE, STOPPED, record
 from mjsheaf.media.flow import SOURCE, VORTEX, channel_velocity, offset_from, source_velocity, vortex_velocity
+from mjsheaf.media.medium import add_winds, has_wind, medium_velocity, surface_about, upright_in
 from mjsheaf.media.medium import advance as advance_medium
-from mjsheaf.media.medium import medium_velocity, surface_about, upright_in
 from mjsheaf.media.varying import sine
 from mjsheaf.vectors import (
     add,
@@ -424,8 +425,8 @@ def _command(fleet, ctrl, first, last, lanes, b, effort):
 
 
 @inline_jit
-def _add_medium(kind, lanes, b):
-    """Add what the medium does besides drag."""
+def _add_medium(medium, state, kind, first, last, lanes, b):
+    """Add what the medium, whose state is given, does besides drag to the vehicles from first up to last."""
     if kind.buoyancy > 0.0:
         for i in range(lanes):
             normal = b.normal[0, i], b.normal[1, i]
@@ -434,6 +435,13 @@ def _add_medium(kind, lanes, b):
     if kind.ballast > 0.0:
         for i in range(lanes):
             _put_wrench(b, i, add_ballast(kind, attitude(b, i), at(b.force, i), at(b.moment, i)))
+    if has_wind(medium.parts) and kind.windage[3] > 0.0:
+        for i in range(lanes):
+            v, (x, y, _) = first + i if first + i < last else first, at(b.position, i)
+            z = medium.level + kind.windage[3]
+            air = add_winds(medium.parts, state.parts, (0.0, 0.0, 0.0), state.time[v], v, x, y, z)
+            force, moment = wind_wrench(kind, to_body(attitude(b, i), subtract(air, at(b.velocity, i))))
+            _add_wrench(b, i, force, moment)
     if kind.added:
         for i in range(lanes):
             R, s, omega = attitude(b, i), at(b.through, i), at(b.rates, i)
@@ -472,7 +480,7 @@ def command_alone(loop, v, b):
         _command(params.fleet, state.ctrl, v, v + 1, 1, b, ctrl[:, None])
         if kind.turning:
             aim(thrusters, through, rates, act, ctrl)
-    _add_medium(kind, 1, b)
+    _add_medium(params.medium, state.medium, kind, v, v + 1, 1, b)
     if params.helm[v] == STOPPED:
         for j in range(kind.count):
             if thrusters[j].code != ANGLE:
@@ -649,7 +657,7 @@ def advance_lanes(loop, rigid, first, last, step, count, log, row, bad):
         for i in range(lanes):
             _sense(kind, b, i)
         _command(fleet, state.ctrl, first, last, lanes, b, effort)
-        _add_medium(kind, lanes, b)
+        _add_medium(medium, state.medium, kind, first, last, lanes, b)
         if recorded:
             _write_commands(fleet, state.ctrl, first, last, effort)
             record(loop, log, row, first, last)

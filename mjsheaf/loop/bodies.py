@@ -7,6 +7,7 @@ A vehicle with attitude R, velocity v and rates omega in a medium that moves at 
 
     drag           -D v_r - Q |v_r| v_r, and the same about the axes                          body axes
     hydrostatics   weight carried at the centre of buoyancy, -K (height above the surface, roll, pitch)
+    wind           on the velocity of the air relative to a hull: see `mjsheaf.vehicles.vehicle.Windage`
     added mass     -M_A a - C_A(v_r) v_r  (Kirchhoff; Fossen, Handbook of Marine Craft Hydrodynamics, 2011, ch. 6)
 
 Stiff linear drag (D / M above 10 1/s, for any timestep) that does not counteract added mass is split. The largest
@@ -110,6 +111,7 @@ KIND = np.dtype(
         ("turning_price", "f8"),  # surge force for each unit of yaw moment, 1/m
         ("turning_speed", "f8"),  # desired speed above which it turns round, m/s
         ("in_flow", "i8"),  # whether the force of some of its actuators depends on velocity: see `flow_wrench`
+        ("windage", "f8", 4),  # see `vehicles.vehicle.Windage.pack`; its height is 0 where no wind acts
     ],
     align=True,
 )
@@ -278,6 +280,7 @@ def _pack(vehicle: Vehicle, kind: np.void) -> None:
             kind["centre"][:2] = floats.centre
     kind["added"], kind["added_mass"], kind["rigid_wrench_map"] = added, vehicle.added_mass, vehicle.rigid_wrench_map
     kind["mass"], kind["weight"], kind["rigid"] = vehicle.mass, vehicle.weight - vehicle.ballast, vehicle.inertia
+    kind["windage"] = vehicle.windage
     kind["gain"] = vehicle.moving_mass * vehicle.rate
     kind["inertia"] = vehicle.turning_inertia
     kind["rigid_mass_fraction"] = vehicle.mass / (vehicle.mass + vehicle.added_mass[:3])
@@ -329,6 +332,15 @@ def drag_wrench(kind, s, omega):
         -(k * D[5] + Q[5] * abs(omega[2])) * omega[2],
     )
     return (-force[0], -force[1], -force[2]), moment
+
+
+@inline_jit
+def wind_wrench(kind, a):
+    """Return force and moment of air that moves at a (3,), m/s, relative to a hull, body axes, (3,) each."""
+    x, y, n, height = kind.windage[0], kind.windage[1], kind.windage[2], kind.windage[3]
+    speed = np.sqrt(a[0] * a[0] + a[1] * a[1])
+    ahead, aside = x * speed * a[0], y * speed * a[1]
+    return (ahead, aside, 0.0), (-height * aside, height * ahead, n * a[0] * a[1])
 
 
 @inline_jit

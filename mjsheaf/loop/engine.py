@@ -21,7 +21,6 @@ from mjsheaf.law.in_python import Controller, Law, Sample, View, controller_of
 from mjsheaf.law.law import ControlArrays, LawArrays, Memory, carry, with_ramp
 from mjsheaf.law.terms import Traffic
 from mjsheaf.loop.system import Phase, System, on_engine, phases_of
-from mjsheaf.media.medium import MediumState, unknown_flow
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -214,7 +213,7 @@ def blow_up_message(
     time: float,
     speed: str,
     memory: Memory,
-    medium: MediumState,
+    unknown: str,
     controller: Controller | None = None,
 ) -> str:
     """Name the vehicle, the time and the speed of a blow-up, and the cause, or where to find it.
@@ -226,14 +225,14 @@ def blow_up_message(
         time: Time, s.
         speed: Its speed, in words.
         memory: Memory of the law.
-        medium: State of the medium.
+        unknown: Why it met a flow that is not known, or empty.
         controller: Law in Python that is in control, which may be the cause.
     """
     gain = "the law, with a controller.gain"
     if vehicle >= len(system.team.agents):
         gain = "the targets' consensus or pull, with a target_formation.gain or motion.pull"
     cause = controller.cause_of_blow_up(system.team, vehicle, memory.command) if controller else ""
-    cause = unknown_flow(system.moving, medium.parts, vehicle) or cause
+    cause = unknown or cause
     cause = cause or (
         f"likely cause: {gain} that is too high for the control period, the links or the bodies, or a flow or motion "
         "too strong to integrate; mjsheaf check names the margin"

@@ -32,7 +32,15 @@ from mjsheaf.loop.engine import (
     record_vehicle,
 )
 from mjsheaf.loop.system import System
-from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
+from mjsheaf.media.medium import (
+    MediumArrays,
+    MediumState,
+    advance,
+    hold,
+    medium_velocity,
+    new_state,
+    unknown_flow,
+)
 from mjsheaf.vehicles.allocation import EffectivenessArrays, allocate
 
 _A = np.array(
@@ -387,8 +395,9 @@ class Ideal(Engine):
             field = "controller.record_period" if grid.continuous else "controller.control_period"
             detail = f" takes more than {_USUAL_STEPS} steps of the integrator for each {field} of {grid.period:g} s"
         speed = f"commanded {float(np.linalg.norm(self.memory.command[vehicle])):.3g} m/s"
-        time, medium = grid.start + step * grid.period, self._integrator.medium_state
-        return blow_up_message(self.system, vehicle, detail, time, speed, self.memory, medium, self.controller)
+        time = grid.start + step * grid.period
+        unknown = unknown_flow(self.system.moving, self._integrator.medium_state.parts, vehicle)
+        return blow_up_message(self.system, vehicle, detail, time, speed, self.memory, unknown, self.controller)
 
     def _velocity(self, displacement: Array) -> Array:
         return np.hstack([displacement / self._timestep, np.zeros_like(displacement)])

@@ -11,7 +11,7 @@ and shows as an eigenvalue of 1 that no position sees.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from mjsheaf.loop.engine import quaternions_of
 from mjsheaf.loop.loop import AUTOPILOT, Params, controlled_positions, new_loop
 from mjsheaf.loop.mujoco_engine import evaluate_forces, mujoco_arrays
 from mjsheaf.media import FlowField
-from mjsheaf.media.medium import pack_medium
+from mjsheaf.media.medium import WindArrays, pack_medium
 from mjsheaf.mujoco_import import mujoco, quiet
 from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -53,11 +53,16 @@ class HeldPoint:
         vehicle: what it is.
         medium: steady velocity of the medium, world axes, shape (3,), m/s.
         heading: that it holds, or from which it starts to turn where it holds none, rad.
+        wind: steady velocity of the air above a hull, world axes, shape (3,), m/s.
+        command: commanded velocity through the medium near which it holds its place, world axes, shape (3,), m/s; None
+            where the medium alone decides on it.
     """
 
     vehicle: Vehicle
     medium: Array
     heading: float
+    wind: Array = field(default_factory=lambda: np.zeros(3))
+    command: Array | None = None
 
 
 class LinearVehicle(NamedTuple):
@@ -185,6 +190,10 @@ class _Bench:
         n = np.array([vehicle.dimension for vehicle in vehicles])
         flows = [FlowField(dimension=3, drift=point.medium.tolist()) for point in points]
         medium = pack_medium(V, n == 2, flows, np.arange(V), 0.0)
+        if any(point.wind.any() for point in points):
+            above = [FlowField(dimension=3, drift=point.wind.tolist()) for point in points]
+            air = pack_medium(V, n == 0, above, np.arange(V), 0.0)
+            medium = medium._replace(parts=(WindArrays(np.ones(V, dtype=np.int64), air),))
         heading = np.array([point.heading for point in points])
         fleet, arrays = pack_fleet(vehicles, heading, timestep), mujoco_arrays(self.model, self.data)
         helm, gain = np.full(V, AUTOPILOT, dtype=np.int8), self.model.actuator_gainprm
@@ -206,7 +215,8 @@ class _Bench:
         self.qpos = np.hstack([np.zeros((V, 3)), quaternions_of(heading)])
         trim = np.concatenate([vehicle.trim for vehicle in vehicles])  # of level vehicles
         self.qvel, self.act = np.zeros((V, 6)), trim[self.model.actuator_actadr >= 0]
-        self.command = -np.array([point.medium for point in points]).reshape(V, 3) * self.controlled
+        commands = [-point.medium if point.command is None else point.command for point in points]
+        self.command = np.array(commands).reshape(V, 3) * self.controlled
 
     def settle(self) -> list[str]:
         """Bring every vehicle to its equilibrium; say for each why there is none, or nothing."""

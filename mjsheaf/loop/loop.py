@@ -35,6 +35,7 @@ from mjsheaf.media.medium import (
     hold,
     medium_velocity,
     new_state,
+    unknown_flow,
 )
 from mjsheaf.vehicles.actuators import ANGLE
 
@@ -272,7 +273,8 @@ def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: 
     detail = f" (body '{system.vehicles[vehicle].name}')"
     time = system.grid.start + step * system.timestep
     seen = f"speed {speed:.3g} m/s, commanded {commanded:.3g} m/s"
-    return blow_up_message(system, vehicle, detail, time, seen, loop.state.memory, loop.state.medium, controller)
+    unknown = unknown_flow(loop.params.medium.parts, loop.state.medium.parts, vehicle)
+    return blow_up_message(system, vehicle, detail, time, seen, loop.state.memory, unknown, controller)
 
 
 # Python calls them once for a run or a sample; compiled loops call the functions themselves.
@@ -372,7 +374,7 @@ class ClosedLoop(Engine):
             helm[: len(system.team.agents)][system.team.present] = OUTSIDE
         return Params(
             control=self._control,
-            medium=system.medium,
+            medium=system.medium._replace(parts=system.moving + system.wind),
             fleet=self._fleet,
             station=system.station_of_bodies,
             helm=helm,

@@ -18,7 +18,15 @@ from mjsheaf.law.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.law.safety import Safety, SafetyArrays, pack_safety
 from mjsheaf.media import FlowField, varying
 from mjsheaf.media.flow import AXIS, CENTRE
-from mjsheaf.media.medium import MediumArrays, Parts, bounds_of, pack_medium, pack_parts
+from mjsheaf.media.medium import (
+    MediumArrays,
+    Parts,
+    WindArrays,
+    bounds_of,
+    mean_flow,
+    pack_medium,
+    pack_parts,
+)
 from mjsheaf.media.varying import Bounds, Exposure
 from mjsheaf.team import Team
 from mjsheaf.vehicles.allocation import EffectivenessArrays
@@ -433,6 +441,36 @@ class System:
         exposed = Exposure(met, ids, self.initial, wind, level, grid.start, end, grid.period, self.seed)
         with in_field("flow"):
             return pack_parts(self.flows, self.flow_names, self.field, self.planar, exposed)
+
+    @cached_property
+    def wind(self) -> Parts:
+        """The air above hulls, a part of the medium of bodies; empty without `flow.air`, or if no hull has windage.
+
+        Raises:
+            InputError: As `moving`.
+        """
+        air, heights = self.flow_named("wind"), np.array([vehicle.windage[3] for vehicle in self.vehicles])
+        if air == FlowField(dimension=2) or not heights.any():
+            return ()
+        places, field = self.initial.copy(), np.zeros_like(self.field)
+        places[:, 2] = self.bodies.surface_height + heights
+        above = replace(
+            self, initial=places, flows=[air], flow_names=("wind",), field=field, harmonics=self.harmonics[:, :0]
+        )
+        return (WindArrays((heights > 0.0).astype(np.int64), above.medium),)
+
+    @cached_property
+    def mean_wind(self) -> Array:
+        """Velocity of the air above each hull relative to the water, where it begins, shape (V, 3), m/s.
+
+        It is without gusts and waves, as it is in the end, and zero for vehicles on which no wind acts.
+        """
+        for wind in self.wind:
+            v, end = int(np.argmax(wind.met)), self.grid.start + self.grid.steps * self.grid.period  # of any hull
+            above = np.array([[0.0, 0.0, vehicle.windage[3]] for vehicle in self.vehicles])
+            found = mean_flow(wind.air, v, end, self.initial + above) - mean_flow(self.medium, v, end, self.initial)
+            return found * wind.met[:, None] * [1.0, 1.0, 0.0]
+        return np.zeros_like(self.initial)
 
     def require_fitting(self) -> None:
         """Require that what moves in the medium, and what keeps vehicles apart, fit the run.

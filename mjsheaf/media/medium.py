@@ -27,7 +27,16 @@ from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.media.gridded import GridArrays, describe_unknown
 from mjsheaf.media.gusts import FrozenArrays, GustArrays
-from mjsheaf.media.varying import COMPILED, Bounds, Exposure, HarmonicArrays, disturbance_velocity, evaluate_sines, pack
+from mjsheaf.media.varying import (
+    COMPILED,
+    Bounds,
+    Compiled,
+    Exposure,
+    HarmonicArrays,
+    disturbance_velocity,
+    evaluate_sines,
+    pack,
+)
 from mjsheaf.media.waves import WaveArrays
 from mjsheaf.vectors import add
 
@@ -58,6 +67,8 @@ def unknown_flow(parts: Parts, states: Parts, v: int) -> str:
     """Return why vehicle v met a flow that is not known, or an empty string."""
     for part, state in zip(parts, states, strict=True):
         if isinstance(part, GridArrays) and (why := describe_unknown(part, state, v)):
+            return why
+        if isinstance(part, WindArrays) and (why := unknown_flow(part.air.parts, state, v)):
             return why
     return ""
 
@@ -187,6 +198,41 @@ def new_state(medium: MediumArrays, take: Take = np.zeros) -> MediumState:
     )
 
 
+class WindArrays(NamedTuple):
+    """The air above hulls: a part of the medium of bodies that pushes them, and does not carry them.
+
+    Attributes:
+        met: 1 for each hull on which wind acts, else 0, shape (V,).
+        air: The air about all vehicles.
+    """
+
+    met: IntArray
+    air: MediumArrays
+
+    def new_state(self, take: Take = np.zeros) -> Parts:
+        """Return the states of what moves in the air."""
+        return new_state(self.air, take).parts
+
+
+@inline_jit
+def _hold_wind(wind, state, t, first, last):
+    hold_parts(wind.air.parts, state, (), t, first, last)
+
+
+@inline_jit
+def _wind_velocity(wind, state, t, v, x, y, z):
+    steady = flow_about(wind.air, v, x, y, z)
+    return add_velocities(wind.air.parts, state, steady, t, v, x, y, z)
+
+
+COMPILED[WindArrays] = Compiled(None, _hold_wind, wind=_wind_velocity)
+
+add_winds = for_each(lambda kind: COMPILED[kind].wind, add)
+"""Called with (parts, states, velocity, t, v, x, y, z): returns the velocity and that of the air above a hull, m/s."""
+
+has_wind = has_any(lambda kind: COMPILED[kind].wind)
+
+
 @inline_jit
 def hold(medium, t, first, last, state):
     """Bring what is held between samples to the sample at time t, s, for the vehicles from first up to last."""
@@ -263,11 +309,11 @@ def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
     return out
 
 
-def mean_flow(system: "System", vehicle: int, time: float, points: Array) -> Array:
-    """Return the medium without gusts and waves.
+def mean_flow(medium: MediumArrays, vehicle: int, time: float, points: Array) -> Array:
+    """Return a medium without gusts and waves.
 
     Args:
-        system: The system.
+        medium: The medium.
         vehicle: Number of a vehicle that meets it.
         time: Time, s.
         points: Points, shape (K, 3), m.
@@ -275,7 +321,7 @@ def mean_flow(system: "System", vehicle: int, time: float, points: Array) -> Arr
     Returns:
         Velocities, shape (K, 3), m/s; NaN outside a file, and on land.
     """
-    medium, out = undisturbed(system.medium, WITHOUT_MEAN), np.zeros(points.shape)
+    medium, out = undisturbed(medium, WITHOUT_MEAN), np.zeros(points.shape)
     times = np.full(len(points), time)
     _velocities(medium, new_state(medium), vehicle, times, np.ascontiguousarray(points, dtype=np.float64), out)
     return out

@@ -176,11 +176,13 @@ class Compiled(NamedTuple):
         velocity: Called with (part, state, t, v, x, y, z); returns three numbers, m/s.
         hold: Called with (part, state, t, first, last) at every sample.
         surface: Called with (part, state, t, v, x, y); returns elevation, slopes along x and y, and rate.
+        wind: Called as `velocity`, with a point above a hull; returns the velocity of the air there.
     """
 
     velocity: Any
     hold: Any = None
     surface: Any = None
+    wind: Any = None
 
 
 COMPILED: dict[type, Compiled] = {}

@@ -274,6 +274,8 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
     still = blocks.still & present[number[:-1]] & present[number[1:]]
     for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command
         still[:, v] &= blocks.speed[:, v] < _MAX_MADE * capability_of(system.vehicles[v]).least_speed
+        # Nor is it where the command holds it against the wind on its hull.
+        still[:, v] &= not system.mean_wind[v].any() or blocks.saturation[:, v] > _MOSTLY
     found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]
     return sorted((stuck for stuck in found if stuck), key=lambda stuck: (-stuck.duration, stuck.agent))
 

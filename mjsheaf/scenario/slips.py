@@ -11,7 +11,7 @@ from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.scenario.scenario import Scenario
-from mjsheaf.vehicles.effects import shortfalls_of
+from mjsheaf.vehicles.effects import leeway_of, shortfalls_of
 from mjsheaf.vehicles.vehicle import Vehicle
 
 
@@ -42,8 +42,8 @@ def slips_of_vehicle(vehicle: Vehicle) -> list[str]:
 def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> dict[str, float]:
     """Estimate how far the flow carries each target without a motion or a pull by the end of the run, m.
 
-    The targets move with the mean medium, without gusts, waves and disturbance, up to where it is known, in a number
-    of steps. Those that drift by less than `least`, m, are left out.
+    The targets move with the mean medium, and hulls with their leeway in the wind, without gusts, waves and
+    disturbance, up to where it is known, in a number of steps. Those that drift by less than `least`, m, are left out.
     """
     phases, N = scenario.phases, len(scenario.agents)
     free = [k for k, motion in enumerate(scenario.target_motions) if _is_free(motion)]
@@ -52,6 +52,7 @@ def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> d
         return {}
     v = N + np.array(free)
     x = first.initial[v].copy()
+    leeway = np.array([leeway_of(first.vehicles[k], first.mean_wind[k]) for k in v.tolist()])
     times = np.linspace(grid.start, grid.start + grid.steps * grid.period, steps + 1)
     h = float(times[1] - times[0])
     for t in times[:-1]:
@@ -59,10 +60,10 @@ def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> d
         for field, planar in {(int(system.field[i]), bool(system.planar[i])) for i in v}:
             own = (system.field[v] == field) & (system.planar[v] == planar)
             vehicle = int(v[own][0])
-            middle = x[own] + 0.5 * h * mean_flow(system, vehicle, float(t), x[own])
+            middle = x[own] + 0.5 * h * mean_flow(system.medium, vehicle, float(t), x[own])
             known = np.isfinite(middle).all(axis=1)
-            step = h * mean_flow(system, vehicle, float(t) + 0.5 * h, np.where(known[:, None], middle, x[own]))
-            x[own] += np.where(np.isfinite(step) & known[:, None], step, 0.0)
+            step = h * mean_flow(system.medium, vehicle, float(t) + 0.5 * h, np.where(known[:, None], middle, x[own]))
+            x[own] += np.where(np.isfinite(step) & known[:, None], step + h * leeway[own], 0.0)
     away = np.linalg.norm(x - first.initial[v], axis=1)
     return {scenario.targets[k].id: float(far) for k, far in zip(free, away, strict=True) if far > least}
 

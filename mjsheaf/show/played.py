@@ -355,7 +355,7 @@ def _snapshots(phases: Sequence[Phase], name: str, vehicle: int) -> list[tuple[f
         before, flow, grid = flow, phase.system.flow_named(name), phase.system.grid
         if any(part.met[vehicle] for part in phase.system.moving if not isinstance(part, WITHOUT_MEAN)):
             times = phase.time + grid.period * grid.steps * np.arange(_SNAPSHOTS) / _SNAPSHOTS
-            found += [(time, partial(mean_flow, phase.system, vehicle, time)) for time in times.tolist()]
+            found += [(time, partial(mean_flow, phase.system.medium, vehicle, time)) for time in times.tolist()]
         elif flow != before:
             found.append((phase.time, flow.velocity))
     return found

@@ -22,7 +22,7 @@ do not lack turning.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -35,6 +35,8 @@ from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
 
 SURGE, YAW = 0, 5
 _TURNING_SHARE = 0.12  # fraction of the speed ahead above which a boat that cannot back turns round under way
+_AROUND = np.radians(np.arange(-181.0, 182.0))  # headings, rad, a little more than once around
+_STRONGEST = 200.0  # m/s, of winds that are sought
 _HALF = 0.5  # fraction of the largest yaw moment at which its price in surge is taken
 
 
@@ -74,15 +76,12 @@ def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) ->
 
 
 def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
-    """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s.
-
-    The root is written without a difference, because abeam Q is the rounding of a cosine, and not 0.
-    """
+    """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s."""
     D = float(vehicle.drag[:2] @ direction**2)
     Q = float(vehicle.quadratic_drag[:2] @ np.abs(direction) ** 3)
     if not np.isfinite(thrust):
         return float("inf")
-    return float(2.0 * thrust / (D + np.sqrt(D**2 + 4.0 * Q * thrust)))
+    return float(_solve_drag(D, Q, thrust))
 
 
 def is_one_sided(vehicle: Vehicle) -> bool:
@@ -133,11 +132,105 @@ def _least_surge(vehicle: Vehicle, moment: float) -> float:
     return vehicle.solve_for_efforts(A, np.array([0.0, moment]), np.append(np.zeros(W.shape[1]), 1.0))
 
 
+def hold_station(vehicle: Vehicle, heading: float, current: Array, wind: Array) -> tuple[float, Array, Array]:
+    """Find how a vehicle on the surface holds station in current and wind.
+
+    One with an attitude hold turns until that balances the moments of wind and water. A boat at its hand point turns
+    until no force acts abeam. The force of the autopilot for a velocity v_c through the water is
+    D v_c + Q |v_c| v_c + M k_v (v_c - v_r).
+
+    Args:
+        vehicle: The vehicle.
+        heading: Heading that it holds, or from which it turns, rad.
+        current: Velocity of the water, world axes, shape (2,) or more, m/s.
+        wind: Velocity of the air, likewise.
+
+    Returns:
+        Its heading, to a degree, rad; the commanded velocity v_c, world axes, shape (2,), m/s; and its efforts.
+    """
+    pushed, _ = _push_at_station(vehicle, heading + _AROUND, current, wind)
+    hold = 2.0 * vehicle.turning_inertia[2, 2] * vehicle.hold.frequency**2 * np.sin(0.5 * _AROUND)
+    swing = pushed[2] - hold if vehicle.steering.attitude else -pushed[1]
+    stable = _AROUND[1:][(swing[:-1] > 0.0) & (swing[1:] <= 0.0)]
+    heading += float(stable[np.abs(stable).argmin()]) if len(stable) else 0.0
+    pushed, (u, v) = _push_at_station(vehicle, np.array(heading), current, wind)
+    G, (X, Y, N) = vehicle.moving_mass * vehicle.rate, -pushed
+    D, Q = np.append(vehicle.drag[:2], vehicle.angular_drag[2]), vehicle.quadratic_drag[[0, 1, 5]]
+    ahead, port = _solve_drag(D[:2] + G[:2], Q[:2], np.array([X - G[0] * u, Y - G[1] * v]))
+    if not vehicle.steering.attitude:
+        port = vehicle.steering.hand * _solve_drag(D[2] + G[5], Q[2], N) - v
+    c, s = math.cos(heading), math.sin(heading)
+    command = np.array([c * ahead - s * port, s * ahead + c * port])
+    return heading, command, vehicle.allocation @ [X, Y, 0.0, 0.0, 0.0, N]
+
+
+def largest_wind(vehicle: Vehicle, heading: float, current: Array, wind: Array, limit: float) -> float:
+    """Find the largest wind of a direction in which a vehicle on the surface holds station.
+
+    It does if the velocity that it is commanded is within the limit, and its efforts within those of its actuators. A
+    boat at its hand point must also turn into the wind while it drifts at any heading. So its actuators must balance
+    the moments of wind and water there.
+
+    Args:
+        vehicle, heading, current: See `hold_station`.
+        wind: Wind, which gives its direction.
+        limit: Velocity limit, m/s.
+
+    Returns:
+        The largest wind, m/s; infinite if it is beyond 200 m/s, or not known, as of boats with one-sided thrusters.
+    """
+    from scipy.optimize import bisect
+
+    def room(speed: float) -> float:
+        air = speed * wind / max(float(np.linalg.norm(wind)), 1e-9)
+        _, command, effort = hold_station(vehicle, heading, current, air)
+        efforts = [effort]
+        if not vehicle.steering.attitude:
+            (X, Y, N), _ = _push_at_station(vehicle, _AROUND, 0.0 * current, air)
+            D, Q, A = vehicle.drag, vehicle.quadratic_drag, vehicle.added_mass
+            moment = N - (A[1] - A[0]) * _solve_drag(D[0], Q[0], X) * _solve_drag(D[1], Q[1], Y)
+            efforts += [sign * np.abs(moment).max() * vehicle.allocation[:, 5] for sign in (1.0, -1.0)]
+        shares = [_share_within(vehicle, 0.0 * effort, effort) for effort in efforts]
+        return min(*shares, limit / max(float(np.linalg.norm(command)), 1e-9), 2.0) - 1.0
+
+    if is_one_sided(vehicle) or room(_STRONGEST) > 0.0:
+        return float("inf")
+    return float(bisect(room, 0.0, _STRONGEST, xtol=0.01)) if room(0.0) > 0.0 else 0.0
+
+
+def leeway_of(vehicle: Vehicle, wind: Array) -> Array:
+    """Return the velocity through the water of a hull without thrust that lies across a wind (3,), m/s.
+
+    The wind is relative to the water. Y (W - v)^2 = D v + Q v^2 has this root.
+    """
+    W, Y = float(np.linalg.norm(wind)), vehicle.windage[1]
+    speed = _solve_drag(vehicle.drag[1] + 2.0 * Y * W, vehicle.quadratic_drag[1] - Y, Y * W * W)
+    return np.asarray(wind * speed / max(W, 1e-9))
+
+
+def _push_at_station(vehicle: Vehicle, heading: Array, current: Array, wind: Array) -> tuple[Array, Array]:
+    """Return force ahead and to port, N, and yaw moment, N m, on a hull at rest at headings (...), shape (3, ...).
+
+    Also return the velocity of the water in its axes, shape (2, ...), m/s.
+    """
+    c, s = np.cos(heading), np.sin(heading)
+    (u, v), (a, b) = ((c * w[0] + s * w[1], c * w[1] - s * w[0]) for w in (current, wind))
+    D, Q, A, (X, Y, N, _) = vehicle.drag, vehicle.quadratic_drag, vehicle.added_mass, vehicle.windage
+    ahead = (D[0] + Q[0] * np.abs(u)) * u + X * np.hypot(a, b) * a
+    port = (D[1] + Q[1] * np.abs(v)) * v + Y * np.hypot(a, b) * b
+    return np.array([ahead, port, N * a * b - (A[1] - A[0]) * u * v]), np.array([u, v])  # with the Munk moment
+
+
+def _solve_drag(D: Any, Q: Any, force: Any) -> Any:
+    """Solve D v + Q |v| v = F for v; written without a difference, because Q may be the rounding of a cosine."""
+    return 2.0 * force / (D + np.sqrt(D**2 + 4.0 * Q * np.abs(force)))
+
+
 class Effects(Section):
     """Physical effects of bodies; each can be switched off separately."""
 
     inertia: bool = Field(True, description="off: bodies are so light that m / D is massless_tau; no autopilot")
-    drag_law: bool = Field(True, description="off: drag is linear")
+    drag_law: bool = Field(True, description="off: drag is linear, and no wind acts on hulls")
     limits: bool = Field(True, description="off: thrusters have no limits")
     lag: bool = Field(True, description="off: thrusters follow their commands without lag")
     underactuation: bool = Field(True, description="off: thrusters along every controlled axis")
@@ -154,7 +247,7 @@ def embody(vehicle: Vehicle, effects: Effects) -> Vehicle:
     if not effects.lag:
         vehicle = replace(vehicle, actuators=[actuator.without_lag() for actuator in vehicle.actuators])
     if not effects.drag_law:
-        vehicle = replace(vehicle, quadratic_drag=np.zeros(6))
+        vehicle = replace(vehicle, quadratic_drag=np.zeros(6), windage=np.zeros(4))
     if not effects.inertia:
         vehicle = _massless(vehicle, effects.massless_tau)
     return vehicle
@@ -164,7 +257,7 @@ def has_effects(vehicle: Vehicle) -> Effects:
     """Return the effects that a vehicle has; switching off another one changes nothing."""
     return Effects(
         inertia=vehicle.rate > 0.0 or bool(vehicle.added_mass.any()),
-        drag_law=bool(vehicle.quadratic_drag.any()),
+        drag_law=bool(vehicle.quadratic_drag.any() or vehicle.windage.any()),
         limits=bool(np.isfinite(vehicle.limits).any()),
         lag=vehicle.lag > 0.0,
         underactuation=vehicle.steering.underactuated,
@@ -383,12 +476,13 @@ def _available_turning(vehicle: Vehicle, row: int) -> float:
     turn = np.zeros(6)
     turn[3:] = vehicle.turning_inertia[:, row - 3]
     step, trim = vehicle.allocation @ turn, vehicle.steering.trim_effort(vehicle)
+    return min(_share_within(vehicle, trim, sign * step) for sign in (1.0, -1.0))
+
+
+def _share_within(vehicle: Vehicle, efforts: Array, step: Array) -> float:
+    """Return the largest s >= 0 for which efforts + s step, shape (s,) each, are within limits; may be infinite."""
     planes, heights = vehicle.half_planes
     low, high = vehicle.effort_bounds.T
-    room, rate = [high - trim, trim - low, heights - planes @ trim], [step, -step, planes @ step]
-    shares = [
-        float(np.divide(r, v, out=np.full(len(r), np.inf), where=v > 0.0).min(initial=np.inf))
-        for sign in (1.0, -1.0)
-        for r, v in zip(room, [sign * part for part in rate], strict=True)
-    ]
-    return max(min(shares), 0.0)
+    room = np.concatenate([high - efforts, efforts - low, heights - planes @ efforts])
+    rate = np.concatenate([step, -step, planes @ step])
+    return max(float(np.divide(room, rate, out=np.full(len(room), np.inf), where=rate > 0.0).min(initial=np.inf)), 0.0)

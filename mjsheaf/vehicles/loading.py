@@ -5,6 +5,7 @@ these files may lie outside the description's directory. All are checked before 
 refused, because they are code. Nothing else protects MuJoCo from a malicious file.
 """
 
+import json
 import os
 import re
 from dataclasses import replace
@@ -19,7 +20,7 @@ from pydantic import ValidationError
 
 from mjsheaf.arguments import require_type
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError, expected, in_field, joined, shortened
+from mjsheaf.errors import InputError, expected, in_field, joined, listed, shortened
 from mjsheaf.files import SUFFIXES, confined, read_bytes, read_yaml, resource_directory
 from mjsheaf.mujoco_import import mujoco, refusing
 from mjsheaf.section import validation_problems
@@ -32,6 +33,7 @@ SEEN_GROUPS = 3
 
 _LARGEST_FILE = 20_000_000  # maximum size of an XML file, bytes
 _HEAVIEST = 1e12  # kg
+_ROUNDING = 1e-9  # of the largest of commands and wrenches
 _WORDS = ("name", "class", "childclass")  # attributes that are words, even if they look like numbers
 _NO_NUMBER = re.compile(r"(?i)(^|\s)[-+]?(nan|inf(inity)?)(\s|\(|$)")
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
@@ -232,6 +234,57 @@ def read_description(path: Path) -> VehicleDescription:
         return VehicleDescription.model_validate(read_yaml(path))
     except ValidationError as error:
         raise InputError(*validation_problems(error, VehicleDescription)).within(path) from None
+
+
+def propose_description(path: Path, name: str) -> str:
+    """Return a description of the vehicle in an MJCF file, with TODO for each number that the file does not say.
+
+    A vehicle without thrust along z moves on the surface. One whose thrusters do not push along every axis is steered
+    at its bows, or leans.
+
+    Args:
+        path: The MJCF file.
+        name: Its name in the description.
+
+    Raises:
+        InputError: The file is not valid, or refers to files outside its directory.
+    """
+    files_of(path, path.name)
+    model, left_out = _compile(path)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    size, thrusters = _size(model, data), _actuators(path, model, data, {})
+    mass, _, inertia = mass_properties(model, data, slice(None))
+    W = np.array([thruster.wrench for thruster in thrusters]).reshape(-1, 6)
+    flies = bool((np.abs(W[:, 2]) > _ROUNDING * np.abs(W).max(initial=0.0)).any())
+    lag = max((thruster.lag for thruster in thrusters), default=0.0)
+    frequency = 2.0 if not flies else 0.3 / lag if lag else 10.0
+    about = " ".join(f"{moment:.4g}" for moment in np.diag(inertia))
+    ranges = [f"# {one.name}: {one.thrust[0]:g} to {one.thrust[1]:g} N, lag {one.lag:g} s" for one in thrusters]
+    lines = [
+        f"# {path.name}: {mass:.4g} kg; inertia about the origin {about} kg m^2; longest side {size:.3g} m.",
+        *ranges,
+        *([f"# Left out: {listed(left_out)}."] if left_out else []),
+        "# The file does not say the rest. Replace each TODO by a number, and check what is proposed: the guide",
+        "# `Bring a vehicle` says where numbers come from. Name thrusters that turn, or have a rudder, in `actuators`.",
+        f"summary: {json.dumps(path.stem)}",
+        f"mjcf: {json.dumps(name)}",
+        f"domain: {'volume' if flies else 'surface'}",
+        "drag:",
+        "  linear: [TODO, TODO, TODO]  # surge, sway, heave, N s/m",
+    ]
+    if not flies:
+        lines.append("  angular: [TODO, TODO, TODO]  # roll, pitch, yaw, N m s/rad")
+        lines.append("hydrostatics: {heave: TODO, roll: TODO, pitch: TODO}  # N/m, N m/rad")
+    lines.append(f"attitude: {{frequency: {frequency:.2g}}}  # rad/s, proposed")
+    if not thrusters:
+        return "\n".join([*lines, "drifts: true  # it has no thrusters", ""])
+    lines.append(f"autopilot: {{rate: {0.2 * frequency if flies else 1.0:.2g}}}  # 1/s, proposed")
+    rows = Full.rows[3 if flies else 2]
+    if np.linalg.matrix_rank(W[:, rows]) < len(rows):
+        proposed = "largest_tilt: 30}  # degrees" if flies else f"hand_point: {0.5 * size or 1.0:.2g}}}  # m ahead"
+        lines.append(f"steering: {{{proposed}, proposed")
+    return "\n".join([*lines, ""])
 
 
 def read_spec(path: Path) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
@@ -445,7 +498,7 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     if not (movable and np.linalg.eigvalsh(about_centre)[0] > mujoco.mjMINVAL):
         raise InputError(f"{path}: its mass or inertia is too small or too large to move; expected those of a vehicle")
     carried = float((model.body_mass * model.body_gravcomp).sum())
-    drag = description.drag
+    drag, size, windage = description.drag, _size(model, data), description.windage
     linear = np.full(3, mass / drag.time_constant) if drag.time_constant else np.array(drag.linear, dtype=np.float64)
     vehicle = Vehicle(
         name=name,
@@ -465,13 +518,14 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
             for b in range(1, model.nbody)
         ],
         radius=_radius(model),
-        size=_size(model, data),
+        size=size,
         actuators=_actuators(path, model, data, description.actuators),
         hold=description.attitude,
         drag=linear,
         angular_drag=np.array(drag.angular, dtype=np.float64),
         quadratic_drag=np.array([*drag.quadratic, *drag.angular_quadratic], dtype=np.float64),
         added_mass=np.array(description.added_mass or [0.0] * 6, dtype=np.float64),
+        windage=np.zeros(4) if windage is None else windage.pack(size),
     )
     _check(vehicle)
     return vehicle
@@ -516,7 +570,7 @@ def _check(vehicle: Vehicle) -> None:
             f"{path}: the thrusters cannot produce every required wrench; {lacking} is missing (Assumption 2){steering}"
         )
     trim, (low, high) = vehicle.trim, vehicle.limits.T
-    rounding = 1e-9 * np.abs(trim).max(initial=0.0)
+    rounding = _ROUNDING * np.abs(trim).max(initial=0.0)
     short = np.flatnonzero((trim < low - rounding) | (trim > high + rounding))
     if short.size:
         k = short[0]

@@ -16,11 +16,12 @@ from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, freeze
 from mjsheaf.errors import InputError
-from mjsheaf.section import Section
+from mjsheaf.section import Positive, Section
 from mjsheaf.vehicles.actuators import AnyActuator, Channel, Rudder, Thruster
 from mjsheaf.vehicles.steering import AnySteering, HandPoint, Steering, ThrustVector
 
 GRAVITY = 9.81  # m/s^2
+AIR_DENSITY = 1.225  # kg/m^3, at sea level and 15 degrees C
 
 _STIFF = 10.0  # 1/s: rate D / M above which drag is stiff
 
@@ -76,6 +77,7 @@ class Body:
         quadratic_drag: Coefficients of |v| v along and |omega| omega about the body axes, shape (6,), N s^2/m^2 and
             N m s^2/rad^2.
         added_mass: Mass of the medium that moves with the body along and about its axes, shape (6,), kg and kg m^2.
+        windage: Force of the wind on a hull, shape (4,); see `Windage.pack`.
     """
 
     dimension: int
@@ -94,6 +96,7 @@ class Body:
     angular_drag: Array
     quadratic_drag: Array
     added_mass: Array
+    windage: Array
 
     def __post_init__(self) -> None:
         freeze([*vars(self).values(), *(value for inertial in self.inertials for value in inertial)])
@@ -255,6 +258,33 @@ class Hydrostatics(Section):
     )
 
 
+class Windage(Section):
+    """Force of the wind on a floating vehicle that is symmetric fore and aft, and to port and starboard.
+
+    With a the velocity of the air relative to the hull, in body axes, and |a| its horizontal size, the force and the
+    moment about the vertical are
+
+        X = 1/2 rho c_x A_F |a| a_x,   Y = 1/2 rho c_y A_L |a| a_y,   N = -rho c_n A_L L a_x a_y
+
+    (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2011, section 8.1). The force acts at `height`,
+    so it also heels and trims the hull.
+    """
+
+    area: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field(
+        description="frontal and lateral area above the water, A_F and A_L [m^2]"
+    )
+    coefficients: Triple = Field(description="c_x, c_y and c_n; of ships 0.5 to 0.9, 0.7 to 0.95, 0.05 to 0.2 [-]")
+    height: Positive = Field(description="height of the centre of these areas above the waterline [m]")
+    length: Positive | None = Field(
+        None, description="length overall L; the longest side of the vehicle's geoms, its `size`, unless given [m]"
+    )
+
+    def pack(self, size: float) -> Array:
+        """Return X / (|a| a_x) and Y / (|a| a_y), N s^2/m^2, N / (a_x a_y), N s^2/m, and the height, m, shape (4,)."""
+        (frontal, lateral), (x, y, n) = self.area, 0.5 * AIR_DENSITY * np.array(self.coefficients)
+        return np.array([x * frontal, y * lateral, -2.0 * n * lateral * (self.length or size), self.height])
+
+
 class Autopilot(Section):
     """Loop on the measured velocity through the medium, with time constant M / (M rate + D), or more with lag."""
 
@@ -279,6 +309,9 @@ class VehicleDescription(Section):
     steering: AnySteering | None = Field(None, description="steering of a vehicle that cannot push along every axis")
     added_mass: Six | None = Field(None, description="surge, sway, heave; roll, pitch, yaw [kg, kg m^2]")
     hydrostatics: Hydrostatics | None = Field(None, description="restoring moments of a floating vehicle")
+    windage: Windage | None = Field(
+        None, description="force of the wind, `flow.air`, on a floating vehicle; none unless given"
+    )
     drifts: bool = Field(False, description="true for a buoy without thrusters, which can only be a target")
 
     @model_validator(mode="after")
@@ -287,6 +320,8 @@ class VehicleDescription(Section):
             raise ValueError("a rudder steers a vehicle on the surface")
         if (self.domain == "surface") != (self.hydrostatics is not None):
             raise ValueError("a surface vehicle needs hydrostatics, and other vehicles must not have them")
+        if self.domain != "surface" and self.windage is not None:
+            raise ValueError("windage is that of a vehicle on the surface; the drag of others is in `drag`")
         if isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint):
             raise ValueError("steering needs a hand_point on the surface, and a largest_tilt in a volume")
         if isinstance(self.steering, HandPoint) and self.drag.angular[2] == 0.0:

@@ -12,6 +12,7 @@ import xarray as xr
 import yaml
 
 from mjsheaf import check, load_scenario, simulate
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import REPOSITORY
 from tests.commands import answer_of, call
 
@@ -165,3 +166,80 @@ def test_a_file_that_the_scenario_cannot_refer_to_is_refused(tmp_path: Path) -> 
     assert answer.code == 2
     assert "outside the directory of sub/mine.yaml" in answer.err
     assert not (tmp_path / "sub" / "mine.yaml").exists()
+
+
+# -- descriptions of vehicles --------------------------------------------------------------------------------------
+
+SHIPPED = list_vehicles()
+
+
+def filled(text: str, fields: dict[str, Any]) -> dict[str, Any]:
+    """A proposed description with numbers of another in the place of each TODO."""
+    found: dict[str, Any] = yaml.safe_load(text)
+
+    def fill(value: Any, known: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: fill(inner, (known or {}).get(key)) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [fill(inner, (known or [1.0] * len(value))[k]) for k, inner in enumerate(value)]
+        return (known or 1.0) if value == "TODO" else value
+
+    return {key: fill(value, fields.get(key)) for key, value in found.items()}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_description_says_what_the_model_says(name: str) -> None:
+    """Filled with the numbers of the shipped one, it has the same vehicle, but for what MJCF cannot say."""
+    shutil.copy(SHIPPED[name].with_suffix(".xml"), "model.xml")
+    answer = answer_of("new", "mine", "--vehicle", "model.xml")
+    assert answer.code == 0, answer.err
+    assert "replace each TODO, then mjsheaf list --vehicles mine.yaml" in " ".join(answer.out.split())
+    text, shipped = Path("mine.yaml").read_text(), yaml.safe_load(SHIPPED[name].read_text())
+    found = filled(text, shipped)
+    assert found["mjcf"] == "model.xml"
+    assert found["domain"] == shipped["domain"]
+    assert found.get("drifts", False) == shipped.get("drifts", False)
+    vehicle = load_vehicle(name)
+    assert f"{vehicle.mass:.4g} kg" in text
+    for channel in vehicle.channels if not shipped.get("actuators") else []:
+        assert f"# {channel.name}: {channel.low:g} to {channel.high:g} N" in text
+    if shipped.get("actuators"):  # thrusters that turn
+        return
+    assert set(found.get("steering", {})) == set(shipped.get("steering", {}))
+    Path("mine.yaml").write_text(yaml.safe_dump(found))
+    own = load_vehicle("mine.yaml")
+    assert (own.mass, own.size, own.lag) == (vehicle.mass, vehicle.size, vehicle.lag)
+    np.testing.assert_array_equal(own.W, vehicle.W)
+    np.testing.assert_array_equal(own.inertia, vehicle.inertia)
+
+
+def test_a_description_names_what_is_missing() -> None:
+    shutil.copy(SHIPPED["otter"].with_suffix(".xml"), "model.xml")
+    assert call("new", "mine", "--vehicle", "model.xml") == 0
+    answer = answer_of("list", "--vehicles", "mine.yaml")
+    assert answer.code == 2
+    for field in ("drag.linear.0", "drag.angular.2", "hydrostatics.heave", "hydrostatics.pitch"):
+        assert f"mine.yaml: {field}: expected a number, not 'TODO'" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("none.xml", "none.xml"),
+        ("text.xml", "not XML"),
+        ("../above.xml", "lies outside the directory of mine.yaml"),
+    ],
+)
+def test_no_description_of_what_is_no_model(file: str, words: str) -> None:
+    Path("text.xml").write_text("hello")
+    answer = answer_of("new", "mine", "--vehicle", file)
+    assert answer.code == 2
+    assert "--vehicle" in answer.err
+    assert words in answer.err
+    assert not Path("mine.yaml").exists()
+
+
+def test_a_vehicle_and_a_flow_are_two_files() -> None:
+    answer = answer_of("new", "mine", "--vehicle", "model.xml", "--from-netcdf", "flow.nc")
+    assert answer.code == 2
+    assert "expected one of them" in answer.err

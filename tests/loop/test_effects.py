@@ -26,7 +26,7 @@ CHANGES = {
     # Angular drag too, in proportion to the inertia, so that the attitude hold stays what it was.
     "inertia": {"mass", "ballast", "weight_moment", "inertia", "inertials", "added_mass", "rate"}
     | {"angular_drag", "quadratic_drag"},
-    "drag_law": {"quadratic_drag"},
+    "drag_law": {"quadratic_drag", "windage"},
     "limits": {"actuators", "steering"},
     "lag": {"actuators"},
     "underactuation": {"actuators", "steering"},

@@ -15,7 +15,7 @@ from mjsheaf.vehicles.loading import list_vehicles
 
 PASSIVE = {"buoy"}
 PLANAR = ["hull", "otter", "otter_rudder", "wamv", "wamv_azimuth"]
-SPATIAL = ["aerial", "hexarotor", "quadrotor", "submersible", "x500"]
+SPATIAL = ["aerial", "crazyflie", "hexarotor", "quadrotor", "submersible", "x500"]
 WITHOUT_MODEL = {"otter_rudder", "wamv_azimuth"}
 SEEDS = range(int(os.environ.get("MJSHEAF_EXCHANGES", "5")))
 

@@ -167,6 +167,7 @@ def predict_rms(
             flow.waves is not None and flow.waves.steepness > steep for flow in system.flows
         ),
         "the safety filter": system.safety is not None,
+        "gusts on hulls": bool(system.wind) and system.flow_named("wind").gusts is not None,
     }
     return DisturbanceRecord(
         rms=rms, agents=agents, bodies=bodies, **known, leaves_out=select_true(left_out), bodies_reason=bodies_reason

@@ -15,7 +15,7 @@ from mjsheaf.errors import InputError, NoModelError, OverpoweredError, Undecided
 from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.loop.system import System, whole_ratio
 from mjsheaf.media.medium import WITHOUT_MEAN
-from mjsheaf.vehicles.effects import is_one_sided, turning_of
+from mjsheaf.vehicles.effects import hold_station, is_one_sided, turning_of
 
 PointKey = tuple[int, bytes]
 """Number of a vehicle; medium and heading in which it holds its place: equal for those that share a linear vehicle."""
@@ -68,7 +68,7 @@ def linear_vehicles(
                 f"{name}: the mean flow, {speed:.3g} m/s relative to its place, is beyond its velocity limit"
             )
         point = _held_point(system, v, met)
-        keys.append((id(point.vehicle), np.round([*point.medium, point.heading], 4).tobytes()))
+        keys.append((id(point.vehicle), np.round([*point.medium, point.heading, *point.wind], 4).tobytes()))
         points.setdefault(keys[-1], point)
     many = len(points) > most_points
     chosen = list(points)
@@ -113,7 +113,8 @@ def _require_linear(
         if speed < still:
             raise NoModelError(f"{name} has no linear model at rest: {why}")
         raise OverpoweredError(
-            f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place: {why}"
+            f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place"
+            f"{' and in its wind' if point.wind.any() else ''}: {why}"
         )
     turning = turning_of(point.vehicle)
     if turning is not None and speed < way * turning.speed:
@@ -131,8 +132,15 @@ def _held_point(
     *,
     time_constants: float = 3.0,  # l / |w| of turning into the current, that a run must last to turn a boat
 ) -> HeldPoint:
-    """Return where a vehicle holds its place; one that holds no heading turns into the current if the run lasts."""
-    vehicle, heading = system.vehicles[number], float(system.bodies.heading[number])
+    """Return where a vehicle holds its place; one that holds no heading turns into the current if the run lasts.
+
+    In wind, it turns until nothing pushes it abeam.
+    """
+    vehicle, heading, wind = system.vehicles[number], float(system.bodies.heading[number]), system.mean_wind[number]
+    if wind.any():
+        lies, command, _ = hold_station(vehicle, heading, medium, wind + medium)
+        lies = heading if vehicle.steering.attitude else lies
+        return HeldPoint(vehicle, medium, lies, wind + medium, np.append(command, 0.0))
     if vehicle.steering.attitude:
         return HeldPoint(vehicle, medium, heading)
     span = system.grid.period * system.grid.steps

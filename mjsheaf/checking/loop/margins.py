@@ -8,6 +8,7 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path
+from mjsheaf.checking.loop.linear_team import medium_on_path
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import velocities_along
@@ -20,6 +21,7 @@ from mjsheaf.vehicles.effects import (
     authority_of,
     capability_of,
     describe_consequences,
+    largest_wind,
     may_lack,
     of_each,
     shortfalls_of,
@@ -104,6 +106,11 @@ class Margins(Record):
     slow_targets: dict[str, tuple[float, float]] = Field(
         {}, description="targets whose vehicles cannot keep to their path: speed that it takes, and top speed, m/s"
     )
+    wind: dict[str, tuple[float, Finite]] = Field(
+        {},
+        description="agents on which wind acts: the mean wind above them, relative to their places, and the largest of "
+        "that direction in which actuators and velocity limit hold them there, m/s; null: not known, or above 200 m/s",
+    )
     falling: dict[str, str] = Field(
         {}, description="agents whose vehicle turns over and falls once it leans to its limit: why, with numbers"
     )
@@ -128,8 +135,24 @@ def margins(system: System, certificate: Certificate) -> Margins:
         speed=_speed_demands(system, certificate),
         one_sided=one_sided,
         slow_targets=_slow_targets(system, certificate),
+        wind=_wind_margins(system, certificate),
         falling=falling,
     )
+
+
+def _wind_margins(system: System, certificate: Certificate) -> dict[str, tuple[float, float]]:
+    """Return the wind above each agent on which it acts, and the largest in which it holds station, m/s."""
+    found, windy = {}, np.flatnonzero(system.mean_wind[: len(system.team.agents)].any(axis=1)).tolist()
+    current = np.nan_to_num(medium_on_path(system, certificate.constants.path)) if windy else np.zeros(0)
+    for i in windy:
+        wind, heading, limit = (
+            system.mean_wind[i] + current[i],
+            float(system.bodies.heading[i]),
+            float(system.law.limit[i]),
+        )
+        largest = largest_wind(system.vehicles[i], heading, current[i], wind, limit)
+        found[system.team.agents[i].id] = float(np.linalg.norm(wind)), largest
+    return found
 
 
 def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[float, float]]:
@@ -139,7 +162,7 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
     if path.cells is None or not held.any() or len(path.time) < 3:
         return {}
     along = np.gradient(path.positions[:, N:], path.time, axis=0)
-    flow = np.array([mean_flow(system, v, 0.0, path.positions[:, v]) for v in range(N, N + len(held))])
+    flow = np.array([mean_flow(system.medium, v, 0.0, path.positions[:, v]) for v in range(N, N + len(held))])
     able = [capability_of(vehicle) for vehicle in system.vehicles[N:]]
     top = np.array([max(one.forward_speed, one.least_speed) for one in able])
     taken = np.linalg.norm(np.where(np.isfinite(flow), along.transpose(1, 0, 2) - flow, 0.0), axis=2)

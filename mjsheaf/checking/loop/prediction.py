@@ -34,10 +34,13 @@ from mjsheaf.loop.system import System
 from mjsheaf.media.varying import evaluate
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.threads import one_thread
-from mjsheaf.vehicles.effects import capability_of
+from mjsheaf.vehicles.effects import capability_of, hold_station
 
 MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
+
+WIND_ON_TARGETS = "the drift of targets in the wind"
+"""What a prediction leaves out where wind moves q*: then it foresees no error."""
 
 _GAUSS = 0.5 / np.sqrt(3.0)  # of a period, from its middle
 _SETTLING = 12.0  # times 1 / rate before the second half from which the loop is followed, if no speed is limited
@@ -117,13 +120,19 @@ def steady_error(
         reason = reason_on_bodies = str(error)
     else:
         try:
-            vehicles = linear_vehicles(system, range(len(limit)), medium_on_path(system, certificate.constants.path))
+            medium = medium_on_path(system, certificate.constants.path)
+            vehicles = linear_vehicles(system, range(len(limit)), medium)
             able = [capability_of(vehicle) for vehicle in system.vehicles[: len(limit)]]
             fastest = np.minimum(limit, [one.forward_speed for one in able])
             law = system.control_of_bodies.law  # whose feedforward leads by the time constants
             if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
                 raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
-            bodies, speed, _ = _follow(system, certificate, law, vehicles, fastest, path)
+            drift = np.zeros((len(limit), 3))
+            for i in np.flatnonzero(system.mean_wind[: len(limit)].any(axis=1)).tolist():
+                heading, wind = float(system.bodies.heading[i]), system.mean_wind[i] + medium[i]
+                drift[i, :2] = -medium[i, :2] - hold_station(system.vehicles[i], heading, medium[i], wind)[1]
+            blown = path._replace(flow=path.flow + drift.reshape(-1)[system.team.slots[: path.flow.shape[1]]])
+            bodies, speed, _ = _follow(system, certificate, law, vehicles, fastest, blown)
             strained = np.minimum(speed, limit) > [one.least_speed for one in able]
             slow = np.any(strained[0 if unsettled else -path.counted :], axis=0)
             turns = [unsettled and one.dimension == 2 and not one.steering.attitude for one in system.vehicles]
@@ -137,6 +146,7 @@ def steady_error(
         "effects of speed limits on terms of the law": system.law.extended and saturates.any(),
         "thrust limits": slow.any(),
         "turns of boats that hold no heading": any(turns[: len(limit)]),
+        WIND_ON_TARGETS: bool(system.mean_wind[len(limit) :][system.motion.pull[len(limit) :] == 0.0].any()),
     }
     return SteadyError(
         ideal=ideal,

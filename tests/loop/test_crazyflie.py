@@ -1,0 +1,89 @@
+"""The Crazyflie: a drone of 32 g hovers, and four fly a square, on both engines and with steps of any usual size."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import check, load_scenario, simulate
+from mjsheaf.scenario import Scenario
+from mjsheaf.vehicles.loading import load_vehicle
+
+ENGINES = ["fused", "mujoco"]
+
+
+def square(**fields: Any) -> Scenario:
+    """Four Crazyflies about a fifth that circles."""
+    flies = [f"C{k}" for k in range(4)]
+    places = [[0.5 * k - 0.7, 0.3 * (-1) ** k, 1.0 + 0.1 * k] for k in range(4)]
+    circle = {
+        "kind": "lissajous",
+        "amplitude": [1, 1, 0.2],
+        "rate": [0.1, 0.1, 0.15],
+        "phase": [1.57, 0, 0],
+        "pull": 0.5,
+    }
+    return load_scenario(
+        {
+            "time": {"end": 40},
+            "controller": {"gain": 0.4, "control_period": 0.02, "velocity_limit": 1.5},
+            "agents": [
+                {"id": id, "position": place, "vehicle": "crazyflie", "heading": 40.0 * k}
+                for k, (id, place) in enumerate(zip(flies, places, strict=True))
+            ],
+            "targets": [{"id": "T", "position": [0.0, 0.0, 1.5], "vehicle": "crazyflie", "motion": circle}],
+            "communication": [[a, b] for a, b in zip(flies, [*flies[1:], flies[0]], strict=True)],
+            "sensing": [[id, "T"] for id in flies],
+            "formations": [{"name": "square", "shape": "square", "members": flies, "about": "T", "side": 1.0}],
+            "physics": {"timestep": 0.002},
+            **fields,
+        }
+    )
+
+
+def test_its_numbers_are_those_of_the_source() -> None:
+    fly = load_vehicle("crazyflie")
+    assert fly.mass == 0.0319
+    np.testing.assert_allclose(np.diag(fly.inertia), [16.8e-6, 16.8e-6, 29.8e-6], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(fly.W[3:]), np.outer([0.03253, 0.03253, 0.00735], np.ones(4)), rtol=1e-12)
+    np.testing.assert_array_equal(fly.limits, [[0.0128, 0.12]] * 4)
+    np.testing.assert_array_equal(fly.drag, [0.01472, 0.01472, 0.01278])
+    assert fly.trim == pytest.approx(0.0319 * 9.81 / 4)
+    assert fly.lag == 0.145
+    assert np.linalg.matrix_rank(fly.W[2:]) == 4
+    assert 0.1 < fly.size < 0.12
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_it_hovers_in_still_air(engine: str) -> None:
+    target = {"id": "T", "position": [0.0, 0.0, 1.0], "vehicle": "crazyflie", "motion": {"kind": "fixed"}}
+    agent = {"id": "C", "position": [0.0, 0.0, 1.0], "vehicle": "crazyflie", "heading": 30.0}
+    hover = load_scenario(
+        {
+            "time": {"end": 5},
+            "agents": [agent],
+            "targets": [target],
+            "sensing": [["C", "T"]],
+            "controller": {"gain": 0.4},
+        }
+    )
+    data = simulate(hover, engine=engine)
+    assert data.attrs["status"] == "finished"
+    assert np.abs(data["tracking_error"].values).max() < 1e-9
+    assert (data["agent_saturation"].values == 0.0).all()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_four_fly_a_square(engine: str) -> None:
+    data = simulate(square(), engine=engine)
+    assert data["tracking_error"].values[-500:].max() < 0.27
+    assert (data["agent_saturation"].values == 0.0).all()
+    rough = simulate(square(physics={"timestep": 0.02}), engine=engine)
+    np.testing.assert_allclose(rough["agent_position"].values[-1], data["agent_position"].values[-1], atol=0.01)
+
+
+@pytest.mark.slow
+def test_check_foresees_how_they_fly() -> None:
+    answer = check(square())
+    assert answer["ok"]
+    assert answer["trial"]["tracking_error"] == pytest.approx(answer["steady"]["bodies"], rel=0.05)
