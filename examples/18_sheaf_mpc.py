@@ -23,7 +23,8 @@ import mjsheaf
 DT, RHO, ROUNDS, LARGEST = 0.1, 2.0, 10, 2.0  # s, -, -, m/s^2
 A = np.kron(np.eye(2), [[1.0, DT], [0.0, 1.0]])
 B = np.kron(np.eye(2), [[0.0], [DT]])
-PUBLISHED = json.loads(Path(__file__).with_name("sheaf_mpc_runs.json").read_text())
+HERE = Path(__file__).parent if "__file__" in globals() else Path()  # the gallery runs in its directory
+PUBLISHED = json.loads((HERE / "sheaf_mpc_runs.json").read_text())
 
 # Edges with their offsets, the coordinates that they compare, weights and goals of the objective of each agent, the
 # number of states in a plan, and the weight of the end of a plan. In the authors' code it is half as large for agents
