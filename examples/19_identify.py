@@ -3,8 +3,8 @@ Parameters from a log
 =====================
 
 How much thrust, drag and lag has a vehicle? An X500 flies and an Otter sails a test with commands that change often.
-From the log, with 0.1 m of noise on positions, a model of each is fitted: what its thrusters were told and how it was
-turned give the force, and the force where it goes. The fit says how sure it is. Its intervals hold the truth, which the
+From the log, with 0.1 m of noise on positions, a model of each is fitted: commands and attitude give the force, and
+the force where it goes. The fit says how sure it is. Its intervals hold the truth, which the
 vehicles' files have, in 19 of 20 cases; of the eight here, one is missed by a little.
 """
 

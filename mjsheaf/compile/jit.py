@@ -355,7 +355,7 @@ class Held:
 
     @cached_property
     def kinds(self) -> str:
-        """What `kinds_of` says of it, as a text, which is quickly compared."""
+        """Result of `kinds_of` as a text, which is quickly compared."""
         return repr(kinds_of(self.value))
 
     @cached_property

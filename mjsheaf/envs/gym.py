@@ -319,8 +319,12 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Begin episodes with these seeds, by the numbers of their runs, and return the info that names them."""
         began = np.isin(np.arange(self.num_envs), list(seeds))
         if self._worlds is not None:
-            self._worlds.begin(seeds)
-            self._observations[began] = self._gathering.observations(self._worlds.values[began])
+            try:
+                self._worlds.begin(seeds)
+            except InputError:  # a seed changes what worlds share
+                self._worlds = None
+            else:
+                self._observations[began] = self._gathering.observations(self._worlds.values[began])
         for k, seed in seeds.items():
             if self._worlds is None:
                 self._episode(k).reset(seed)

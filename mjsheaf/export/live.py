@@ -40,8 +40,10 @@ class Log(mcap.Log):
         super().__init__(path, scenario, phases, attachment)
         self.pace = pace
         self._server: WebSocketServer | None = None
-        self._first, self._sent = -1, 0  # ns
-        self._begun, self._shown = 0.0, -math.inf  # s
+        self._first = -1  # time of the first sample, ns
+        self._sent = 0  # that of the last one that was sent, ns
+        self._begun = 0.0  # when the first was sent, s
+        self._shown = -math.inf  # when vehicles were, s
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
         """Begin to serve.
@@ -80,7 +82,8 @@ class Log(mcap.Log):
     def write_moment(self, moment: Moment) -> None:
         """Send a sample when its time has come."""
         if self._first < 0:
-            self._first, self._begun = moment.time, time.monotonic()
+            self._first = moment.time
+            self._begun = time.monotonic()
         elif moment.phase == self._phase and moment.time - self._sent < 1e9 * _FRAME:
             return
         due = self._begun + (moment.time - self._first) / 1e9 / self.pace

@@ -337,14 +337,21 @@ class Worlds:
         return self.values[:, 0].astype(np.int64)
 
     def begin(self, seeds: Mapping[int, int]) -> None:
-        """Begin runs anew, each with a seed, by the numbers of their worlds."""
+        """Begin runs anew, each with a seed, by the numbers of their worlds.
+
+        Raises:
+            InputError: What worlds share depends on a seed, such as the number of nodes of frozen gusts.
+        """
         which = np.array(list(seeds), dtype=np.int64)
         new = np.array([w for w, seed in seeds.items() if seed != self._runs[w].seed], dtype=np.int64)
         for w in new.tolist():
             run = self._runs[w]
             run.take_seed(seeds[w])
+            drawn = _seeded(run.params())
+            if any(own.shape != value.shape for own, value in zip(self._seeded[w], drawn, strict=True)):
+                raise InputError(f"seed {run.seed} changes what worlds that step together share")
             self.values[w, : len(self._empty)] = self._empty
-            for own, value in zip(self._seeded[w], _seeded(run.params()), strict=True):
+            for own, value in zip(self._seeded[w], drawn, strict=True):
                 own[...] = value
             run.place()
             run.close_loop(sample=True)

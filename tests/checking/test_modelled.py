@@ -26,7 +26,7 @@ def system() -> System:
 
 FIELDS: dict[str, tuple[tuple[str, ...], str]] = {
     "law": (LawArrays._fields, "edges gain limit supplied terms links custom safety seed"),
-    "edges": (EdgeArrays._fields, "tail head listens first F_tail F_head P_tail P_head b kinds"),
+    "edges": (EdgeArrays._fields, "tail head listens first F_tail F_head P_tail P_head b kinds ramp"),
     "terms": (
         TermArrays._fields,
         "present agents dimension period sensing eigenvalues steepest fresh feedforward newton measured drift lead "

@@ -214,6 +214,38 @@ def test_runs_of_a_vector_are_single_environments_whenever_they_end() -> None:
     assert runs._worlds is not None
 
 
+@pytest.mark.slow
+def test_runs_whose_seeds_change_what_they_share_go_on_one_by_one() -> None:
+    """Frozen gusts have as many nodes as the ways along which vehicles may go, which begin where a seed draws them."""
+    scenario = load_scenario(
+        {
+            "name": "frozen",
+            "time": {"end": 2},
+            "controller": {"gain": 0.5, "control_period": 0.1},
+            "agents": [{"id": id, "position": [x, 0, 5], "vehicle": "x500"} for id, x in (("A", 0), ("B", 5))],
+            "targets": [{"id": "T", "position": [2, 2, 5]}],
+            "communication": [["A", "B"]],
+            "sensing": [["A", "T"]],
+            "spread": {"position": 4},
+            "flow": {
+                "air": {
+                    "dimension": 3,
+                    "drift": [1, 0, 0],
+                    "gusts": {"kind": "dryden", "wind_speed": 6, "frozen": True},
+                }
+            },
+            "physics": {"timestep": 0.01},
+        }
+    )
+    runs: Any = vector_env(scenario, 1)
+    alone = env(scenario, engine="fused")
+    for seed in (0, None, None):
+        found, info = runs.reset(seed=seed)
+        own, named = alone.reset(seed=seed)
+        assert info["seed"][0] == named["seed"]
+        np.testing.assert_array_equal(found[0], own)
+
+
 @pytest.mark.parametrize(
     ("name", "change"),
     [("harbour_gusts", {}), ("open_sea", {}), ("quads", {"spread.position": 0.3}), ("noisy_harbour", {})],
