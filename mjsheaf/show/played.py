@@ -331,6 +331,8 @@ def media_of(phases: Sequence[Phase], places: Array) -> list[Medium]:
     for name, system in systems.items():
         k = system.flow_names.index(name)
         met = np.flatnonzero(system.field == k)
+        if name == "wind" and not len(met):  # it pushes hulls
+            met = np.flatnonzero(sum(wind.met for wind in system.wind))
         if not len(met):
             continue
         level = all(system.team.members[v].dimension == 2 for v in met)
