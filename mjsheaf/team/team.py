@@ -79,6 +79,7 @@ class Team:
         absent: ids of agents that are no part of the team now, as they are lost or have yet to join: they keep their
             places in all arrays, have no edges, and the harmonic extension is that of the others.
         ramp: Change of its formations; None if they stay. All else describes the team as the phase begins.
+        changing: The team with such a change that was linearised to get this one, which describes its start; None else.
     """
 
     def __init__(
@@ -111,6 +112,7 @@ class Team:
         self.absent = frozenset(absent)
         self.linearised_at: Array | None = None
         self.ramp: Ramp | None = None
+        self.changing: Team | None = None
         if not self.agents:
             raise InputError("agents: a team needs at least one agent")
         for v, member in enumerate(self.members):
@@ -394,7 +396,10 @@ class Team:
             linear[id(e)] = replace(e, **linear_maps(e, z)._asdict(), measures="position", lift=None, slope=slope)
         team = self.with_edges(linear)
         team.linearised_at = stacked
-        team.ramp = self.ramp if self.linear else None  # of others it says nothing but for their start
+        if self.linear:
+            team.ramp = self.ramp
+        elif self.ramp is not None:
+            team.changing = self
         return team
 
     def with_edges(self, changed: Mapping[int, Edge]) -> "Team":
