@@ -246,17 +246,26 @@ def _constraints(
 
 
 def _places(system: System, certificate: Certificate, *, samples_of_ramp: int = 1000) -> tuple[Array, Array]:
-    """Return times (T,) in s and q* with the targets there, in space, shape (T, V, 3), m."""
+    """Return times (T,) in s and q* with the targets there, in space, shape (T, V, 3), m.
+
+    While range and bearing edges change, q* is that of the team itself, at no more than twice as many samples.
+    """
     path, team = certificate.constants.path, system.team
     start = system.grid.start
     samples = path.samples if path.cells is not None else path.samples[:1]
     times: Array = start + system.grid.period * path.stride * np.arange(len(samples), dtype=np.float64)
     if not len(samples):
         times, samples = np.array([start]), system.initial[None, len(team.agents) :]
-    if path.cells is None and team.ramp is not None:  # places change although nothing is known of the targets
+    if path.cells is None and (team.ramp or team.changing):  # places change although nothing is known of the targets
         times = system.grid.samples[:: max(1, system.grid.steps // samples_of_ramp)]
         samples = np.repeat(samples[:1], len(times), axis=0)
-    q_star: Array = team.unpack(Carrier(system).extend(samples, times))
+    if team.changing is None:
+        q_star: Array = team.unpack(Carrier(system).extend(samples, times))
+    else:
+        some = slice(None, None, max(1, len(times) // samples_of_ramp))
+        times, samples = times[some], samples[some]
+        start = np.repeat(system.initial[None, : len(team.agents)], len(times), axis=0)
+        q_star = team.changing.harmonic_extension(np.concatenate([start, samples], axis=1), times)
     lift = np.zeros((len(system.planar), 3))
     lift[system.planar, 2] = system.bodies.surface_height
     return times, np.concatenate([q_star, samples], axis=1) + lift
