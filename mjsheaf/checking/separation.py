@@ -83,6 +83,7 @@ class SafetyRecord(Record):
     """Guarantees of the safety filter, which do not depend on links."""
 
     unsafe: list[TooClose] = Field(description="pairs whose places in q* are too close, at samples of the run")
+    changing: bool = Field(description="true while formations change: then every such pair is a problem")
     standoff: list[Standoff] = Field(
         description="agents that the filter keeps farther from something than their places in q*, on ideal kinematics; "
         "none are listed if the targets' path is not known"
@@ -128,6 +129,7 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
     moving = system.largest_disturbance + [system.flows[k].kernel_speed for k in system.field]
     return SafetyRecord(
         unsafe=find_too_close(arrays, names, times, places),
+        changing=bool(system.team.ramp or system.team.changing),
         standoff=ideal,
         standoff_on_bodies=bodies,
         initial=find_too_close(arrays, names, times[:1], initial),
