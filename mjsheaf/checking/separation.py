@@ -250,7 +250,7 @@ def _constraints(
 def _places(system: System, certificate: Certificate, *, samples_of_ramp: int = 1000) -> tuple[Array, Array]:
     """Return times (T,) in s and q* with the targets there, in space, shape (T, V, 3), m.
 
-    While range and bearing edges change, q* is that of the team itself, at no more than twice as many samples.
+    While range and bearing edges change, q* is that of the team itself, at fewer than 2 * `samples_of_ramp` samples.
     """
     path, team = certificate.constants.path, system.team
     start = system.grid.start
@@ -264,10 +264,10 @@ def _places(system: System, certificate: Certificate, *, samples_of_ramp: int = 
     if team.changing is None:
         q_star: Array = team.unpack(Carrier(system).extend(samples, times))
     else:
-        some = slice(None, None, max(1, len(times) // samples_of_ramp))
-        times, samples = times[some], samples[some]
-        start = np.repeat(system.initial[None, : len(team.agents)], len(times), axis=0)
-        q_star = team.changing.harmonic_extension(np.concatenate([start, samples], axis=1), times)
+        every = max(1, len(times) // samples_of_ramp)
+        times, samples = times[::every], samples[::every]
+        near = np.repeat(system.initial[None, : len(team.agents)], len(times), axis=0)
+        q_star = team.changing.harmonic_extension(np.concatenate([near, samples], axis=1), times)
     lift = np.zeros((len(system.planar), 3))
     lift[system.planar, 2] = system.bodies.surface_height
     return times, np.concatenate([q_star, samples], axis=1) + lift
