@@ -289,9 +289,11 @@ def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
 def _of_room(safety: SafetyRecord, period: float) -> Iterator[Problem]:
     """Yield that the formation leaves less room than the safety filter keeps, at most samples.
 
+    While it changes, places that are too close at any sample count: vehicles would meet there.
+
     A rate is proposed up to the inverse of the control period in s, beyond which nothing is guaranteed.
     """
-    close = [one for one in safety.unsafe if one.fraction > MOSTLY]
+    close = [one for one in safety.unsafe if safety.changing or one.fraction > MOSTLY]
     if close:
         nearest = close[0]
         others = "" if len(close) == 1 else f", and {len(close) - 1} more pairs"
@@ -300,7 +302,8 @@ def _of_room(safety: SafetyRecord, period: float) -> Iterator[Problem]:
             what=f"{' and '.join(nearest.pair)} are too close in q*",
             why=f"their places are {-nearest.gap:.3g} m nearer than the required distance at "
             f"{nearest.time:.6g} s{others}",
-            fix="a larger formation, or a smaller safety.distance",
+            fix=f"{'a change in several steps' if safety.changing else 'a larger formation'}, or a smaller "
+            "safety.distance",
         )
     known = {tuple(one.pair) for one in close}
     kept = [one for one in safety.out_of_reach(on_bodies=True) if tuple(one.pair) not in known]

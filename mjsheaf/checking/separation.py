@@ -83,6 +83,7 @@ class SafetyRecord(Record):
     """Guarantees of the safety filter, which do not depend on links."""
 
     unsafe: list[TooClose] = Field(description="pairs whose places in q* are too close, at samples of the run")
+    changing: bool = Field(description="true while formations change: then every such pair is a problem")
     standoff: list[Standoff] = Field(
         description="agents that the filter keeps farther from something than their places in q*, on ideal kinematics; "
         "none are listed if the targets' path is not known"
@@ -128,6 +129,7 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
     moving = system.largest_disturbance + [system.flows[k].kernel_speed for k in system.field]
     return SafetyRecord(
         unsafe=find_too_close(arrays, names, times, places),
+        changing=bool(system.team.ramp or system.team.changing),
         standoff=ideal,
         standoff_on_bodies=bodies,
         initial=find_too_close(arrays, names, times[:1], initial),
@@ -246,17 +248,26 @@ def _constraints(
 
 
 def _places(system: System, certificate: Certificate, *, samples_of_ramp: int = 1000) -> tuple[Array, Array]:
-    """Return times (T,) in s and q* with the targets there, in space, shape (T, V, 3), m."""
+    """Return times (T,) in s and q* with the targets there, in space, shape (T, V, 3), m.
+
+    While range and bearing edges change, q* is that of the team itself, at fewer than 2 * `samples_of_ramp` samples.
+    """
     path, team = certificate.constants.path, system.team
     start = system.grid.start
     samples = path.samples if path.cells is not None else path.samples[:1]
     times: Array = start + system.grid.period * path.stride * np.arange(len(samples), dtype=np.float64)
     if not len(samples):
         times, samples = np.array([start]), system.initial[None, len(team.agents) :]
-    if path.cells is None and team.ramp is not None:  # places change although nothing is known of the targets
+    if path.cells is None and (team.ramp or team.changing):  # places change although nothing is known of the targets
         times = system.grid.samples[:: max(1, system.grid.steps // samples_of_ramp)]
         samples = np.repeat(samples[:1], len(times), axis=0)
-    q_star: Array = team.unpack(Carrier(system).extend(samples, times))
+    if team.changing is None:
+        q_star: Array = team.unpack(Carrier(system).extend(samples, times))
+    else:
+        every = max(1, len(times) // samples_of_ramp)
+        times, samples = times[::every], samples[::every]
+        near = np.repeat(system.initial[None, : len(team.agents)], len(times), axis=0)
+        q_star = team.changing.harmonic_extension(np.concatenate([near, samples], axis=1), times)
     lift = np.zeros((len(system.planar), 3))
     lift[system.planar, 2] = system.bodies.surface_height
     return times, np.concatenate([q_star, samples], axis=1) + lift

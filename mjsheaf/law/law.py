@@ -495,10 +495,13 @@ def with_ramp(law: LawArrays, team: Team) -> LawArrays:
     )
     rate = (last - first) / (team.ramp.end - team.ramp.start)
     edges = law.edges
+    kinds = edges.kinds
+    if kinds:
+        kinds = kinds._replace(desired=kinds.desired.copy())
     return law._replace(
         edges=edges._replace(
             b=edges.b.copy(),
-            kinds=edges.kinds and edges.kinds._replace(desired=edges.kinds.desired.copy()),
+            kinds=kinds,
             ramp=OffsetRamp(team.ramp.start, first, rate, first.copy()),
         )
     )

@@ -480,7 +480,7 @@ def make_datasets(
     starts = {phase.start for phase in phases}
     for piece in pieces:
         if done in starts:
-            path.last = path.held = None
+            path.last = path.held = path.solver = None
             path.moving = True
         attributes = attributes or _attributes(piece.system, backend, seed) | _about_phases(phases)
         delivery = delivery or Delivery([phase.system for phase in phases] or [piece.system])

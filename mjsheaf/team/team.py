@@ -5,6 +5,7 @@ These null modes are those of a non-trivial relative cohomology.
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -78,6 +79,7 @@ class Team:
         absent: ids of agents that are no part of the team now, as they are lost or have yet to join: they keep their
             places in all arrays, have no edges, and the harmonic extension is that of the others.
         ramp: Change of its formations; None if they stay. All else describes the team as the phase begins.
+        changing: The team with such a change that was linearised to get this one, which describes its start; None else.
     """
 
     def __init__(
@@ -110,6 +112,7 @@ class Team:
         self.absent = frozenset(absent)
         self.linearised_at: Array | None = None
         self.ramp: Ramp | None = None
+        self.changing: Team | None = None
         if not self.agents:
             raise InputError("agents: a team needs at least one agent")
         for v, member in enumerate(self.members):
@@ -219,9 +222,9 @@ class Team:
             self.target_formation,
             self.anchors,
         )
-        remaining.ramp = self.ramp and replace(
-            self.ramp, first=self.ramp.first.remaining, last=self.ramp.last.remaining
-        )
+        if self.ramp is not None:
+            first, last = self.ramp.first.remaining, self.ramp.last.remaining
+            remaining.ramp = replace(self.ramp, first=first, last=last)
         return remaining
 
     @property
@@ -393,7 +396,10 @@ class Team:
             linear[id(e)] = replace(e, **linear_maps(e, z)._asdict(), measures="position", lift=None, slope=slope)
         team = self.with_edges(linear)
         team.linearised_at = stacked
-        team.ramp = self.ramp if self.linear else None  # of others it says nothing but for their start
+        if self.linear:
+            team.ramp = self.ramp
+        elif self.ramp is not None:
+            team.changing = self
         return team
 
     def with_edges(self, changed: Mapping[int, Edge]) -> "Team":
@@ -567,11 +573,13 @@ class Path:
         last: q* there, shape (n_q,), m; None before the first.
         held: Targets there, shape (n_p,), m.
         moving: True if motions have been free at every sample.
+        solver: Solver of the team and of this path alone; None before the first.
     """
 
     last: Array | None = None
     held: Array | None = None
     moving: bool = True
+    solver: StationarySolver | None = None
 
 
 class Shapes:
@@ -590,7 +598,7 @@ class Shapes:
 
     @cached_property
     def solver(self) -> StationarySolver:
-        """Solver with targets and ground held."""
+        """Solver with targets and ground held, from which each path has its own: it keeps what it last factored."""
         return self._team.nonlinear_sheaf.solver([*self._team.target_ids, GROUND])
 
     def extend(self, p: Array, q: Array, path: Path, desired: Array | None = None) -> Array:
@@ -601,27 +609,28 @@ class Shapes:
         boundary = p.reshape(-1, p.shape[-1]) if p.shape[-1] else np.zeros((int(np.prod(p.shape[:-1])), 0))
         start = q.reshape(-1, q.shape[-1])
         found = np.full_like(start, np.nan)
+        solver = path.solver = path.solver or copy(self.solver)
         for k, (held, near) in enumerate(zip(boundary, start, strict=True)):
             if desired is not None:
                 now = desired.reshape(-1, desired.shape[-1])[k % len(desired)]
-                self.solver.arrays = replace(self.solver.arrays, desired=now)
+                solver.arrays = replace(solver.arrays, desired=now)
             if np.isfinite(held).all() and np.isfinite(near).all():
                 if path.last is None or path.moving:
-                    path.last = self.first(held, near).x
+                    path.last = self.first(solver, held, near).x
                     path.moving = path.moving and self.has_free_motions(path.last, held)
                 elif path.held is None or desired is not None or not np.array_equal(held, path.held):
-                    path.last = self.solver.settle(path.last, held).x
+                    path.last = solver.settle(path.last, held).x
                 found[k] = path.last
             path.held = held
         return found.reshape(q.shape)
 
-    def first(self, held: Array, near: Array) -> Settled:
+    def first(self, solver: StationarySolver, held: Array, near: Array) -> Settled:
         """Return q* of targets at `held` (n_p,) from the present positions `near` (n_q,), or from places."""
-        found = self.solver.settle(near, held, free=True)
-        exact = _EXACT * (1.0 + np.abs(self.solver.relative(near, held)).max(initial=0.0))
+        found = solver.settle(near, held, free=True)
+        exact = _EXACT * (1.0 + np.abs(solver.relative(near, held)).max(initial=0.0))
         if found.converged and found.residual <= exact:
             return found
-        others = (self.solver.settle(x, held, free=True) for x in self._places(held, near))
+        others = (solver.settle(x, held, free=True) for x in self._places(held, near))
         return min([found, *others], key=lambda each: (not each.converged, each.residual))
 
     def has_free_motions(self, q: Array, p: Array) -> bool:

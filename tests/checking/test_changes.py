@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import check, simulate
+from mjsheaf import check, load_scenario, simulate
+from mjsheaf.checking.examination import examine_scenario
+from mjsheaf.checking.report import screen
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.checking.theorem.constants import agent_flow
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
@@ -97,3 +99,58 @@ def test_a_change_from_the_start_has_no_predicted_error() -> None:
     record = check(changing([change(time=0.0)]), trial=False)
     assert record["steady"]["ideal"] is None
     assert record["steady"]["reason"] == "formations change from the start"
+
+
+IDS = ["A", "B", "C", "D"]
+SIDES = [[3.0, 0.0], [0.2, 3.0], [-3.0, 0.0], [0.0, -3.0]]
+SWAPPED = [[-3.0, 0.3], [0.2, 3.0], [3.0, -0.3], [0.0, -3.0]]
+
+
+def swapping(measures: str, time: float = 1.0) -> Scenario:
+    """Two of four agents about a fixed target swap sides over 6 s."""
+    change = {"time": time, "set": {"formations.four.displacements": SWAPPED}, "over": 6.0}
+    formation = {"name": "four", "shape": "explicit", "members": IDS, "displacements": SIDES}
+    pairs = [[i, j] for k, i in enumerate(IDS) for j in IDS[k + 1 :]]
+    return load_scenario(
+        {
+            "time": {"end": 8.0},
+            "controller": {"gain": 1.0, "control_period": 0.05, "velocity_limit": 3},
+            "agents": [{"id": id, "position": place} for id, place in zip(IDS, SIDES, strict=True)],
+            "targets": [{"id": "T", "position": [0, 0], "motion": {"kind": "fixed"}}],
+            "communication": [{"between": pair, "measures": measures} for pair in pairs],
+            "sensing": [["A", "T"], ["B", "T"]],
+            "formations": [formation],
+            "events": [change],
+        }
+        | ({"safety": {"distance": 1.0, "rate": 1.0, "range": 20}} if time else {})
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measures", ["position", "range"])
+def test_places_that_come_too_close_on_the_way_are_a_problem(measures: str) -> None:
+    """A and C are 0.3 m apart halfway, at 4 s, and T is between them."""
+    record = examine_scenario(swapping(measures)).record
+    assert record.phases[1].safety is not None
+    found = {frozenset(one.pair): one for one in record.phases[1].safety.unsafe}
+    assert set(found) == {frozenset("AC"), frozenset("AT"), frozenset("CT")}
+    for pair, far in (("AC", 0.3), ("AT", 0.15), ("CT", 0.15)):
+        assert found[frozenset(pair)].time == pytest.approx(4.0)
+        assert found[frozenset(pair)].gap == pytest.approx(far - 1.0, abs=1e-6)
+    assert not record.ok
+    assert [problem.kind for problem in record.problems] == ["unsafe"]
+    text = " ".join(" ".join(screen(record)).split())
+    assert "A and T are too close in q* from 1 s on" in text
+    assert "0.85 m nearer than the required distance at 4 s, and 2 more pairs" in text
+
+
+@pytest.mark.slow
+def test_of_ranges_that_change_neither_the_error_nor_the_speeds_are_known() -> None:
+    record = examine_scenario(swapping("range", time=0.0)).record
+    assert record.steady.ideal is None
+    assert record.steady.reason == "formations change from the start"
+    assert {demand.steady for demand in record.margins.speed} == {None}
+    assert record.theorem.f_bar is None
+    later = examine_scenario(swapping("range")).record.phases
+    assert {demand.steady for demand in later[1].margins.speed} == {None}
+    assert max(demand.steady or 0.0 for demand in later[0].margins.speed) < 1e-9

@@ -1,6 +1,6 @@
 """Formations that change: against dense algebra, against runs that start from there, and between backends and faces."""
 
-import copy
+import threading
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,6 @@ import xarray as xr
 from mjsheaf import Session, World, check, envs, load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from tests.builders import mixed_scenario
 
 Array = np.ndarray
 PERIOD = 0.02
@@ -236,14 +235,46 @@ def test_a_session_and_an_environment_are_the_run(backend: str) -> None:
 def test_runs_on_two_engines_at_a_time_do_not_share_offsets() -> None:
     """One system, two runs at different times: each has its own offsets."""
     scenario = ring([change()])
+    edges = scenario.phases[1].system.law.edges
+    before = edges.b.copy()
     alone = World(scenario)
     alone.step(300)
     first, second = World(scenario), World(scenario)
     first.step(250)
-    second.step(550)
+    second.step(200)
+    one, other = (world._control.law.edges.b for world in (first, second))  # in the change
+    assert not np.shares_memory(one, other)
+    assert not np.shares_memory(one, edges.b)
+    second.step(350)
     first.step(50)
     np.testing.assert_array_equal(first.positions(), alone.positions())
-    assert (scenario.phases[1].system.law.edges.b == copy.deepcopy(scenario).phases[1].system.law.edges.b).all()
+    np.testing.assert_array_equal(edges.b, before)
+
+
+def test_threads_do_not_share_desired_ranges() -> None:
+    """One thread computes q* along a change while another one asks for q* as it begins."""
+    raw = ring([change()]).model_dump(mode="json", exclude_none=True)
+    for edge in raw["communication"]:
+        edge["measures"] = "range"
+    system = load_scenario(raw).phases[1].system
+    times = np.linspace(BEGIN, BEGIN + OVER, 200)
+    places = np.repeat(system.initial[None], len(times), axis=0)
+    alone = system.team.harmonic_extension(places, times)
+    assert np.abs(alone[-1] - alone[0]).max() > 1.0
+    ended = threading.Event()
+
+    def ask() -> None:
+        while not ended.is_set():
+            system.team.harmonic_extension(system.initial)
+
+    other = threading.Thread(target=ask)
+    other.start()
+    try:
+        beside = system.team.harmonic_extension(places, times)
+    finally:
+        ended.set()
+        other.join()
+    np.testing.assert_array_equal(beside, alone)
 
 
 @pytest.mark.slow
@@ -278,11 +309,9 @@ def test_ranges_and_bearings_follow_their_places(measures: str) -> None:
 
 
 def test_a_free_team_keeps_its_centroid_while_it_changes() -> None:
-    scenario = mixed_scenario()
     raw = ring([change({"formations.ring.radius": 1.5})]).model_dump(mode="json", exclude_none=True)
     raw |= {"targets": [], "sensing": [], "anchors": []}
     data = simulate(load_scenario(raw), "ideal")
-    assert scenario.team.targets
     middle = data["harmonic_extension"].values[..., :2].mean(axis=1)
     np.testing.assert_allclose(middle, np.broadcast_to(middle[0], middle.shape), rtol=0, atol=1e-7)
     assert np.isfinite(rms(data)).all()

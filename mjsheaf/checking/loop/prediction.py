@@ -176,7 +176,7 @@ def _path_of(
         raise UndecidedError(FILTERED)
     if system.grid.continuous:
         raise UndecidedError("the law is continuous")
-    if system.team.ramp is not None:
+    if system.team.ramp is not None or system.team.changing is not None:
         raise UndecidedError("formations change from the start")
     if not system.team.symmetric and system.law.extended:
         raise UndecidedError("H is not symmetric, and the law has terms")
@@ -197,7 +197,7 @@ def _path_of(
     decays = rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any()
     settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and decays else last
     first = max(0, last - counted - settling)
-    q_star = Carrier(system).extend(path.samples[first:], system.grid.span(first, last + 1))
+    q_star = Carrier(system).extend(path.samples[first:])
     if q_star.size > most:
         raise UndecidedError("the run is too long")
     flow = _mean_flow(system, q_star, first, last)

@@ -86,15 +86,19 @@ def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Diff
     """Bound |f_B| along a path, and evaluate f_B at its instants."""
     carried, own, shaken = velocities_along(system, path, carrier)
     values = carried - own
-    if path.cells is None:
+    if path.cells is None or system.team.changing is not None:
         return Difference(np.inf, float(path.time[0]), carried, own, np.full_like(values, np.nan), shaken)
     bound, time = _largest(system, path.cells, carrier)
     return Difference(bound * (1.0 + _ROUNDING), time, carried, own, values, shaken)
 
 
 def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tuple[Array, Array, Array]:
-    """Return H^-1 (B f_p + c'), f_q(q*), and what disturbances add to their difference; see `Difference`."""
-    carried = carrier.carry(np.nan_to_num(path.drift)) + carrier.rate
+    """Return H^-1 (B f_p + c'), f_q(q*), and what disturbances add to their difference; see `Difference`.
+
+    The first is NaN if the change of linearised edges is not known.
+    """
+    rate = carrier.rate if system.team.changing is None else np.nan
+    carried = carrier.carry(np.nan_to_num(path.drift)) + rate
     N = len(system.team.agents)
     shaking = evaluate(system.harmonics[N:], path.time)
     if system.moving:
