@@ -257,6 +257,17 @@ def test_the_predicted_error_is_that_of_the_run(boat: str) -> None:
     assert seen > 0.1
 
 
+@pytest.mark.parametrize("height", [0.0, 40.0])
+def test_the_wind_of_the_prediction_is_that_above_the_surface(height: float) -> None:
+    channel = {"centre": [0, 0, height], "direction": [1, 0, 0], "beta": 10, "width": 5, "length": 200}
+    air = {"dimension": 3, "channels": [channel]}
+    given = scenario("wamv", None, headings=[60.0], flow={"air": air}, scene={"surface": "water", "height": height})
+    foreseen = check(given, trial=False)["steady"]["bodies"]
+    error = simulate(given, engine="fused")["tracking_error"].values[-1, 0]
+    assert foreseen == pytest.approx(error, rel=0.05)
+    assert error > 0.1
+
+
 def test_a_buoy_in_the_wind_drifts_as_far_as_check_says() -> None:
     given = scenario("buoy", [6.0, 2.0], CURRENT, [0.0], time={"end": 60})
     data = simulate(given, engine="fused")["target_position"].values[:, 0, :2]
