@@ -17,7 +17,7 @@ from mjsheaf.law.obstacles import ObstacleArrays
 from mjsheaf.law.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.law.safety import Safety, SafetyArrays, pack_safety
 from mjsheaf.media import FlowField, varying
-from mjsheaf.media.flow import AXIS, CENTRE
+from mjsheaf.media.flow import AXIS, CENTRE, NO_FLOW
 from mjsheaf.media.medium import (
     MediumArrays,
     Parts,
@@ -450,7 +450,7 @@ class System:
             InputError: As `moving`.
         """
         air, heights = self.flow_named("wind"), np.array([vehicle.windage[3] for vehicle in self.vehicles])
-        if air == FlowField(dimension=2) or not heights.any():
+        if "dimension" not in air.model_fields_set or not heights.any():
             return ()
         field, harmonics = np.zeros_like(self.field), self.harmonics[:, :0]
         above = replace(
@@ -511,7 +511,7 @@ class System:
 
     def flow_named(self, name: str) -> FlowField:
         """Return the flow field of a name; one at rest if there is none."""
-        return dict(zip(self.flow_names, self.flows, strict=True)).get(name) or FlowField(dimension=2)
+        return dict(zip(self.flow_names, self.flows, strict=True)).get(name) or NO_FLOW
 
     def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
         """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""
@@ -532,7 +532,7 @@ class System:
         """Return the same system with no medium about the vehicles that hold their position, which then stay there."""
         if self.waiting is None:
             return self
-        holds, flows = self.waiting.holds, [*self.flows, FlowField(dimension=2)]
+        holds, flows = self.waiting.holds, [*self.flows, NO_FLOW]
         return replace(
             self,
             flows=flows,

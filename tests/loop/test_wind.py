@@ -159,8 +159,10 @@ def test_the_formula_is_that_of_the_book(hull: str) -> None:
     assert wind_wrench(kind, (0.0, 0.0, 3.0)) == ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def test_still_air_slows_a_hull() -> None:
-    given = scenario("otter", [0.0, 0.0], [0.6, 0.0], [0.0])
+@pytest.mark.parametrize("air", [{"dimension": 2}, {"dimension": 3}, {"dimension": 2, "drift": [0.0, 0.0]}])
+def test_still_air_slows_a_hull(air: dict[str, Any]) -> None:
+    water = {"dimension": 2, "drift": [0.6, 0.0]}
+    given = scenario("otter", None, headings=[0.0], flow={"air": air, "water": water})
     through = drifted(given, "fused")[0] - drifted(scenario("otter", None, [0.6, 0.0], [0.0]), "fused")[0]
     assert -0.05 < through[0, 0] < -1e-4
 
