@@ -239,8 +239,8 @@ def read_description(path: Path) -> VehicleDescription:
 def propose_description(path: Path, name: str) -> str:
     """Return a description of the vehicle in an MJCF file, with TODO for each number that the file does not say.
 
-    A vehicle whose thrusters cannot lift its weight moves on the surface. One whose thrusters do not push along every axis is steered
-    at its bows, or leans.
+    A vehicle whose thrusters cannot lift its weight moves on the surface. One whose thrusters do not push along every
+    axis is steered at its bows, or leans.
 
     Args:
         path: The MJCF file.
