@@ -17,7 +17,7 @@ from rich.text import Text
 
 from mjsheaf.checking.fragility import Fragility
 from mjsheaf.checking.loop.disturbance import DisturbanceRecord
-from mjsheaf.checking.loop.prediction import SteadyError
+from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS, SteadyError
 from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary
 from mjsheaf.checking.separation import SafetyRecord
@@ -258,7 +258,8 @@ def _error(steady: SteadyError, as_if: str) -> str:
     """Return the predicted tracking error, and what it leaves out."""
     if steady.ideal is None:
         return f"not known: {steady.reason}"
-    on_bodies = "not known" if steady.bodies is None else f"{steady.bodies:.3g} m"
+    unknown = steady.bodies is None or WIND_ON_TARGETS in steady.leaves_out  # as in `check.foreseen_error`
+    on_bodies = "not known" if unknown else f"{steady.bodies:.3g} m"
     parts = [
         f"{steady.ideal:.3g} m on ideal kinematics, {on_bodies} on the vehicles (RMS over agents, second half{as_if})"
     ]

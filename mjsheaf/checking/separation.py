@@ -92,7 +92,7 @@ class SafetyRecord(Record):
     initial: list[TooClose] = Field(description="pairs that begin too close; the filter drives them apart")
     guaranteed: bool = Field(
         description="true if, on ideal kinematics, a pair that keeps its distance never loses it as long as every "
-        "agent's constraints are feasible"
+        "agent's constraints are feasible, and no air acts on their hulls on bodies"
     )
     reasons: list[str] = Field(description="reasons why there is no guarantee")
     range: float = Field(description="distance within which agents see others, m")
@@ -326,6 +326,7 @@ def _reasons(system: System, safety: SafetyArrays, names: list[str]) -> list[str
     held = not system.grid.continuous
     agents = [v for v in range(N) if safety.yields[v]]
     unlimited = next((names[v] for v in agents if not np.isfinite(system.law.limit[v])), "")
+    blown = next((names[v] for wind in system.wind for v in agents if wind.met[v]), "")
     product = safety.rate * period
     moved = len(system.team.target_edges) and (system.law.gain[N:] > 0.0).any()
     kernels = np.array([system.flows[k].kernel_speed for k in system.field])
@@ -337,6 +338,7 @@ def _reasons(system: System, safety: SafetyArrays, names: list[str]) -> list[str
         f"{unlimited} has no velocity_limit": unlimited,
         f"the flow about {steep} has a source or vortex without a core, of unbounded speed": unbounded[0].any(),
         f"the gusts that {gusty} meets are Gaussian, which no speed bounds": unbounded[1].any(),
+        f"on bodies, the air pushes the hull of {blown}, whose error the margins do not include": blown,
         "the targets' own consensus moves them at a speed for which there is no bound here": moved,
     }
     for name, pull in zip(names[N:], system.motion.pull[N:].tolist(), strict=False):

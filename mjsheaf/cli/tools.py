@@ -145,14 +145,16 @@ def new(
     """
     from mjsheaf.files import naming, write_whole
     from mjsheaf.scenario.load import list_scenarios, name_from
+    from mjsheaf.vehicles.loading import list_vehicles, propose_description
 
     path = Path(name if name.endswith((".yaml", ".yml")) else f"{name}.yaml")
     if not re.fullmatch(r"\w[\w .+-]*", path.stem):
         raise InputError(f"{shortened(name)!r}: expected a name, such as mine")
     if path.exists() or path.is_symlink():
         raise InputError(f"{path}: exists already; expected another name")
-    if name in list_scenarios():
-        raise InputError(f"{name}: is the name of an included scenario; expected another name")
+    if name in (list_scenarios() if vehicle is None else list_vehicles()):
+        kind = "scenario" if vehicle is None else "vehicle"
+        raise InputError(f"{name}: is the name of an included {kind}; expected another name")
     require_file_name("NAME", path, ".yaml", ".yml")
     quoted = shlex.quote(str(path))
     following = f"mjsheaf check {quoted}, then mjsheaf run {quoted}"
@@ -161,8 +163,6 @@ def new(
     if vehicle is not None and netcdf is not None:
         raise InputError("--vehicle writes a vehicle and --from-netcdf a scenario; expected one of them")
     if vehicle is not None:
-        from mjsheaf.vehicles.loading import propose_description
-
         with in_field("--vehicle"):
             text = propose_description(vehicle, _beside(vehicle, path))
         following = f"replace each TODO, then mjsheaf list --vehicles {quoted}"

@@ -17,7 +17,7 @@ from mjsheaf.law.obstacles import ObstacleArrays
 from mjsheaf.law.paths import MotionArrays, position_at, reference_bounds
 from mjsheaf.law.safety import Safety, SafetyArrays, pack_safety
 from mjsheaf.media import FlowField, varying
-from mjsheaf.media.flow import AXIS, CENTRE
+from mjsheaf.media.flow import AXIS, CENTRE, NO_FLOW
 from mjsheaf.media.medium import (
     MediumArrays,
     Parts,
@@ -450,14 +450,19 @@ class System:
             InputError: As `moving`.
         """
         air, heights = self.flow_named("wind"), np.array([vehicle.windage[3] for vehicle in self.vehicles])
-        if air == FlowField(dimension=2) or not heights.any():
+        if "dimension" not in air.model_fields_set or not heights.any():
             return ()
-        places, field = self.initial.copy(), np.zeros_like(self.field)
-        places[:, 2] = self.bodies.surface_height + heights
+        field, harmonics = np.zeros_like(self.field), self.harmonics[:, :0]
         above = replace(
-            self, initial=places, flows=[air], flow_names=("wind",), field=field, harmonics=self.harmonics[:, :0]
+            self, initial=self._above_hulls, flows=[air], flow_names=("wind",), field=field, harmonics=harmonics
         )
         return (WindArrays((heights > 0.0).astype(np.int64), above.medium),)
+
+    @property
+    def _above_hulls(self) -> Array:
+        """Return the points at which air acts on hulls, above where they begin, shape (V, 3), m."""
+        heights = [self.bodies.surface_height + vehicle.windage[3] for vehicle in self.vehicles]
+        return np.column_stack([self.initial[:, :2], heights])
 
     @cached_property
     def mean_wind(self) -> Array:
@@ -467,9 +472,8 @@ class System:
         """
         for wind in self.wind:
             v, end = int(np.argmax(wind.met)), self.grid.start + self.grid.steps * self.grid.period  # of any hull
-            above = np.array([[0.0, 0.0, vehicle.windage[3]] for vehicle in self.vehicles])
-            found = mean_flow(wind.air, v, end, self.initial + above) - mean_flow(self.medium, v, end, self.initial)
-            return found * wind.met[:, None] * [1.0, 1.0, 0.0]
+            air = mean_flow(wind.air, v, end, self._above_hulls)
+            return (air - mean_flow(self.medium, v, end, self.initial)) * wind.met[:, None] * [1.0, 1.0, 0.0]
         return np.zeros_like(self.initial)
 
     def require_fitting(self) -> None:
@@ -507,7 +511,7 @@ class System:
 
     def flow_named(self, name: str) -> FlowField:
         """Return the flow field of a name; one at rest if there is none."""
-        return dict(zip(self.flow_names, self.flows, strict=True)).get(name) or FlowField(dimension=2)
+        return dict(zip(self.flow_names, self.flows, strict=True)).get(name) or NO_FLOW
 
     def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
         """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""
@@ -528,7 +532,7 @@ class System:
         """Return the same system with no medium about the vehicles that hold their position, which then stay there."""
         if self.waiting is None:
             return self
-        holds, flows = self.waiting.holds, [*self.flows, FlowField(dimension=2)]
+        holds, flows = self.waiting.holds, [*self.flows, NO_FLOW]
         return replace(
             self,
             flows=flows,

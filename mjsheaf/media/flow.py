@@ -319,6 +319,10 @@ class FlowField(Section):
         return w.reshape(*shape[:-1], 3)[..., : shape[-1]]
 
 
+NO_FLOW = FlowField.model_construct(set(), dimension=2)
+"""The flow in place of one that is not given: at rest, and no field of it is set."""
+
+
 def _padded(point: Sequence[float]) -> list[float]:
     return [*point, 0.0][:3]
 

@@ -28,6 +28,7 @@ from mjsheaf.law.safety import Safety
 from mjsheaf.law.terms import Terms, pack_rounds, pack_terms
 from mjsheaf.loop.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.media import Disturbance, FlowField, varying
+from mjsheaf.media.flow import NO_FLOW
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
@@ -318,7 +319,7 @@ class Flow(Section):
             names = ("flow about agents", "flow about targets")
             fields = (self.agents, self.targets)
             met = [0] * len(team.agents) + [1] * len(team.targets)
-        flows = [field or FlowField(dimension=2) for field in fields]
+        flows = [field or NO_FLOW for field in fields]
         return {"flows": flows, "flow_names": names, "field": np.array(met, dtype=np.int64)}
 
 

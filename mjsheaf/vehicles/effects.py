@@ -154,7 +154,8 @@ def hold_station(vehicle: Vehicle, heading: float, current: Array, wind: Array) 
     stable = _AROUND[1:][(swing[:-1] > 0.0) & (swing[1:] <= 0.0)]
     heading += float(stable[np.abs(stable).argmin()]) if len(stable) else 0.0
     pushed, (u, v) = _push_at_station(vehicle, np.array(heading), current, wind)
-    G, (X, Y, N) = vehicle.moving_mass * vehicle.rate, -pushed
+    X, Y, N = -pushed
+    G = vehicle.moving_mass * vehicle.rate
     D, Q = np.append(vehicle.drag[:2], vehicle.angular_drag[2]), vehicle.quadratic_drag[[0, 1, 5]]
     ahead, port = _solve_drag(D[:2] + G[:2], Q[:2], np.array([X - G[0] * u, Y - G[1] * v]))
     if not vehicle.steering.attitude:

@@ -239,8 +239,8 @@ def read_description(path: Path) -> VehicleDescription:
 def propose_description(path: Path, name: str) -> str:
     """Return a description of the vehicle in an MJCF file, with TODO for each number that the file does not say.
 
-    A vehicle without thrust along z moves on the surface. One whose thrusters do not push along every axis is steered
-    at its bows, or leans.
+    A vehicle whose thrusters cannot lift its weight moves on the surface. One whose thrusters do not push along every
+    axis is steered at its bows, or leans.
 
     Args:
         path: The MJCF file.
@@ -256,7 +256,9 @@ def propose_description(path: Path, name: str) -> str:
     size, thrusters = _size(model, data), _actuators(path, model, data, {})
     mass, _, inertia = mass_properties(model, data, slice(None))
     W = np.array([thruster.wrench for thruster in thrusters]).reshape(-1, 6)
-    flies = bool((np.abs(W[:, 2]) > _ROUNDING * np.abs(W).max(initial=0.0)).any())
+    weight = GRAVITY * float((model.body_mass * (1.0 - model.body_gravcomp)).sum())
+    up = [one for one in thrusters if abs(one.wrench[2]) > _ROUNDING * np.abs(W).max()]
+    flies = sum(max(one.wrench[2] * np.array(one.thrust)) for one in up) > weight
     lag = max((thruster.lag for thruster in thrusters), default=0.0)
     frequency = 2.0 if not flies else 0.3 / lag if lag else 10.0
     about = " ".join(f"{moment:.4g}" for moment in np.diag(inertia))
@@ -269,7 +271,7 @@ def propose_description(path: Path, name: str) -> str:
         "# `Bring a vehicle` says where numbers come from. Name thrusters that turn, or have a rudder, in `actuators`.",
         f"summary: {json.dumps(path.stem)}",
         f"mjcf: {json.dumps(name)}",
-        f"domain: {'volume' if flies else 'surface'}",
+        f"domain: {'volume' if flies else 'surface'}  # proposed",
         "drag:",
         "  linear: [TODO, TODO, TODO]  # surge, sway, heave, N s/m",
     ]

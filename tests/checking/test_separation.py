@@ -99,6 +99,28 @@ def test_what_the_theorem_requires_is_decided(change: dict[str, Any], told: str)
     assert any(told in reason for reason in found["reasons"])
 
 
+@pytest.mark.parametrize(
+    "air",
+    [
+        {"drift": [14, 0]},
+        {"channels": [{"centre": [0, 90], "direction": [1, 0], "beta": 9, "width": 5, "length": 99}]},
+        {"gusts": {"kind": "dryden", "wind_speed": 12.0, "altitude": 4.0}},
+    ],
+)
+def test_nothing_is_guaranteed_of_boats_that_wind_pushes(air: dict[str, Any]) -> None:
+    def of(vehicle: str, flow: dict[str, Any]) -> Any:
+        raw = escort()
+        raw["agents"][0]["vehicle"] = vehicle
+        return check(load_scenario(raw | {"flow": flow}), trial=False)["safety"]
+
+    wind = {"air": {"dimension": 2, **air}}
+    assert of("otter", {})["guaranteed"]
+    assert of("hull", wind)["guaranteed"]
+    found = of("otter", wind)
+    assert not found["guaranteed"]
+    assert found["reasons"] == ["on bodies, the air pushes the hull of B1, whose error the margins do not include"]
+
+
 def test_everything_else_is_about_the_team_while_the_filter_does_not_act() -> None:
     raw = escort()
     found = check(load_scenario(raw), trial=False)

@@ -213,6 +213,25 @@ def test_a_description_says_what_the_model_says(name: str) -> None:
     np.testing.assert_array_equal(own.inertia, vehicle.inertia)
 
 
+def test_a_vehicle_has_the_name_of_no_included_one() -> None:
+    shutil.copy(SHIPPED["otter"].with_suffix(".xml"), "model.xml")
+    answer = answer_of("new", "otter", "--vehicle", "model.xml")
+    assert answer.code == 2
+    assert "otter: is the name of an included vehicle; expected another name" in answer.err
+    assert call("new", "harbour", "--vehicle", "model.xml") == 0
+    assert call("new", "harbour_wind") == 2
+
+
+@pytest.mark.parametrize("up", [-0.05, 0.05])
+def test_what_cannot_lift_its_weight_does_not_fly(up: float) -> None:
+    text = SHIPPED["otter"].with_suffix(".xml").read_text()
+    tilted = text.replace('zaxis="1 0 0"', f'zaxis="1 0 {up}"')
+    assert tilted != text
+    Path("model.xml").write_text(tilted)
+    assert call("new", "mine", "--vehicle", "model.xml") == 0
+    assert "domain: surface  # proposed" in Path("mine.yaml").read_text()
+
+
 def test_a_description_names_what_is_missing() -> None:
     shutil.copy(SHIPPED["otter"].with_suffix(".xml"), "model.xml")
     assert call("new", "mine", "--vehicle", "model.xml") == 0
