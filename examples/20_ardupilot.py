@@ -33,7 +33,7 @@ TO_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # from 
 TO_FRD = np.diag([1.0, -1.0, -1.0])  # from forward, left, up
 SCENARIO = {
     "name": "autopilots",
-    "time": {"end": 25},
+    "time": {"end": 15},
     "controller": {"gain": 1, "control_period": PERIOD},
     "physics": {"timestep": PERIOD},
     "agents": [
@@ -187,14 +187,14 @@ class StandIn(threading.Thread):
         north, east, _ = self.place - state["position"]
         yaw = Rotation.from_quat(state["quaternion"], scalar_first=True).as_euler("ZYX")[0]
         off = np.angle(np.exp(1j * (np.arctan2(east, north) - yaw)))
-        ahead = min(0.08 * np.hypot(north, east), 0.5) * max(np.cos(off), 0.0)
+        ahead = min(0.12 * np.hypot(north, east), 0.6) * max(np.cos(off), 0.0)
         turn = np.clip(0.4 * off - 0.4 * state["imu"]["gyro"][2], -0.3, 0.3) * (np.hypot(north, east) > 1.0)
         pwm = np.full(16, 1500)
         pwm[[0, 2]] = 1500 + np.round(500 * np.clip([ahead + turn, ahead - turn], -1.0, 1.0))
         return pwm
 
 
-PLACES = [(4.0, -4.0, -12.0), (4.0, 4.0, -12.0), (3.0, 1.5, 0.0)]  # where the autopilots go: north, east, down, m
+PLACES = [(4.0, -4.0, -12.0), (4.0, 4.0, -12.0), (-1.0, 1.2, 0.0)]  # where the autopilots go: north, east, down, m
 
 
 def flight(end, network=lambda ports: ports):
