@@ -120,6 +120,7 @@ def test_failing_example_is_explained_and_mended(capsys: pytest.CaptureFixture[s
     assert mended["relative_cohomology"]["mending"] is None
 
 
+@pytest.mark.slow
 def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("certified"), trial=False)
     theorem = record["theorem"]

@@ -133,6 +133,7 @@ def test_what_a_phase_does_not_know_is_null(fields: dict[str, Any], why: str) ->
         assert not later["theorem"]["applies"]
 
 
+@pytest.mark.slow(each=True)
 @pytest.mark.parametrize(
     "events",
     [

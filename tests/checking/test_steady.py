@@ -121,6 +121,7 @@ def test_what_boats_far_from_their_places_do_is_left_out_and_named() -> None:
     assert mjsheaf.check(near, trial=False)["steady"]["leaves_out"] == []
 
 
+@pytest.mark.slow
 def test_limits_of_speed_are_named() -> None:
     limited = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"controller.velocity_limit": 0.5}), trial=False)[
         "steady"

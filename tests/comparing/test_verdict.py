@@ -104,6 +104,7 @@ def test_agents_at_q_star_do_not_err_in_tracking() -> None:
     assert formation_size(system) == pytest.approx(3.0)
 
 
+@pytest.mark.slow
 def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
     system = two_groups(["T11", "T21"]).system
     run = run_ideal(system)
@@ -246,6 +247,7 @@ def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRec
         assert words in report_text(torn)
 
 
+@pytest.mark.slow
 def test_every_variant_with_one_effect_is_drawn() -> None:
     record = compare(two_boats("otter", "hull", time={"end": 1.0})).record
     keys = [rung.key for rung in choose_rungs(record)]

@@ -252,6 +252,7 @@ def test_with_its_bows_in_the_wind_an_otter_holds_at_least_what_check_names(limi
     assert_holds_up_to("otter", "fused", 160.0, limit)
 
 
+@pytest.mark.slow
 def test_check_says_which_boat_the_wind_blows_away() -> None:
     law = {"gain": 0.3, "control_period": 0.1, "velocity_limit": 1.0}
     largest, calm = wind_to_hold(scenario("wamv", [8.0, 0.0], headings=[60.0], controller=law))
@@ -345,6 +346,7 @@ def test_the_length_is_the_size_unless_given(tmp_path: Path) -> None:
     assert vehicle.windage[2] == pytest.approx(-AIR_DENSITY * 0.1 * 2.0 * vehicle.size)
 
 
+@pytest.mark.slow
 def test_neighbours_in_lanes_meet_the_wind_that_they_meet_alone() -> None:
     gusts = {"kind": "dryden", "wind_speed": 12.0, "altitude": 4.0}
     air = {"dimension": 3, "drift": [6.0, 2.0, 0.0], "gusts": gusts}
