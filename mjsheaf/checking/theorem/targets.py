@@ -90,7 +90,7 @@ class Carrier:
         return q_star + (time - self._ramp.begin)[..., None] * self.rate
 
     def slide(self, duration: Array) -> Array:
-        """How far each q*_i moves in half of durations (T,) in s while formations change, shape (T, N), m."""
+        """Return the way of each q*_i in half of durations (T,) in s while formations change, shape (T, N), m."""
         return 0.5 * duration[:, None] * np.linalg.norm(self._team.unpack(self.rate), axis=1)
 
     def carry(self, motions: NDArray[Any]) -> NDArray[Any]:
@@ -329,7 +329,7 @@ def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]
     return (
         alone,
         team,
-        ramp and (ramp.begin, ramp.start, ramp.end, ramp.moved),
+        None if ramp is None else (ramp.begin, ramp.start, ramp.end, ramp.moved),
         system.initial,
         system.grid,
         system.effectiveness,
