@@ -1,41 +1,48 @@
-"""Vehicle-steps per second of peers, by the Python that runs this file: `PYTHON peers.py SIZE... [--short]`.
+"""Vehicle-steps per second of peers, by the Python that runs this file: `PYTHON peer_rates.py SIZE... [--short]`.
 
 It prints one JSON object, of those that can be imported, by name and number of vehicles, and needs nothing of mjsheaf:
 most peers want other versions of its libraries, and live in environments of their own. Each runs its own closed loop:
-crazyflow at 500 physics steps and 100 commands a second, gym-pybullet-drones at 240 and 48.
+crazyflow at 500 physics steps and 100 commands a second, gym-pybullet-drones at 240 and 48. Where JAX has a GPU,
+`--device gpu --world 1` measures crazyflow there, with a drone in each world.
 """
 
 import argparse
 import json
 from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+MOST_IN_A_WORLD = 1000
+"""Drones of crazyflow in one world; more are in several, side by side. Of one with ten thousand it lists all pairs of
+geoms, in Python, and was not ready after twenty minutes."""
 
-def crazyflow_rate(size: int, repetitions: int) -> float:
-    """Vehicle-steps per second of crazyflow on this processor: hover in still air by position commands.
 
-    More drones than it prepares in one world are in several, of as many each.
+def crazyflow_rate(size: int, repetitions: int, device: str = "cpu", largest: int = MOST_IN_A_WORLD) -> float:
+    """Vehicle-steps per second of crazyflow on a device of JAX: hover in still air by position commands.
+
+    More drones than `largest` are in several worlds, of as many each.
     """
     import jax
     from crazyflow.control import Control
     from crazyflow.sim import Sim
 
-    worlds = -(-size // MOST_IN_A_WORLD)
+    worlds = -(-size // largest)
     drones = -(-size // worlds)
-    sim = Sim(worlds, drones, control=Control.state, freq=500, state_freq=100, device="cpu")
+    sim = Sim(worlds, drones, control=Control.state, freq=500, state_freq=100, device=device)
     sim.reset()
     command = np.zeros((worlds, drones, 16), dtype=np.float32)  # position, velocity, acceleration, quaternion, rates
     command[..., :3] = np.asarray(sim.data.states.pos)
     command[..., 2] += 0.5
     command[..., 12] = 1.0
+    on_device = jax.device_put(command, jax.devices(device)[0])
 
     def second() -> None:
         for _ in range(100):
-            sim.state_control(command)
+            sim.state_control(on_device)
             sim.step(5)
         jax.block_until_ready(sim.data.states.pos)
 
@@ -82,10 +89,6 @@ PEERS: dict[str, Callable[[int, int], float]] = {
 }
 
 
-MOST_IN_A_WORLD = 1000
-"""Drones of crazyflow in one world; more are in several, side by side. Of one with ten thousand it lists all pairs of
-geoms, in Python, and was not ready after twenty minutes."""
-
 LARGEST = {"crazyflow": 1000, "gym_pybullet_drones": 100}
 """Most vehicles of a peer in the short version: preparing more takes crazyflow half a minute again."""
 
@@ -108,9 +111,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("sizes", type=int, nargs="+")
     parser.add_argument("--short", action="store_true")
+    parser.add_argument("--device", choices=("cpu", "gpu"), default="cpu", help="where crazyflow runs")
+    parser.add_argument("--world", type=int, default=MOST_IN_A_WORLD, help="most drones of crazyflow in one world")
     asked = parser.parse_args()
     rates: dict[str, dict[int, float]] = {}
-    for name, rate in PEERS.items():
+    on_device = partial(crazyflow_rate, device=asked.device, largest=asked.world)
+    for name, rate in (PEERS | {"crazyflow": on_device}).items():
         if find_spec(name) is not None:
             sizes = [size for size in asked.sizes if not asked.short or size <= LARGEST[name]]
             rates[name] = {size: rate(size, 5 if asked.short else 20) for size in sizes}
