@@ -48,7 +48,7 @@ def test_a_certified_run_stays_in_its_tube(name: str) -> None:
     assert slope <= certificate.theorem.lipschitz
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_constants_do_not_depend_on_what_is_recorded() -> None:
     found = []
     for period in (0.01, 0.7, 10.0):

@@ -168,7 +168,7 @@ PULLED = {
 """Two boats about a target that is pulled back, in waves whose height is 1/200 of their length."""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_steep_waves_are_named_as_beyond_a_linear_prediction() -> None:
     """The waves of PM are 2 pi 9.81 m long."""
     for height, beyond in ((0.9, []), (1.2, ["slow drift in groups of steep waves"])):

@@ -959,7 +959,7 @@ def test_losses_decide_where_there_are_any() -> None:
     assert lost["stable"] is False
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("delay", "stable"), [(0.01, True), (0.02, False)])
 def test_the_exit_code_is_that_of_the_links_too(delay: float, stable: bool, capsys: pytest.CaptureFixture[str]) -> None:
     with (

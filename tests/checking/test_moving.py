@@ -130,7 +130,7 @@ def test_nothing_that_moves_in_the_medium_exceeds_what_it_adds_to_the_constants(
     assert level.slope == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_tide_that_all_meet_moves_no_error_and_enters_no_constant() -> None:
     still, tidal = (
         mjsheaf.check(boats(**water), trial=False)["theorem"] for water in (dict[str, Any](), {"tide": TIDE})

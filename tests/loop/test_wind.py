@@ -193,6 +193,7 @@ def test_without_windage_or_wind_no_bit_changes(engine: str, tmp_path: Path) -> 
     assert np.nanmax(np.abs(places("otter", [6.0, 2.0]) - plain)) > 0.1
 
 
+@pytest.mark.slow
 def test_gusts_of_the_air_shake_hulls_as_the_seed_has_them() -> None:
     gusts = {"kind": "dryden", "wind_speed": 12.0, "altitude": 4.0}
     flow = {"air": {"dimension": 2, "drift": [6.0, 2.0], "gusts": gusts}}
@@ -234,10 +235,9 @@ def test_a_boat_holds_station_up_to_the_wind_that_check_names(boat: str) -> None
     assert_holds_up_to(boat, "fused", 60.0, 1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("limit", [1.0, 100.0])
-@pytest.mark.parametrize(
-    "engine", [pytest.param("fused", marks=pytest.mark.slow), pytest.param("mujoco", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("boat", BOATS)
 def test_from_every_heading(boat: str, engine: str, limit: float) -> None:
     for heading in HEADINGS[HEADINGS != 180.0] if boat == "otter" else HEADINGS:  # see the next test
@@ -346,7 +346,7 @@ def test_the_length_is_the_size_unless_given(tmp_path: Path) -> None:
     assert vehicle.windage[2] == pytest.approx(-AIR_DENSITY * 0.1 * 2.0 * vehicle.size)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_neighbours_in_lanes_meet_the_wind_that_they_meet_alone() -> None:
     gusts = {"kind": "dryden", "wind_speed": 12.0, "altitude": 4.0}
     air = {"dimension": 3, "drift": [6.0, 2.0, 0.0], "gusts": gusts}

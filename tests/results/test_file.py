@@ -126,8 +126,8 @@ def test_a_long_run_of_few_vehicles_is_read_in_few_pieces(piece: Callable[[int],
     assert 0.5 * 2**18 < length * (10_000 + vehicles) <= 2**18
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
+@pytest.mark.long
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_memory_does_not_grow_with_the_run(backend: str, piece: Callable[[int], None], tmp_path: Path) -> None:
     piece(100)
 

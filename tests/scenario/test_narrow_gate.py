@@ -64,7 +64,7 @@ def test_the_error_through_a_change_is_that_before_it(name: str) -> None:
         assert agrees(shown.strip(), value), (shown, value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_engines_agree_on_the_gate() -> None:
     mujoco, fused = (simulate(gate(), engine=engine) for engine in ("mujoco", "fused"))
     np.testing.assert_allclose(

@@ -67,7 +67,7 @@ def test_a_batch_has_an_engine_and_keeps_no_trajectories() -> None:
         load_plan("midpoint", batch=True, trajectories=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_of_light_records_has_its_table(tmp_path: Path) -> None:
     """The same bytes from one worker and two, and after a stop in mid-study."""
     given = ["--seeds", "0:20", "--set", "time.end=0.2", "--set", "disturbance.agents.bound=0.3"]
