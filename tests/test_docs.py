@@ -153,7 +153,7 @@ def test_terminal_shows_what_is_printed(
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(p, id=p.name, marks=[pytest.mark.slow(each=True)] if p.name == "extending.md" else [])
+        pytest.param(p, id=p.name, marks=[pytest.mark.long] if p.name == "extending.md" else [])
         for p in PAGES
         if blocks(p, "python")
     ],
@@ -287,7 +287,7 @@ def test_every_field_has_an_example_out_of_a_file() -> None:
                 assert (section.name, name) in examples or list(reference.references(node)), f"{section.name}.{name}"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("path", sorted(reference.EXPLAINING.glob("*.yaml")), ids=lambda p: p.stem)
 def test_files_that_examples_come_from_work(path: Path) -> None:
     given = yaml.safe_load(path.read_text())

@@ -62,11 +62,15 @@ def known(sample: Sample) -> list[bytes]:
     return [np.float64(sample.time).tobytes(), *(x.tobytes() for x in (*sample.measurements, *arrays, *moved))]
 
 
-@engines
 @pytest.mark.parametrize(
-    "fields",
-    [{"time": {"end": 0.2}}, pytest.param(TANGLED, marks=pytest.mark.slow(each=True)), CONTINUOUS],
-    ids=["plain", "tangled", "continuous"],
+    ("engine", "fields"),
+    [
+        *(pytest.param(engine, {"time": {"end": 0.2}}, id=f"plain-{engine}") for engine in ENGINES),
+        *(pytest.param(engine, CONTINUOUS, id=f"continuous-{engine}") for engine in ENGINES),
+        pytest.param("fused", TANGLED, id="tangled-fused", marks=pytest.mark.slow(each=True)),
+        pytest.param("mujoco", TANGLED, id="tangled-mujoco", marks=pytest.mark.long),
+        pytest.param("ideal", TANGLED, id="tangled-ideal", marks=pytest.mark.long),
+    ],
 )
 def test_periods_are_the_samples_of_simulate(fields: dict[str, Any], engine: str) -> None:
     scenario = mixed_scenario(**fields)
