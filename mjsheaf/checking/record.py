@@ -5,11 +5,10 @@ from typing import Any
 from pydantic import Field
 
 from mjsheaf.checking.fragility import Fragility
-from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.loop.links import LinkRecord
 from mjsheaf.checking.loop.margins import Margins
-from mjsheaf.checking.loop.prediction import SteadyError
+from mjsheaf.checking.loop.prediction import DisturbanceRecord, SteadyError
 from mjsheaf.checking.repairs import Augmentation, Rigidity
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.spectrum import RelativeCohomology

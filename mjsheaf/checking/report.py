@@ -16,8 +16,7 @@ from rich.console import Group
 from rich.text import Text
 
 from mjsheaf.checking.fragility import Fragility
-from mjsheaf.checking.loop.disturbance import DisturbanceRecord
-from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS, SteadyError
+from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS, DisturbanceRecord, SteadyError
 from mjsheaf.checking.problems import describe_tried, headline
 from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary
 from mjsheaf.checking.separation import SafetyRecord

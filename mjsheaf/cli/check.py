@@ -22,7 +22,7 @@ from mjsheaf.cli.options import (
 from mjsheaf.errors import InputError
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.examination import Examination
+    from mjsheaf.checking.check import Examination
     from mjsheaf.checking.theorem.theorem import Rho
     from mjsheaf.show.style import FigureOptions
 

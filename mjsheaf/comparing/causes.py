@@ -8,7 +8,6 @@ from math import floor, log10
 
 from pydantic import Field
 
-from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.margins import (
     MIN_DAMPING,
     DemandRecord,
@@ -18,8 +17,17 @@ from mjsheaf.comparing.margins import (
     RingingRecord,
     VelocityLimitRecord,
 )
-from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
-from mjsheaf.comparing.variants import RungRecord, display_name
+from mjsheaf.comparing.variants import (
+    FORMATION,
+    TEAM,
+    TRACKING,
+    BudgetRecord,
+    ConvergenceRecord,
+    Measure,
+    RungRecord,
+    ScopeRecord,
+    display_name,
+)
 from mjsheaf.errors import joined, listed
 from mjsheaf.results.ending import ROUNDING
 from mjsheaf.section import Finite, FiniteRecord

@@ -8,7 +8,6 @@ from typing import Any
 
 from mjsheaf._version import __version__
 from mjsheaf.comparing.causes import CompareRecord, PhaseRecord, levers_of, verdict_of
-from mjsheaf.comparing.convergence import ConvergenceRecord, converge
 from mjsheaf.comparing.margins import (
     JUDGED,
     demands_of,
@@ -18,16 +17,20 @@ from mjsheaf.comparing.margins import (
     velocity_limit_of,
     worst_loop,
 )
-from mjsheaf.comparing.measures import (
+from mjsheaf.comparing.page import report_text
+from mjsheaf.comparing.variants import (
+    ConvergenceRecord,
+    Run,
     Series,
     budgets_of,
+    converge,
     errors_by_scope,
     formation_size,
+    ladder_of,
+    run_ablation,
     series_at_q_star,
     span_of,
 )
-from mjsheaf.comparing.page import report_text
-from mjsheaf.comparing.variants import Run, ladder_of, run_ablation
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import Phase

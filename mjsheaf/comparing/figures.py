@@ -7,8 +7,17 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.comparing.causes import CompareRecord
-from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
-from mjsheaf.comparing.variants import Run, RungRecord, display_name
+from mjsheaf.comparing.variants import (
+    FORMATION,
+    RMS_OVER,
+    TEAM,
+    TRACKING,
+    BudgetRecord,
+    Run,
+    RungRecord,
+    display_name,
+    distances,
+)
 from mjsheaf.results.store import thin
 from mjsheaf.show.panels import (
     NORMAL,

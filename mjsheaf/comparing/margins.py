@@ -17,22 +17,20 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_in_run
-from mjsheaf.comparing.measures import (
+from mjsheaf.comparing.variants import (
     TEAM,
     ErrorsRecord,
     Role,
-    Span,
-    saturation_of,
-    span_of,
-    vehicles_by_role,
-)
-from mjsheaf.comparing.variants import (
     Run,
+    Span,
     Variant,
     changed_systems,
     effects_of,
     has_limits,
     run_ablation,
+    saturation_of,
+    span_of,
+    vehicles_by_role,
     without_links,
 )
 from mjsheaf.loop.system import Phase, System

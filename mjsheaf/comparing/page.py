@@ -12,8 +12,16 @@ from rich.text import Text
 
 from mjsheaf.comparing.causes import LIMITED_BY, CompareRecord, PhaseRecord
 from mjsheaf.comparing.margins import MIN_DAMPING
-from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
-from mjsheaf.comparing.variants import RungRecord, display_name
+from mjsheaf.comparing.variants import (
+    FORMATION,
+    RMS_OVER,
+    TEAM,
+    TRACKING,
+    BudgetRecord,
+    ItemRecord,
+    RungRecord,
+    display_name,
+)
 from mjsheaf.errors import joined, select_true, shortened
 
 MAX_LINES = 14

@@ -16,15 +16,15 @@ from hypothesis import strategies as st
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.causes import verdict_of
 from mjsheaf.comparing.figures import choose_rungs
-from mjsheaf.comparing.measures import (
+from mjsheaf.comparing.page import report_text
+from mjsheaf.comparing.variants import (
     ItemRecord,
     formation_size,
+    inertial_tau,
     middle_of,
     positions_at_q_star,
     root_mean_square,
 )
-from mjsheaf.comparing.page import report_text
-from mjsheaf.comparing.variants import inertial_tau
 from mjsheaf.law import disagreement
 from mjsheaf.results.metrics import error_series, evaluate_errors
 from mjsheaf.scenario import Scenario

@@ -7,8 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path
-from mjsheaf.checking.loop.linear_team import medium_on_path
+from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path, medium_on_path
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import velocities_along
