@@ -19,7 +19,6 @@ from mjsheaf.checking.loop.held_law import envelope, law_loop, loop_of
 from mjsheaf.checking.loop.links import link_answers
 from mjsheaf.checking.loop.margins import margins
 from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS, predict_rms, steady_error
-from mjsheaf.checking.problems import describe_changes, problems_of, untried_of
 from mjsheaf.checking.record import (
     CheckRecord,
     ExplainedCohomology,
@@ -31,6 +30,9 @@ from mjsheaf.checking.record import (
     TheoremSummary,
     TriedFix,
     WeakerBound,
+    describe_changes,
+    problems_of,
+    untried_of,
 )
 from mjsheaf.checking.repairs import Rigidity, describe_edges, plan_augmentation, rigidity_of, suggest_edges
 from mjsheaf.checking.report import screen

@@ -17,8 +17,7 @@ from rich.text import Text
 
 from mjsheaf.checking.fragility import Fragility
 from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS, DisturbanceRecord, SteadyError
-from mjsheaf.checking.problems import describe_tried, headline
-from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary
+from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary, describe_tried, headline
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.errors import joined, listed

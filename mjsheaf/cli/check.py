@@ -79,7 +79,7 @@ def check(
     with progress_bars("loading", lines=None):
         from mjsheaf.checking import examine_scenario
         from mjsheaf.checking.check import try_out, untried
-        from mjsheaf.checking.problems import reasons_of
+        from mjsheaf.checking.record import reasons_of
         from mjsheaf.checking.report import screen
         from mjsheaf.scenario import load_scenario
 

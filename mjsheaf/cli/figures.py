@@ -11,8 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.checking.check import Examination
-from mjsheaf.checking.problems import headline
-from mjsheaf.checking.record import CheckRecord
+from mjsheaf.checking.record import CheckRecord, headline
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.loop.system import System
 from mjsheaf.show.panels import (
