@@ -2,8 +2,8 @@
 
 `spectrum`, `fragility` and `repairs` look at the team's sheaf alone; `theorem` follows the targets' path, takes the
 theorem's constants along it, finds the region that proves itself and decides the assumptions; `loop` has the sampled
-law with its terms, links and vehicles. `check` gathers all in a record, and tries the mission and the fixes. `problems`
-says why it is not ok, and `report` prints the record.
+law with its terms, links and vehicles. `check` gathers all in a record, and tries the mission and the fixes. `record`
+says what is in it and why it is not ok, and `report` prints it.
 """
 
 from mjsheaf.checking.check import Examination, check, examine, examine_scenario

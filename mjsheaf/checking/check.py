@@ -34,10 +34,10 @@ from mjsheaf.checking.record import (
     problems_of,
     untried_of,
 )
-from mjsheaf.checking.repairs import Rigidity, describe_edges, plan_augmentation, rigidity_of, suggest_edges
+from mjsheaf.checking.repairs import describe_edges, plan_augmentation, rigidity_of, suggest_edges
 from mjsheaf.checking.report import screen
 from mjsheaf.checking.separation import safety_record
-from mjsheaf.checking.spectrum import held_eigenvalues, spectrum_of, zero_of
+from mjsheaf.checking.spectrum import held_eigenvalues
 from mjsheaf.checking.theorem.certificate import (
     Certificate,
     Search,
@@ -55,7 +55,6 @@ from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.slips import drifts_of, slips_of
 from mjsheaf.section import per_agent
-from mjsheaf.team import Team
 from mjsheaf.threads import one_thread
 
 
@@ -84,8 +83,10 @@ def examine_scenario(
 ) -> Examination:
     """Examine a scenario; the record's notes name likely mistakes in its files."""
     examination = examine(scenario.phases, rate=rate, radius=radius, rho=rho)
-    about_files = {"notes": slips_of(scenario), "drifts": drifts_of(scenario)}
-    return replace(examination, record=examination.record.model_copy(update=about_files))
+    return replace(
+        examination,
+        record=examination.record.model_copy(update={"notes": slips_of(scenario), "drifts": drifts_of(scenario)}),
+    )
 
 
 @one_thread
@@ -104,15 +105,23 @@ def examine(
     beyond = False  # True once a phase has terms, which Theorem 1 does not cover
     for k, phase in enumerate(phases[1:], 1):
         old = phases[k - 1].system
+        new = phase.system
         path = before.certificate.constants.path
         targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
-        away = np.linalg.norm(_q_star(phase.system, targets) - _q_star(old, targets, phase.time), axis=1)
-        jumps = {id: float(x) for id, x in zip(old.team.agent_ids, away, strict=True) if np.isfinite(x)}
+        began = new.initial[: len(new.team.agents)]
+        settled = old.team.harmonic_extension(np.concatenate([old.initial[: len(began)], targets]), phase.time)
+        q_star = new.team.harmonic_extension(np.concatenate([began, targets]))
+        jump = np.linalg.norm(q_star - settled, axis=1)
+        jumps = {id: float(x) for id, x in zip(old.team.agent_ids, jump, strict=True) if np.isfinite(x)}
+        # |q* - q| of each agent that joins; infinite where q is not known.
+        away = np.linalg.norm(q_star - began, axis=1)
+        joining = np.flatnonzero(new.team.present & ~old.team.present)
+        stayed = [all(_stays(earlier.system, int(i)) for earlier in phases[:k]) for i in joining]
         beyond = beyond or bool(old.law.extended or before.record.law.unmodelled)
-        joining = _distances_of_joining(phases[: k + 1], targets)
-        known = phase.system.law.extended or not beyond
-        start = before.end + math.hypot(*jumps.values(), *joining) if known else math.inf
-        system = during(phases, k, _settled(old, phase.system, targets, phase.time))
+        known = new.law.extended or not beyond
+        start = before.end + math.hypot(*jumps.values(), *away[joining]) if known and all(stayed) else math.inf
+        # The team before came to rest; joining vehicles are where they began.
+        system = during(phases, k, np.concatenate([np.where(np.isnan(settled), began, settled), targets]))
         before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
         records.append(_phase_record(phase, before.record, jumps))
     problems = list(first.record.problems)
@@ -121,14 +130,22 @@ def examine(
         for problem in record.problems:
             # A field of the scenario is that of the first phase; later ones have what events made of it.
             fix = f"from then on, {problem.fix}" if problem.fix else ""
-            later = {"what": f"{problem.what} {since}", "fix": fix, "changes": {}, "additions": {}}
-            problems.append(problem.model_copy(update=later))
+            problems.append(
+                problem.model_copy(
+                    update={"what": f"{problem.what} {since}", "fix": fix, "changes": {}, "additions": {}}
+                )
+            )
     steady = first.record.steady
     if steady.ideal is not None:
-        left_out = [*steady.leaves_out, f"the events from {records[1].start:g} s on"]
-        steady = steady.model_copy(update={"leaves_out": left_out})
-    update = {"ok": not problems, "problems": problems, "phases": records, "steady": steady}
-    return replace(first, record=first.record.model_copy(update=update))
+        steady = steady.model_copy(
+            update={"leaves_out": [*steady.leaves_out, f"the events from {records[1].start:g} s on"]}
+        )
+    return replace(
+        first,
+        record=first.record.model_copy(
+            update={"ok": not problems, "problems": problems, "phases": records, "steady": steady}
+        ),
+    )
 
 
 def _phase_record(phase: Phase, record: CheckRecord, jumps: dict[str, float] | None) -> PhaseRecord:
@@ -154,20 +171,6 @@ def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
     return np.array([np.interp(time, path.time, values) for values in known.T]).reshape(M, 3)
 
 
-def _q_star(system: System, targets: Array, time: float | None = None) -> Array:
-    """q* of targets (M, 3) at a time in s, or at the start, padded, shape (N, 3), m; NaN for absent agents."""
-    return system.team.harmonic_extension(np.concatenate([system.initial[: len(system.team.agents)], targets]), time)
-
-
-def _distances_of_joining(phases: Sequence[Phase], targets: Array) -> list[float]:
-    """|q* - q| of each agent that joins at the start of the last of some phases, m; infinite where q is not known."""
-    *earlier, last = phases
-    system = last.system
-    joining = np.flatnonzero(system.team.present & ~earlier[-1].system.team.present)
-    away = np.linalg.norm(_q_star(system, targets) - system.initial[: len(system.team.agents)], axis=1)
-    return [float(away[i]) if all(_stays(phase.system, i) for phase in earlier) else math.inf for i in joining.tolist()]
-
-
 def _stays(system: System, agent: int) -> bool:
     """Return True if an agent holds its position, on ideal kinematics, in a medium that cannot carry it off."""
     if system.waiting is None or not system.waiting.holds[agent] or system.effectiveness.given[agent]:
@@ -177,22 +180,12 @@ def _stays(system: System, agent: int) -> bool:
     return flow + float(system.largest_disturbance[agent]) <= float(system.waiting.limit[agent])
 
 
-def _settled(old: System, new: System, targets: Array, time: float) -> Array:
-    """Return positions after the old system came to rest, shape (V, 3), m; joining vehicles are where they began.
-
-    The time in s is that at which the new one begins.
-    """
-    settled = _q_star(old, targets, time)
-    return np.concatenate([np.where(np.isnan(settled), new.initial[: len(settled)], settled), targets])
-
-
 def _carried_error(system: System, error: float) -> float:
     """Bound the error of q* of the present agents if the targets' positions are off by `error`, m."""
     system = system.local
     if not (error > 0.0 and system.team.dirichlet.unique):
         return 0.0
-    reach = Carrier(system).reach(np.full(len(system.team.targets), error))
-    return float(np.linalg.norm(reach))
+    return float(np.linalg.norm(Carrier(system).reach(np.full(len(system.team.targets), error))))
 
 
 def _examine_one(
@@ -224,7 +217,7 @@ def _examine_one(
         ),
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=mending),
-        rigidity=_rigidity(system, original),
+        rigidity=rigidity_of(system, original),
         safety=safety_record(system, certificate),
         theorem=_theorem(search, certificate, radius),
         law=law,
@@ -247,19 +240,6 @@ def _examine_one(
     return Examination(record, certificate, system)
 
 
-def _rigidity(system: System, original: Team) -> Rigidity:
-    """The rigidity of a system's present team, all of whose edges are linear, linearised from the original one."""
-    team = system.team
-    x = team.pack(system.initial) if team.linearised_at is None else team.linearised_at
-    n_q = int(team.first_state[-1])
-    try:
-        values = held_eigenvalues(team)
-    except UndecidedError:
-        values = spectrum_of(team).smallest.astype(np.complex128)
-    zero = np.abs(values) <= zero_of(team) * np.abs(values).max(initial=0.0)
-    return rigidity_of(team, original, x[:n_q], system.gain, values[~zero])
-
-
 def _theorem(search: Search, certificate: Certificate, radius: float) -> TheoremSummary:
     rate = search.rate
     theorem = certificate.theorem
@@ -269,6 +249,15 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
     holds = theorem.applies and certificate.region.verified
     weaker = certificate.weaker.radius if certificate.region.verified and not certificate.obstacle else None
     wanted_gain, no_gain = gain_for_wanted_radius(search, certificate, radius)
+    slope = certificate.region.rho
+    moving = constants.moving.slope
+    rho = slope.upper + moving
+    part = f"; {moving:.3g} 1/s of it is the slope of what moves in the medium" if moving else ""
+    loose = "" if slope.exact else " (an upper bound, not tight)"
+    source = f"largest norm of the Jacobian of the agents' field over their region, by branch and bound{part}{loose}"
+    if search.rho is not None:
+        rho = search.rho(constants.initial_error)
+        source = "given by the user, here at the initial error"
     sets: dict[str, Any] = {
         "chi": theorem.chi,
         "chi_infinite": math.isinf(theorem.chi),
@@ -290,7 +279,9 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         sigma_max_B=spectrum.sigma_max_B,
         omega_bar=constants.moving.omega_bar,
         f_bar=constants.f_bar,
-        **_slope(search, certificate),
+        rho=rho,
+        rho_seen=slope.seen,
+        rho_source=source,
         lambda_V=theorem.rate or None if holds or rate is not None else None,
         lambda_V_given=rate is not None,
         k_min=theorem.k_min,
@@ -307,20 +298,6 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
             radius_per_agent=per_agent(weaker, agents),
         ),
     )
-
-
-def _slope(search: Search, certificate: Certificate) -> dict[str, Any]:
-    """Return the slope rho of the summary, and where it comes from."""
-    slope = certificate.region.rho
-    if search.rho is not None:
-        value = search.rho(certificate.constants.initial_error)
-        source = "given by the user, here at the initial error"
-        return {"rho": value, "rho_seen": slope.seen, "rho_source": source}
-    moving = certificate.constants.moving.slope
-    source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
-    part = f"; {moving:.3g} 1/s of it is the slope of what moves in the medium" if moving else ""
-    loose = "" if slope.exact else " (an upper bound, not tight)"
-    return {"rho": slope.upper + moving, "rho_seen": slope.seen, "rho_source": source + part + loose}
 
 
 # -- a better law ------------------------------------------------------------------------------------------------------
@@ -379,9 +356,25 @@ def propose(
             laws = [replace(system, gain=gain, law=system.law._replace(gain=own, terms=each)) for each in packed]
             # More rounds leave less, or nearly so: the first number that does it is found by halves.
             first = bisect_left(laws, True, key=lambda law: _keeps(law, certificate, radius))
-            if first < len(laws):
-                proposals.append(_proposal(terms[first], laws[first], certificate, system.law.term_names))
-                break
+            if first == len(laws):
+                continue
+            fields = {name: getattr(terms[first], name) for name in ("feedforward", "newton", "drift", "integral")}
+            present = system.law.term_names
+            sections = {name: term and term.model_dump() for name, term in fields.items() if term or name in present}
+            found = law_loop(laws[first], certificate)
+            assert found.unlimited is not None  # of a loop that is within a radius
+            assert found.unlimited_per_agent is not None
+            proposals.append(
+                Proposal(
+                    controller={"gain": gain, **sections},
+                    bound=found.unlimited,
+                    bound_per_agent=found.unlimited_per_agent,
+                    certified=found.radius is not None,
+                    stable_on_bodies=loop_on_path(laws[first], certificate).stable,
+                    **{name: getattr(found, name) for name in ("command", "exchanges", "numbers", "noise")},
+                )
+            )
+            break
     return proposals
 
 
@@ -393,25 +386,6 @@ def _keeps(system: System, certificate: Certificate, radius: float, *, reserve: 
         return stable and envelope(system, certificate).late() <= radius
     except UndecidedError:
         return False
-
-
-def _proposal(terms: Terms, system: System, certificate: Certificate, present: Sequence[str]) -> Proposal:
-    """The law of these terms, under which a system is, in place of one that has those that are present."""
-    fields = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
-    sections = {
-        name: section and section.model_dump() for name, section in fields.items() if section or name in present
-    }
-    found = law_loop(system, certificate)
-    assert found.unlimited is not None  # of a loop that is within a radius
-    assert found.unlimited_per_agent is not None
-    return Proposal(
-        controller={"gain": system.gain, **sections},
-        bound=found.unlimited,
-        bound_per_agent=found.unlimited_per_agent,
-        certified=found.radius is not None,
-        stable_on_bodies=loop_on_path(system, certificate).stable,
-        **{name: getattr(found, name) for name in ("command", "exchanges", "numbers", "noise")},
-    )
 
 
 # -- the check, and its trial ------------------------------------------------------------------------------------------
@@ -508,8 +482,9 @@ def try_out(
             left -= 1
             problem = problem.model_copy(update={"tried": _try_fix(scenario, problem, trial, progress)})
         problems.append(problem)
-    update = {"trial": trial, "problems": problems, "notes": notes, "ok": record.ok and trial.ok}
-    return record.model_copy(update=update)
+    return record.model_copy(
+        update={"trial": trial, "problems": problems, "notes": notes, "ok": record.ok and trial.ok}
+    )
 
 
 def _with_own_limits(changes: dict[str, Any], scenario: Scenario) -> dict[str, Any]:

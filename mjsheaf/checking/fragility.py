@@ -67,13 +67,12 @@ def fragility(team: Team) -> Fragility:
         "bridges and articulation points of the agent graph, targets, and those that a single edge or agent senses; "
         "lambda_min and the relative cohomology after a loss were not computed"
     )
-    known = exact and team.dirichlet.unique
     return Fragility(
         exact=exact,
         method=method,
         critical=critical[:MOST_CRITICAL],
         critical_count=len(critical),
-        worst=next((loss for loss in losses if not loss.breaks), None) if known else None,
+        worst=next((loss for loss in losses if not loss.breaks), None) if exact and team.dirichlet.unique else None,
     )
 
 

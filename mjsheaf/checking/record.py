@@ -257,8 +257,13 @@ def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) ->
         bodies = part.margins.bodies
         undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > largest
         if bodies.stable is None and undecided:
-            what = "the vehicles' loop is undecided, and the mission was not tried"
-            return [Problem(kind="untried", what=what, why=bodies.reason)]
+            return [
+                Problem(
+                    kind="untried",
+                    what="the vehicles' loop is undecided, and the mission was not tried",
+                    why=bodies.reason,
+                )
+            ]
     return []
 
 
@@ -290,8 +295,11 @@ def headline(record: CheckRecord) -> str:
         kinds = dict.fromkeys(problem.kind for problem in record.problems)
         tried = reasons_of(record)[len(record.problems) :]
         return "NOT OK: " + "; ".join([*(first[kind] for kind in kinds), *tried])
-    all_hold = all(a.verdict == "holds" for a in record.assumptions)
-    every = "all 7 assumptions hold" if all_hold else "all assumptions that apply hold"
+    every = (
+        "all 7 assumptions hold"
+        if all(a.verdict == "holds" for a in record.assumptions)
+        else "all assumptions that apply hold"
+    )
     every += ", the formation is rigid" if record.theorem.holds is None and record.rigidity.rigid else ""
     on_vehicles = " and on the vehicles" if record.margins.bodies.stable else ""
     stable = f", the loop is stable on ideal kinematics{on_vehicles}" if record.law.stable else ""
@@ -309,7 +317,16 @@ def _of_assumptions(part: PartRecord) -> Iterator[Problem]:
     for a in part.assumptions:
         if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6)):
             word = "fails" if a.verdict == "fails" else "is undecided"
-            fix, additions = _fix_of_assumption(part, a.number)
+            fix = _FIXES.get(a.number, "")
+            additions: dict[str, list[Any]] = {}
+            plan = part.relative_cohomology.mending
+            if a.number == 5:
+                fix = part.topology_fix
+                additions = {**part.topology_edges}
+            elif a.number == 6 and plan is not None:
+                fix = "; ".join(repair.description for repair in plan.repairs)
+                for repair in plan.repairs:
+                    additions.setdefault("anchors" if repair.kind == "anchor" else repair.kind, []).append(repair.entry)
             yield Problem(
                 kind=f"assumption_{a.number}",
                 what=f"assumption {a.number} {word}",
@@ -317,19 +334,6 @@ def _of_assumptions(part: PartRecord) -> Iterator[Problem]:
                 fix=fix,
                 additions=additions,
             )
-
-
-def _fix_of_assumption(part: PartRecord, number: int) -> tuple[str, dict[str, list[Any]]]:
-    """Return the smallest change that makes an assumption hold, in words and as additions; empty if there is none."""
-    plan = part.relative_cohomology.mending
-    if number == 5:
-        return part.topology_fix, part.topology_edges
-    if number == 6 and plan is not None:
-        additions: dict[str, list[Any]] = {}
-        for repair in plan.repairs:
-            additions.setdefault("anchors" if repair.kind == "anchor" else repair.kind, []).append(repair.entry)
-        return "; ".join(repair.description for repair in plan.repairs), additions
-    return _FIXES.get(number, ""), {}
 
 
 def _of_shape(part: PartRecord, *, stable: bool) -> Iterator[Problem]:
@@ -374,16 +378,18 @@ def _of_loops(
         known = links.delay_margin is not None and not links.delay.stable
         why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
         mends = links.loss is None and links.delay.largest_gain is not None  # a lower gain alone
-        another = ", or use links with less delay and loss"
-        yield _of_gain("links", UNSTABLE_LINKS, why, reserve * late if mends else None, another)
+        yield _of_gain(
+            "links", UNSTABLE_LINKS, why, reserve * late if mends else None, ", or use links with less delay and loss"
+        )
     if bodies.stable is False:
         yield _of_gain("bodies", bodies.verdict(), gain=reserve * late if bodies.largest_gain is not None else None)
     elif bodies.stable is None and bodies.stable_over_exact_links is False:
         yield _of_gain("bodies", "the vehicles' loop is unstable, even if links were exact")
     elif bodies.stable is None and not law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
         why = "measurements are too old for vehicles that are as slow"
-        what = "the vehicles' loop is unstable over its links"
-        yield _of_gain("bodies", what, why, another=", or use links with less delay")
+        yield _of_gain(
+            "bodies", "the vehicles' loop is unstable over its links", why, another=", or use links with less delay"
+        )
     for name, (taken, top) in part.margins.slow_targets.items():
         yield Problem(
             kind="targets",

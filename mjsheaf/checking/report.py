@@ -118,11 +118,12 @@ def _page(record: BaseModel, rows: Mapping[str, _Row], before: Mapping[str, _Row
             for k, line in enumerate(row.lines):
                 start = f"{'' if k else name:<{width}}  "
                 if len(line) > _WIDEST_VALUE:
-                    filled = wrap(line, PAGE_WIDTH, initial_indent=start, subsequent_indent=" " * len(start))
-                    yield Text("\n".join(filled))
+                    yield Text(
+                        "\n".join(wrap(line, PAGE_WIDTH, initial_indent=start, subsequent_indent=" " * len(start)))
+                    )
                 else:
-                    cells = (f"{start}{line:<{_WIDEST_VALUE}}  ", (meaning, "dim"))
-                    yield Text.assemble(*cells, no_wrap=True, overflow="ellipsis")
+                    shown = f"{start}{line:<{_WIDEST_VALUE}}  "
+                    yield Text.assemble(shown, (meaning, "dim"), no_wrap=True, overflow="ellipsis")
 
 
 def _text(

@@ -167,8 +167,10 @@ def standoffs(
     velocity = np.gradient(places, times, axis=0) if T > 1 else np.zeros_like(places)
     count = min(T, most, max(2, 4_000_000 // V**2))
     rows = np.unique(np.linspace(0, T - 1, count).astype(np.int64))
-    each = [_constraints(system, safety, least, times[k], places[k], velocity[k]).assign(time=times[k]) for k in rows]
-    c = pd.concat(each, ignore_index=True)
+    c = pd.concat(
+        [_constraints(system, safety, least, times[k], places[k], velocity[k]).assign(time=times[k]) for k in rows],
+        ignore_index=True,
+    )
     gamma, room = safety.rate, c.away**2 - c.keep**2
     misfit = (c.closing > gamma * room / (2.0 * c.away) + _ROUNDING) & (c.away >= c.least - _ROUNDING)
     if not misfit.any():
@@ -281,8 +283,7 @@ def too_close_in(system: System, run: "xr.Dataset") -> dict[tuple[str, ...], Too
     safety, what = system.separation(np.zeros(len(system.planar))), "body_position"
     what = what if f"agent_{what}" in run else "position"
     places = np.concatenate([run[f"{kind}_{what}"].values for kind in ("agent", "target")], axis=1)
-    heights = [[0.0, 0.0, member.height] for member in system.team.members]
-    places = np.where(np.isnan(places), heights, places)
+    places = np.where(np.isnan(places), [[0.0, 0.0, member.height] for member in system.team.members], places)
     names = [member.id for member in system.team.members] + (system.safety.obstacle_ids if system.safety else [])
     return {tuple(one.pair): one for one in find_too_close(safety, names, run["time"].values, places)}
 

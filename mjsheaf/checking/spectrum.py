@@ -31,17 +31,13 @@ from mjsheaf.sheaf.sections import (
     sparser_rows,
 )
 from mjsheaf.team import Team
-from mjsheaf.team.team import NullMode, describe, describe_nearly, null_mode_of, null_modes
+from mjsheaf.team.team import describe, describe_nearly, null_mode_of, null_modes
 
 DENSE_STATES = 600
 """Largest component of H whose eigenvalues are found densely."""
 
 EIGENVALUE_TOLERANCE = 1e-8
 """Relative accuracy of the eigenvalues of larger components."""
-
-# Eigenvalues of H itself are good to about 1e-14 of the largest: to 1e-8 above the first of these ratios to it. Below
-# the second, errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones.
-_SQUARED_IS_ACCURATE, _SQUARED_IS_POOR = 1e-6, 1e-10
 
 
 @dataclass(frozen=True)
@@ -115,8 +111,9 @@ def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
     """Smallest eigenvalue of H = D^T D; exactly 0 where the null space of delta is not trivial."""
     if D.shape[1] <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
-        # Then delta is injective, unless inner products span 12 decades.
-        if values[0] > _SQUARED_IS_ACCURATE * values[-1]:
+        # Eigenvalues of H are good to about 1e-14 of the largest: these to 1e-8. And delta is then injective, unless
+        # inner products span 12 decades.
+        if values[0] > 1e-6 * values[-1]:
             return float(values[0])
     null = sparse_null_space(delta)
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
@@ -149,13 +146,15 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
     n, r = known.shape
     if n <= DENSE_STATES:
         values, candidates = linalg.eigh(gram.toarray(), subset_by_index=(0, r + count - 1))
-        if values[r] < _SQUARED_IS_POOR * gram.diagonal().sum():
+        # Below, errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones.
+        if values[r] < 1e-10 * gram.diagonal().sum():
             R = np.linalg.qr(D.toarray(), mode="r") if D.shape[0] > n else D.toarray()
             candidates = linalg.svd(R)[2][: -(r + count) - 1 : -1].T
     else:
         # The Gershgorin bound serves as scale; the shift keeps the factorisation regular, far below what matters.
-        factor = shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max()))
-        candidates = smallest_eigenvectors(factor, known, count, EIGENVALUE_TOLERANCE)
+        candidates = smallest_eigenvectors(
+            shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max())), known, count, EIGENVALUE_TOLERANCE
+        )
     if r:
         # Eigenvectors of H mix its null space with what is close to it; the null space itself was found on D, exactly.
         candidates = np.linalg.svd(candidates - known @ (known.T @ candidates), full_matrices=False)[0][:, :count]
@@ -200,7 +199,16 @@ class RelativeCohomology(Record):
 def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
     """Explain the relative cohomology of a team, whose spectrum may be known already."""
     spectrum = spectrum or spectrum_of(team)
-    basis = [FreeDirection(description=describe(team, mode), motion=_motion(team, mode)) for mode in null_modes(team)]
+    basis = [
+        FreeDirection(
+            description=describe(team, mode),
+            motion={
+                team.agents[a].id: step[: team.agents[a].dimension].tolist()
+                for a, step in zip(mode.agents, mode.steps.round(9), strict=True)
+            },
+        )
+        for mode in null_modes(team)
+    ]
     near = spectrum.smallest[:MOST_NEARLY] <= NEARLY * spectrum.lambda_max
     return RelativeCohomology(
         dimension=len(basis),
@@ -219,11 +227,6 @@ def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
         else f"singular values of each connected component, dense up to {DENSE_COLUMNS} states and by shift-invert "
         "Lanczos beyond",
     )
-
-
-def _motion(team: Team, mode: NullMode) -> dict[str, list[float]]:
-    moving = zip([team.agents[a] for a in mode.agents], mode.steps.round(9), strict=True)
-    return {agent.id: step[: agent.dimension].tolist() for agent, step in moving}
 
 
 # -- H that is not symmetric ------------------------------------------------------------------------------------------

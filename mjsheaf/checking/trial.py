@@ -135,8 +135,14 @@ def try_mission(
 
 def _refused(error: Exception) -> TrialRecord:
     """Return the record of a trial that an error ends."""
-    problem = TrialProblem(kind="refused", text=f"the run is refused: {error}")
-    return TrialRecord(ok=False, seconds=0.0, complete=False, tracking_error=None, ending=None, problems=[problem])
+    return TrialRecord(
+        ok=False,
+        seconds=0.0,
+        complete=False,
+        tracking_error=None,
+        ending=None,
+        problems=[TrialProblem(kind="refused", text=f"the run is refused: {error}")],
+    )
 
 
 class _Run(NamedTuple):
@@ -237,12 +243,23 @@ def _problems(
     if not stuck and not growing:
         yield from _without_headway(system, last)
     yield from _circling(system, last)
-    yield from _carried_targets(phases[0].system, data)
-    yield from _fallen(system, last)
+    whole = phases[0].system
+    if whole.waiting is not None:
+        N = len(team.agents)
+        places = np.nan_to_num(data["target_position"].values[-1])
+        away = np.where(whole.waiting.holds[N:], np.linalg.norm(places - whole.waiting.position[N:], axis=1), 0.0)
+        words = "fixed, and carried off: {name} is {number:.3g} m from its place, which its vehicle cannot hold"
+        yield from _failing("target", team.target_ids, away > _FAR_BY, away, end, words)
+    height = system.bodies.surface_height
+    heights = np.nan_to_num(last["agent_height"].values[-1], nan=height)
+    flying = np.array([agent.dimension == 3 for agent in system.team.agents])
+    flying &= (system.initial[: len(flying), 2] > height) & (system.bodies.surface != "none")
+    fallen = np.where(flying, height - heights, 0.0)
+    words = "below the surface at t = {time:.6g} s: {name} by {number:.3g} m"
+    yield from _failing("fallen", system.team.agent_ids, fallen > _FAR_BY, fallen, end, words)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
-        checks = check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]
-        for check in checks:
+        for check in check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]:
             if not check["met"] and check["measure"] != "refused":
                 value = "none" if check["found"] is None else f"{check['found']:.4g} m"
                 text = f"expect.physics.{check['measure']} is {value} at t = {end:.6g} s, bound {check['bound']:g} m"
@@ -268,8 +285,13 @@ def _failing(
         others = {key: values[worst] for key, values in numbers.items()}
         number = float(severity[worst])
         told = words.format(name=ids[worst], number=number, time=time, **others)
-        text = f"{_are(ids[worst], int(failed.sum()) - 1)} {told}"
-        yield TrialProblem(kind=kind, text=text, agent=ids[worst], time=time, number=number)
+        yield TrialProblem(
+            kind=kind,
+            text=f"{_are(ids[worst], int(failed.sum()) - 1)} {told}",
+            agent=ids[worst],
+            time=time,
+            number=number,
+        )
 
 
 def _diverging(
@@ -322,8 +344,9 @@ def _diverging(
     if failed.any() and at_limit[np.where(failed, fourth, -np.inf).argmax()]:
         kind = "saturated"
         words += ", at a limit of its vehicle or its speed for {limited:.0f} % of the second half"
-    end = float(time[-1])
-    yield from _failing(kind, system.team.agent_ids, failed, fourth, end, words, middle=middle, limited=100.0 * limited)
+    yield from _failing(
+        kind, system.team.agent_ids, failed, fourth, float(time[-1]), words, middle=middle, limited=100.0 * limited
+    )
 
 
 def _without_headway(
@@ -371,8 +394,9 @@ def _without_headway(
         "off to the end at t = {time:.6g} s"
     )
     end = float(last["time"][-1])
-    ids = system.team.agent_ids
-    yield from _failing("stuck", ids, failed, fourth, end, words, commanded=commanded, towards=towards)
+    yield from _failing(
+        "stuck", system.team.agent_ids, failed, fourth, end, words, commanded=commanded, towards=towards
+    )
 
 
 def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
@@ -387,28 +411,6 @@ def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
     words = "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and nothing "
     words += "drives it"
     yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(last["time"][-1]), words)
-
-
-def _fallen(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield the aircraft that are below the surface at the end of the last phase, and began above it."""
-    height = system.bodies.surface_height
-    heights = np.nan_to_num(last["agent_height"].values[-1], nan=height)
-    flying = np.array([agent.dimension == 3 for agent in system.team.agents])
-    flying &= system.initial[: len(flying), 2] > height
-    fallen = np.where(flying & (system.bodies.surface != "none"), height - heights, 0.0)
-    words = "below the surface at t = {time:.6g} s: {name} by {number:.3g} m"
-    yield from _failing("fallen", system.team.agent_ids, fallen > _FAR_BY, fallen, float(last["time"][-1]), words)
-
-
-def _carried_targets(system: System, data: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield the fixed targets that are carried from their places."""
-    N = len(system.team.agents)
-    if system.waiting is None or not system.waiting.holds[N:].any():
-        return
-    places = np.nan_to_num(data["target_position"].values[-1])
-    away = np.where(system.waiting.holds[N:], np.linalg.norm(places - system.waiting.position[N:], axis=1), 0.0)
-    words = "fixed, and carried off: {name} is {number:.3g} m from its place, which its vehicle cannot hold"
-    yield from _failing("target", system.team.target_ids, away > _FAR_BY, away, float(data["time"][-1]), words)
 
 
 def _far_off(

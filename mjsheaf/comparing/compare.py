@@ -160,8 +160,14 @@ def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Progres
     if law is None:
         return converge(phases[0].system.remaining, progress)
     grid = phases[0].system.grid
-    why = f"the law is {law.label}, and the theory covers only the paper's law"
-    return ConvergenceRecord(points=[], start_s=grid.start, end_s=grid.start, slope=None, constant=None, reason=why)
+    return ConvergenceRecord(
+        points=[],
+        start_s=grid.start,
+        end_s=grid.start,
+        slope=None,
+        constant=None,
+        reason=f"the law is {law.label}, and the theory covers only the paper's law",
+    )
 
 
 # -- the directory of a comparison -------------------------------------------------------------------------------------
@@ -234,8 +240,13 @@ def add_video(published: Published, quality: str | None = None, progress: Progre
     path = directory / "compare.mp4"
     ideal, physics = (published.comparison.runs[key].dataset for key in ("ideal", "all"))
     options = half_options(scenario, quality)
-    films = partial(both_films, scenario, ideal, physics, options)
-    _, reason = draw_video(films, path, options, progress, f"{directory} is complete except for its video")
+    _, reason = draw_video(
+        partial(both_films, scenario, ideal, physics, options),
+        path,
+        options,
+        progress,
+        f"{directory} is complete except for its video",
+    )
     if not reason:
         record = published.comparison.record.model_copy(update={"video": path.name})
         save_summary(record.model_dump(mode="json"), directory / "compare.json")
@@ -268,5 +279,13 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     law = f" --controller {controller}" if controller else ""
     again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
     notes = comparison.record.verdict
-    twin = Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)
-    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ghosts=[twin], again=again)
+    return page_of(
+        scenario,
+        phases,
+        physics,
+        summary,
+        bounds,
+        notes=notes,
+        ghosts=[Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)],
+        again=again,
+    )

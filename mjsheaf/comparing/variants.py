@@ -40,7 +40,6 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.law.edges import LinkArrays
-from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.results import metrics
@@ -67,9 +66,6 @@ TEAM = "team"
 
 Series = dict[str, dict[str, Array]]
 """Errors over time by scope, then by field of ErrorsRecord, shape (T,), m; NaN where undefined."""
-
-
-_MEASURED = ("tracking_error", "formation_error", "centering_error")
 
 
 class ErrorsRecord(FiniteRecord):
@@ -107,12 +103,6 @@ class SaturationRecord(FiniteRecord):
     role: Role
     vehicle: str = Field(description="empty: all agents")
     share: float = Field(description="fraction of time and thrusters at a limit, 0 to 1")
-
-
-def series_of(system: System, dataset: xr.Dataset) -> Series:
-    """Read the errors of a run over time: the team's first, then its groups'."""
-    team, groups = metrics.series_of(system.team, dataset, 0)
-    return {scope: {name: own[name] for name in _MEASURED} for scope, own in {TEAM: team, **groups}.items()}
 
 
 def series_at_q_star(phases: Sequence[Phase], dataset: xr.Dataset) -> Series:
@@ -196,11 +186,6 @@ def formation_size(system: System) -> float:
     return float(np.sqrt(np.mean(asked))) if asked else float("nan")
 
 
-def middle_of(system: System) -> float:
-    """Return the time at which the second half of the requested run begins, s."""
-    return system.grid.start + 0.5 * system.grid.period * system.grid.steps
-
-
 def root_mean_square(values: Array, chosen: BoolArray) -> float:
     """Compute the RMS of the chosen samples, ignoring NaN; NaN if there are none."""
     known = values[chosen][~np.isnan(values[chosen])]
@@ -214,8 +199,7 @@ def distances(one: xr.Dataset, other: xr.Dataset) -> Array:
     """
     samples = min(one.sizes["time"], other.sizes["time"])
     apart = one["agent_position"].values[:samples] - other["agent_position"].values[:samples]
-    distance = np.linalg.norm(np.nan_to_num(apart), axis=2)
-    return np.where(present_in(one)[:samples], distance, 0.0)
+    return np.where(present_in(one)[:samples], np.linalg.norm(np.nan_to_num(apart), axis=2), 0.0)
 
 
 def largest_distance(one: xr.Dataset, other: xr.Dataset, start: float) -> DistanceRecord | None:
@@ -254,8 +238,13 @@ def saturation_of(system: System, dataset: xr.Dataset, roles: Sequence[Role]) ->
     N = len(count)
     total = np.where(present, dataset["agent_saturation"].values, 0.0).sum(axis=0)
     share = np.append(total / np.maximum(count, 1), dataset["target_saturation"].values.mean(axis=0))
-    weights = count * [len(vehicle.thrusters) for vehicle in system.vehicles[:N]]
-    found = [SaturationRecord(role="agents", vehicle="", share=np.average(share[:N], weights=weights))]
+    found = [
+        SaturationRecord(
+            role="agents",
+            vehicle="",
+            share=np.average(share[:N], weights=count * [len(vehicle.thrusters) for vehicle in system.vehicles[:N]]),
+        )
+    ]
     for (role, name), members in vehicles_by_role(system).items():
         there = [v for v in members if v >= N or count[v]]
         if there and role in roles:
@@ -411,12 +400,14 @@ class Setup:
     def apply(self, system: System) -> System:
         """Return the system with these bodies."""
         effects = system.bodies.effects.model_copy(update={name: name in self.effects for name in _OF_VEHICLES})
-        bodies = replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects)
-        bodies = replace(bodies, engine="mujoco") if self.mujoco else bodies
-        changed = replace(system, bodies=bodies)
+        engine = "mujoco" if self.mujoco else system.bodies.engine
+        changed = replace(
+            system, bodies=replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects, engine=engine)
+        )
         changed = changed if self.terms else without_terms(changed)
         changed = changed if self.links else without_links(changed)
-        return changed if self.limited else _without_limits(changed)
+        unlimited = np.where(system.law.limit > 0.0, np.inf, 0.0)  # absent agents are still commanded to rest
+        return replace(changed, law=changed.law._replace(limit=system.law.limit if self.limited else unlimited))
 
 
 @dataclass(frozen=True)
@@ -478,18 +469,20 @@ class Run:
     def limits(self) -> Array:
         """Velocity limit of each agent at each sample, 0 if it is absent, shape (T, N), m/s."""
         agents = self.dataset.sizes["agent"]
-        limits = np.array([phase.system.law.limit[:agents] for phase in self.phases])
-        return np.asarray(limits[self.dataset["phase"].values])
+        return np.asarray(
+            np.array([phase.system.law.limit[:agents] for phase in self.phases])[self.dataset["phase"].values]
+        )
 
     @cached_property
     def series(self) -> Series:
-        """Errors over time."""
-        return series_of(self.system, self.dataset)
+        """Errors over time: the team's first, then its groups'."""
+        team, groups = metrics.series_of(self.system.team, self.dataset, 0)
+        names = (TRACKING, FORMATION, "centering_error")
+        return {scope: {name: own[name] for name in names} for scope, own in {TEAM: team, **groups}.items()}
 
     def completes(self, number: int | None = None) -> bool:
         """Return True if the run reached the end of a phase, or its own."""
-        reached = number is not None and self.dataset.sizes["time"] >= span_of(self.phases, number).end
-        return self.finished or reached
+        return self.finished or (number is not None and self.dataset.sizes["time"] >= span_of(self.phases, number).end)
 
     def errors(self, number: int | None = None) -> dict[str, ScopeRecord]:
         """Measure the errors over a phase, or the whole run, by scope; they are null if the run did not complete it."""
@@ -502,6 +495,7 @@ class Run:
             ideal: Run of ideal kinematics, the reference for distances.
         """
         system, variant = self.system, self.variant
+        middle = system.grid.start + 0.5 * system.grid.period * system.grid.steps
         bodies = [role for role in ROLES if getattr(variant.setup, role)]
         ending = self.ending()
         settles = None
@@ -509,8 +503,9 @@ class Run:
             number = self.dataset["phase"].values
             last = slice(int(np.searchsorted(number, number[-1])), None)
             team = {name: values[last] for name, values in self.series[TEAM].items()}
-            error = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
-            settles = settling_time(self.time[last], error)
+            settles = settling_time(
+                self.time[last], team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
+            )
         return RungRecord(
             key=variant.key,
             label=variant.label,
@@ -523,7 +518,7 @@ class Run:
             ending=ending,
             settling_time_s=settles,
             distance=largest_distance(self.dataset, ideal.dataset, system.grid.start),
-            distance_late=largest_distance(self.dataset, ideal.dataset, middle_of(system)),
+            distance_late=largest_distance(self.dataset, ideal.dataset, middle),
             saturation=saturation_of(system, self.dataset, bodies),
         )
 
@@ -549,11 +544,6 @@ def without_terms(system: System) -> System:
 def without_links(system: System) -> System:
     """Return the system over perfect links."""
     return replace(system, law=system.law._replace(links=LinkArrays()))
-
-
-def _without_limits(system: System) -> System:
-    """Return the system without velocity limits; absent agents are still commanded to rest."""
-    return replace(system, law=system.law._replace(limit=np.where(system.law.limit > 0.0, np.inf, 0.0)))
 
 
 def has_limits(phases: Sequence[Phase]) -> bool:
@@ -675,7 +665,9 @@ def run_ablation(
         controlling = law if setup.terms else None
         dataset, asked = _simulate(here, setup, record, controlling, seed)
         if dataset.attrs["status"] == "unstable" and setup not in whole and (setup.agents or setup.targets):
-            here = changed_systems(here, _with_finer_timestep)
+            here = changed_systems(
+                here, lambda s: replace(s, bodies=replace(s.bodies, timestep=s.bodies.timestep / 10))
+            )
             dataset, asked = _simulate(here, setup, record, controlling, seed)
         return here, dataset, asked
 
@@ -685,11 +677,6 @@ def run_ablation(
         runs[variant.key] = Run(variant, *record(variant.setup))
     progress("simulating variants", len(ladder), len(ladder))
     return runs
-
-
-def _with_finer_timestep(system: System) -> System:
-    """Return the system with a tenth of its timestep."""
-    return replace(system, bodies=replace(system.bodies, timestep=system.bodies.timestep / 10))
 
 
 def _simulate(
@@ -714,8 +701,10 @@ def _simulate(
         pieces = list(engine.record(phases[0].system.grid.steps + 1, targets))
         dataset = dataset_of(pieces, phases, backend, seed, engine.controller)
     if source is not None and source.attrs["status"] == "unstable" and dataset.attrs["status"] == "finished":
-        why = f"the run that provides its targets ended: {source.attrs['message']}"
-        dataset.attrs |= {"status": "unstable", "message": why}
+        dataset.attrs |= {
+            "status": "unstable",
+            "message": f"the run that provides its targets ended: {source.attrs['message']}",
+        }
     return dataset, np.linalg.norm(np.concatenate([piece.log.command for piece in pieces]), axis=2)
 
 
@@ -723,7 +712,6 @@ def _simulate(
 
 
 _COUNT, _RATIO = 4, 2.0
-_SHARE_OF_OWN, _SHARE_OF_LAW = 0.5, 0.25
 _STEPS_PER_TAU = 10
 
 
@@ -757,6 +745,8 @@ def converge(
     span: float = 6.0,  # s; runs at short steps cost
     catch_up: float = 10.0,  # time constants over which bodies catch up with the flow
     shortest: float = 1e-5,  # s
+    of_own: float = 0.5,  # of a vehicle's time constant
+    of_law: float = 0.25,  # of the law's
 ) -> ConvergenceRecord:
     """Run bodies with inertia as their only effect, at time constants halved from one to the next.
 
@@ -769,10 +759,10 @@ def converge(
     """
     system = _with_inertia(replace(system, initial=positions_at_q_star(system, system.initial[None])[0]), None)
     grid = system.grid
-    largest = _SHARE_OF_OWN * min(float(inertial_tau(v).min()) for v in system.vehicles)
+    largest = of_own * min(float(inertial_tau(v).min()) for v in system.vehicles)
     fastest = system.gain * system.largest_eigenvalue
     if fastest > 0.0:
-        largest = min(largest, _SHARE_OF_LAW / fastest)
+        largest = min(largest, of_law / fastest)
     start = grid.start + catch_up * largest
     steps = min(grid.steps, int(np.ceil((catch_up * largest + span) / grid.period)))
     end = grid.start + steps * grid.period
@@ -787,22 +777,16 @@ def converge(
     points = []
     for k, tau in enumerate(taus):
         progress("converging", k, _COUNT)
-        points.append(_measure(system, ideal, tau, start))
+        timestep = grid.period / np.ceil(grid.period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
+        here = _with_inertia(system, tau)
+        run = engine_of(replace(here, bodies=replace(here.bodies, timestep=float(timestep)))).run()
+        distance = None
+        if run.status == "finished":
+            apart = (run.positions - ideal.positions)[run.time >= start - 1e-9, : len(system.team.agents)]
+            distance = float(np.linalg.norm(apart, axis=2).max())
+        points.append(PointRecord(tau_s=tau, timestep_s=timestep, distance_m=distance))
     progress("converging", _COUNT, _COUNT)
     return _record(start, end, points)
-
-
-def _measure(system: System, ideal: Trajectory, tau: float, start: float) -> PointRecord:
-    """Measure the distance of bodies with one time constant, s, to the ideal run from a time on, s."""
-    period = system.grid.period
-    timestep = period / np.ceil(period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
-    here = _with_inertia(system, tau)
-    run = engine_of(replace(here, bodies=replace(here.bodies, timestep=float(timestep)))).run()
-    distance = None
-    if run.status == "finished":
-        apart = (run.positions - ideal.positions)[run.time >= start - 1e-9, : len(system.team.agents)]
-        distance = float(np.linalg.norm(apart, axis=2).max())
-    return PointRecord(tau_s=tau, timestep_s=timestep, distance_m=distance)
 
 
 def _record(start: float, end: float, points: list[PointRecord], reason: str = "") -> ConvergenceRecord:

@@ -42,9 +42,6 @@ from mjsheaf.section import Record
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import hold_station, is_one_sided, turning_of
 
-PointKey = tuple[int, bytes]
-"""Number of a vehicle; medium and heading in which it holds its place: equal for those that share a linear vehicle."""
-
 
 def period_of_law(system: System) -> float:
     """Return the time between evaluations of the law, s: a physics step where it is continuous.
@@ -84,7 +81,8 @@ def linear_vehicles(
     if not np.isfinite(medium).all():
         raise UndecidedError("the mean flow along q* is not known")
     names = [system.team.members[v].id for v in numbers]
-    points = dict[PointKey, HeldPoint]()
+    # By number of the vehicle, and medium and heading in which it holds its place.
+    points = dict[tuple[int, bytes], HeldPoint]()
     keys = []
     for v, name, met in zip(numbers, names, medium, strict=True):
         speed = float(np.linalg.norm(met))
@@ -236,20 +234,6 @@ def mean_medium(
     return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
 
 
-def medium_about_targets(system: System, path: TargetPath) -> Array:
-    """Return the mean velocity of the medium relative to each target's path, shape (M, 3), m/s.
-
-    If the path is unknown or diverges, it is that where the target begins.
-    """
-    N = len(system.team.agents)
-    bounded = path.cells is not None and targets_loop(system).stable
-    positions = path.positions[:, N:] if bounded else system.initial[None, N:]
-    medium = -(positions[-1] - positions[0]) / float(path.time[-1] - path.time[0])
-    for k in range(len(medium)):
-        medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
-    return medium
-
-
 # -- the loop ----------------------------------------------------------------------------------------------------------
 
 
@@ -260,9 +244,6 @@ NEUTRAL_RATE = 1e-5
 """1/s: rates below it are the rounding of neutral directions."""
 
 _SHOWN = 0.2  # part of a displacement that a mode must carry for its damping to count
-MODE_AT_REST = 1e-6
-"""m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it."""
-
 
 Obstacle = Literal["", "overpowered", "no model"]
 """What keeps a vehicle from having a loop: see `BodyLoop`."""
@@ -379,13 +360,18 @@ class Block(NamedTuple):
         for chosen in self.sets:
             yield np.arange(M.shape[-1])[chosen], M[..., chosen, :][..., chosen]
 
-    def modes(self, gain: float) -> Iterator[Modes]:
+    def modes(
+        self,
+        gain: float,
+        *,
+        least: float = 1e-6,  # m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it
+    ) -> Iterator[Modes]:
         """Find all modes, or those at the sampled eigenvalues."""
         for chosen, M in self.matrices(gain):
             factors, vectors = np.linalg.eig(M)
             held = chosen[chosen < len(self.plant.C)]
             z = vectors[..., : len(held), :]
-            moves = np.linalg.norm(z, axis=-2) > MODE_AT_REST * np.linalg.norm(vectors, axis=-2)
+            moves = np.linalg.norm(z, axis=-2) > least * np.linalg.norm(vectors, axis=-2)
             rows = np.linalg.pinv(vectors)[..., : len(held)]
             shown = np.linalg.norm(z, axis=-2) * np.linalg.norm(rows, axis=-1)
             agent = self.agent[:, None]
@@ -393,8 +379,9 @@ class Block(NamedTuple):
                 agent = np.where(moves, self.owner[np.abs(self.places[:, held] @ z).argmax(axis=-2)], -1)
             agent = np.broadcast_to(agent, factors.shape)
             sure = (agent >= 0) | bool(len(self.owner))
-            factor = factors.ravel().astype(np.complex128)
-            yield Modes(factor, agent.ravel(), moves.ravel(), shown.ravel(), sure.ravel())
+            yield Modes(
+                factors.ravel().astype(np.complex128), agent.ravel(), moves.ravel(), shown.ravel(), sure.ravel()
+            )
 
     def growth(self, gain: float) -> float:
         """Return the growth over a period of the fastest growing mode."""
@@ -502,8 +489,9 @@ def body_loop(
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         unsolved = isinstance(error, np.linalg.LinAlgError)  # a matrix that is not finite
         reason = lost or (f"the loop cannot be solved: {error}" if unsolved else str(error))
-        obstacle = _OBSTACLES.get(type(error), "")
-        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=reason, obstacle=obstacle)
+        return BodyLoop(
+            **dict.fromkeys(_OF_LOOP), period=period, reason=reason, obstacle=_OBSTACLES.get(type(error), "")
+        )
     stable = loop.is_stable(modes)
     if lost:
         return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost, stable_over_exact_links=stable)
@@ -525,8 +513,13 @@ def loop_in_run(system: System, data: xr.Dataset, *, gain: bool = True, least_da
     """The loop in the mean flow along q* in the data of a run under a system."""
     time = data["time"].values
     path = np.nan_to_num(data["harmonic_extension"].values).reshape(len(time), -1)
-    medium = mean_medium(system, time, path[:, system.team.slots[: system.team.first_state[-1]]])
-    return body_loop(system, spectrum_of(system.team), medium, gain=gain, least_damping=least_damping)
+    return body_loop(
+        system,
+        spectrum_of(system.team),
+        mean_medium(system, time, path[:, system.team.slots[: system.team.first_state[-1]]]),
+        gain=gain,
+        least_damping=least_damping,
+    )
 
 
 def ending_of_run(
@@ -557,16 +550,6 @@ def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     return body_loop(system, certificate.spectrum, medium_on_path(system, certificate.constants.path))
 
 
-def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> tuple[Array, Array]:
-    """Return the matrix of the closed loop, on held positions, states and the law's memory, and the positions' basis.
-
-    Raises:
-        UndecidedError: It is too large.
-    """
-    block = _whole(system, spectrum, models)
-    return closed(block.plant, block.law(system.gain)), block.places
-
-
 def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> TeamLoop:
     """The loop of the team, apart by modes of H where that is exact.
 
@@ -576,13 +559,13 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
     kinds = list({id(model): model for model in models}.values())
     if len(kinds) > 1:
         try:
-            return TeamLoop([_whole(system, spectrum, models)], period)
+            return TeamLoop([whole_loop(system, spectrum, models)], period)
         except UndecidedError:
             if not are_alike(kinds, period):
                 raise
     plain = system.team.symmetric and not system.team.stressed
     parts = _parts(system, spectrum, kinds[0], period) if plain else []
-    return TeamLoop(parts or [_whole(system, spectrum, models)], period)
+    return TeamLoop(parts or [whole_loop(system, spectrum, models)], period)
 
 
 def _parts(
@@ -656,7 +639,7 @@ def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[A
     return values, np.append(np.full(len(values) - 1, -1), agents[np.abs(vector[:, 0]).argmax()])
 
 
-def _whole(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> Block:
+def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> Block:
     """The loop of a whole team of unlike vehicles, on what H holds.
 
     Raises:
@@ -698,8 +681,9 @@ def joined(
         found = law(gain)
         return found._replace(B=found.B @ Q, D=found.D @ Q)
 
-    acts = closed(plant, in_basis(1.0)) != 0.0
-    count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
+    count, which = connected_components(
+        sparse.csr_array(closed(plant, in_basis(1.0)) != 0.0), directed=True, connection="strong"
+    )
     sets = [np.flatnonzero(which == k) for k in range(count)]
     largest = max(map(len, sets))
     if largest > LARGEST_WHOLE:
@@ -713,23 +697,29 @@ def joined(
 # and all are closed through u = -S p: see `stiffness` for S.
 
 
-def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
-    """Return the loop with what the targets' vehicles make of it, along a path."""
-    moves = loop.rate > 0.0 and system.team.targets
-    return loop.model_copy(update={"bodies": _on_bodies(system, path)}) if moves else loop
-
-
 @one_thread
-def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
-    """Close the targets' law through their vehicles, in the mean flow along their path."""
+def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
+    """Return the loop with what the targets' vehicles make of it, in the mean flow along their path."""
+    if not (loop.rate > 0.0 and system.team.targets):
+        return loop
     S = stiffness(system).toarray()
     owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
     try:
-        numbers = range(len(system.team.agents), len(system.team.members))
-        models = linear_vehicles(system, numbers, medium_about_targets(system, path))
-        block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
-        loop = TeamLoop([block], period_of_law(system))
-        modes = loop.modes(1.0)
+        # The mean velocity of the medium relative to each target's path, shape (M, 3), m/s. If the path is unknown or
+        # diverges, it is that where the target begins.
+        N = len(system.team.agents)
+        bounded = path.cells is not None and targets_loop(system).stable
+        positions = path.positions[:, N:] if bounded else system.initial[None, N:]
+        medium = -(positions[-1] - positions[0]) / float(path.time[-1] - path.time[0])
+        for k in range(len(medium)):
+            medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
+        numbers = range(N, len(system.team.members))
+        models = linear_vehicles(system, numbers, medium)
+        team_loop = TeamLoop(
+            [joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)], period_of_law(system)
+        )
+        modes = team_loop.modes(1.0)
+        bodies = TargetsOnBodies(stable=team_loop.is_stable(modes), spectral_radius=modes.radius, reason="")
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
-    return TargetsOnBodies(stable=loop.is_stable(modes), spectral_radius=modes.radius, reason="")
+        bodies = TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
+    return loop.model_copy(update={"bodies": bodies})

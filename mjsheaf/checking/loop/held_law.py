@@ -21,7 +21,7 @@ to it, the bound holds, so there is none. From any bound, valid at all times of 
 same way: the bounds of the rounds fall, and each is valid.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,19 +34,15 @@ from mjsheaf.checking.loop.linear_law import model_of, require_model, terms_with
 from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.checking.spectrum import DENSE_STATES, agent_coboundary, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
-from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
+from mjsheaf.checking.theorem.constants import agent_slopes, flow_over_periods
 from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.loop.system import System
-from mjsheaf.media.varying import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record, per_agent
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_NOTHING = 1e-40  # of a response: all that follows is lost in rounding
-_BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are found at a time, and how often
-_TRIALS = 2.0 ** np.arange(1, 24)  # radii, over |e_0| and 1 mm, that are tried where a field is unbounded
 
 
 class Share(Record):
@@ -253,10 +249,7 @@ def _drive(
     if not np.isfinite(moving).all():
         raise UndecidedError("vehicles meet gusts, which are not bounded")
     total += float(np.linalg.norm(moving[:N]))
-    harmonics = system.harmonics[:N].copy()
-    harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * h / (2.0 * np.pi))  # the mean of a sine over a period
-    shaken = evaluate(harmonics, system.grid.span(0, K) + 0.5 * h)
-    F = agent_flow(system, middle) + shaken.reshape(K, -1)[:, team.slots[:n_q]]
+    F = flow_over_periods(system, middle, 0)
     observed = np.zeros_like(F)
     if terms.drift > 0.0:
         observed = _filtered(F, terms.drift)
@@ -361,23 +354,22 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
         raise UndecidedError("the loop is unstable")
     if not targets.stable:
         raise UndecidedError(targets.failure)
-    found = _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
-    return replace(found, clipped=_why_clipped(system, found))
+    return _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
 
 
-def _why_clipped(system: System, found: Envelope) -> str:
-    """Return why a run may leave the linear law that an envelope bounds; empty if it does not."""
+def _why_clipped(system: System, command: Array, integral: float) -> str:
+    """Return why a run may leave the linear law, from the bounds of an envelope; empty if it does not."""
     if system.safety is not None:
         return FILTERED
     agents = system.team.agents
     limit = system.law.limit[: len(agents)]
-    over = (found.command > limit).any(axis=0)
+    over = (command > limit).any(axis=0)
     if over.any():
         i = int(over.argmax())
-        most = f"{found.command[:, i].max():.3g} m/s"
+        most = f"{command[:, i].max():.3g} m/s"
         return f"the law may command {most} for {agents[i].id}, above its speed limit of {limit[i]:.3g} m/s"
-    integral = f"the integral may reach its limit: it may need {found.integral:.3g} m/s"
-    return integral if found.integral > system.law.terms.largest else ""
+    more = integral > system.law.terms.largest
+    return f"the integral may reach its limit: it may need {integral:.3g} m/s" if more else ""
 
 
 def _bounded(
@@ -388,6 +380,7 @@ def _bounded(
     *,
     worth: float = 0.99,  # of the bound of the round before: more is not worth a round
     rounds: int = 12,
+    doublings: int = 24,  # of |e_0| or 1 mm, to radii that are tried where a field is unbounded
 ) -> Envelope:
     K, N, h, start = len(drive.left), len(system.team.agents), loop.period, certificate.constants.initial_error
     decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)
@@ -418,7 +411,7 @@ def _bounded(
     if np.isfinite(fastest):
         within = answer(np.full(K, np.sqrt(N) * fastest))[1]
     else:
-        for radius in _TRIALS * max(start, 1e-3):
+        for radius in max(start, 1e-3) * 2.0 ** np.arange(1, doublings):
             trial = np.full(K, radius)
             if (answer(flow(trial))[1] < radius).all():
                 within = trial
@@ -446,7 +439,7 @@ def _bounded(
         "flow within a period": change + drive.observed(change),
         "errors of the targets' path" + odometry: np.full(len(drive.left), drive.unsure),
     }
-    return Envelope(samples, within, command, integral, parts, "")
+    return Envelope(samples, within, command, integral, parts, _why_clipped(system, command, integral))
 
 
 def _driven(free: Array, response: Array, d: Array) -> Array:
@@ -479,7 +472,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
         found |= {
             "stable": loop.radius < 1.0,
             "spectral_radius": loop.radius,
-            "rate": -np.log(max(loop.radius, _NOTHING)) / h,
+            "rate": -np.log(max(loop.radius, 1e-40)) / h,  # what is less is rounding
             "stable_gains": loop.stable_gains,
             "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
         }
@@ -492,8 +485,10 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
         bound = envelope(system, certificate)
         late = slice(len(bound.within) // 2, None)
         found["unlimited"], found["reason"] = bound.late(), bound.clipped
-        shares = [Share(part=part, size=size[late].max()) for part, size in bound.left.items()]
-        found["left"] = sorted(shares, key=lambda share: -share.size)
+        found["left"] = sorted(
+            [Share(part=part, size=size[late].max()) for part, size in bound.left.items()],
+            key=lambda share: -share.size,
+        )
         if not bound.clipped:
             found["radius"], found["between"] = bound.late(), bound.within[late].max()
             found["largest"], found["command"] = bound.within.max(), bound.command[late].max()

@@ -34,6 +34,7 @@ x+ = A x + (E_s - A E_s) s and p+ = p + C x - C E_s s. Heave is left out. A boat
 waves, within minutes, by an effect of second order that the linear vehicle does not have: it is taken as turned.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -55,10 +56,10 @@ from mjsheaf.checking.loop.body_loop import (
 )
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
 from mjsheaf.checking.loop.linear_law import model_of, require_model, without_memory
-from mjsheaf.checking.loop.sampled_loop import driven
+from mjsheaf.checking.loop.sampled_loop import closed, driven
 from mjsheaf.checking.spectrum import Spectrum, matrix_of
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
-from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
+from mjsheaf.checking.theorem.constants import agent_flow, agent_motion, flow_over_periods
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.errors import InputError, UndecidedError, select_true
 from mjsheaf.law import LawArrays
@@ -66,7 +67,6 @@ from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.loop.system import System
 from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
 from mjsheaf.media.medium import of_kind
-from mjsheaf.media.varying import evaluate
 from mjsheaf.media.waves import Components
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.threads import one_thread
@@ -77,10 +77,6 @@ MAX_STATES = 400
 
 WIND_ON_TARGETS = "the drift of targets in the wind"
 """What a prediction leaves out where wind moves q*: then it foresees no error."""
-
-_GAUSS = 0.5 / np.sqrt(3.0)  # of a period, from its middle
-_SETTLING = 12.0  # times 1 / rate before the second half from which the loop is followed, if no speed is limited
-_LEAST_SPEED = 1e-300  # m/s
 
 
 class SteadyError(Record):
@@ -201,6 +197,8 @@ def _path_of(
     rate: float | None,
     *,
     most: int = 4_000_000,  # samples times states
+    decays: float = 12.0,  # times 1 / rate before the second half from which it is followed, if no speed is limited
+    gauss: float = 0.5 / math.sqrt(3.0),  # of a period, from its middle, where its mean is taken by Gauss and Legendre
 ) -> _Path:
     """Return the inputs of the loop along the targets' path.
 
@@ -230,31 +228,21 @@ def _path_of(
         raise UndecidedError("the run has too many samples")
     last = len(path.samples) - 1
     counted = last + 1 - (last + 1) // 2
-    decays = rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any()
-    settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and decays else last
-    first = max(0, last - counted - settling)
+    first = 0
+    if rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any():
+        first = max(0, last - counted - int(decays / (rate * system.grid.period)) - 1)
     q_star = Carrier(system).extend(path.samples[first:])
     if q_star.size > most:
         raise UndecidedError("the run is too long")
-    flow = _mean_flow(system, q_star, first, last)
+    middle = 0.5 * (q_star[1:] + q_star[:-1])
+    flow = flow_over_periods(system, middle, first)
+    times = system.grid.span(first, last) + 0.5 * system.grid.period
+    for instant in times - gauss * system.grid.period, times + gauss * system.grid.period:
+        flow += 0.5 * agent_motion(system, instant, middle)
     if not np.isfinite(flow).all():
         raise UndecidedError("q* leaves the file of the flow")
     start = system.initial.reshape(-1)[system.team.slots[: q_star.shape[1]]]
     return _Path(q_star[0] if first else start, q_star, flow, counted)
-
-
-def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
-    """Return the mean velocity of the medium at q* over each period between two samples of a run, (K, n_q), m/s."""
-    period = system.grid.period
-    times = system.grid.span(first, last) + 0.5 * period
-    harmonics = system.harmonics[: len(system.team.agents)].copy()
-    harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * period / (2.0 * np.pi))  # the mean of a sine over a period
-    shaken = evaluate(harmonics, times).reshape(last - first, -1)
-    middle = 0.5 * (q_star[1:] + q_star[:-1])
-    flow = agent_flow(system, middle) + shaken[:, system.team.slots[: q_star.shape[1]]]
-    for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
-        flow += 0.5 * agent_motion(system, instant, middle)
-    return flow
 
 
 def _follow(
@@ -315,11 +303,14 @@ def _follow(
         speed[k] = np.sqrt(np.bincount(agent, u**2))
         followed[k + 1] = loop.A @ followed[k] + push
         if (speed[k] > limit).any():
-            excess = np.maximum(1.0 - limit / np.maximum(speed[k], _LEAST_SPEED), 0.0)
+            excess = np.maximum(1.0 - limit / np.maximum(speed[k], 1e-300), 0.0)
             followed[k + 1, : len(moved)] -= moved @ (excess[agent] * u)
     error = (q_star - followed[:, :n])[-path.counted :]
-    places = followed[-path.counted :, :n] + path.q_star[0]
-    return float(np.sqrt((error**2).sum(axis=1).mean() / len(limit))), speed, places
+    return (
+        float(np.sqrt((error**2).sum(axis=1).mean() / len(limit))),
+        speed,
+        followed[-path.counted :, :n] + path.q_star[0],
+    )
 
 
 # -- gusts and waves ---------------------------------------------------------------------------------------------------
@@ -427,14 +418,24 @@ def predict_rms(
     if not any(flow.gusts is not None or flow.waves is not None for flow in system.flows):
         return DisturbanceRecord(rms=0.0, agents=dict.fromkeys(ids, 0.0), bodies=dict.fromkeys(ids, 0.0))
     bodies, bodies_reason = dict[str, float](), ""
-    known = {"carried_off": _carried_off(system, medium), "clipped": _clipped(system)}
+    clipped = dict[str, float]()
+    for id, field, place in zip(system.team.index, system.field, system.initial, strict=True):
+        gusts, height = system.flows[field].gusts, float(place[2]) - system.bodies.surface_height
+        if gusts is not None and isinstance(gusts.altitude, str) and gusts.altitude_of(height) != height:
+            clipped[id] = gusts.altitude_of(height)
+    known = {"carried_off": _carried_off(system, medium), "clipped": clipped}
     try:
         _require_known(system)
         _require_one_side(system)
         ideal = _rms(system, _ideal_loop(system, spectrum), np.zeros(len(system.team.targets)))
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        reasons = dict.fromkeys(("reason", "bodies_reason"), str(error))
-        return DisturbanceRecord(rms=None, agents=dict.fromkeys(ids), bodies={}, **known, **reasons)
+        return DisturbanceRecord(
+            rms=None,
+            agents=dict.fromkeys(ids),
+            bodies={},
+            **known,
+            **dict.fromkeys(("reason", "bodies_reason"), str(error)),
+        )
     try:
         tau = np.array([v.reduced_model().tau.max() for v in system.vehicles[len(ids) :]])
         bodies = dict(zip(ids, _rms(system, _body_loop(system, spectrum, medium), tau).tolist(), strict=True))
@@ -452,16 +453,6 @@ def predict_rms(
     return DisturbanceRecord(
         rms=rms, agents=agents, bodies=bodies, **known, leaves_out=select_true(left_out), bodies_reason=bodies_reason
     )
-
-
-def _clipped(system: System) -> dict[str, float]:
-    """Return the altitude of the gusts of each vehicle that begins outside the range of their model, m."""
-    found = {}
-    for id, field, place in zip(system.team.index, system.field, system.initial, strict=True):
-        gusts, height = system.flows[field].gusts, float(place[2]) - system.bodies.surface_height
-        if gusts is not None and isinstance(gusts.altitude, str) and gusts.altitude_of(height) != height:
-            found[id] = gusts.altitude_of(height)
-    return found
 
 
 def _carried_off(system: System, medium: Array) -> dict[str, float]:
@@ -559,7 +550,9 @@ def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
 
 def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: float) -> _Loop:
     """Close the law's loop around linear vehicles."""
-    M, Q = whole_loop(system, spectrum, agents)
+    block = whole_loop(system, spectrum, agents)
+    plant, Q = block.plant, block.places
+    M = closed(plant, block.law(system.gain))
     if len(M) > 2 * _MOST_STATES:
         raise UndecidedError(f"the loop has {len(M)} states; up to {2 * _MOST_STATES} are solved")
     velocities = []
@@ -573,12 +566,11 @@ def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: 
             tilt[:2, :2] = [[0.0, 1.0], [-1.0, 0.0]] if n == 2 else 0.0  # upright on a slope
         velocities.append(velocity)
         tilts.append(tilt)
-    A, C, E_v, E_s = (linalg.block_diag(*x) for x in ([a.A for a in agents], [a.C for a in agents], velocities, tilts))
+    E_v, E_s = linalg.block_diag(*velocities), linalg.block_diag(*tilts)
     n_q, m = Q.shape
-    begin, end = m, m + len(A)
     inputs = np.zeros((len(M), 3 * n_q))
-    inputs[:m] = Q.T @ np.hstack([h * np.eye(n_q) - C @ E_v, -h * np.eye(n_q), -C @ E_s])
-    inputs[begin:end] = np.hstack([E_v - A @ E_v, 0.0 * E_v, E_s - A @ E_s])
+    inputs[:m] = np.hstack([h * Q.T - plant.C @ E_v, -h * Q.T, -plant.C @ E_s])
+    inputs[m : m + len(E_v)] = np.hstack([E_v - plant.A @ E_v, 0.0 * E_v, E_s - plant.A @ E_s])
     shown = np.zeros((n_q, len(M)))
     shown[:, :m] = Q
     return _Loop(M, inputs, shown, h)
@@ -625,24 +617,30 @@ def _lines(system: System, period: float) -> Iterator[_Line]:
     agents = system.team.harmonic_extension(system.initial)
     places = np.concatenate([np.nan_to_num(agents), system.initial[len(agents) :]])
     for number, flow in enumerate(system.flows):
-        if flow.waves is not None:
-            yield from _of_waves(system, places, flow.waves.sampled(system.seed), number)
-    for gusts in of_kind(system.moving, GustArrays):
-        yield from _of_gusts(gusts, period)
+        if flow.waves is None:
+            continue
+        waves = flow.waves.sampled(system.seed)
+        along, up = _speeds(system, waves, number, places[:, 2])
+        steep = (waves.number * waves.amplitude)[:, None] * (system.planar & (system.field == number))
+        for j, (rate, unit) in enumerate(zip(waves.rate, waves.unit, strict=True)):
+            phase = np.exp(-1j * waves.number[j] * (places[:, :2] @ unit))
+            velocity = phase[:, None] * np.column_stack([along[j, :, None] * unit, 1j * up[j]])
+            slope = np.zeros_like(velocity)
+            slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
+            yield _Line(rate, 0.5, velocity[None], slope[None])
+    for gusts in of_kind(system.moving, GustArrays):  # of each vehicle's own
+        filters = [filter_of(row) for row in gusts.filters]
+        for angle, weight in _angles(filters):
+            velocity = np.zeros((len(filters), 3, len(gusts.met), 3), dtype=np.complex128)
+            for k, (v, f) in enumerate(zip(np.flatnonzero(gusts.met), filters, strict=True)):
+                velocity[k, :, v] = _amplitudes(f, angle)
+            yield _Line(angle / period, weight, velocity.reshape(-1, *velocity.shape[2:]))
     for frozen in of_kind(system.moving, FrozenArrays):
-        yield from _of_frozen(frozen, places, period)
-
-
-def _of_waves(system: System, places: Array, waves: Components, number: int) -> Iterator[_Line]:
-    """Yield each of the waves of a flow field, by its number; vehicles are at places (V, 3), m."""
-    along, up = _speeds(system, waves, number, places[:, 2])
-    steep = (waves.number * waves.amplitude)[:, None] * (system.planar & (system.field == number))
-    for j, (rate, unit) in enumerate(zip(waves.rate, waves.unit, strict=True)):
-        phase = np.exp(-1j * waves.number[j] * (places[:, :2] @ unit))
-        velocity = phase[:, None] * np.column_stack([along[j, :, None] * unit, 1j * up[j]])
-        slope = np.zeros_like(velocity)
-        slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
-        yield _Line(rate, 0.5, velocity[None], slope[None])
+        f = filter_of(frozen.filter)
+        distance = places[:, :2] @ [f.cosine, f.sine]
+        for angle, weight in _angles([f]):
+            phase = np.exp(-1j * angle / period * distance / place_of(frozen.place).speed) * (frozen.met > 0)
+            yield _Line(angle / period, weight, phase[:, None] * _amplitudes(f, angle)[:, None])
 
 
 def _below(system: System, height: Array) -> BoolArray:
@@ -689,22 +687,3 @@ def _amplitudes(gusts: Filter, angle: float) -> Array:
         found.append(abs(mixed * pole) ** 2 + abs(f.other * f.last * pole) ** 2)
     frame = np.array([[gusts.cosine, gusts.sine, 0.0], [-gusts.sine, gusts.cosine, 0.0], [0.0, 0.0, 1.0]])
     return np.sqrt(found)[:, None] * frame
-
-
-def _of_gusts(gusts: GustArrays, period: float) -> Iterator[_Line]:
-    """Yield the frequencies of gusts of each vehicle's own."""
-    filters = [filter_of(row) for row in gusts.filters]
-    for angle, weight in _angles(filters):
-        velocity = np.zeros((len(filters), 3, len(gusts.met), 3), dtype=np.complex128)
-        for k, (v, f) in enumerate(zip(np.flatnonzero(gusts.met), filters, strict=True)):
-            velocity[k, :, v] = _amplitudes(f, angle)
-        yield _Line(angle / period, weight, velocity.reshape(-1, *velocity.shape[2:]))
-
-
-def _of_frozen(frozen: FrozenArrays, places: Array, period: float) -> Iterator[_Line]:
-    """Yield the frequencies of a frozen field, which meets vehicles at places (V, 3), m."""
-    f = filter_of(frozen.filter)
-    along = places[:, :2] @ [f.cosine, f.sine]
-    for angle, weight in _angles([f]):
-        phase = np.exp(-1j * angle / period * along / place_of(frozen.place).speed) * (frozen.met > 0)
-        yield _Line(angle / period, weight, phase[:, None] * _amplitudes(f, angle)[:, None])

@@ -64,10 +64,11 @@ class RunBound:
     def departed(self) -> str:
         """That the run has other targets than were checked; or empty."""
         error = self.certificate.constants.path.error
-        departed = (
+        return (
             f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
+            if self.departure > error
+            else ""
         )
-        return departed if self.departure > error else ""
 
     @property
     def applies(self) -> bool:
@@ -117,7 +118,16 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: in
     system, dataset = _phase_of(run, dataset, which)
     certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
     initial_error = float(np.sqrt((dataset["tracking_error"][0].values ** 2).sum()))
-    farthest, departure = _departure(certificate, dataset)
+    # The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m.
+    path, departure, farthest, done = certificate.constants.path, 0.0, 0.0, 0
+    for piece in pieces_of(dataset, ["agent_position", "target_position"]):
+        agents, targets = piece["agent_position"].values, np.nan_to_num(piece["target_position"].values)
+        farthest = max(farthest, *(float(np.nanmax(np.abs(x), initial=0.0)) for x in (agents, targets)))
+        first = -done % path.stride
+        known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
+        apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
+        departure = max(departure, float(apart.max(initial=0.0)))
+        done += len(targets)
     bound = RunBound(
         certificate=certificate,
         bodies=bodies,
@@ -131,8 +141,7 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: in
     if bound.reason:
         return bound
     error, time = _measured(dataset)
-    share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
-    ratio, settled, worst = _largest(share, time)
+    ratio, settled, worst = _largest(np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf), time)
     return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
 
 
@@ -264,17 +273,3 @@ def _measured(dataset: "xr.Dataset") -> tuple[Array, Array]:
     """|e| at the samples of a run, m, and their times, s, shape (T,) each."""
     pieces = (piece["tracking_error"].values for piece in pieces_of(dataset, ["tracking_error"]))
     return np.concatenate([np.sqrt((values**2).sum(axis=1)) for values in pieces]), dataset["time"].values
-
-
-def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, float]:
-    """The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m."""
-    path, departure, farthest, done = certificate.constants.path, 0.0, 0.0, 0
-    for piece in pieces_of(dataset, ["agent_position", "target_position"]):
-        agents, targets = piece["agent_position"].values, np.nan_to_num(piece["target_position"].values)
-        farthest = max(farthest, *(float(np.nanmax(np.abs(x), initial=0.0)) for x in (agents, targets)))
-        first = -done % path.stride
-        known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
-        apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
-        departure = max(departure, float(apart.max(initial=0.0)))
-        done += len(targets)
-    return farthest, departure
