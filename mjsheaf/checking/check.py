@@ -13,7 +13,6 @@ import numpy as np
 
 from mjsheaf.arguments import require_number, require_scenario
 from mjsheaf.arrays import Array
-from mjsheaf.checking.fragility import fragility
 from mjsheaf.checking.loop.body_loop import loop_on_path, medium_on_path, with_bodies
 from mjsheaf.checking.loop.held_law import envelope, law_loop, loop_of
 from mjsheaf.checking.loop.links import link_answers
@@ -37,7 +36,7 @@ from mjsheaf.checking.record import (
 from mjsheaf.checking.repairs import describe_edges, plan_augmentation, rigidity_of, suggest_edges
 from mjsheaf.checking.report import screen
 from mjsheaf.checking.separation import safety_record
-from mjsheaf.checking.spectrum import held_eigenvalues
+from mjsheaf.checking.spectrum import fragility, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import (
     Certificate,
     Search,

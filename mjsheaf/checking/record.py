@@ -10,7 +10,6 @@ from typing import Any
 
 from pydantic import Field
 
-from mjsheaf.checking.fragility import Fragility
 from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.loop.linear_law import because_of
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS, LinkRecord
@@ -18,7 +17,7 @@ from mjsheaf.checking.loop.margins import Margins
 from mjsheaf.checking.loop.prediction import DisturbanceRecord, SteadyError
 from mjsheaf.checking.repairs import Augmentation, Rigidity
 from mjsheaf.checking.separation import MOSTLY, SafetyRecord
-from mjsheaf.checking.spectrum import RelativeCohomology
+from mjsheaf.checking.spectrum import Fragility, RelativeCohomology
 from mjsheaf.checking.theorem.certificate import Assumption
 from mjsheaf.checking.theorem.targets import TargetsLoop
 from mjsheaf.checking.trial import TrialRecord

@@ -15,10 +15,10 @@ from pydantic import BaseModel
 from rich.console import Group
 from rich.text import Text
 
-from mjsheaf.checking.fragility import Fragility
 from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS, DisturbanceRecord, SteadyError
 from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary, describe_tried, headline
 from mjsheaf.checking.separation import SafetyRecord
+from mjsheaf.checking.spectrum import Fragility
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.errors import joined, listed
 

@@ -6,7 +6,7 @@ team falls apart into one small matrix for each eigenvalue of H, whatever its si
 team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose responses to a command differ by
 2 % at most count as the same, and of others nothing is claimed.
 
-Measurements that are all some periods old are positions that vehicles show late (see `sampled_loop.delayed`). With
+Measurements that are all some periods old are positions that vehicles show late (see `held_law.delayed`). With
 delays of some edges alone, or losses, nothing is claimed.
 
 In large motions thrusters meet their limits. The loop leaves out how the flow changes along the way, and the targets;
@@ -25,9 +25,16 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay, loop_of
+from mjsheaf.checking.loop.held_law import (
+    ROUNDS_OF_FITTING_EDGES,
+    UNKNOWN_ROUNDS,
+    closed,
+    common_delay,
+    delayed,
+    ideal_vehicle,
+    loop_of,
+)
 from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
-from mjsheaf.checking.loop.sampled_loop import closed, delayed, ideal_vehicle
 from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion

@@ -22,9 +22,8 @@ from scipy.linalg import block_diag, schur
 from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gmres
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import common_delay, eigen_of, loop_of
+from mjsheaf.checking.loop.held_law import Loop, common_delay, eigen_of, largest_gain, loop_of, stationary
 from mjsheaf.checking.loop.linear_law import model_of, require_model
-from mjsheaf.checking.loop.sampled_loop import Loop, largest_gain, stationary
 from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues, spectrum_of
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import UndecidedError

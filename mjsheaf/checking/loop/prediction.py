@@ -54,9 +54,8 @@ from mjsheaf.checking.loop.body_loop import (
     period_of_law,
     whole_loop,
 )
-from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
+from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, closed, driven
 from mjsheaf.checking.loop.linear_law import model_of, require_model, without_memory
-from mjsheaf.checking.loop.sampled_loop import closed, driven
 from mjsheaf.checking.spectrum import Spectrum, matrix_of
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion, flow_over_periods
