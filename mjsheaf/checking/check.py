@@ -240,7 +240,6 @@ def _examine_one(
 
 
 def _theorem(search: Search, certificate: Certificate, radius: float) -> TheoremSummary:
-    rate = search.rate
     theorem = certificate.theorem
     spectrum = certificate.spectrum
     constants = certificate.constants
@@ -281,8 +280,8 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         rho=rho,
         rho_seen=slope.seen,
         rho_source=source,
-        lambda_V=theorem.rate or None if holds or rate is not None else None,
-        lambda_V_given=rate is not None,
+        lambda_V=theorem.rate or None if holds or search.rate is not None else None,
+        lambda_V_given=search.rate is not None,
         k_min=theorem.k_min,
         mu=theorem.mu,
         **(sets if holds else dict.fromkeys(sets)),
@@ -358,8 +357,11 @@ def propose(
             if first == len(laws):
                 continue
             fields = {name: getattr(terms[first], name) for name in ("feedforward", "newton", "drift", "integral")}
-            present = system.law.term_names
-            sections = {name: term and term.model_dump() for name, term in fields.items() if term or name in present}
+            sections = {
+                name: term and term.model_dump()
+                for name, term in fields.items()
+                if term or name in system.law.term_names
+            }
             found = law_loop(laws[first], certificate)
             assert found.unlimited is not None  # of a loop that is within a radius
             assert found.unlimited_per_agent is not None
@@ -471,10 +473,8 @@ def try_out(
     left = min(fixes, MAX_VEHICLE_STEPS // max(steps, 1))
     problems = []
     for problem in record.problems:
-        if problem.kind == "room" and not problem.changes:
-            changes = _limit_for_room(record, scenario)
-        else:
-            changes = _with_own_limits(problem.changes, scenario)
+        unfixed = problem.kind == "room" and not problem.changes
+        changes = _limit_for_room(record, scenario) if unfixed else _with_own_limits(problem.changes, scenario)
         if changes != problem.changes:
             problem = problem.model_copy(update={"fix": describe_changes(changes), "changes": changes})
         if left > 0 and (problem.changes or problem.additions):

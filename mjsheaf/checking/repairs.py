@@ -413,8 +413,7 @@ def plan_bracing(
     if chosen:
         added = rows[chosen].reshape(-1, len(positions))
         H = team.dirichlet.H.toarray()
-        values = np.linalg.eigvalsh((H + H.T) / 2.0 + added.T @ added)
-        rate = gain * float(values[motions.shape[1]])
+        rate = gain * float(np.linalg.eigvalsh((H + H.T) / 2.0 + added.T @ added)[motions.shape[1]])
     return Bracing(
         flexes=_describe_flexes(team, positions, flexes, motions),
         edges=[edges[k] for k in chosen],

@@ -274,10 +274,11 @@ def _error(steady: SteadyError, as_if: str) -> str:
 def _moved(found: DisturbanceRecord) -> str:
     """Return the error that gusts and waves leave, and which agents cannot hold station."""
     bodies = "not known" if found.rms_on_bodies is None else f"{found.rms_on_bodies:.3g} m"
-    if found.rms is None:
-        text = f"not known: {found.reason}"
-    else:
-        text = f"{found.rms:.3g} m on ideal kinematics, {bodies} on the vehicles (RMS over agents and time)"
+    text = (
+        f"not known: {found.reason}"
+        if found.rms is None
+        else f"{found.rms:.3g} m on ideal kinematics, {bodies} on the vehicles (RMS over agents and time)"
+    )
     if found.carried_off:
         excess = max(found.carried_off.values())
         who = listed(list(found.carried_off))

@@ -70,15 +70,8 @@ def spectrum_of(team: Team, count: int = 6) -> Spectrum:
     Beyond DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
     """
     known = _spectra.setdefault(team, {})
-    if count not in known:
-        known[count] = _spectrum(team, count)
-    return known[count]
-
-
-_spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # a study's runs may share their team
-
-
-def _spectrum(team: Team, count: int) -> Spectrum:
+    if count in known:
+        return known[count]
     problem = team.dirichlet
     if isinstance(problem, StationaryProblem):  # edges do not fit together: real parts where H is not symmetric
         nullity = problem.null_basis.shape[1]
@@ -90,7 +83,7 @@ def _spectrum(team: Team, count: int) -> Spectrum:
         nullity = null.shape[1]
         largest = largest_singular_value(D) ** 2
         smallest, vectors = _above_zero(D, null, count)
-    return Spectrum(
+    known[count] = Spectrum(
         lambda_min=0.0 if nullity or not smallest.size else float(smallest[0]),
         lambda_max=largest,
         sigma_max_B=largest_singular_value(problem.B),
@@ -98,6 +91,10 @@ def _spectrum(team: Team, count: int) -> Spectrum:
         smallest=smallest,
         vectors=vectors,
     )
+    return known[count]
+
+
+_spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # a study's runs may share their team
 
 
 def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
@@ -408,9 +405,8 @@ def _singles(team: Team) -> Iterator[Single]:
         lost = [edges[e] for e in numbers]
         apart = Counter(_ends(edge) for own, edge in lost if own == "communication")
         unseen = Counter(edge.head for own, edge in lost if own == "sensing")
-        disconnects = any(pair in bridges and count == links[pair] for pair, count in apart.items())
-        if agent is not None:
-            disconnects = name in cuts
+        cut = any(pair in bridges and count == links[pair] for pair, count in apart.items())
+        disconnects = cut if agent is None else name in cuts
         blinds = any(count == sensors[target] for target, count in unseen.items())
         breaks = select_true({CONNECTED: disconnects, SENSED: blinds})
         return Loss(kind=kind, name=name, breaks=tuple(breaks), lambda_min=None), numbers, agent

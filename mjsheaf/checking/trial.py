@@ -7,9 +7,10 @@ number of vehicle-steps alone.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
@@ -33,9 +34,6 @@ from mjsheaf.results.ending import (
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MAX_VEHICLE_STEPS = 100_000_000
 """Largest number of vehicles times physics steps of a trial; of a larger mission the beginning is tried."""
@@ -107,9 +105,8 @@ def try_mission(
     Raises:
         InputError: The scenario cannot be simulated for a reason that is not one of the theory's assumptions.
     """
-    contacts = scenario.whole.bodies.contacts
     try:
-        phases = prepare_run(scenario, "physics", "mujoco" if contacts else "fused")
+        phases = prepare_run(scenario, "physics", "mujoco" if scenario.whole.bodies.contacts else "fused")
     except (NotUniqueError, RankError) as error:
         return _refused(error)
     try:
@@ -155,7 +152,7 @@ class _Run(NamedTuple):
         closest: Pairs that are too close at some sample, each when it is closest.
     """
 
-    data: "xr.Dataset"
+    data: xr.Dataset
     complete: bool
     initial: Mapping[tuple[str, ...], TooClose]
     closest: Mapping[tuple[str, ...], TooClose]
@@ -296,7 +293,7 @@ def _failing(
 
 def _diverging(
     system: System,
-    last: "xr.Dataset",
+    last: xr.Dataset,
     *,
     growth: float = 1.5,
     faster: float = 2.0,
@@ -351,7 +348,7 @@ def _diverging(
 
 def _without_headway(
     system: System,
-    last: "xr.Dataset",
+    last: xr.Dataset,
     *,
     least: float = 0.1,
     headway: float = 0.15,
@@ -399,7 +396,7 @@ def _without_headway(
     )
 
 
-def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
+def _circling(system: System, last: xr.Dataset) -> Iterator[TrialProblem]:
     """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing drives them."""
     if last.sizes["time"] < _MIN_SAMPLES:
         return
@@ -415,7 +412,7 @@ def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
 
 def _far_off(
     phases: Sequence[Phase],
-    data: "xr.Dataset",
+    data: xr.Dataset,
     error: float,
     foreseen: float | None,
     *,
@@ -452,7 +449,7 @@ def _far_off(
             yield TrialProblem(kind="far_off", text=text, time=time, number=float(away))
 
 
-def _limited(system: System, data: "xr.Dataset", *, nearly: float = 1.0 - 1e-9, shortfall: float = 0.2) -> Array:
+def _limited(system: System, data: xr.Dataset, *, nearly: float = 1.0 - 1e-9, shortfall: float = 0.2) -> Array:
     """Return the fraction of the second half for which each agent is at a limit, shape (N,).
 
     That is: a thruster saturates, the command is at the velocity limit, or the vehicle, averaged over the second half,

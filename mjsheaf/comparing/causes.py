@@ -169,8 +169,9 @@ def verdict_of(record: CompareRecord) -> list[str]:
     causes = ["its error DIVERGES"] if record.rung("all").ending == "diverging" else []
     loop = next((one for one in (record.loop, record.ringing) if one is not None and one.stable is False), None)
     if loop is not None:
-        largest = loop.largest_gain
-        limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
+        limit = (
+            "" if loop.largest_gain is None else f" at gains above {loop.largest_gain:.3g} 1/s: lower controller.gain"
+        )
         causes.append(f"the loop of its vehicles is unstable{limit}")
     if causes:
         sentences = [*sentences, f"the team does not converge: {'; '.join(causes)}"]

@@ -266,26 +266,24 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.page import Ghost, page_of
 
-    phases = scenario.phases
     ideal, physics = (comparison.runs[key].dataset for key in ("ideal", "all"))
     finished = physics.attrs["status"] == "finished"
     summary = {
         "final": summarize(scenario.system.team, physics),
         "ending": comparison.record.rung("all").ending if finished else None,
     }
-    bounds = bounds_of_phases(phases, physics)
+    bounds = bounds_of_phases(scenario.phases, physics)
     engine = f" --engine {physics.attrs['engine']}" if "engine" in physics.attrs else ""
     controller = comparison.record.controller
     law = f" --controller {controller}" if controller else ""
     again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
-    notes = comparison.record.verdict
     return page_of(
         scenario,
-        phases,
+        scenario.phases,
         physics,
         summary,
         bounds,
-        notes=notes,
+        notes=comparison.record.verdict,
         ghosts=[Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)],
         again=again,
     )

@@ -109,8 +109,12 @@ def report_text(record: CompareRecord) -> str:
 
 
 def _table(*columns: str) -> Table:
-    headings = (Column(name, justify="right" if k else "left", no_wrap=True) for k, name in enumerate(columns))
-    return Table(*headings, header_style="", box=SIMPLE_HEAD, padding=(0, 1))
+    return Table(
+        *(Column(name, justify="right" if k else "left", no_wrap=True) for k, name in enumerate(columns)),
+        header_style="",
+        box=SIMPLE_HEAD,
+        padding=(0, 1),
+    )
 
 
 def _under(title: str, table: Table, *notes: str) -> Group:

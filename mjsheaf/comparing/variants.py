@@ -173,16 +173,14 @@ def errors_by_scope(series: Series, span: Span, *, complete: bool) -> dict[str, 
 
 def positions_at_q_star(system: System, positions: Array) -> Array:
     """Return positions of a run with its agents moved to the harmonic extension of its targets, shape (T, V, 3), m."""
-    team = system.team
     placed = positions.copy()
-    placed[:, : len(team.agents)] = team.harmonic_extension(positions)  # NaN for absent agents
+    placed[:, : len(system.team.agents)] = system.team.harmonic_extension(positions)  # NaN for absent agents
     return placed
 
 
 def formation_size(system: System) -> float:
     """Compute the RMS desired length of the edges inside groups, m; NaN if there are none."""
-    team = system.team
-    asked = [float(e.b @ e.b) for f in team.formations for e in team.formation_edges(f)]
+    asked = [float(e.b @ e.b) for f in system.team.formations for e in system.team.formation_edges(f)]
     return float(np.sqrt(np.mean(asked))) if asked else float("nan")
 
 
@@ -589,8 +587,9 @@ def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
 
 def _switched_on(system: System) -> frozenset[str]:
     """Return the effects that a scenario leaves on, including those that none of its vehicles has."""
-    plan = system.bodies
-    return frozenset([e for e in _OF_VEHICLES if getattr(plan.effects, e)] + [CONTACTS] * plan.contacts)
+    return frozenset(
+        [e for e in _OF_VEHICLES if getattr(system.bodies.effects, e)] + [CONTACTS] * system.bodies.contacts
+    )
 
 
 def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> list[Variant]:

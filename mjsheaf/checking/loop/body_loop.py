@@ -114,9 +114,10 @@ def linear_vehicles(
         found = linearise([points[key] for key in chosen], system.control, period / steps, steps)
     except (InputError, np.linalg.LinAlgError) as error:
         raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
-    models = {}
-    for key, model in zip(chosen, found, strict=True):
-        models[key] = _require_linear(names[keys.index(key)], points[key], model)
+    models = {
+        key: _require_linear(names[keys.index(key)], points[key], model)
+        for key, model in zip(chosen, found, strict=True)
+    }
     if not many:
         return [models[key] for key in keys]
     if not are_alike(list(models.values()), period):
@@ -466,9 +467,12 @@ def body_loop(
     this damping ratio; see `TeamLoop.largest_gain`.
     """
     period = system.grid.period
-    links = system.law.links.table
     lost = UNKNOWN_ROUNDS if system.law.terms.rounds.imperfect else ""
-    if common_delay(system) is None or links["lossy"].any() or np.isfinite(links["range"]).any():
+    if (
+        common_delay(system) is None
+        or system.law.links.table["lossy"].any()
+        or np.isfinite(system.law.links.table["range"]).any()
+    ):
         lost = "measurements are delayed or lost"  # the loop would have to remember what is under way
     try:
         period = period_of_law(system)
@@ -720,8 +724,7 @@ def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsL
         medium = -(positions[-1] - positions[0]) / float(path.time[-1] - path.time[0])
         for k in range(len(medium)):
             medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
-        numbers = range(N, len(system.team.members))
-        models = linear_vehicles(system, numbers, medium)
+        models = linear_vehicles(system, range(N, len(system.team.members)), medium)
         team_loop = TeamLoop(
             [joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)], period_of_law(system)
         )

@@ -100,11 +100,10 @@ def driven(plant: LinearVehicle, law: LinearController) -> LinearController:
     """
     k = len(plant.C)
     of_positions, of_inputs = law.D[..., :k], law.D[..., k:]
-    unseen = np.zeros((*law.D.shape[:-1], len(plant.A)))
     return LinearController(
         A=closed(plant, law._replace(B=law.B[..., :k], D=of_positions)),
         B=np.concatenate([np.vstack([plant.D, plant.B]) @ of_inputs, law.B[..., k:]], axis=-2),
-        C=np.concatenate([of_positions, unseen, law.C], axis=-1),
+        C=np.concatenate([of_positions, np.zeros((*law.D.shape[:-1], len(plant.A))), law.C], axis=-1),
         D=of_inputs,
     )
 
@@ -489,8 +488,7 @@ def loop_of(system: System) -> Loop:
         raise UndecidedError(UNKNOWN_ROUNDS)
     if system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward):
         raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
-    period = system.grid.period
-    return Loop(model_of(system.law, period), values, system.gain, period)
+    return Loop(model_of(system.law, system.grid.period), values, system.gain, system.grid.period)
 
 
 def common_delay(system: System) -> int | None:
@@ -691,13 +689,12 @@ def _why_clipped(system: System, command: Array, integral: float) -> str:
     """Return why a run may leave the linear law, from the bounds of an envelope; empty if it does not."""
     if system.safety is not None:
         return FILTERED
-    agents = system.team.agents
-    limit = system.law.limit[: len(agents)]
+    limit = system.law.limit[: len(system.team.agents)]
     over = (command > limit).any(axis=0)
     if over.any():
         i = int(over.argmax())
         most = f"{command[:, i].max():.3g} m/s"
-        return f"the law may command {most} for {agents[i].id}, above its speed limit of {limit[i]:.3g} m/s"
+        return f"the law may command {most} for {system.team.agents[i].id}, above its speed limit of {limit[i]:.3g} m/s"
     more = integral > system.law.terms.largest
     return f"the integral may reach its limit: it may need {integral:.3g} m/s" if more else ""
 

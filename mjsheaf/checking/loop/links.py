@@ -52,11 +52,6 @@ class MeasuredEdge(NamedTuple):
     z: Array | None = None
 
     @property
-    def sensing(self) -> bool:
-        """Return True if feedforward learns a target's velocity from it."""
-        return self.kind == "sensing"
-
-    @property
     def linked(self) -> bool:
         """Return True if it has a link; anchors measure at once, without error."""
         return self.kind != "anchor"
@@ -171,7 +166,7 @@ class LinkedLaw:
     def sensed_pull(self) -> Array:
         """D^T K of the edges from which feedforward learns velocities, 0 of the others, shape (n, m)."""
         _, pull, of = self.numbers
-        return pull * np.array([edge.sensing for edge in self.edges])[of]
+        return pull * np.array([edge.kind == "sensing" for edge in self.edges])[of]
 
 
 def links_of(
@@ -299,15 +294,18 @@ def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple
     D, pull, of = law.numbers
     C = np.zeros((len(of), d + 1 + r, n))
     C[range(len(of)), delay[of]] = D @ Q
-    # In an eigenvector of H, where e has eta = lambda e.
-    on_eta = replace(feedback, B=feedback.B / values[:, None, None], D=feedback.D / values[:, None]).of_team(vectors)
     M, L = np.zeros((size, size)), np.zeros((size, len(of)))
     M[n : n * (d + 1), : n * d] = np.eye(n * d)
     M[:n, :n] += np.eye(n)
-    M[:n, n * (d + 1) :] = h * Q.T @ on_eta.C
-    M[n * (d + 1) :, n * (d + 1) :] = on_eta.A
-    L[:n] = h * Q.T @ (-law.loop.gain * pull if law.loop.is_papers else on_eta.D @ pull)
-    L[n * (d + 1) :] = on_eta.B @ pull
+    if law.loop.is_papers:
+        L[:n] = -h * law.loop.gain * Q.T @ pull
+    else:  # in an eigenvector of H, where e has eta = lambda e
+        on_eta = replace(feedback, B=feedback.B / values[:, None, None], D=feedback.D / values[:, None])
+        filters = on_eta.of_team(vectors)
+        M[:n, n * (d + 1) :] = h * Q.T @ filters.C
+        M[n * (d + 1) :, n * (d + 1) :] = filters.A
+        L[:n] = h * Q.T @ filters.D @ pull
+        L[n * (d + 1) :] = filters.B @ pull
     return M, L, C.reshape(len(of), size)
 
 
@@ -628,15 +626,13 @@ class NoiseAnswer(Record):
 
 def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
     """Compute the effect of noise of measurements and odometry in the long run, without saturation."""
-    linearised = law.links.linearised
     try:
         mean = mean_error(law)
         error, command = map(np.diagonal, noise_covariances(law))
     except UndecidedError as why:
-        return NoiseAnswer(agents=[], linearised=linearised, reason=str(why))
-    first = team.first_state
+        return NoiseAnswer(agents=[], linearised=law.links.linearised, reason=str(why))
     error, command = np.maximum(error, 0.0), np.maximum(command, 0.0)
-    each = np.sqrt(np.add.reduceat([error, command], first[:-1], axis=1))
+    each = np.sqrt(np.add.reduceat([error, command], team.first_state[:-1], axis=1))
     offset, size, agents = float(np.linalg.norm(mean)), float(np.sqrt(error.sum())), len(team.agents)
     return NoiseAnswer(
         mean=offset,
@@ -647,7 +643,7 @@ def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
         agents=[
             AgentNoise(agent=id, error=e, command=u) for id, (e, u) in zip(team.agent_ids, each.T.tolist(), strict=True)
         ],
-        linearised=linearised,
+        linearised=law.links.linearised,
         reason="",
     )
 

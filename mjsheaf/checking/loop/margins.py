@@ -169,9 +169,9 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
     top = np.array([max(one.forward_speed, one.least_speed) for one in able])
     taken = np.linalg.norm(np.where(np.isfinite(flow), along.transpose(1, 0, 2) - flow, 0.0), axis=2)
     late = path.time >= path.time[0] + 0.75 * (path.time[-1] - path.time[0])
-    slow = held & (taken[:, late].mean(axis=1) > top)
     return {
-        system.team.target_ids[k]: (float(taken[k, late].mean()), float(top[k])) for k in np.flatnonzero(slow).tolist()
+        system.team.target_ids[k]: (float(taken[k, late].mean()), float(top[k]))
+        for k in np.flatnonzero(held & (taken[:, late].mean(axis=1) > top)).tolist()
     }
 
 

@@ -462,8 +462,7 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
             along, up = _speeds(system, flow.waves.sampled(system.seed), number, system.initial[:, 2])
             variance += 0.5 * np.sum(along**2 + up**2, axis=0)
     for gusts in of_kind(system.moving, GustArrays):
-        met = gusts.met > 0
-        variance[met] += 2.0 * np.square([filter_of(row).u.size for row in gusts.filters])
+        variance[gusts.met > 0] += 2.0 * np.square([filter_of(row).u.size for row in gusts.filters])
     for frozen in of_kind(system.moving, FrozenArrays):
         variance += 2.0 * filter_of(frozen.filter).u.size ** 2 * (frozen.met > 0)
     found = {}

@@ -305,8 +305,9 @@ class Search:
 
     def _confines(self, bound: Theorem) -> bool:
         """Return True if a bound keeps the agents within a region of finite, searchable size."""
-        start = self.constants.initial_error
-        return bound.contains(start) and max(bound.radius, start) < FARTHEST
+        return (
+            bound.contains(self.constants.initial_error) and max(bound.radius, self.constants.initial_error) < FARTHEST
+        )
 
     def tube(
         self,
@@ -366,9 +367,8 @@ def obstacle_of_law(system: System) -> str:
 
 def obstacle_of_rank(system: System) -> str:
     """Name the first agent whose g is not of full row rank; empty if there is none."""
-    agents = system.team.agents
-    for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
-        return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
+    for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in system.team.agents]):
+        return f"g of {system.team.agents[i].id} is not of full row rank: g g^+ is not the identity"
     return ""
 
 

@@ -96,12 +96,13 @@ def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tupl
 
     The first is NaN if the change of linearised edges is not known.
     """
-    rate = carrier.rate if system.team.changing is None else np.nan
-    carried = carrier.carry(np.nan_to_num(path.drift)) + rate
+    carried = carrier.carry(np.nan_to_num(path.drift)) + (carrier.rate if system.team.changing is None else np.nan)
     N = len(system.team.agents)
-    shaking = evaluate(system.harmonics[N:], path.time)
-    if system.moving:
-        shaking = moving_along(system.medium, path.time, path.positions)[:, N:]
+    shaking = (
+        moving_along(system.medium, path.time, path.positions)[:, N:]
+        if system.moving
+        else evaluate(system.harmonics[N:], path.time)
+    )
     shaken = carrier.carry(shaking) - agent_motion(system, path.time, path.q_star, (GustArrays, FrozenArrays))
     return carried, agent_flow(system, path.q_star), shaken
 
@@ -388,9 +389,8 @@ def _bound_shared(system: System, path: TargetPath, carrier: Carrier, piece: Any
     met = (piece.met > 0).astype(np.float64)
     speed, slope = float(bounds.speed.max(initial=0.0)), float(bounds.slope.max(initial=0.0))
     same = np.eye(3)[:, None] * met[:, None]
-    sigma = float(
-        np.linalg.norm(carrier.carry(same[:, N:]) - same[:, :N].reshape(3, -1)[:, system.team.slots[:n_q]], ord=2)
-    )
+    own = same[:, :N].reshape(3, -1)[:, system.team.slots[:n_q]]
+    sigma = float(np.linalg.norm(carrier.carry(same[:, N:]) - own, ord=2))
     if slope == 0.0:
         return sigma * speed + _ROUNDING * speed, 0.0
     assert path.cells is not None

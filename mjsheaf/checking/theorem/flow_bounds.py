@@ -112,8 +112,9 @@ def supremum(
         The supremum's bounds; upper == seen == |drift|, of the slope 0, where no kernel has any strength.
     """
     boxes = tuple(tuple(map(tuple, np.atleast_2d(corner).tolist())) for corner in (low, high))
-    table = tuple(map(tuple, flow.table.tolist()))
-    return _supremum(table, flow.dimension, boxes, planar, slope, drift, tolerance, most_cells)
+    return _supremum(
+        tuple(map(tuple, flow.table.tolist())), flow.dimension, boxes, planar, slope, drift, tolerance, most_cells
+    )
 
 
 Rows = tuple[tuple[float, ...], ...]

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import envelope
@@ -14,10 +14,6 @@ from mjsheaf.errors import UndecidedError
 from mjsheaf.loop.system import Phase, System, during
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import pieces_of
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 BROKEN = 1.0 + 1e-6
 """A ratio of measured to bound above this breaks the bound."""
@@ -112,7 +108,7 @@ class RunBound:
         )
 
 
-def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int = 0) -> RunBound:
+def bound_of_run(run: System | Sequence[Phase], dataset: xr.Dataset, which: int = 0) -> RunBound:
     """Compare one phase of a run with its system's certificate, from where it began; the run is read in pieces."""
     last = dataset["time"].values[-1:]
     system, dataset = _phase_of(run, dataset, which)
@@ -205,7 +201,7 @@ class HeldBound:
 
 
 def held_bound_of_run(
-    run: System | Sequence[Phase], dataset: "xr.Dataset", theorem: RunBound, which: int = 0
+    run: System | Sequence[Phase], dataset: xr.Dataset, theorem: RunBound, which: int = 0
 ) -> HeldBound:
     """Compare one phase of a run with the bound of its held law.
 
@@ -229,7 +225,7 @@ def held_bound_of_run(
     return HeldBound(samples, "", *_largest(np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf), time))
 
 
-def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) -> tuple[System, "xr.Dataset"]:
+def _phase_of(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> tuple[System, xr.Dataset]:
     """As `of_phase`, the system over that phase alone and from where the run was at its start."""
     system, own = of_phase(run, dataset, which)
     if isinstance(run, System) or len(run) == 1:
@@ -243,7 +239,7 @@ def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) 
     return during(run, which, initial), own
 
 
-def bounds_of_phases(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[tuple[RunBound, HeldBound]]:
+def bounds_of_phases(phases: Sequence[Phase], dataset: xr.Dataset) -> list[tuple[RunBound, HeldBound]]:
     """Compare each phase that a run reached with the bounds of Theorem 1 and of the held law."""
     end = float(dataset["time"][-1]) + 0.5 * phases[0].system.grid.period
     came = [k for k, phase in enumerate(phases) if k == 0 or phase.time < end]
@@ -269,7 +265,7 @@ def _largest(share: Array, time: Array) -> tuple[float, float, float]:
     return float(share[worst]), float(share[len(share) // 2 :].max()), float(time[worst])
 
 
-def _measured(dataset: "xr.Dataset") -> tuple[Array, Array]:
+def _measured(dataset: xr.Dataset) -> tuple[Array, Array]:
     """|e| at the samples of a run, m, and their times, s, shape (T,) each."""
     pieces = (piece["tracking_error"].values for piece in pieces_of(dataset, ["tracking_error"]))
     return np.concatenate([np.sqrt((values**2).sum(axis=1)) for values in pieces]), dataset["time"].values
