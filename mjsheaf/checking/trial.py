@@ -453,7 +453,8 @@ def _limited(system: System, data: xr.Dataset, *, nearly: float = 1.0 - 1e-9, sh
     """Return the fraction of the second half for which each agent is at a limit, shape (N,).
 
     That is: a thruster saturates, the command is at the velocity limit, or the vehicle, averaged over the second half,
-    makes less of its commanded velocity than it should, as one whose tilt is limited.
+    makes less of its commanded velocity than it should, as one whose tilt is limited. What the wind on a hull takes of
+    the command is not missing.
 
     Args:
         system: System of the run.
@@ -472,9 +473,10 @@ def _limited(system: System, data: xr.Dataset, *, nearly: float = 1.0 - 1e-9, sh
     made = velocity - flow
     made[:, planar, 2] = 0.0
     commanded = np.linalg.norm(command.mean(axis=0), axis=1)
-    missing = np.linalg.norm((command - made).mean(axis=0), axis=1)
-    short = (commanded > MIN_SPEED) & (missing > shortfall * commanded)
-    short &= ~system.mean_wind[: len(limit)].any(axis=1)  # against wind on its hull, an agent is commanded to move
+    steady = made.mean(axis=0)
+    # Against the wind on its hull, an agent is commanded more than it makes.
+    missing = command.mean(axis=0) - steady + system.drift_in_wind(-steady)
+    short = (commanded > MIN_SPEED) & (np.linalg.norm(missing, axis=1) > shortfall * commanded)
     return np.where(short, 1.0, at_limit.mean(axis=0))
 
 

@@ -69,7 +69,7 @@ from mjsheaf.media.medium import of_kind
 from mjsheaf.media.waves import Components
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.threads import one_thread
-from mjsheaf.vehicles.effects import capability_of, hold_station
+from mjsheaf.vehicles.effects import capability_of
 
 MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
@@ -158,10 +158,7 @@ def steady_error(
             law = system.control_of_bodies.law  # whose feedforward leads by the time constants
             if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
                 raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
-            drift = np.zeros((len(limit), 3))
-            for i in np.flatnonzero(system.mean_wind[: len(limit)].any(axis=1)).tolist():
-                heading, wind = float(system.bodies.heading[i]), system.mean_wind[i] + medium[i]
-                drift[i, :2] = -medium[i, :2] - hold_station(system.vehicles[i], heading, medium[i], wind)[1]
+            drift = system.drift_in_wind(medium)
             blown = path._replace(flow=path.flow + drift.reshape(-1)[system.team.slots[: path.flow.shape[1]]])
             bodies, speed, _ = _follow(system, certificate, law, vehicles, fastest, blown)
             strained = np.minimum(speed, limit) > [one.least_speed for one in able]
